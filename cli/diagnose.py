@@ -150,7 +150,7 @@ def _written(
 
 def _with_stream(stream: "StreamDiagnosis", lines: list[str], out: Path) -> list[str]:
     """Write the results of a dense scan, and print them first."""
-    from traverse.lab.diagnosis.scans.figures import stream_json, stream_lines  # noqa: PLC0415
+    from traverse.lab.diagnosis.scans.scan_diagnosis import stream_json, stream_lines  # noqa: PLC0415
 
     text = json.dumps(stream_json(stream), indent=1, allow_nan=False)
     (out / "stream.json").write_text(text + "\n", encoding="utf-8")
@@ -176,7 +176,7 @@ class _Progress:
 
 def _plan(folder: Path, arm_file: Path, *, as_json: bool) -> None:
     """Print what a campaign could detect, without its measured misclosures."""
-    from traverse.lab.diagnosis.advice.planned_campaign import planned  # noqa: PLC0415
+    from traverse.lab.diagnosis.advice.minimal_detectable import planned  # noqa: PLC0415
     from traverse.lab.diagnosis.report.detectable_table import (  # noqa: PLC0415
         detectable_lines,
     )

@@ -15,21 +15,23 @@ from benchmarks.tools.handover import campaign_from_simulation
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.diagnosis.candidates.aliases import ALIAS
 from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.periodogram import wave_bank
-from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, project
+from traverse.lab.diagnosis.candidates.scoring import ALIAS, ProjectedCandidate, project
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
 )
-from traverse.lab.identification.equations.network import Network, stations
-from traverse.lab.identification.equations.noise import a_priori_noise
+from traverse.lab.identification.equations.network import (
+    Network,
+    a_priori_noise,
+    stations,
+)
 from traverse.lab.identification.equations.station_equations import start_state
 from traverse.lab.identification.identify import prepared
 from traverse.lab.identification.solve.adjustment import adjust
-from traverse.lab.identification.solve.options import Options
+from traverse.lab.identification.solve.iterative_adjustment import Options
 from traverse.simulator.campaigns import Campaign as Columns
 from traverse.simulator.campaigns import NoiseTable, PoseSet, draw_noise
 from traverse.simulator.campaigns.blind.hidden import Hidden, played

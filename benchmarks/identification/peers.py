@@ -18,7 +18,7 @@ from traverse.arrays import Floats
 from traverse.kinematics.model.derivatives import derivative_chunks
 from traverse.lab.identification.equations.network import State, Station
 from traverse.lab.identification.equations.station_equations import misclosures_mm
-from traverse.lab.identification.solve.system import linearise
+from traverse.lab.identification.solve.adjustment import linearise
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,11 +12,14 @@ from benchmarks.tools.handover import campaign_from_simulation
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.campaign.campaign import Campaign, Poses
-from traverse.lab.identification.equations.arm_parameters import arm_parameters
 from traverse.lab.identification.equations.datum import with_datum
-from traverse.lab.identification.equations.network import Network, State, stations
-from traverse.lab.identification.equations.noise import a_priori_noise
-from traverse.lab.identification.equations.parameters import ArmValues
+from traverse.lab.identification.equations.network import (
+    Network,
+    State,
+    a_priori_noise,
+    stations,
+)
+from traverse.lab.identification.equations.parameters import ArmValues, arm_parameters
 from traverse.lab.identification.equations.station_equations import start_state
 from traverse.simulator.campaigns import CampaignSpec, draw_noise, make_poses
 

@@ -21,7 +21,7 @@ from traverse.lab.identification.equations.station_equations import (
     white_rows,
 )
 from traverse.lab.identification.identify import Options, identify
-from traverse.lab.identification.solve.system import certified
+from traverse.lab.identification.solve.adjustment import certified
 from traverse.simulator.campaigns import PoseSet, SimulatedCampaign, draw_noise
 from traverse.simulator.campaigns.spec import NoiseTable
 

@@ -91,7 +91,7 @@ def identify(
 def _options(hold: list[str], free: list[str], masks: Path | None) -> "Options":
     """The masks of the command line, and of a file."""
     from traverse.lab.identification.mask_file import read_masks  # noqa: PLC0415
-    from traverse.lab.identification.solve.options import Options  # noqa: PLC0415
+    from traverse.lab.identification.solve.iterative_adjustment import Options  # noqa: PLC0415
 
     if masks is not None:
         found = read_masks(masks)

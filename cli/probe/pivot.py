@@ -13,13 +13,10 @@ from traverse.daemon.pose.probe_library import LibraryProbe, ProbeLibrary, with_
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_from_arm
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import utc_ns
 from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
 from traverse.kinematics.probing.pivot import Pivot, fit_pivot
 from traverse.lab.campaign.campaign import Campaign, read_campaign
-from traverse.lab.identification.equations.effect_model import block_of
-from traverse.lab.identification.equations.plausible_sizes import campaign_start
 from traverse.strict_toml.problems import FileError, Problem
 from traverse.strict_toml.writing import arm_text, write_atomically
 
@@ -105,10 +102,7 @@ def pivoted(
     index = _cone(folder, campaign, cone)
     rows = campaign.poses.artefacts == index
     geometry = geometry_from_arm(arm)
-    start_ns = utc_ns(campaign_start(campaign))
-    gravity = campaign.gravity_m_s2
-    gravity_m_s2 = None if gravity is None else np.array(gravity)
-    block = block_of(campaign.part(rows).poses, start_ns, gravity_m_s2)
+    block = campaign.block(campaign.poses.part(rows))
     found = fit_pivot(
         geometry.probe_vector_mm,
         *_balls(geometry, effects_from_arm(arm), replace(block, directions=None)),

@@ -3,13 +3,15 @@
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from traverse.arrays import Booleans, Floats, Integers
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.context import Span, utc_ns
 from traverse.lab.artefacts.artefact import Artefact, Touches
 from traverse.lab.artefacts.points import Points
 from traverse.lab.campaign.campaign_file import CampaignFile, read_campaign_file
@@ -17,6 +19,9 @@ from traverse.lab.campaign.pose_table import PoseTable, read_pose_table
 from traverse.lab.campaign.stream_table import SUFFIX, read_stream_table
 
 _CHUNK_BYTES = 1 << 20
+# When a campaign that does not say when it began is taken to have begun.
+_NO_START = datetime(2000, 1, 1, tzinfo=UTC)
+_MARGIN = timedelta(milliseconds=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,6 +96,51 @@ class Campaign:
     digest: str = ""
     is_stream: bool = False
     notes: tuple[str, ...] = ()
+
+    @property
+    def start(self) -> datetime:
+        """When its time is 0."""
+        return self.start_utc or _NO_START
+
+    @property
+    def span(self) -> Span:
+        """From when to when it lasted, a little wider than the poses.
+
+        Their times are rounded to nanoseconds.
+        """
+        times_s = self.poses.time_s
+        if len(times_s) == 0:
+            return self.start, self.start
+        first_s, last_s = min(float(times_s.min()), 0.0), float(times_s.max())
+        return (
+            self.start + timedelta(seconds=first_s) - _MARGIN,
+            self.start + timedelta(seconds=last_s) + _MARGIN,
+        )
+
+    def block(
+        self, poses: Poses | None = None, angles_rad: Floats | None = None
+    ) -> Block:
+        """Put poses into the form that effects ask for.
+
+        Args:
+            poses: Some of the campaign's; default all of them.
+            angles_rad: Instead of their readings, (n_poses, n_joints).
+        """
+        chosen = self.poses if poses is None else poses
+        elapsed_ns = np.rint(chosen.time_s * 1e9).astype(np.int64)
+        gravity = self.gravity_m_s2
+        return Block(
+            angles_rad=chosen.angles_rad if angles_rad is None else angles_rad,
+            speeds_rad_s=chosen.speeds_rad_s,
+            approaches=chosen.approaches,
+            temperature_c=chosen.temperature_c,
+            joint_temperatures_c=chosen.joint_temperatures_c,
+            utc_ns=utc_ns(self.start) + elapsed_ns,
+            campaign_s=chosen.time_s,
+            directions=chosen.directions,
+            force_n=chosen.force_n,
+            gravity_m_s2=None if gravity is None else np.array(gravity),
+        )
 
     def part(self, rows: Booleans | Integers | slice) -> "Campaign":
         """Take some of the poses; all artefacts stay."""

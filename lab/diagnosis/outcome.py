@@ -103,26 +103,14 @@ def _from_cluster(place: Cluster) -> Term:
         bank=BankName.GENERIC,
         kind=Empirical.kind,
         joint=place.joint,
-        order=None,
-        component=None,
         covariate=place.covariate,
         artefact=place.artefact,
-        at_s=None,
-        parameters=(),
-        scales=(),
-        log_prior=0.0,
     )
     return Term(
         status="unknown",
         candidate=candidate,
-        effect=None,
-        estimates={},
         log_bayes_factor=-1.0 - place.log_p - float(np.log(-place.log_p)),
         log10_p=place.log_p / _LOG_10,
-        harmonic=None,
-        alternatives=(),
-        separate_by="",
-        accepted=False,
         cluster=place,
     )
 
@@ -132,14 +120,8 @@ def _without_form(stuck: ScoredCandidate) -> Term:
     return Term(
         status="unknown",
         candidate=stuck.candidate,
-        effect=None,
-        estimates={},
         log_bayes_factor=stuck.evidence,
         log10_p=stuck.log_p / _LOG_10,
-        harmonic=None,
-        alternatives=(),
-        separate_by="",
-        accepted=False,
     )
 
 

@@ -5,14 +5,19 @@ import numpy as np
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.design.coverage import joint_coverage
-from traverse.lab.identification.design.optimal_design import suggestions
-from traverse.lab.identification.equations.arm_parameters import arm_parameters, masked
+from traverse.lab.identification.design.optimal_design import (
+    joint_coverage,
+    suggestions,
+)
 from traverse.lab.identification.equations.datum import with_datum
 from traverse.lab.identification.equations.effect_model import effect_model
-from traverse.lab.identification.equations.network import Network, stations
-from traverse.lab.identification.equations.noise import a_priori_noise
-from traverse.lab.identification.equations.parameters import ArmValues, Parameters
+from traverse.lab.identification.equations.network import network_of
+from traverse.lab.identification.equations.parameters import (
+    ArmValues,
+    Parameters,
+    arm_parameters,
+    masked,
+)
 from traverse.lab.identification.equations.station_equations import start_state
 from traverse.lab.identification.results.postprocessing import (
     arm_of_adjustment,
@@ -30,10 +35,13 @@ from traverse.lab.identification.results.undetermined import (
     weak_directions,
 )
 from traverse.lab.identification.solve.adjustment import Progress
-from traverse.lab.identification.solve.coarse_start import coarse_start
-from traverse.lab.identification.solve.iterative_adjustment import IterativeAdjustment
-from traverse.lab.identification.solve.options import Options
+from traverse.lab.identification.solve.iterative_adjustment import (
+    Options,
+    iterate,
+    with_stream_weights,
+)
 from traverse.lab.identification.solve.serial_noise import serial_noise
+from traverse.lab.identification.solve.starting_values import coarse_start
 
 __all__ = ["IdentificationError", "Options", "identify"]
 
@@ -65,32 +73,23 @@ def identify(
     design, parameters = prepared(campaign, arm, options)
     radius_mm = arm.probe.radius_mm
     included = np.ones(len(campaign.poses), dtype=np.bool_)
-    network = Network(
-        campaign,
-        stations(campaign, radius_mm, included),
-        parameters,
-        a_priori_noise(campaign),
-        np.ones(len(campaign.poses)),
-    )
+    network = network_of(campaign, radius_mm, included, parameters)
     rms_before_mm = rms_mm(network, start_state(network, design))
     zero_offsets_rad = np.zeros(len(campaign.joint_names))
     if options.coarse_start:
         coarse = coarse_start(campaign, parameters, design, radius_mm)
         design, zero_offsets_rad = coarse.arm, coarse.zero_offsets_rad
-    run = IterativeAdjustment(design, options, radius_mm, progress)
-    alone, found, included, critical = run.run(network)
-    adjustment, serial = alone, None
+    run = iterate(network, design, options, radius_mm, progress=progress)
+    alone, included = run.adjustment, run.included
+    adjustment, serial, iterations = alone, None, run.iterations
     sigma0, redundancy, shared = alone.sigma0, alone.redundancy, 1.0
     if campaign.is_stream:
         serial = serial_noise(alone)
-        adjustment = run.with_stream_weights(alone, serial)
+        adjustment = with_stream_weights(alone, serial, design, progress)
+        iterations = (*iterations, *adjustment.iterations)
         redundancy, shared = serial.redundancy, serial.samples_per_square
         sigma0 = float(np.sqrt(alone.system.sum_of_squares / max(redundancy, 1)))
-    test = global_test(
-        sigma0,
-        redundancy / shared,
-        noise_estimated=run.variances(campaign).estimates,
-    )
+    test = global_test(sigma0, redundancy / shared, noise_estimated=run.noise_estimated)
     factor = variance_factor(sigma0, test)
     inverse = adjustment.split.inverse
     covariance = factor * inverse @ inverse.T
@@ -101,7 +100,7 @@ def identify(
         campaign=campaign,
         adjustment=adjustment,
         converged=adjustment.converged,
-        iterations=tuple(run.iterations),
+        iterations=iterations,
         sigma0=sigma0,
         redundancy=redundancy,
         global_test=test,
@@ -115,14 +114,14 @@ def identify(
         cartesian=cartesian_covariance(adjustment, covariance),
         undetermined=undetermined_directions(adjustment),
         weak=weak_directions(adjustment, factor),
-        artefacts=artefact_results(adjustment, found, factor),
-        statistics=found,
+        artefacts=artefact_results(adjustment, run.statistics, factor),
+        statistics=run.statistics,
         included=included,
         excluded=tuple(
-            ExcludedPose(int(campaign.poses.lines[at]), float(found.w[at]))
+            ExcludedPose(int(campaign.poses.lines[at]), float(run.statistics.w[at]))
             for at in np.flatnonzero(~included)
         ),
-        critical_w=critical,
+        critical_w=run.critical,
         coverage=joint_coverage(campaign, poses),
         condition_number=condition_number(adjustment),
         suggestions=suggestions(adjustment, options.n_suggestions),

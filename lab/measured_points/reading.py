@@ -16,17 +16,11 @@ from traverse.arrays import Integers
 from traverse.kinematics.arm_file.arm import Arm, Effect, parse_arm
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import effects_of
-from traverse.kinematics.effects.base.context import utc_ns
 from traverse.kinematics.effects.pose import PoseFlags, corrected_pose
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.artefacts import Artefact
 from traverse.lab.campaign.campaign import Campaign, read_campaign
 from traverse.lab.campaign.campaign_file import read_campaign_file
-from traverse.lab.identification.equations.effect_model import block_of
-from traverse.lab.identification.equations.plausible_sizes import (
-    campaign_span,
-    campaign_start,
-)
 from traverse.lab.measured_points.measurement import Measurement, measurement_of_touches
 from traverse.lab.measured_points.points_table import is_point_table, read_points_table
 from traverse.recording.reader import read_recording
@@ -97,14 +91,9 @@ def measured_campaign(
     for effect in arm.effects:
         is_off_line = EFFECT_KINDS[effect.kind].effect_class == "O"
         (off_line if is_off_line else own).append(effect)
-    gravity = campaign.gravity_m_s2
-    block = block_of(
-        campaign.poses,
-        utc_ns(campaign_start(campaign)),
-        None if gravity is None else np.array(gravity),
-    )
+    block = campaign.block()
     try:
-        effects = effects_of(arm, tuple(own), campaign_span(campaign))
+        effects = effects_of(arm, tuple(own), campaign.span)
         places_mm, _, flags = corrected_pose(geometry, effects, block)
     except ValueError as error:
         raise FileError(source, [Problem("", str(error))]) from error

@@ -10,7 +10,7 @@ from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.advice.known_pairs import KnownPair, known_pair
 from traverse.lab.diagnosis.advice.optimal_poses import Experiment, experiment
-from traverse.lab.diagnosis.candidates.aliases import is_alias
+from traverse.lab.diagnosis.candidates.scoring import is_alias
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.model.result import Alternative

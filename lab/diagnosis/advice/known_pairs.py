@@ -16,7 +16,10 @@ from traverse.kinematics.effects.mechanics.axis_wobble import AxisWobble
 from traverse.kinematics.effects.mechanics.bearing_compliance import BearingCompliance
 from traverse.kinematics.effects.mechanics.mount_compliance import MountCompliance
 from traverse.kinematics.effects.mechanics.thermal_expansion import ThermalExpansion
-from traverse.lab.diagnosis.advice.invisibility import is_vertical, probe_is_on_axis
+from traverse.lab.diagnosis.advice.minimal_detectable import (
+    is_vertical,
+    probe_is_on_axis,
+)
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 

@@ -9,21 +9,103 @@ at which a bank is judged, and the singular values s of the projected block,
 for the direction in which the block is weakest and for the strongest (Baarda's
 internal reliability). What such an effect, not found, does to the calibrated arm is
 its move of the probe, less what the estimated arm takes of it (external reliability).
+
+Why an effect cannot be seen at all, in words.
+
+What a campaign would show, before anything is measured.
+
+The poses are taken as they are and the arm as it is given; no misclosure is looked
+at. Only the artefacts' places are found from the readings.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.arrays import Floats
-from traverse.kinematics.effect_table import key_unit
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind, Family, key_unit
+from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
-from traverse.lab.diagnosis.advice.invisibility import reason
-from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, project
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.candidates.library import absent_candidates, library_bank
+from traverse.lab.diagnosis.candidates.scoring import (
+    LEAST_SINGULAR_VALUE,
+    ProjectedCandidate,
+    project,
+)
 from traverse.lab.diagnosis.model.candidate import Bank, Candidate
-from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+from traverse.lab.diagnosis.model.fit import free_effects
+from traverse.lab.diagnosis.model.observation_equations import (
+    ObservationEquations,
+    equations_of,
+)
 from traverse.lab.diagnosis.model.result import Detectable
+from traverse.lab.identification.equations.network import network_of
+from traverse.lab.identification.equations.station_equations import start_state
+from traverse.lab.identification.identify import prepared
+from traverse.lab.identification.solve.adjustment import adjust
+from traverse.lab.identification.solve.iterative_adjustment import Options
+
+# An axis within that of the direction of gravity is vertical.
+_VERTICAL = 0.02
+# A probe nearer to an axis than that lies on it, whatever the posture.
+_ON_AXIS_MM = 0.5
+_STANDARD_GRAVITY = (0.0, 0.0, -9.80665)
+
+
+def reason(rows: ObservationEquations, candidate: Candidate, moved: float) -> str:
+    """Say why nothing is seen of an effect.
+
+    Args:
+        rows: Of the fit.
+        candidate: The effect.
+        moved: How much a plausible one changes the rows, in standard deviations of
+            the noise, unknowns not adjusted.
+    """
+    joint = candidate.joint
+    row = EFFECT_KINDS[candidate.kind]
+    equals = f"equals {row.absorbed_by.format(joint=joint)}"
+    if row.family is Family.LENGTH:
+        return f"nothing else tells how long a millimetre is: it {equals}"
+    if joint is not None:
+        if _twists(row) and is_vertical(rows, joint):
+            return f"{joint} is vertical: gravity does not twist it"
+        if row.acts_on == "angle" and probe_is_on_axis(rows, joint):
+            return f"the probe lies on the axis of {joint}: its angle moves nothing"
+    if moved > LEAST_SINGULAR_VALUE:
+        return equals
+    return "it moves the probe by far less than the noise in these poses"
+
+
+def _twists(row: EffectKind) -> bool:
+    """Say whether gravity turns the joint about its own axis."""
+    return row.family is Family.GRAVITY and row.acts_on == "angle"
+
+
+def is_vertical(rows: ObservationEquations, joint: str) -> bool:
+    """Say whether a joint's axis stays along gravity."""
+    campaign = rows.adjustment.network.campaign
+    # The arm's own gravity is not part of a fit; without an override it is usual.
+    gravity = np.array(campaign.gravity_m_s2 or _STANDARD_GRAVITY)
+    at = campaign.joint_names.index(joint)
+    axis = rows.adjustment.state.arm.geometry.axes[at]
+    across = np.linalg.norm(np.cross(axis, gravity)) / np.linalg.norm(gravity)
+    return at == 0 and bool(across < _VERTICAL)
+
+
+def probe_is_on_axis(rows: ObservationEquations, joint: str) -> bool:
+    """Say whether a turn of a joint moves the probe in no pose."""
+    campaign = rows.adjustment.network.campaign
+    geometry = rows.adjustment.state.arm.geometry
+    by_angles = probe_derivatives(geometry, rows.block.angles_rad).by_angles
+    moved_mm = np.linalg.norm(
+        by_angles[:, :, campaign.joint_names.index(joint)], axis=1
+    )
+    return bool(np.max(moved_mm, initial=0.0) < _ON_AXIS_MM)
+
 
 POWER = 0.95
 # Of the bank of all names: its share of the level of a diagnosis.
@@ -149,3 +231,29 @@ def _unseen(candidate: Candidate, why: str) -> Detectable:
     why = why.replace("the block has", "the campaign has")
     key = candidate.parameters[0].partition(".")[0]
     return Detectable(candidate, key, None, None, key_unit(key), 0.0, why)
+
+
+def planned(campaign: Campaign, arm: Arm) -> tuple[Detectable, ...]:
+    """Say how large effects must be for a campaign to show them.
+
+    Args:
+        campaign: With the poses that are planned, or measured; its noise, or usual
+            noise, counts.
+        arm: The design, or an identified arm; its effects are estimated too.
+
+    Raises:
+        IdentificationError: The campaign does not tell what the arm's effects need.
+    """
+    rows = planned_equations(campaign, arm)
+    return detectable(rows, library_bank(rows, arm), absent_candidates(rows, arm))
+
+
+def planned_equations(campaign: Campaign, arm: Arm) -> ObservationEquations:
+    """Set up the rows of a campaign at an arm as it is given, nothing contradicting."""
+    options = Options(free=free_effects(campaign, arm))
+    design, parameters = prepared(campaign, arm, options)
+    everyone = np.ones(len(campaign.poses), dtype=np.bool_)
+    network = network_of(campaign, arm.probe.radius_mm, everyone, parameters)
+    here = adjust(network, start_state(network, design), design, None, 0)
+    rows = equations_of(here)
+    return replace(rows, values=np.zeros(len(rows.values)))

@@ -8,11 +8,11 @@ nothing of itself behind. Knots are at quantiles of the covariate: each has its 
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.readings.empirical import Empirical
 from traverse.kinematics.effects.readings.spline import spline_amounts
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.geometry import across
-from traverse.lab.diagnosis.candidates.priors import CURVE_MM, CURVE_RAD
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.covariates import (
     CovariateColumn,
@@ -21,6 +21,8 @@ from traverse.lab.diagnosis.model.covariates import (
 )
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
+_CURVE_RAD = EFFECT_KINDS[Empirical.kind].size
+_CURVE_MM = 0.01
 N_KNOTS = 10
 # Of a joint's angle over its own reading also so many: a fault of the encoder may be
 # narrower than the knots lie apart. Each has its poses, or it would follow blunders.
@@ -58,24 +60,24 @@ def generic_bank(rows: ObservationEquations) -> Bank:
         parts_of = "x", "y", "z"
         if found.name in _OF_ALL:
             candidates.append(_candidate(found, knots, None, "shift", parts_of))
-            parts.append(_products(rows.by_centre * CURVE_MM, curves))
+            parts.append(_products(rows.by_centre * _CURVE_MM, curves))
         for joint, name in enumerate(joints):
             if found.joint not in (None, joint) and not found.is_reading:
                 continue
             candidates.append(_candidate(found, knots, name, "angle", ()))
             own = rows.by_readings[:, joint : joint + 1]
-            parts.append(_products(own * CURVE_RAD, curves))
+            parts.append(_products(own * _CURVE_RAD, curves))
             is_own = found.is_reading and found.joint == joint
             if is_own and n_fine > N_KNOTS:
                 fine = spline_knots(found.values[used], n_fine)
                 candidates.append(_candidate(found, fine, name, "angle", ()))
-                parts.append(_products(own * CURVE_RAD, _curves(rows, found, fine)))
+                parts.append(_products(own * _CURVE_RAD, _curves(rows, found, fine)))
             if found.name in _OF_ALL or is_own:
                 candidates.append(_candidate(found, knots, name, "tilt", ("v", "w")))
-                parts.append(_products(by_tilts[:, joint] * CURVE_RAD, curves))
+                parts.append(_products(by_tilts[:, joint] * _CURVE_RAD, curves))
                 directions = "v", "w", "u"
                 candidates.append(_candidate(found, knots, name, "shift", directions))
-                parts.append(_products(by_shifts[:, joint] * CURVE_MM, curves))
+                parts.append(_products(by_shifts[:, joint] * _CURVE_MM, curves))
     stacked = np.concatenate(parts, axis=1) if parts else np.empty((len(rows.poses), 0))
     return Bank(tuple(candidates), rows.decorrelated(stacked))
 
@@ -158,7 +160,7 @@ def _candidate(
     component: str,
     directions: tuple[str, ...],
 ) -> Candidate:
-    key, scale = ("shift_mm", CURVE_MM) if component == "shift" else ("", CURVE_RAD)
+    key, scale = ("shift_mm", _CURVE_MM) if component == "shift" else ("", _CURVE_RAD)
     numbers = range(1, len(knots) + 1)
     if component == "angle":
         parameters = tuple(f"values_rad.{number}" for number in numbers)
@@ -169,13 +171,9 @@ def _candidate(
         bank=BankName.GENERIC,
         kind=Empirical.kind,
         joint=joint,
-        order=None,
         component=component,
         covariate=found.name,
-        artefact=None,
-        at_s=None,
         parameters=parameters,
         scales=(scale,) * len(parameters),
-        log_prior=0.0,
         keys=(("covariate", found.name), ("knots", knots)),
     )

@@ -1,5 +1,6 @@
 """From a candidate and the amplitudes of its columns to an entry of the arm file."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -8,9 +9,8 @@ from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Effect, effect_from_table
 from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind
 from traverse.kinematics.model.geometry import across
-from traverse.lab.diagnosis.model.candidate import Candidate
+from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-from traverse.lab.identification.equations.plausible_sizes import campaign_start
 
 
 def parameter_names(kind: str, component: str | None = None) -> tuple[str, ...]:
@@ -31,6 +31,39 @@ def parameter_names(kind: str, component: str | None = None) -> tuple[str, ...]:
     directions = about_axis if row.is_about_axis else "xyz"
     parts = {key: [f"{key}.{of}" for of in directions] for key in row.vectors}
     return tuple(name for key in row.sizes for name in parts.get(key, [key]))
+
+
+def candidate_of_kind(
+    bank: BankName,
+    kind: str,
+    joint: str | None,
+    fixed: Mapping[str, Any],
+    scale: float = 1.0,
+) -> Candidate:
+    """Describe an effect that might be missing.
+
+    Args:
+        bank: Where it is looked for.
+        kind: Of the arm file's effects, but for curves.
+        joint: Its name, or None for the whole arm.
+        fixed: Keys that are given beforehand; None where the kind has no such key.
+        scale: Plausible amplitude of every column.
+    """
+    parameters = parameter_names(kind, fixed.get("component"))
+    given = {key: value for key, value in fixed.items() if value is not None}
+    return Candidate(
+        bank=bank,
+        kind=kind,
+        joint=joint,
+        order=given.get("order"),
+        component=given.get("component"),
+        artefact=given.get("artefact"),
+        at_s=given.get("at_s"),
+        parameters=parameters,
+        scales=(scale,) * len(parameters),
+        log_prior=EFFECT_KINDS[kind].preference(joint, given.get("order")),
+        keys=tuple(given.items()),
+    )
 
 
 def effect_of_candidate(
@@ -58,7 +91,7 @@ def effect_of_candidate(
         table["joint"] = candidate.joint
     row = EFFECT_KINDS[candidate.kind]
     if row.effect_class == "A":
-        table["epoch_utc"] = campaign_start(campaign)
+        table["epoch_utc"] = campaign.start
     if row.phase is not None:
         cosine, sine = values.tolist()
         table[_amplitude(row)] = float(np.hypot(cosine, sine))

@@ -20,14 +20,13 @@ from traverse.kinematics.effects.base.correction import ContactCorrection, Corre
 from traverse.kinematics.effects.base.covariate import Need
 from traverse.kinematics.effects.columns import columns
 from traverse.lab.diagnosis.candidates.effect_factory import (
+    candidate_of_kind,
     effect_of_candidate,
-    parameter_names,
 )
-from traverse.lab.diagnosis.candidates.priors import column_scales
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.covariates import course, used_poses, varies
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-from traverse.lab.identification.equations.plausible_sizes import campaign_span
+from traverse.lab.identification.equations.effect_model import plausible_values
 
 # Higher orders of the encoders are found by the bank of harmonics.
 HIGHEST_ORDER = 4
@@ -102,13 +101,13 @@ def applied_effects(rows: ObservationEquations, arm: Arm) -> ArmEffects:
     network, state = rows.adjustment.network, rows.adjustment.state
     model = network.parameters.effects
     if model is None:
-        return effects_of(arm, (), campaign_span(network.campaign))
+        return effects_of(arm, (), network.campaign.span)
     return model.at(state.arm.amplitudes)
 
 
 def _entries(rows: ObservationEquations, arm: Arm) -> list[_Entry]:
     campaign = rows.adjustment.network.campaign
-    setting = context_from_arm(arm, campaign_span(campaign))
+    setting = context_from_arm(arm, campaign.span)
     are_known = bodies_from_arm(arm).are_known_beyond
     found = []
     for plain in _candidates(rows):
@@ -117,7 +116,8 @@ def _entries(rows: ObservationEquations, arm: Arm) -> list[_Entry]:
         template[0] = EFFECT_KINDS[plain.kind].phase is not None
         effect = effect_of_candidate(plain, template, rows)
         correction = EFFECTS[plain.kind].from_file(effect, setting)
-        scales = column_scales(correction, plain.size, campaign)
+        # Its columns are all of one unit.
+        scales = plausible_values(correction, campaign)[:1] * plain.size
         candidate = replace(plain, scales=scales)
         if correction.uses_gravity and not are_known[correction.joints.start]:
             beyond = plain.joint or setting.joint_names[0]
@@ -167,22 +167,8 @@ def _candidate(
     component: str | None = None,
     artefact: str | None = None,
 ) -> Candidate:
-    parameters = parameter_names(kind, component)
     fixed = {"component": component, "order": order, "artefact": artefact}
-    return Candidate(
-        bank=BankName.LIBRARY,
-        kind=kind,
-        joint=joint,
-        order=order,
-        component=component,
-        covariate=None,
-        artefact=artefact,
-        at_s=None,
-        parameters=parameters,
-        scales=(1.0,) * len(parameters),
-        log_prior=EFFECT_KINDS[kind].preference(joint, order),
-        keys=tuple((key, value) for key, value in fixed.items() if value is not None),
-    )
+    return candidate_of_kind(BankName.LIBRARY, kind, joint, fixed)
 
 
 def _silence(rows: ObservationEquations, correction: Correction) -> str | None:

@@ -13,11 +13,11 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.readings.transmission_error import TransmissionError
-from traverse.lab.diagnosis.candidates.effect_factory import parameter_names
+from traverse.lab.diagnosis.candidates.effect_factory import candidate_of_kind
 from traverse.lab.diagnosis.candidates.harmonics import HIGHEST_ORDER as MOST_HARMONICS
 from traverse.lab.diagnosis.candidates.library import HIGHEST_ORDER
 from traverse.lab.diagnosis.candidates.scoring import log_evidences
-from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.model.candidate import Bank, BankName
 from traverse.lab.diagnosis.model.covariates import used_poses
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
@@ -103,7 +103,9 @@ def transmission_bank(
 def wave_bank(rows: ObservationEquations, joint: str, cycles: float) -> Bank:
     """Make the wave of a joint with known cycles; see `transmission_bank`."""
     columns = wave_columns(rows, joint, np.array([cycles]))
-    return Bank((_candidate(joint, cycles),), columns)
+    kind, fixed = TransmissionError.kind, {"cycles": cycles}
+    one = candidate_of_kind(BankName.TRANSMISSION, kind, joint, fixed, _SIZE_RAD)
+    return Bank((one,), columns)
 
 
 def log_p_of_search(found: tuple[Periodogram, ...], level: float) -> float:
@@ -238,22 +240,3 @@ def _statistics(
         rows.redundancy,
     )
     return np.asarray(along_squared.sum(axis=1)), evidences
-
-
-def _candidate(joint: str, cycles: float) -> Candidate:
-    kind = TransmissionError.kind
-    parameters = parameter_names(kind)
-    return Candidate(
-        bank=BankName.TRANSMISSION,
-        kind=kind,
-        joint=joint,
-        order=None,
-        component=None,
-        covariate=None,
-        artefact=None,
-        at_s=None,
-        parameters=parameters,
-        scales=(_SIZE_RAD,) * len(parameters),
-        log_prior=EFFECT_KINDS[kind].preference(joint, None),
-        keys=(("cycles", cycles),),
-    )

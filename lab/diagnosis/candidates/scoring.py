@@ -9,6 +9,10 @@ With the projected block P C = U S W^T of a candidate and z = U^T v of the resid
 
 Statistics of blocks of different size are never compared, evidences are (diagnosis
 after Teunissen; evidence after Jeffreys and Zellner).
+
+Names for the same thing: how near two effects are.
+
+Correlations are those of the blocks as the data see them, the unknowns projected out.
 """
 
 from dataclasses import dataclass
@@ -201,3 +205,21 @@ def _series(a: Floats, b: Floats, x: Floats) -> Floats:
         term = term * x * (a + b + n) / (a + 1.0 + n)
         total = total + term
     return total
+
+
+# Two blocks that explain a finding equally well to this part are one.
+ALIAS = 0.9995
+
+
+def is_alias(rho: float) -> bool:
+    """Say whether a correlation is that of two names of one thing."""
+    return rho >= ALIAS
+
+
+def canonical_correlations(
+    first: ProjectedCandidate, second: ProjectedCandidate
+) -> Floats:
+    """Compute those of two blocks, the largest first, (n_common,)."""
+    values = np.linalg.svd(first.directions.T @ second.directions, compute_uv=False)
+    found: Floats = np.clip(values, 0.0, 1.0)
+    return found

@@ -2,26 +2,147 @@
 
 They are tested at every gap between poses (`later_sums`), and their evidence is the
 mean over all gaps: a moment that had to be looked for counts for less.
+
+Products with the columns of steps, at all gaps between poses at once.
+
+A step at a gap changes all later rows, so its column c is a sum of pieces, one a later
+pose, and one running sum from the last pose backwards gives c^T v for every gap. With
+the serial correlation R = L L^T of the rows' errors the whitened column is L^-1 c: then
+L^-T v takes the place of v, and c^T R^-1 c is a running sum over pairs of poses.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import (  # type: ignore[import-untyped] # scipy ships no types
+    solve_triangular,
+)
 
-from traverse.arrays import Floats
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.mechanics.base_step import BaseStep
 from traverse.kinematics.effects.readings.count_slip import CountSlip
-from traverse.lab.diagnosis.candidates.effect_factory import parameter_names
-from traverse.lab.diagnosis.candidates.priors import STEP_MM, STEP_RAD
+from traverse.lab.diagnosis.candidates.effect_factory import candidate_of_kind
 from traverse.lab.diagnosis.candidates.scoring import (
     LEAST_SINGULAR_VALUE,
     log_evidences,
 )
-from traverse.lab.diagnosis.candidates.step_scan_sums import StepSums, step_sums_of
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.model.covariates import used_poses
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepSums:
+    """The rows of a fit in the order of time, and the gaps between their poses.
+
+    Attributes:
+        order: Rows that belong to poses, those of the earliest pose first, (n_later,).
+        starts: Where in `order` each pose begins, (n_used,).
+        first_after: The first pose after each gap, (n_gaps,).
+        at_s: Middles of the gaps in the campaign's time, rising, (n_gaps,).
+        root: Lower Cholesky factor of the correlation of the rows' errors, or None.
+        inverse: R^-1 of `order`, (n_later, n_later), or None.
+    """
+
+    order: Integers
+    starts: Integers
+    first_after: Integers
+    at_s: Floats
+    root: Floats | None
+    inverse: Floats | None
+
+    def products(self, pieces: Floats, vectors: Floats) -> Floats:
+        """Compute c^T v of whitened columns and vectors.
+
+        Args:
+            pieces: Columns of a step before all poses, not whitened, (n_rows,
+                n_columns).
+            vectors: Whitened, (n_rows, n_vectors).
+
+        Returns:
+            (n_gaps, n_columns, n_vectors).
+        """
+        if self.root is not None:
+            vectors = solve_triangular(self.root, vectors, lower=True, trans="T")
+        vectors, pieces = vectors[self.order], pieces[self.order]
+        found = np.empty((len(self.at_s), pieces.shape[1], vectors.shape[1]))
+        for at, piece in enumerate(pieces.T):
+            of_poses = np.add.reduceat(piece[:, np.newaxis] * vectors, self.starts)
+            found[:, at] = self._later(of_poses)
+        return found
+
+    def squares(self, pieces: Floats) -> Floats:
+        """Compute c^T c of whitened columns.
+
+        Args:
+            pieces: As for `products`.
+
+        Returns:
+            (n_gaps, n_columns, n_columns).
+        """
+        pieces = pieces[self.order]
+        n_columns = pieces.shape[1]
+        found = np.empty((len(self.at_s), n_columns, n_columns))
+        for i in range(n_columns):
+            for j in range(i + 1):
+                of_poses = self._of_poses(pieces[:, i], pieces[:, j])
+                found[:, i, j] = found[:, j, i] = self._later(of_poses)
+        return found
+
+    def _of_poses(self, a: Floats, b: Floats) -> Floats:
+        """What each pose adds to a^T b of itself and all later ones, (n_used,)."""
+        if self.inverse is None:
+            return np.asarray(np.add.reduceat(a * b, self.starts))
+        pairs = np.add.reduceat(a[:, np.newaxis] * self.inverse, self.starts) * b
+        pairs = np.add.reduceat(pairs, self.starts, axis=1)
+        return np.asarray((np.triu(pairs) + np.triu(pairs.T, 1)).sum(axis=1))
+
+    def _later(self, of_poses: Floats) -> Floats:
+        """Add up what is after each gap, (n_used, ...) -> (n_gaps, ...)."""
+        return np.asarray(np.cumsum(of_poses[::-1], axis=0)[::-1][self.first_after])
+
+
+def step_sums_of(rows: ObservationEquations) -> StepSums:
+    """Sort the rows of a fit by time.
+
+    Args:
+        rows: Of the fit; what belongs to no pose is left out.
+
+    Returns:
+        With a gap between any two poses that take part and differ in time.
+    """
+    times_s = rows.block.row("campaign_s")
+    poses = used_poses(rows)
+    poses = poses[np.argsort(times_s[poses], kind="stable")]
+    ranks = np.zeros(len(times_s), dtype=np.int64)
+    ranks[poses] = np.arange(len(poses))
+    of_poses = np.flatnonzero(rows.poses >= 0)
+    of_rows = ranks[rows.poses[of_poses]]
+    by_time = np.argsort(of_rows, kind="stable")
+    order = of_poses[by_time]
+    ordered_s = times_s[poses]
+    first_after = 1 + np.flatnonzero(np.diff(ordered_s) > 0.0)
+    return StepSums(
+        order=order,
+        starts=np.searchsorted(of_rows[by_time], np.arange(len(poses))),
+        first_after=first_after,
+        at_s=0.5 * (ordered_s[first_after - 1] + ordered_s[first_after]),
+        root=rows.root,
+        inverse=_inverse(rows.root, order),
+    )
+
+
+def _inverse(root: Floats | None, order: Integers) -> Floats | None:
+    if root is None:
+        return None
+    whitener = solve_triangular(root, np.eye(len(root))[:, order], lower=True)
+    inverse: Floats = whitener.T @ whitener
+    return inverse
+
+
+_STEP_RAD = EFFECT_KINDS[CountSlip.kind].size
+_STEP_MM = EFFECT_KINDS[BaseStep.kind].size
 # Of the squared singular values: what differences of large sums leave of nothing.
 _ROUNDING = 1e-9
 
@@ -113,24 +234,14 @@ def scan_steps(rows: ObservationEquations) -> tuple[StepScan, ...]:
     gaps = step_sums_of(rows)
     if len(gaps.at_s) == 0:
         return ()
-    slips = np.split(STEP_RAD * rows.by_readings, len(names), axis=1)
+    slips = np.split(_STEP_RAD * rows.by_readings, len(names), axis=1)
     return (
         *(
             _scan(rows, gaps, name, pieces)
             for name, pieces in zip(names, slips, strict=True)
         ),
-        _scan(rows, gaps, None, STEP_MM * rows.by_centre),
+        _scan(rows, gaps, None, _STEP_MM * rows.by_centre),
     )
-
-
-def scan_slips(rows: ObservationEquations) -> tuple[StepScan, ...]:
-    """Test a slip of every joint's encoder at every gap; see `scan_steps`."""
-    return tuple(scan for scan in scan_steps(rows) if scan.joint is not None)
-
-
-def scan_base_steps(rows: ObservationEquations) -> tuple[StepScan, ...]:
-    """Test a step of the base at every gap; see `scan_steps`."""
-    return tuple(scan for scan in scan_steps(rows) if scan.joint is None)
 
 
 def step_bank(rows: ObservationEquations, scans: tuple[StepScan, ...]) -> Bank:
@@ -157,21 +268,8 @@ def step_candidate(joint: str | None, at_s: float) -> Candidate:
         at_s: When, in the campaign's time.
     """
     kind = BaseStep.kind if joint is None else CountSlip.kind
-    parameters = parameter_names(kind)
-    return Candidate(
-        bank=BankName.STEPS,
-        kind=kind,
-        joint=joint,
-        order=None,
-        component=None,
-        covariate=None,
-        artefact=None,
-        at_s=at_s,
-        parameters=parameters,
-        scales=(STEP_MM if joint is None else STEP_RAD,) * len(parameters),
-        log_prior=EFFECT_KINDS[kind].preference(joint, None),
-        keys=(("at_s", at_s),),
-    )
+    size = EFFECT_KINDS[kind].size
+    return candidate_of_kind(BankName.STEPS, kind, joint, {"at_s": at_s}, size)
 
 
 def step_columns(rows: ObservationEquations, joint: str | None, at_s: float) -> Floats:
@@ -185,10 +283,10 @@ def step_columns(rows: ObservationEquations, joint: str | None, at_s: float) -> 
     Returns:
         Whitened, (n_rows, n_columns).
     """
-    pieces = STEP_MM * rows.by_centre
+    pieces = _STEP_MM * rows.by_centre
     if joint is not None:
         names = rows.adjustment.network.campaign.joint_names
-        pieces = STEP_RAD * rows.by_readings[:, [names.index(joint)]]
+        pieces = _STEP_RAD * rows.by_readings[:, [names.index(joint)]]
     times_s = rows.block.row("campaign_s")[rows.poses]
     has_occurred = (rows.poses >= 0) & (times_s >= at_s)
     return rows.decorrelated(has_occurred[:, np.newaxis] * pieces)

@@ -25,7 +25,7 @@ class BankName(Enum):
     TRANSMISSION = auto()  # waves of every joint of any number of cycles a turn
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
     """What might be missing.
 
@@ -50,14 +50,14 @@ class Candidate:
     bank: BankName
     kind: str
     joint: str | None
-    order: int | None
-    component: str | None
-    covariate: str | None
-    artefact: str | None
-    at_s: float | None
-    parameters: tuple[str, ...]
-    scales: tuple[float, ...]
-    log_prior: float
+    order: int | None = None
+    component: str | None = None
+    covariate: str | None = None
+    artefact: str | None = None
+    at_s: float | None = None
+    parameters: tuple[str, ...] = ()
+    scales: tuple[float, ...] = ()
+    log_prior: float = 0.0
     keys: tuple[tuple[str, Any], ...] = ()
 
     @property

@@ -3,20 +3,19 @@
 from dataclasses import dataclass
 from glob import escape
 
-import numpy as np
-
 from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.equations.effect_model import effect_model
-from traverse.lab.identification.equations.network import Network, stations
-from traverse.lab.identification.equations.noise import a_priori_noise
+from traverse.lab.identification.equations.network import network_of
 from traverse.lab.identification.identify import prepared
 from traverse.lab.identification.results.postprocessing import arm_of_adjustment
 from traverse.lab.identification.solve.adjustment import Adjustment
-from traverse.lab.identification.solve.iterative_adjustment import IterativeAdjustment
-from traverse.lab.identification.solve.options import Options
-from traverse.lab.identification.solve.pose_statistics import PoseStatistics
+from traverse.lab.identification.solve.iterative_adjustment import (
+    Options,
+    iterate,
+)
+from traverse.lab.identification.solve.reliability import PoseStatistics
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,25 +58,24 @@ def fitted(
     Raises:
         IdentificationError: The campaign does not tell what effects need.
     """
-    free: tuple[str, ...] = ()
-    if arm.effects:
-        free = tuple(
-            escape(name) for name in effect_model(arm, arm.effects, campaign).names
-        )
+    free = free_effects(campaign, arm)
     options = Options(coarse_start=False, n_suggestions=0, free=free, snooping=snooping)
     design, parameters = prepared(campaign, arm, options)
     radius_mm = arm.probe.radius_mm
-    network = Network(
-        campaign,
-        stations(campaign, radius_mm, eligible),
-        parameters,
-        a_priori_noise(campaign) if before is None else before.adjustment.network.noise,
-        np.ones(len(campaign.poses)),
-    )
-    rounds = IterativeAdjustment(design, options, radius_mm, None)
+    noise = None if before is None else before.adjustment.network.noise
+    network = network_of(campaign, radius_mm, eligible, parameters, noise)
     first = None if before is None else before.included
-    adjustment, statistics, included, _ = rounds.run(network, first)
-    return Fit(arm_of_adjustment(arm, adjustment), adjustment, statistics, included)
+    found = iterate(network, design, options, radius_mm, first=first)
+    adapted = arm_of_adjustment(arm, found.adjustment)
+    return Fit(adapted, found.adjustment, found.statistics, found.included)
+
+
+def free_effects(campaign: Campaign, arm: Arm) -> tuple[str, ...]:
+    """Name all that is estimated of an arm's effects, as patterns."""
+    if not arm.effects:
+        return ()
+    model = effect_model(arm, arm.effects, campaign)
+    return tuple(escape(name) for name in model.names)
 
 
 def with_effects(arm: Arm, effects: tuple[Effect, ...]) -> Arm:

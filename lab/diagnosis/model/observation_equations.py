@@ -19,15 +19,11 @@ from scipy.linalg import (  # type: ignore[import-untyped] # scipy ships no type
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import utc_ns
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.identification.equations.datum import scale_direction
-from traverse.lab.identification.equations.effect_model import block_of
 from traverse.lab.identification.equations.network import has_length
-from traverse.lab.identification.equations.plausible_sizes import campaign_start
 from traverse.lab.identification.equations.station_equations import white_rows
-from traverse.lab.identification.solve.adjustment import Adjustment
-from traverse.lab.identification.solve.system import certified
+from traverse.lab.identification.solve.adjustment import Adjustment, certified
 
 # Combinations of unknowns, in units of what is plausible, that move the data by less
 # than this part of their noise do not count as estimated.
@@ -82,13 +78,7 @@ class ObservationEquations:
     @cached_property
     def block(self) -> Block:
         """All poses of the campaign as effects see them."""
-        campaign = self.adjustment.network.campaign
-        gravity = campaign.gravity_m_s2
-        return block_of(
-            campaign.poses,
-            utc_ns(campaign_start(campaign)),
-            None if gravity is None else np.array(gravity),
-        )
+        return self.adjustment.network.campaign.block()
 
     @cached_property
     def by_readings(self) -> Floats:

@@ -1,7 +1,7 @@
 """What a diagnosis found."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from traverse.arrays import Booleans
@@ -47,7 +47,7 @@ class Alternative:
     alias: bool
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Term:
     """Something that the model lacked.
 
@@ -67,14 +67,14 @@ class Term:
 
     status: Status
     candidate: Candidate
-    effect: Effect | None
-    estimates: Mapping[str, Estimate]
     log_bayes_factor: float
     log10_p: float
-    harmonic: int | None
-    alternatives: tuple[Alternative, ...]
-    separate_by: str
-    accepted: bool
+    effect: Effect | None = None
+    estimates: Mapping[str, Estimate] = field(default_factory=dict)
+    harmonic: int | None = None
+    alternatives: tuple[Alternative, ...] = ()
+    separate_by: str = ""
+    accepted: bool = False
     cluster: Cluster | None = None
 
 

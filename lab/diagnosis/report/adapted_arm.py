@@ -8,10 +8,6 @@ from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.lab.diagnosis.model.result import Diagnosis, Term
-from traverse.lab.identification.equations.plausible_sizes import (
-    campaign_span,
-    campaign_start,
-)
 from traverse.strict_toml.problems import FileError, Problem
 from traverse.strict_toml.writing import arm_text, write_atomically
 
@@ -43,7 +39,7 @@ def arm_with_provenance(diagnosis: Diagnosis, when: datetime | None = None) -> A
     arm, campaign = diagnosis.adapted, diagnosis.campaign
     effects = arm.effects
     if campaign.start_utc is None:
-        nowhere = campaign_start(campaign)
+        nowhere = campaign.start
         effects = tuple(
             effect
             for effect in effects
@@ -64,7 +60,7 @@ def _parameters(diagnosis: Diagnosis, arm: Arm) -> tuple[str, ...]:
     parameters = diagnosis.after.network.parameters
     if parameters.effects is None:
         return parameters.free_names
-    built = effects_of(arm, arm.effects, campaign_span(diagnosis.campaign))
+    built = effects_of(arm, arm.effects, diagnosis.campaign.span)
     written = {built.name(correction) for correction in built.corrections}
     missing = {
         name

@@ -19,8 +19,7 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.equations.network import Station, stations
-from traverse.lab.identification.equations.noise import Noise
+from traverse.lab.identification.equations.network import Noise, Station, stations
 from traverse.lab.identification.equations.station_equations import (
     station_centres,
     white_rows,

@@ -14,7 +14,6 @@ from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import utc_ns
 from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
 from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
 from traverse.lab.campaign.campaign import Campaign
@@ -22,11 +21,6 @@ from traverse.lab.diagnosis.model.result import Diagnosis, Term
 from traverse.lab.diagnosis.report.covariates import DrawnCovariate, covariate_of
 from traverse.lab.diagnosis.report.discrepancies import Discrepancies
 from traverse.lab.diagnosis.report.term_covariance import value_covariance
-from traverse.lab.identification.equations.effect_model import block_of
-from traverse.lab.identification.equations.plausible_sizes import (
-    campaign_span,
-    campaign_start,
-)
 
 # A move smaller than this part of the largest has no direction worth naming.
 _LEAST_MOVE = 1e-3
@@ -90,7 +84,7 @@ def term_curve(
     if term.effect is None or EFFECT_KINDS[term.candidate.kind].family is Family.LENGTH:
         return None
     effects = _effects(arm, term.effect, campaign)
-    scene = _Scene(geometry_from_arm(arm), _block(campaign))
+    scene = _Scene(geometry_from_arm(arm), campaign.block())
     covariance = value_covariance(diagnosis, term, effects)
     joint, reference_c = term.candidate.joint, arm.reference.temperature_c
     if EFFECT_KINDS[term.candidate.kind].acts_on == "angle" and joint is not None:
@@ -144,22 +138,13 @@ def term_curve(
 
 
 def _effects(arm: Arm, effect: Effect, campaign: Campaign) -> ArmEffects:
-    return effects_of(arm, (effect,), campaign_span(campaign))
+    return effects_of(arm, (effect,), campaign.span)
 
 
 def _changed(effects: ArmEffects, at: int, step: float) -> ArmEffects:
     values = effects.values.copy()
     values[at] += step
     return effects.with_values(values)
-
-
-def _block(campaign: Campaign) -> Block:
-    gravity = campaign.gravity_m_s2
-    return block_of(
-        campaign.poses,
-        utc_ns(campaign_start(campaign)),
-        None if gravity is None else np.array(gravity),
-    )
 
 
 def _directions(moves_mm: Floats, covariate: DrawnCovariate) -> Floats:

@@ -30,7 +30,7 @@ from traverse.lab.identification.equations.station_equations import (
     WhiteRows,
     white_rows,
 )
-from traverse.lab.identification.solve.system import certified
+from traverse.lab.identification.solve.adjustment import certified
 
 # Combinations of unknowns that move the thinned data by less do not count.
 _LEAST_EFFECT = 0.02

@@ -22,8 +22,7 @@ from traverse.lab.diagnosis.search.forward_search import (
     scores_at,
 )
 from traverse.lab.diagnosis.search.naming import NamedTerm, name_terms
-from traverse.lab.diagnosis.search.selection import ScoredCandidate
-from traverse.lab.diagnosis.search.thresholds import noise_draws
+from traverse.lab.diagnosis.search.selection import ScoredCandidate, noise_draws
 
 # Another name must be better by this much to take a term's place.
 _BETTER = 1.0

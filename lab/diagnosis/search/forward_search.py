@@ -27,9 +27,10 @@ from traverse.lab.diagnosis.search.outlier_recovery import recover_outliers
 from traverse.lab.diagnosis.search.selection import (
     ScoredCandidate,
     is_significant,
+    log_p_threshold,
+    noise_draws,
     select_next,
 )
-from traverse.lab.diagnosis.search.thresholds import log_p_threshold, noise_draws
 
 Progress = Callable[[str, float], None]
 

@@ -7,9 +7,13 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS
-from traverse.lab.diagnosis.candidates.aliases import ALIAS
 from traverse.lab.diagnosis.candidates.candidate_scores import CandidateScores, judged
-from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, judge, project
+from traverse.lab.diagnosis.candidates.scoring import (
+    ALIAS,
+    ProjectedCandidate,
+    judge,
+    project,
+)
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.result import Alternative, Status
 from traverse.lab.diagnosis.model.terms import AddedTerm, rows_without

@@ -11,22 +11,15 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect
-from traverse.kinematics.effect_table import EFFECT_KINDS
+from traverse.kinematics.effect_table import EFFECT_KINDS, key_unit
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import utc_ns
 from traverse.kinematics.effects.base.correction import Correction
 from traverse.kinematics.effects.columns import columns
 from traverse.kinematics.effects.contacts.artefact_length import ArtefactLength
 from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.campaign.campaign import Campaign, Poses
-from traverse.lab.identification.equations.plausible_sizes import (
-    campaign_span,
-    campaign_start,
-    effect_units,
-    plausible_values,
-)
 
 # A direction that a campaign knows worse than so many plausible sizes is held.
 _HOPELESS = 50.0
@@ -41,16 +34,14 @@ class EffectModel:
         names: Of the coordinates along which values move, (n_coordinates,).
         units: Of the coordinates.
         tolerances: Hopeless standard deviations of the coordinates.
-        start_ns: When the campaign's time is 0, in UTC since 1970.
-        gravity_m_s2: Override of the arm's, (3,), or None.
+        campaign: That is adjusted.
     """
 
     effects: ArmEffects
     names: tuple[str, ...]
     units: tuple[str, ...]
     tolerances: Floats
-    start_ns: int
-    gravity_m_s2: Floats | None
+    campaign: Campaign
 
     def at(self, values: Floats) -> ArmEffects:
         """Make the effects of some sizes, (n_values,)."""
@@ -63,7 +54,7 @@ class EffectModel:
             poses: Of the campaign.
             angles_rad: Instead of the readings of the poses, (n_poses, n_joints).
         """
-        return block_of(poses, self.start_ns, self.gravity_m_s2, angles_rad)
+        return self.campaign.block(poses, angles_rad)
 
     def directions(self, geometry: Geometry) -> Floats:
         """Say how values move with coordinates, (n_values, n_coordinates)."""
@@ -124,9 +115,7 @@ def effect_model(
         ValueError: Effects do not fit the arm, or need what the campaign does not
             tell.
     """
-    built = effects_of(arm, effects, campaign_span(campaign))
-    start_ns = utc_ns(campaign_start(campaign))
-    gravity = campaign.gravity_m_s2
+    built = effects_of(arm, effects, campaign.span)
     names: list[str] = []
     units: list[str] = []
     tolerances: list[float] = []
@@ -135,7 +124,7 @@ def effect_model(
         prefix = built.name(correction)
         names += [f"{prefix}.{name}" for name in own]
         sizes = plausible_values(correction, campaign)
-        kinds = effect_units(correction)
+        kinds = tuple(key_unit(key.partition(".")[0]) for key in correction.parameters)
         if len(own) != len(sizes):
             sizes, kinds = (sizes[0],) * len(own), (kinds[0],) * len(own)
         tolerances += [_HOPELESS * size for size in sizes]
@@ -145,8 +134,7 @@ def effect_model(
         names=tuple(names),
         units=tuple(units),
         tolerances=np.array(tolerances),
-        start_ns=start_ns,
-        gravity_m_s2=None if gravity is None else np.array(gravity),
+        campaign=campaign,
     )
     lacks = list(built.lacks(model.block(campaign.poses)))
     if lacks:
@@ -157,33 +145,17 @@ def effect_model(
     return model
 
 
-def block_of(
-    poses: Poses,
-    start_ns: int,
-    gravity_m_s2: Floats | None,
-    angles_rad: Floats | None = None,
-) -> Block:
-    """Put poses into the form that effects ask for.
+def plausible_values(correction: Correction, campaign: Campaign) -> tuple[float, ...]:
+    """Say a plausible standard deviation for each parameter, in its unit.
 
-    Args:
-        poses: Of a campaign.
-        start_ns: When its time is 0, in UTC since 1970.
-        gravity_m_s2: Override of the arm's, (3,), or None.
-        angles_rad: Instead of the readings of the poses, (n_poses, n_joints).
+    Orders of magnitude of arms of a metre or two. They decide what a campaign cannot
+    say anything about, and never how large an effect is estimated.
     """
-    elapsed_ns = np.rint(poses.time_s * 1e9).astype(np.int64)
-    return Block(
-        angles_rad=poses.angles_rad if angles_rad is None else angles_rad,
-        speeds_rad_s=poses.speeds_rad_s,
-        approaches=poses.approaches,
-        temperature_c=poses.temperature_c,
-        joint_temperatures_c=poses.joint_temperatures_c,
-        utc_ns=start_ns + elapsed_ns,
-        campaign_s=poses.time_s,
-        directions=poses.directions,
-        force_n=poses.force_n,
-        gravity_m_s2=gravity_m_s2,
-    )
+    kind = EFFECT_KINDS[correction.kind]
+    size = kind.plausible_size(getattr(correction, "order", None))
+    if kind.is_size_of_campaign:
+        size /= max(float(np.ptp(campaign.poses.time_s)), 1.0)
+    return tuple(1.0 if key == kind.phase else size for key in correction.parameters)
 
 
 def _coordinate_names(correction: Correction) -> tuple[str, ...]:

@@ -1,4 +1,7 @@
-"""The network of observations: every artefact with the poses that touched it."""
+"""The network of observations: every artefact with the poses that touched it.
+
+The stochastic model: how well encoders read and how well contacts repeat.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -7,8 +10,41 @@ import numpy as np
 from traverse.arrays import Booleans, Floats, Integers
 from traverse.lab.artefacts.artefact import Artefact, Touches
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.equations.noise import Noise
 from traverse.lab.identification.equations.parameters import ArmValues, Parameters
+
+DEFAULT_ENCODER_RAD = 5e-6
+DEFAULT_CONTACT_MM = 0.005
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Noise:
+    """Standard deviations.
+
+    Attributes:
+        encoder_rad: Of every joint's reading, (n_joints,).
+        contact_mm: Of a contact with every artefact, along each axis, (n_artefacts,).
+    """
+
+    encoder_rad: Floats
+    contact_mm: Floats
+
+    def scaled(self, encoder: Floats, contact: Floats) -> "Noise":
+        """Multiply standard deviations by factors (n_joints,) and (n_artefacts,)."""
+        return replace(
+            self,
+            encoder_rad=self.encoder_rad * encoder,
+            contact_mm=self.contact_mm * contact,
+        )
+
+
+def a_priori_noise(campaign: Campaign) -> Noise:
+    """Take the campaign's noise, or usual figures where it has none."""
+    encoder_rad = campaign.encoder_rad or DEFAULT_ENCODER_RAD
+    contact_mm = campaign.contact_mm or DEFAULT_CONTACT_MM
+    return Noise(
+        np.full(len(campaign.joint_names), encoder_rad),
+        np.full(len(campaign.artefacts), contact_mm),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,6 +133,31 @@ def stations(
         scales = artefact.unknown_scales(touches)
         found.append(Station(artefact, index, poses, touches, scales))
     return tuple(found)
+
+
+def network_of(
+    campaign: Campaign,
+    radius_mm: float,
+    included: Booleans,
+    parameters: Parameters,
+    noise: Noise | None = None,
+) -> Network:
+    """Set up some poses of a campaign, all of the same weight.
+
+    Args:
+        campaign: All poses.
+        radius_mm: Of the probe's ball.
+        included: Poses that take part, (n_poses,).
+        parameters: Which parameters are free.
+        noise: The stochastic model; default what is known beforehand.
+    """
+    return Network(
+        campaign,
+        stations(campaign, radius_mm, included),
+        parameters,
+        noise or a_priori_noise(campaign),
+        np.ones(len(campaign.poses)),
+    )
 
 
 def has_length(network: Network) -> bool:

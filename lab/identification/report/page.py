@@ -22,12 +22,10 @@ from traverse.lab.identification.report.undetermined_effects import (
     undetermined_effects_mm,
 )
 from traverse.lab.identification.results.result import Identification
-from traverse.lab.identification.volume.distance_deviations import (
-    arm_uncertainty,
-    noise_deviations_mm,
-)
 from traverse.lab.identification.volume.uncertainty_map import (
     UncertaintyMap,
+    arm_uncertainty,
+    noise_deviations_mm,
     uncertainty_map,
 )
 from traverse.lab.report.templates import Filters, Words, page

@@ -7,9 +7,9 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Probe
 from traverse.lab.artefacts.artefact import Length
-from traverse.lab.identification.equations.misfit import rms_mm
 from traverse.lab.identification.equations.network import Station
 from traverse.lab.identification.equations.parameters import ArmValues
+from traverse.lab.identification.equations.station_equations import rms_mm
 from traverse.lab.identification.results.result import (
     ArtefactResult,
     CartesianCovariance,
@@ -18,7 +18,7 @@ from traverse.lab.identification.results.result import (
     ParameterEstimate,
 )
 from traverse.lab.identification.solve.adjustment import Adjustment
-from traverse.lab.identification.solve.pose_statistics import PoseStatistics
+from traverse.lab.identification.solve.reliability import PoseStatistics
 from traverse.lab.statistics.distributions import chi_square_p_value
 
 __all__ = [

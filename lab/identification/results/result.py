@@ -7,12 +7,11 @@ import numpy as np
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.design.coverage import JointCoverage
-from traverse.lab.identification.design.optimal_design import Suggestion
-from traverse.lab.identification.equations.noise import Noise
+from traverse.lab.identification.design.optimal_design import JointCoverage, Suggestion
+from traverse.lab.identification.equations.network import Noise
 from traverse.lab.identification.results.undetermined import Undetermined, Weak
 from traverse.lab.identification.solve.adjustment import Adjustment, Iteration
-from traverse.lab.identification.solve.pose_statistics import PoseStatistics
+from traverse.lab.identification.solve.reliability import PoseStatistics
 from traverse.lab.identification.solve.serial_noise import SerialNoise
 
 

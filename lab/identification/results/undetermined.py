@@ -11,7 +11,10 @@ import numpy as np
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.model.geometry import Geometry
-from traverse.lab.identification.design.coverage import JointCoverage, joint_coverage
+from traverse.lab.identification.design.optimal_design import (
+    JointCoverage,
+    joint_coverage,
+)
 from traverse.lab.identification.equations.datum import scale_direction
 from traverse.lab.identification.equations.network import Network, has_length
 from traverse.lab.identification.equations.parameters import Parameters

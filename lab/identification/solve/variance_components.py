@@ -17,8 +17,8 @@ import numpy as np
 
 from traverse.arrays import Floats, Integers
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.equations.noise import Noise
-from traverse.lab.identification.solve.pose_statistics import VarianceSums
+from traverse.lab.identification.equations.network import Noise
+from traverse.lab.identification.solve.reliability import VarianceSums
 
 EncoderGroups = Literal["held", "pooled", "each"]
 ContactGroups = Literal["held", "pooled", "by_kind"]

@@ -16,7 +16,6 @@ from tests.lab.simulated import (
 )
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.kinematics.effects.arm_effects import effects_of
-from traverse.kinematics.effects.base.context import utc_ns
 from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.campaign.campaign import Campaign
@@ -26,8 +25,6 @@ from traverse.lab.diagnosis.model.observation_equations import (
     decorrelated_equations,
     equations_of,
 )
-from traverse.lab.identification.equations.effect_model import block_of
-from traverse.lab.identification.equations.plausible_sizes import campaign_span
 
 MASSES_KG = (3.0, 2.5, 2.0, 1.2, 0.8, 0.5, 0.3)
 N_EACH = 40
@@ -56,12 +53,11 @@ class Measurement:
     def with_effect(self, effect: Effect) -> "Measurement":
         """The same touches by an arm that has an effect: other readings."""
         geometry, poses = self.truth.geometry(), self.campaign.poses
-        span = campaign_span(self.campaign)
-        effects = effects_of(self.arm, (effect,), span)
+        effects = effects_of(self.arm, (effect,), self.campaign.span)
         touched_mm = self.truth.centres(poses.angles_rad)
         angles_rad = poses.angles_rad
         for _ in range(4):
-            block = block_of(poses, utc_ns(span[0]), None, angles_rad)
+            block = self.campaign.block(poses, angles_rad)
             away_mm = touched_mm - corrected_pose(geometry, effects, block)[0]
             slopes = probe_derivatives(geometry, angles_rad).by_angles
             steps = np.linalg.pinv(slopes) @ away_mm[:, :, np.newaxis]

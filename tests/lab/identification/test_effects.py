@@ -11,18 +11,19 @@ from tests.simulator.effects.examples import START, TABLES, example, heavy_arm, 
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.kinematics.effects.base.context import utc_ns
 from traverse.lab.identification.equations.effect_model import effect_model
-from traverse.lab.identification.equations.misfit import rms_mm
-from traverse.lab.identification.equations.network import Network, stations
-from traverse.lab.identification.equations.noise import a_priori_noise
-from traverse.lab.identification.equations.plausible_sizes import campaign_span
-from traverse.lab.identification.equations.station_equations import start_state
+from traverse.lab.identification.equations.network import (
+    Network,
+    a_priori_noise,
+    stations,
+)
+from traverse.lab.identification.equations.station_equations import rms_mm, start_state
 from traverse.lab.identification.identify import (
     IdentificationError,
     Options,
     identify,
     prepared,
 )
-from traverse.lab.identification.solve.system import certified
+from traverse.lab.identification.solve.adjustment import certified
 from traverse.simulator.campaigns import (
     BallBar,
     Cone,
@@ -287,7 +288,7 @@ def test_times_before_the_start_are_times_of_the_campaign():
         campaign,
         poses=replace(campaign.poses, time_s=campaign.poses.time_s - first_s - 60.0),
     )
-    start, end = campaign_span(shifted)
+    start, end = shifted.span
     assert (START - start).total_seconds() == pytest.approx(60.0, abs=0.01)
     assert (end - start).total_seconds() == pytest.approx(
         np.ptp(campaign.poses.time_s), abs=0.01
@@ -309,7 +310,7 @@ def test_times_before_the_start_are_times_of_the_campaign():
 
 def test_a_campaign_without_a_start_has_one_all_the_same():
     campaign = replace(campaign_with(), start_utc=None)
-    start, end = campaign_span(campaign)
+    start, end = campaign.span
     assert end > start
     table = {"kind": "encoder_drift", "joint": "J2", "rate_rad_s": 0.0}
     found = freed(campaign, design({**table, "epoch_utc": start}), "*drift*")

@@ -16,13 +16,15 @@ from tests.lab.simulated import (
     seven_joints,
     simulate,
 )
-from traverse.lab.identification.equations.station_equations import white_rows
-from traverse.lab.identification.equations.whitening import whiteners
+from traverse.lab.identification.equations.station_equations import (
+    white_rows,
+    whiteners,
+)
 from traverse.lab.identification.identify import Options, identify
-from traverse.lab.identification.solve.rank import split
 from traverse.lab.identification.solve.sequential_qr import (
     eliminate_unknowns,
     sequential_qr,
+    split,
 )
 from traverse.lab.statistics.distributions import (
     chi_square_log_tail,

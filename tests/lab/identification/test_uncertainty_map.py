@@ -8,21 +8,23 @@ import pytest
 from tests.lab.simulated import bar, cones, disturbed, seven_joints, simulate
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import Geometry
-from traverse.lab.identification.equations.arm_parameters import arm_parameters
 from traverse.lab.identification.equations.datum import with_datum
-from traverse.lab.identification.equations.network import Network, stations
-from traverse.lab.identification.equations.noise import a_priori_noise
-from traverse.lab.identification.equations.parameters import ArmValues
+from traverse.lab.identification.equations.network import (
+    Network,
+    a_priori_noise,
+    stations,
+)
+from traverse.lab.identification.equations.parameters import ArmValues, arm_parameters
 from traverse.lab.identification.equations.station_equations import start_state
 from traverse.lab.identification.solve.adjustment import Adjustment, adjust
-from traverse.lab.identification.volume.distance_deviations import (
+from traverse.lab.identification.volume.inverse_kinematics import reach, sample_postures
+from traverse.lab.identification.volume.uncertainty_map import (
     ArmUncertainty,
     arm_uncertainty,
     distance_deviations_mm,
     noise_deviations_mm,
+    uncertainty_map,
 )
-from traverse.lab.identification.volume.inverse_kinematics import reach, sample_postures
-from traverse.lab.identification.volume.uncertainty_map import uncertainty_map
 
 TRUE = seven_joints()
 

@@ -14,15 +14,18 @@ from traverse.lab.diagnosis.advice.experiments import (
     postures_text,
     separate_by,
 )
-from traverse.lab.diagnosis.advice.further_contacts import (
+from traverse.lab.diagnosis.advice.known_pairs import known_pair
+from traverse.lab.diagnosis.advice.optimal_poses import (
+    experiment,
     extended_rows,
     further_contacts,
 )
-from traverse.lab.diagnosis.advice.known_pairs import known_pair
-from traverse.lab.diagnosis.advice.optimal_poses import experiment
-from traverse.lab.diagnosis.candidates.aliases import canonical_correlations, is_alias
 from traverse.lab.diagnosis.candidates.library import library_bank
-from traverse.lab.diagnosis.candidates.scoring import project
+from traverse.lab.diagnosis.candidates.scoring import (
+    canonical_correlations,
+    is_alias,
+    project,
+)
 from traverse.lab.diagnosis.model.options import DiagnosisOptions
 from traverse.lab.diagnosis.model.result import Alternative
 from traverse.lab.diagnosis.search.decision import decided

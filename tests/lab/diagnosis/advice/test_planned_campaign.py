@@ -7,8 +7,11 @@ import pytest
 
 from tests.lab.diagnosis.fitted_rows import measured, measured_rows
 from traverse.kinematics.arm_file.arm import effect_from_table
-from traverse.lab.diagnosis.advice.minimal_detectable import detectable
-from traverse.lab.diagnosis.advice.planned_campaign import planned, planned_equations
+from traverse.lab.diagnosis.advice.minimal_detectable import (
+    detectable,
+    planned,
+    planned_equations,
+)
 from traverse.lab.diagnosis.candidates.library import library_bank
 
 SLIPPING = {

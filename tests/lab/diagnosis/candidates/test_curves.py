@@ -26,7 +26,6 @@ from traverse.lab.diagnosis.candidates.scoring import project
 from traverse.lab.diagnosis.model.covariates import covariate_columns, used_poses
 from traverse.lab.diagnosis.model.fit import fitted
 from traverse.lab.diagnosis.model.observation_equations import equations_of
-from traverse.lab.identification.equations.plausible_sizes import campaign_span
 
 JOINTS = [f"J{k}" for k in range(1, 8)]
 
@@ -122,7 +121,7 @@ def test_a_curve_of_an_angle_is_the_effect_of_the_arm_file(covariate):
     found = columns @ (values / candidate.scales)
     np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
     effect = effect_of_candidate(candidate, values, rows)
-    effects = effects_of(measured().arm, (effect,), campaign_span(measured().campaign))
+    effects = effects_of(measured().arm, (effect,), measured().campaign.span)
     centres_mm = corrected_pose(geometry, effects, rows.block)[0]
     alone = probe_centre(
         geometry, rows.block.angles_rad - curve[:, None] * np.eye(7)[1]

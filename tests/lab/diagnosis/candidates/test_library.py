@@ -17,10 +17,6 @@ from traverse.lab.diagnosis.candidates.library import absent_candidates, library
 from traverse.lab.diagnosis.candidates.scoring import project
 from traverse.lab.diagnosis.model.candidate import Bank
 from traverse.lab.diagnosis.model.observation_equations import equations_of
-from traverse.lab.identification.equations.plausible_sizes import (
-    campaign_span,
-    campaign_start,
-)
 
 NOT_LISTED = {"empirical", "count_slip", "base_step", "transmission_error"}
 
@@ -36,7 +32,7 @@ def chosen(bank, **wanted):
 def moved_by_differences(arm, rows, candidate, column, applied=()):
     """Central differences of the corrected pose, by a small effect of the arm file."""
     geometry = rows.adjustment.state.arm.geometry
-    span = campaign_span(rows.adjustment.network.campaign)
+    span = rows.adjustment.network.campaign.span
     centres_mm = []
     for sign in (1.0, -1.0):
         values = np.zeros(candidate.size)
@@ -214,7 +210,7 @@ def test_effects_are_written_in_the_form_of_the_arm_file():
         chosen(bank, kind="base_drift")[0], np.array([1e-6, 2e-6, 3e-6]), rows
     )
     assert drift.values["rate_mm_s"] == (1e-6, 2e-6, 3e-6)
-    assert drift.epoch_utc == campaign_start(measured().campaign)
+    assert drift.epoch_utc == measured().campaign.start
 
 
 def test_preferences_are_those_of_the_method():

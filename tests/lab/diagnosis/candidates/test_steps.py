@@ -9,8 +9,6 @@ from traverse.kinematics.effects.pose import corrected_pose
 from traverse.lab.diagnosis.candidates.effect_factory import effect_of_candidate
 from traverse.lab.diagnosis.candidates.scoring import judge, log_evidences, project
 from traverse.lab.diagnosis.candidates.steps import (
-    scan_base_steps,
-    scan_slips,
     scan_steps,
     step_bank,
     step_candidate,
@@ -19,10 +17,7 @@ from traverse.lab.diagnosis.candidates.steps import (
 from traverse.lab.diagnosis.model.candidate import Bank
 from traverse.lab.diagnosis.model.covariates import used_poses
 from traverse.lab.diagnosis.model.observation_equations import equations_of
-from traverse.lab.identification.equations.plausible_sizes import (
-    campaign_span,
-    plausible_values,
-)
+from traverse.lab.identification.equations.effect_model import plausible_values
 
 SOME_GAPS = (0, 1, 57, 120, 238)
 ROWS = pytest.mark.parametrize("rows_are", [measured_rows, serial_rows])
@@ -44,7 +39,7 @@ def test_step_columns_are_the_difference_of_the_whole_model(joint):
     candidate = step_candidate(joint, at_s)
     found = step_columns(rows, joint, at_s)
     geometry = rows.adjustment.state.arm.geometry
-    span = campaign_span(measured().campaign)
+    span = measured().campaign.span
     for column in range(candidate.size):
         sizes = np.eye(candidate.size)[column] * candidate.scales
         moved = []
@@ -93,7 +88,7 @@ def test_many_residuals_are_scanned_like_those_of_the_fit(rows_are):
 
 
 def test_evidence_of_an_unknown_moment_is_the_mean_over_the_moments():
-    scan = scan_slips(measured_rows())[2]
+    scan = scan_steps(measured_rows())[2]
     rows = measured_rows()
     again = log_evidences(
         scan.along**2, scan.singular_values**2, rows.sum_of_squares, rows.redundancy
@@ -138,7 +133,7 @@ def test_poses_of_one_moment_have_no_gap():
     n = len(measured().campaign.poses)
     times_s = np.repeat(np.arange(n // 2) * 5.0, 2)
     rows = equations_of(measured().with_poses(time_s=times_s).fit().adjustment)
-    scan = scan_base_steps(rows)[0]
+    scan = scan_steps(rows)[-1]
     assert len(scan.at_s) == n // 2 - 1
     at_once = measured().with_poses(time_s=np.zeros(n)).rows()
     assert scan_steps(at_once) == ()
@@ -152,5 +147,5 @@ def test_plausible_steps_are_those_of_the_identification():
         effect = effect_of_candidate(
             candidate, np.ones(candidate.size), measured_rows()
         )
-        built = effects_of(measured().arm, (effect,), campaign_span(campaign))
+        built = effects_of(measured().arm, (effect,), campaign.span)
         assert candidate.scales == plausible_values(built.corrections[0], campaign)

@@ -14,10 +14,11 @@ from traverse.lab.diagnosis.holdout.comparison import (
     compare_on_holdout,
     holdout_result,
     is_worse,
+    predicted,
     uncontradicted,
+    with_noise,
 )
 from traverse.lab.diagnosis.holdout.holdout import split
-from traverse.lab.diagnosis.holdout.prediction import predicted, with_noise
 from traverse.lab.diagnosis.model.fit import fitted, with_effects
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.identification.equations.network import stations

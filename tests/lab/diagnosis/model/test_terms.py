@@ -22,7 +22,6 @@ from traverse.lab.diagnosis.model.serial_correlation import (
 )
 from traverse.lab.diagnosis.model.terms import estimates_of, rows_without
 from traverse.lab.identification.equations.network import has_length
-from traverse.lab.identification.equations.plausible_sizes import campaign_start
 from traverse.simulator.campaigns import (
     BallBar,
     Cone,
@@ -32,7 +31,7 @@ from traverse.simulator.campaigns import (
 )
 from traverse.simulator.campaigns import with_effects as touched_with
 
-START = campaign_start(measured().campaign)
+START = measured().campaign.start
 ECCENTRICITY = {
     "kind": "encoder_eccentricity",
     "joint": "J3",

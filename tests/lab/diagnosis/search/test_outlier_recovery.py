@@ -15,14 +15,12 @@ from traverse.lab.diagnosis.candidates.scoring import project
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted
-from traverse.lab.diagnosis.search.mean_shifts import (
-    best_mean_shifts,
-    pose_groups,
-    shifted,
-)
 from traverse.lab.diagnosis.search.outlier_recovery import (
+    best_mean_shifts,
     equations_of_all_poses,
+    pose_groups,
     recover_outliers,
+    shifted,
 )
 
 # Statistics at which poses of three rows and of one are left out.

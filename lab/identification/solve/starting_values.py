@@ -4,20 +4,30 @@ The zeros alone are adjusted to a few hundred poses, from many starts; contacts
 count with a noise of centimetres, so that everything smaller does not matter. The
 best start is the one with the smallest median misclosure, which a few blunders do
 not move.
+
+A robust start against blunders: iteratively reweighted least squares.
+
+Weights fall with the square of a pose's whitened misclosure beyond a few robust
+standard deviations, until the poses that contradict the others hardly count.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from traverse.arrays import Floats
+from traverse.arrays import Booleans, Floats
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.equations.network import Network, State, stations
-from traverse.lab.identification.equations.noise import Noise
+from traverse.lab.identification.equations.network import (
+    Network,
+    Noise,
+    State,
+    network_of,
+)
 from traverse.lab.identification.equations.parameters import ArmValues, Parameters
 from traverse.lab.identification.equations.station_equations import (
     misclosures_mm,
     start_state,
+    white_rows,
 )
 from traverse.lab.identification.solve.adjustment import adjust
 
@@ -101,13 +111,8 @@ def _coarse_network(
     free = np.zeros_like(parameters.free)
     free[4 * n + 6 : 5 * n + 6] = True
     noise = Noise(np.full(n, 1e-6), np.full(len(campaign.artefacts), _COARSE_MM))
-    return Network(
-        campaign,
-        stations(campaign, radius_mm, included),
-        parameters.with_free(free),
-        noise,
-        np.ones(len(campaign.poses)),
-    )
+    zeros_only = parameters.with_free(free)
+    return network_of(campaign, radius_mm, included, zeros_only, noise)
 
 
 def _median_mm(network: Network, state: State) -> float:
@@ -117,3 +122,50 @@ def _median_mm(network: Network, state: State) -> float:
         found_mm = misclosures_mm(network, station, state.arm, unknowns)
         lengths.append(np.linalg.norm(found_mm, axis=1))
     return float(np.median(np.concatenate(lengths)))
+
+
+_ROUNDS = 8
+_STEPS_A_ROUND = 2
+# Robust standard deviations at which the weight has fallen to a quarter.
+_BEND = 2.5
+# Poses this many robust standard deviations away begin outside.
+_FAR = 5.0
+
+
+def robust_state(
+    network: Network, start: State, design: ArmValues
+) -> tuple[State, Booleans]:
+    """Find estimates that blunders hardly touch.
+
+    Args:
+        network: With unit weights.
+        start: Where to begin.
+        design: Where undetermined directions are held.
+
+    Returns:
+        The state, and which of the campaign's poses lie near it, (n_poses,).
+    """
+    state = start
+    sizes = _sizes(network, state)
+    for _ in range(_ROUNDS):
+        scale = _scale(network, sizes)
+        weights = (1.0 + (sizes / (_BEND * scale)) ** 2) ** -2.0
+        weighted = replace(network, weights=np.maximum(weights, 1e-12))
+        state = adjust(weighted, state, design, None, _STEPS_A_ROUND).state
+        sizes = _sizes(network, state)
+    return state, sizes <= _FAR * _scale(network, sizes)
+
+
+def _sizes(network: Network, state: State) -> Floats:
+    """Compute root mean squares of whitened misclosures; zero for others."""
+    sizes = np.zeros(len(network.campaign.poses))
+    for station, unknowns in zip(network.stations, state.unknowns, strict=True):
+        for rows in white_rows(network, station, state.arm, unknowns):
+            squares = np.mean(rows.misclosures**2, axis=1)
+            sizes[station.poses[rows.part]] = np.sqrt(squares)
+    return sizes
+
+
+def _scale(network: Network, sizes: Floats) -> float:
+    poses = np.concatenate([station.poses for station in network.stations])
+    return max(float(np.median(sizes[poses])) / 0.8, 1e-12)
