@@ -7,8 +7,10 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.helmert.transformation import N_RIGID, moved_centre
-from traverse.kinematics.helmert.volume import Ball, place_covariances, volume_error
+from traverse.kinematics.helmert.volume import Ball
 from traverse.lab.alignment.files import transformation_of
+from traverse.lab.alignment.result import volume_values
+from traverse.lab.alignment.values import covariance_values, predicted_values
 
 
 def chained_values(
@@ -33,11 +35,10 @@ def chained_values(
     ball = _around(volume)
     middle_mm = outer.places_mm(ball.mean_mm[np.newaxis])[0]
     there = Ball(middle_mm, outer.scale * ball.radius_mm)
-    quality["volume"] = {
-        "kind": "ball",
-        "centre_mm": middle_mm.tolist(),
-        "radius_mm": there.radius_mm,
-        "source": f"{volume['source']}, in the system of {source}",
+    where = f"{volume['source']}, in the system of {source}"
+    quality |= {
+        "volume": volume_values(there, where),
+        **predicted_values(there, centre_mm, covariance),
     }
     remarks = [
         *values["remarks"],
@@ -45,26 +46,7 @@ def chained_values(
         "points and index are the leapfrog's, in the system of the first station",
     ]
     if covariance is None:
-        quality["predicted_error_mm"] = None
-        quality["places"] = []
         remarks.append(f"{source} tells no errors, so none are told of both")
-    else:
-        error = volume_error(there, centre_mm, covariance)
-        quality["predicted_error_mm"] = {
-            "rms": error.rms_mm,
-            "max": error.max_mm,
-            "max_at_mm": error.max_at_mm.tolist(),
-        }
-        places_mm = np.vstack([there.mean_mm, there.corners_mm])
-        errors = place_covariances(places_mm, centre_mm, covariance)
-        quality["places"] = [
-            {
-                "place_mm": place.tolist(),
-                "rms_mm": float(np.sqrt(np.trace(part))),
-                "covariance_mm2": part.tolist(),
-            }
-            for place, part in zip(places_mm, errors, strict=True)
-        ]
     return {
         **values,
         "alignment": {
@@ -76,13 +58,7 @@ def chained_values(
         },
         "covariance": None
         if covariance is None
-        else {
-            **values["covariance"],
-            "parameters": _longer(values, first)["covariance"]["parameters"],
-            "centre_mm": centre_mm.tolist(),
-            "matrix": covariance.tolist(),
-            "std": np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist(),
-        },
+        else covariance_values(covariance, centre_mm),
         "quality": quality,
         "joined_with": {"file": source, "alignment": first["alignment"]},
         "passed": bool(values["passed"] and first["passed"]),
@@ -92,10 +68,6 @@ def chained_values(
         ],
         "remarks": remarks,
     }
-
-
-def _longer(values: Mapping[str, Any], first: Mapping[str, Any]) -> Mapping[str, Any]:
-    return max(values, first, key=lambda one: len(one["covariance"]["parameters"]))
 
 
 def _joined_covariance(

@@ -1,7 +1,7 @@
 """3-2-1: a plane, a line and a point bring the part into its system."""
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
@@ -149,21 +149,10 @@ def _groups(touches: Sequence[Touch], nominal: Nominal) -> list[list[Touch]]:
                 f"the {what} '{name}' has {len(group)} touches, at least {least} are "
                 "needed"
             )
-        groups.append([Touch((name,), *_rest(touch)) for touch in group])
+        groups.append([replace(touch, names=(name,)) for touch in group])
     if problems:
         raise ValueError("; ".join(problems))
     return groups
-
-
-def _rest(touch: Touch) -> tuple[Any, ...]:
-    return (
-        touch.place_mm,
-        touch.covariance_mm2,
-        touch.shank,
-        touch.arm,
-        touch.flags,
-        touch.off_mm,
-    )
 
 
 def _places_mm(group: Sequence[Touch]) -> Floats:

@@ -7,7 +7,12 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.helmert.transformation import PARAMETERS
-from traverse.kinematics.helmert.volume import Volume, place_covariances
+from traverse.kinematics.helmert.volume import (
+    Volume,
+    VolumeError,
+    place_covariances,
+    volume_error,
+)
 from traverse.lab.alignment.result import (
     AlignmentResult,
     PointResult,
@@ -55,7 +60,9 @@ def alignment_values(
             "scale": transformation.scale,
         },
         "passed": found.is_good,
-        "covariance": _covariance(found),
+        "covariance": None
+        if found.covariance is None
+        else covariance_values(found.covariance, found.centre_mm),
         "errors_stated": found.is_stated,
         "sigma0": None if test is None else test.sigma0,
         "sigma0_unit": "1" if found.is_stated else "mm",
@@ -78,51 +85,50 @@ def alignment_values(
     }
 
 
-def _covariance(found: AlignmentResult) -> dict[str, Any] | None:
-    if found.covariance is None:
-        return None
-    variances = np.maximum(np.diag(found.covariance), 0.0)
+def covariance_values(covariance: Floats, centre_mm: Floats) -> dict[str, Any]:
+    """Write the covariance of xi about a centre."""
+    variances = np.maximum(np.diag(covariance), 0.0)
     return {
-        "parameters": list(PARAMETERS[: len(found.covariance)]),
-        "centre_mm": found.centre_mm.tolist(),
-        "matrix": found.covariance.tolist(),
+        "parameters": list(PARAMETERS[: len(covariance)]),
+        "centre_mm": centre_mm.tolist(),
+        "matrix": covariance.tolist(),
         "std": np.sqrt(variances).tolist(),
     }
 
 
 def _quality(found: AlignmentResult) -> dict[str, Any]:
-    index, predicted = found.index, found.predicted
     return {
         "volume": volume_values(found.volume, found.volume_source),
-        "index": {
-            "rms": index.rms_mm,
-            "max": index.max_mm,
-            "max_at_mm": index.max_at_mm.tolist(),
-        },
-        "predicted_error_mm": None
-        if predicted is None
-        else {
-            "rms": predicted.rms_mm,
-            "max": predicted.max_mm,
-            "max_at_mm": predicted.max_at_mm.tolist(),
-        },
-        "places": [] if found.covariance is None else _places(found, found.covariance),
+        "index": error_values(found.index),
+        **predicted_values(found.volume, found.centre_mm, found.covariance),
     }
 
 
-def _places(found: AlignmentResult, covariance: Floats) -> list[dict[str, Any]]:
-    """Say the errors at the middle and the corners of the volume."""
-    volume: Volume = found.volume
+def predicted_values(
+    volume: Volume, centre_mm: Floats, covariance: Floats | None
+) -> dict[str, Any]:
+    """Say the errors in a volume, and at its middle and its corners."""
+    if covariance is None:
+        return {"predicted_error_mm": None, "places": []}
     places_mm = np.vstack([volume.mean_mm, volume.corners_mm])
-    errors = place_covariances(places_mm, found.centre_mm, covariance)
-    return [
-        {
-            "place_mm": place.tolist(),
-            "rms_mm": float(np.sqrt(np.trace(error))),
-            "covariance_mm2": error.tolist(),
-        }
-        for place, error in zip(places_mm, errors, strict=True)
-    ]
+    errors = place_covariances(places_mm, centre_mm, covariance)
+    return {
+        "predicted_error_mm": error_values(volume_error(volume, centre_mm, covariance)),
+        "places": [
+            {
+                "place_mm": place.tolist(),
+                "rms_mm": float(np.sqrt(np.trace(error))),
+                "covariance_mm2": error.tolist(),
+            }
+            for place, error in zip(places_mm, errors, strict=True)
+        ],
+    }
+
+
+def error_values(error: VolumeError) -> dict[str, Any]:
+    """Write errors of position in a volume."""
+    at_mm = error.max_at_mm.tolist()
+    return {"rms": error.rms_mm, "max": error.max_mm, "max_at_mm": at_mm}
 
 
 def _point(point: PointResult) -> dict[str, Any]:

@@ -134,7 +134,8 @@ class Artefact(StrictModel):
     @property
     def expansion(self) -> tuple[float, float]:
         """Expansion per degree Celsius, and the temperature of the certificate."""
-        return 0.0, REFERENCE_TEMPERATURE_C
+        reference_c = getattr(self, "reference_temperature_c", REFERENCE_TEMPERATURE_C)
+        return getattr(self, "expansion_per_c", 0.0), reference_c
 
     def certificate(self, state: Floats, touches: Touches) -> Certificate:
         """Compare the unknowns with the certificate; by default there is none."""

@@ -60,11 +60,6 @@ class BallBar(Artefact):
         return True
 
     @property
-    def expansion(self) -> tuple[float, float]:
-        """As in the file."""
-        return self.expansion_per_c, self.reference_temperature_c
-
-    @property
     def radii_mm(self) -> Floats:
         """Of both spheres, (2,)."""
         return np.broadcast_to(np.asarray(self.radius_mm, dtype=np.float64), (2,))

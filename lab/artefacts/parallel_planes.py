@@ -51,11 +51,6 @@ class ParallelPlanes(Artefact):
         """Say whether both were touched: their distance is the length."""
         return len(np.unique(touches.features)) == 2
 
-    @property
-    def expansion(self) -> tuple[float, float]:
-        """As in the file."""
-        return self.expansion_per_c, self.reference_temperature_c
-
     def unknown_scales(self, touches: Touches) -> Floats:
         """Attitude, height, distance."""
         return np.array([ATTITUDE_SCALE_RAD] * 2 + [HEIGHT_SCALE_MM] * 2)

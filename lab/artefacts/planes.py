@@ -3,6 +3,7 @@
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.kinematics.model.geometry import across
 
 ATTITUDE_SCALE_RAD = 1.0
 HEIGHT_SCALE_MM = 1000.0
@@ -11,11 +12,7 @@ _STEPS = 10
 
 def tangent_basis(normal: Floats) -> Floats:
     """Make two unit vectors across a unit vector, (2, 3)."""
-    first = np.zeros(3)
-    first[np.argmin(np.abs(normal))] = 1.0
-    first -= (first @ normal) * normal
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(normal, first)])
+    return np.stack(across(normal))
 
 
 def turned_normal(normal: Floats, step: Floats) -> Floats:

@@ -59,11 +59,6 @@ class Points(Artefact):
         """Known in the arm's system: they are the datum."""
         return self.frame == "arm"
 
-    @property
-    def expansion(self) -> tuple[float, float]:
-        """As in the file."""
-        return self.expansion_per_c, self.reference_temperature_c
-
     def unknown_scales(self, touches: Touches) -> Floats:
         """Rotation, translation, scale; coordinates where they are not exact."""
         frame = np.array([1.0] * 3 + [_PLACE_SCALE_MM] * 3 + [1.0])

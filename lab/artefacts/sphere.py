@@ -41,11 +41,6 @@ class Sphere(Artefact):
         """Say that a known radius is a length."""
         return self.radius_mm is not None
 
-    @property
-    def expansion(self) -> tuple[float, float]:
-        """As in the file."""
-        return self.expansion_per_c, self.reference_temperature_c
-
     def unknown_scales(self, touches: Touches) -> Floats:
         """Centre and radius."""
         return np.array([PLACE_SCALE_MM] * 3 + [RADIUS_SCALE_MM])
