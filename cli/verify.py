@@ -139,8 +139,7 @@ def _planned(
     standard: str, arm_file: Path | None, out: Path | None, *, bidirectional: bool
 ) -> dict[str, Any]:
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
-    from traverse.lab.acceptance.plan import plan_of  # noqa: PLC0415
-    from traverse.lab.acceptance.plan_files import write_plan  # noqa: PLC0415
+    from traverse.lab.acceptance.plan import plan_of, write_plan  # noqa: PLC0415
 
     if arm_file is None or out is None:
         refuse("verify", "--plan needs --arm and --out")
@@ -149,7 +148,7 @@ def _planned(
 
 
 def _tell_planned(report: dict[str, Any], *, as_json: bool) -> None:
-    from traverse.lab.acceptance.plan_files import plan_words  # noqa: PLC0415
+    from traverse.lab.acceptance.plan import plan_words  # noqa: PLC0415
 
     words = "\n".join(plan_words(report))
     typer.echo(json.dumps(report, indent=1) if as_json else words)

@@ -135,12 +135,13 @@ def _is_short(
 
 
 def _known_keys(
-    model: type[BaseModel] | None, raw: object, location: tuple[str | int, ...]
+    model: object, raw: object, location: tuple[str | int, ...]
 ) -> frozenset[str]:
     """List the keys that exist in the table at a place of the file.
 
     Args:
-        model: Class of the whole file.
+        model: Class of the whole file. In an annotation any class with `model_fields`
+            and `variant` may say where the keys of a kind are.
         raw: Parsed values of the whole file.
         location: Of the table.
     """
@@ -150,23 +151,24 @@ def _known_keys(
             model = _model_of_key(model, step)
         elif isinstance(raw, list) and isinstance(step, int):
             raw = raw[step]
-        if model is not None and issubclass(model, StrictModel):
-            model = model.variant(raw)
+        variant = getattr(model, "variant", None)
+        if variant is not None:
+            model = variant(raw)
     return frozenset(_fields_by_key(model))
 
 
-def _fields_by_key(model: type[BaseModel] | None) -> dict[str, FieldInfo]:
-    fields = {} if model is None else model.model_fields
+def _fields_by_key(model: object) -> dict[str, FieldInfo]:
+    fields: Mapping[str, FieldInfo] = getattr(model, "model_fields", {})
     return {field.alias or name: field for name, field in fields.items()}
 
 
-def _model_of_key(model: type[BaseModel] | None, key: str) -> type[BaseModel] | None:
+def _model_of_key(model: object, key: str) -> object:
     """Find the class of the tables under a key, through lists and options."""
     field = _fields_by_key(model).get(key)
     pending: list[Any] = [field.annotation] if field else []
     while pending:
         candidate = pending.pop()
-        if isinstance(candidate, type) and issubclass(candidate, BaseModel):
+        if hasattr(candidate, "model_fields"):
             return candidate
         pending.extend(get_args(candidate))
     return None

@@ -30,7 +30,7 @@ from benchmarks.acceptance.arms import (
     tested_arm,
 )
 from traverse.arrays import Floats
-from traverse.lab.acceptance.conformity.decision import decision_of
+from traverse.lab.acceptance.conformity.figure import decision_of
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

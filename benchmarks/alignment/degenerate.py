@@ -10,8 +10,8 @@ from traverse.kinematics.helmert.adjustment import HelmertError
 from traverse.kinematics.helmert.transformation import Helmert
 from traverse.kinematics.helmert.volume import Box
 from traverse.lab.alignment.best_fit import best_fit_alignment
-from traverse.lab.alignment.common_points import CommonPoints, Place
-from traverse.lab.alignment.volume import fixed_volume
+from traverse.lab.alignment.nominal import fixed_volume
+from traverse.lab.alignment.touches import CommonPoints, Place
 
 VOLUME = Box(np.array([-500.0, -300.0, -200.0]), np.array([500.0, 300.0, 200.0]))
 KINDS = {

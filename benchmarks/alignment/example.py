@@ -10,9 +10,9 @@ from traverse.arrays import Floats
 from traverse.kinematics.helmert.transformation import Helmert
 from traverse.kinematics.helmert.volume import Box
 from traverse.lab.alignment.best_fit import best_fit_alignment
-from traverse.lab.alignment.common_points import CommonPoints, Place
-from traverse.lab.alignment.values import alignment_values
-from traverse.lab.alignment.volume import fixed_volume
+from traverse.lab.alignment.nominal import fixed_volume
+from traverse.lab.alignment.result import alignment_values
+from traverse.lab.alignment.touches import CommonPoints, Place
 
 VOLUME = Box(np.zeros(3), np.array([1000.0, 600.0, 400.0]))
 NEARLY_A_LINE = np.array(

@@ -9,8 +9,8 @@ from traverse.kinematics.helmert.adjustment import HelmertError
 from traverse.kinematics.helmert.transformation import Helmert, rotation_matrix
 from traverse.kinematics.helmert.volume import Box, disposition_index
 from traverse.lab.alignment.best_fit import best_fit_alignment
-from traverse.lab.alignment.common_points import CommonPoints, Place
-from traverse.lab.alignment.volume import fixed_volume
+from traverse.lab.alignment.nominal import fixed_volume
+from traverse.lab.alignment.touches import CommonPoints, Place
 
 STD_MM = 0.03
 N_DRAWS = 100

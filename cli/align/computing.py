@@ -11,22 +11,22 @@ from traverse.cli.align.sources import arm_of, read_touches
 from traverse.kinematics.arm_file.arm import Arm, read_arm
 from traverse.lab.alignment.best_fit import best_fit_alignment
 from traverse.lab.alignment.chained_alignment import chained_values
-from traverse.lab.alignment.common_points import (
-    Place,
-    common_points,
-    places_by_name,
-)
 from traverse.lab.alignment.files import read_alignment
-from traverse.lab.alignment.nominal import Nominal, read_nominal
-from traverse.lab.alignment.plane_line_point import align_plane_line_point
-from traverse.lab.alignment.result import AlignmentResult
-from traverse.lab.alignment.touches import Touch
-from traverse.lab.alignment.values import alignment_values
-from traverse.lab.alignment.volume import (
+from traverse.lab.alignment.nominal import (
+    Nominal,
     VolumeFunction,
     box_around,
     fixed_volume,
+    read_nominal,
     volume_from_text,
+)
+from traverse.lab.alignment.plane_line_point import align_plane_line_point
+from traverse.lab.alignment.result import AlignmentResult, alignment_values
+from traverse.lab.alignment.touches import (
+    Place,
+    Touch,
+    common_points,
+    places_by_name,
 )
 
 METHODS = ("best-fit", "3-2-1", "leapfrog")

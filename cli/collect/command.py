@@ -56,12 +56,13 @@ def collect(
         from traverse.cli.collect.session import collected  # noqa: PLC0415
         from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
         from traverse.lab.collection.collection import Collection  # noqa: PLC0415
-        from traverse.lab.collection.plan import PLAN, read_plan  # noqa: PLC0415
-        from traverse.lab.collection.report import collection_report  # noqa: PLC0415
-        from traverse.lab.collection.targets import (  # noqa: PLC0415
+        from traverse.lab.collection.plan import (  # noqa: PLC0415  # noqa: PLC0415
+            PLAN,
             planned_targets,
+            read_plan,
             targets_of,
         )
+        from traverse.lab.collection.report import collection_report  # noqa: PLC0415
         from traverse.protocol.messages.quality import FLAG_MEANINGS  # noqa: PLC0415
 
         known = {str(flag.name).lower() for flag in FLAG_MEANINGS}

@@ -21,7 +21,7 @@ from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
 from traverse.daemon.pose.joint_motion import JointMotionTracker
 from traverse.lab.collection.collection import Collection, touch_of
-from traverse.lab.collection.targets import Target
+from traverse.lab.collection.plan import Target
 from traverse.protocol.messages import Live, Point
 
 APPROACH_BAND_RAD = 5e-4  # hands that rest tremble less

@@ -10,8 +10,7 @@ from rich.text import Text
 
 from traverse.lab.collection.collection import Collection
 from traverse.lab.collection.figures import SECTORS, agreement, coverage, picture
-from traverse.lab.collection.plan import volume_picture
-from traverse.lab.collection.targets import Target
+from traverse.lab.collection.plan import Target, volume_picture
 
 ROWS_SHOWN = 15
 KEYS = "n next   p previous   u undo   q quit"

@@ -138,12 +138,15 @@ def _collected(
     import sys  # noqa: PLC0415
 
     from traverse.cli.collect.session import collected  # noqa: PLC0415
-    from traverse.lab.acceptance.plan_files import CAMPAIGN  # noqa: PLC0415
+    from traverse.lab.acceptance.plan import CAMPAIGN  # noqa: PLC0415
     from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
     from traverse.lab.collection.collection import Collection  # noqa: PLC0415
-    from traverse.lab.collection.plan import PLAN, read_plan  # noqa: PLC0415
-    from traverse.lab.collection.targets import planned_targets  # noqa: PLC0415
-    from traverse.lab.daily_check.campaign import write_check  # noqa: PLC0415
+    from traverse.lab.collection.plan import (  # noqa: PLC0415
+        PLAN,
+        planned_targets,
+        read_plan,
+    )
+    from traverse.lab.daily_check.figures import write_check  # noqa: PLC0415
 
     if not radius_mm > 0.0:
         refuse("daily-check", "--radius missing: the sphere's calibrated radius in mm")
@@ -181,7 +184,7 @@ def _checked(folder: Path, arm: "Arm", begins: str) -> "Check":
     from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
     from traverse.lab.daily_check.figures import daily_check_figures  # noqa: PLC0415
     from traverse.lab.daily_check.history import Check  # noqa: PLC0415
-    from traverse.lab.measured_points.certified_values import IncompleteError  # noqa: PLC0415
+    from traverse.lab.measured_points.measurement import IncompleteError  # noqa: PLC0415
     from traverse.lab.measured_points.reading import files_read, read_measured  # noqa: PLC0415
 
     try:

@@ -8,7 +8,7 @@ from traverse.cli.export.file import selected_points
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.lab.collection.collection import CollectedTouch, Collection, touch_of
-from traverse.lab.collection.targets import targets_of
+from traverse.lab.collection.plan import targets_of
 from traverse.protocol.messages import Point
 from traverse.strict_toml.writing import write_atomically
 

@@ -18,7 +18,6 @@ from traverse.kinematics.helmert.reliability import (
 )
 from traverse.kinematics.helmert.shape import shape_of
 from traverse.kinematics.helmert.volume import Volume, disposition_index, mean_motions
-from traverse.lab.alignment.common_points import CommonPoints, Place
 from traverse.lab.alignment.flags import (
     disposition_flags,
     revealed_flags,
@@ -26,14 +25,17 @@ from traverse.lab.alignment.flags import (
     scatter_flags,
     turn_problem,
 )
-from traverse.lab.alignment.result import AlignmentResult, AlignmentWarning, PointResult
-from traverse.lab.alignment.statistics import (
+from traverse.lab.alignment.nominal import VolumeFunction
+from traverse.lab.alignment.result import (
     FOUND,
     POINT_LEVEL,
+    AlignmentResult,
+    AlignmentWarning,
+    PointResult,
     global_test,
     point_p_value,
 )
-from traverse.lab.alignment.volume import VolumeFunction
+from traverse.lab.alignment.touches import CommonPoints, Place
 
 _MIRRORED = 0.1
 
@@ -52,7 +54,7 @@ def best_fit_alignment(
     Args:
         common: Points with two places.
         volume_of: Where it will be used, see
-            `traverse.lab.alignment.volume`.
+            `traverse.lab.alignment.nominal`.
         volume_source: Where that comes from.
         method: What to call it.
         with_scale: Seven parameters.

@@ -9,8 +9,11 @@ from traverse.arrays import Floats
 from traverse.kinematics.helmert.transformation import N_RIGID, moved_centre
 from traverse.kinematics.helmert.volume import Ball
 from traverse.lab.alignment.files import transformation_of
-from traverse.lab.alignment.result import volume_values
-from traverse.lab.alignment.values import covariance_values, predicted_values
+from traverse.lab.alignment.result import (
+    covariance_values,
+    predicted_values,
+    volume_values,
+)
 
 
 def chained_values(

@@ -9,7 +9,7 @@ import numpy as np
 
 from traverse.kinematics.helmert.transformation import Helmert
 from traverse.lab.alignment.page import alignment_page
-from traverse.lab.alignment.values import SCHEMA
+from traverse.lab.alignment.result import SCHEMA
 from traverse.protocol.messages import AlignArgs
 from traverse.strict_toml.problems import FileError, Problem
 from traverse.strict_toml.writing import write_atomically

@@ -7,9 +7,8 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.helmert.shape import Shape, direction_text
 from traverse.kinematics.helmert.volume import VolumeError
-from traverse.lab.alignment.common_points import CommonPoints
-from traverse.lab.alignment.result import AlignmentWarning, PointResult
-from traverse.lab.alignment.statistics import GlobalTest
+from traverse.lab.alignment.result import AlignmentWarning, GlobalTest, PointResult
+from traverse.lab.alignment.touches import CommonPoints
 
 # A rotation known no better than that is not known: 0.1 rad, a tenth of any distance.
 UNKNOWN_RAD = 0.1

@@ -1,12 +1,101 @@
-"""An alignment as computed: what words, page and file are made of."""
+"""An alignment as computed: what words, page and file are made of.
+
+An alignment as plain values: alignment.json, schema traverse/alignment/1.
+
+Tests of an alignment, and what they could have revealed.
+"""
 
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import Any
 
+import numpy as np
+from scipy import special  # type: ignore[import-untyped] # scipy ships no types
+
 from traverse.arrays import Floats
-from traverse.kinematics.helmert.transformation import Helmert
-from traverse.kinematics.helmert.volume import Ball, Volume, VolumeError, volume_error
-from traverse.lab.alignment.statistics import GlobalTest
+from traverse.kinematics.helmert.transformation import PARAMETERS, Helmert
+from traverse.kinematics.helmert.volume import (
+    Ball,
+    Volume,
+    VolumeError,
+    place_covariances,
+    volume_error,
+)
+
+# W. Baarda's usual choice for one coordinate: 0.1 % false alarms, 80 % found.
+POINT_LEVEL = 0.001
+GLOBAL_LEVEL = 0.05
+POWER = 0.8
+# Errors of one coordinate that are found so, in standard deviations of what is seen.
+FOUND = float(special.ndtri(1.0 - 0.5 * POINT_LEVEL) + special.ndtri(POWER))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GlobalTest:
+    """Whether errors are as large as stated.
+
+    Attributes:
+        sigma0: Found over stated; or, where nothing is stated, in mm.
+        redundancy: Of sigma0.
+        interval: In which the true sigma0 lies with 95 %.
+        p_value: Of sigma0 being so large by chance; None where nothing is stated.
+        found_factor: So many times too large errors have to be all over to be found
+            with a probability of 80 %.
+        found_noncentrality: What an error has to add to the sum of squares for that.
+    """
+
+    sigma0: float
+    redundancy: int
+    interval: tuple[float, float]
+    p_value: float | None
+    found_factor: float
+    found_noncentrality: float
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether it passed; None where nothing can be tested."""
+        return None if self.p_value is None else self.p_value >= GLOBAL_LEVEL
+
+    def values(self) -> dict[str, Any]:
+        """As in alignment.json."""
+        return {
+            "p_value": self.p_value,
+            "level": GLOBAL_LEVEL,
+            "passed": self.passed,
+            "power": POWER,
+            "found_factor": None if self.p_value is None else self.found_factor,
+            "found_noncentrality": self.found_noncentrality,
+        }
+
+
+def global_test(
+    sum_of_squares: float, redundancy: int, *, is_stated: bool
+) -> GlobalTest | None:
+    """Test whether the sum of squares is chi-squared; None without redundancy.
+
+    Args:
+        sum_of_squares: Weighted.
+        redundancy: Its degrees of freedom.
+        is_stated: Whether the weights are stated errors, not just ratios.
+    """
+    if redundancy <= 0:
+        return None
+    sigma0 = float(np.sqrt(sum_of_squares / redundancy))
+    low, high = (float(special.chdtri(redundancy, p)) for p in (0.975, 0.025))
+    critical = float(special.chdtri(redundancy, GLOBAL_LEVEL))
+    return GlobalTest(
+        sigma0,
+        redundancy,
+        (sigma0 * np.sqrt(redundancy / high), sigma0 * np.sqrt(redundancy / low)),
+        float(special.chdtrc(redundancy, sum_of_squares)) if is_stated else None,
+        float(np.sqrt(critical / special.chdtri(redundancy, POWER))),
+        float(special.chndtrinc(critical, redundancy, 1.0 - POWER)),
+    )
+
+
+def point_p_value(statistic: float, degrees: int) -> float | None:
+    """Test a point; None where nothing of it is seen."""
+    return float(special.chdtrc(degrees, statistic)) if degrees else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,3 +201,137 @@ def volume_values(volume: Volume, source: str) -> dict[str, Any]:
         return {"kind": "ball", **shape, "source": source}
     corners = {"min_mm": volume.low_mm.tolist(), "max_mm": volume.high_mm.tolist()}
     return {"kind": "box", **corners, "source": source}
+
+
+SCHEMA = "traverse/alignment/1"
+
+
+def alignment_values(
+    found: AlignmentResult,
+    *,
+    name: str,
+    arm: str | None,
+    measured: str,
+    nominal: str,
+    when: datetime | None = None,
+) -> dict[str, Any]:
+    """Put everything into plain values.
+
+    Args:
+        found: The alignment.
+        name: What it is called.
+        arm: Name of the arm; None where it is not known.
+        measured: Where the touches come from.
+        nominal: Where the nominal places come from.
+        when: Of the computation; default now.
+    """
+    moment = (when or datetime.now(UTC)).replace(microsecond=0)
+    transformation, test = found.transformation, found.test
+    return {
+        "schema": SCHEMA,
+        "method": found.method,
+        "date_utc": moment.isoformat().replace("+00:00", "Z"),
+        "arm": arm,
+        "measured": measured,
+        "nominal": nominal,
+        # As the command `align` takes it.
+        "alignment": {
+            "action": "set",
+            "name": name,
+            "rotation": transformation.rotation.tolist(),
+            "translation_mm": transformation.translation_mm.tolist(),
+            "scale": transformation.scale,
+        },
+        "passed": found.is_good,
+        "covariance": None
+        if found.covariance is None
+        else covariance_values(found.covariance, found.centre_mm),
+        "errors_stated": found.is_stated,
+        "sigma0": None if test is None else test.sigma0,
+        "sigma0_unit": "1" if found.is_stated else "mm",
+        "sigma0_interval": None if test is None else list(test.interval),
+        "redundancy": 0 if test is None else test.redundancy,
+        "global_test": None if test is None else test.values(),
+        "point_test": {"level": POINT_LEVEL, "power": POWER},
+        "quality": _quality(found),
+        "points": [_point(point) for point in found.points],
+        "features": list(found.features),
+        "flags": [
+            {
+                "code": flag.code,
+                "text": flag.text,
+                "direction": _listed(flag.direction),
+            }
+            for flag in found.flags
+        ],
+        "remarks": list(found.remarks),
+    }
+
+
+def covariance_values(covariance: Floats, centre_mm: Floats) -> dict[str, Any]:
+    """Write the covariance of xi about a centre."""
+    variances = np.maximum(np.diag(covariance), 0.0)
+    return {
+        "parameters": list(PARAMETERS[: len(covariance)]),
+        "centre_mm": centre_mm.tolist(),
+        "matrix": covariance.tolist(),
+        "std": np.sqrt(variances).tolist(),
+    }
+
+
+def _quality(found: AlignmentResult) -> dict[str, Any]:
+    return {
+        "volume": volume_values(found.volume, found.volume_source),
+        "index": error_values(found.index),
+        **predicted_values(found.volume, found.centre_mm, found.covariance),
+    }
+
+
+def predicted_values(
+    volume: Volume, centre_mm: Floats, covariance: Floats | None
+) -> dict[str, Any]:
+    """Say the errors in a volume, and at its middle and its corners."""
+    if covariance is None:
+        return {"predicted_error_mm": None, "places": []}
+    places_mm = np.vstack([volume.mean_mm, volume.corners_mm])
+    errors = place_covariances(places_mm, centre_mm, covariance)
+    return {
+        "predicted_error_mm": error_values(volume_error(volume, centre_mm, covariance)),
+        "places": [
+            {
+                "place_mm": place.tolist(),
+                "rms_mm": float(np.sqrt(np.trace(error))),
+                "covariance_mm2": error.tolist(),
+            }
+            for place, error in zip(places_mm, errors, strict=True)
+        ],
+    }
+
+
+def error_values(error: VolumeError) -> dict[str, Any]:
+    """Write errors of position in a volume."""
+    at_mm = error.max_at_mm.tolist()
+    return {"rms": error.rms_mm, "max": error.max_mm, "max_at_mm": at_mm}
+
+
+def _point(point: PointResult) -> dict[str, Any]:
+    best, worst = point.detectable_mm
+    return {
+        "name": point.name,
+        "measured_mm": point.measured_mm.tolist(),
+        "nominal_mm": _listed(point.nominal_mm),
+        "residual_mm": point.residual_mm.tolist(),
+        "residual_length_mm": float(np.linalg.norm(point.residual_mm)),
+        "touches": point.touches,
+        "spread_mm": point.spread_mm,
+        "redundancy": point.redundancy.tolist(),
+        "p_value": point.p_value,
+        "detectable_mm": {"best": best, "worst": worst},
+        "worst_direction": point.worst_direction.tolist(),
+        "hidden_in_volume_mm": point.hidden_mm,
+        "hidden_in_volume_per_mm": point.hidden_ratio,
+    }
+
+
+def _listed(vector: Floats | None) -> list[float] | None:
+    return None if vector is None else vector.tolist()

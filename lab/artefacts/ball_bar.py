@@ -22,7 +22,7 @@ from traverse.lab.artefacts.artefact import (
     Length,
     Touches,
 )
-from traverse.lab.artefacts.spheres import (
+from traverse.lab.artefacts.sphere import (
     PLACE_SCALE_MM,
     RADIUS_SCALE_MM,
     distances,

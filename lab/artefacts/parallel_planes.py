@@ -22,14 +22,14 @@ from traverse.lab.artefacts.artefact import (
     Length,
     Touches,
 )
-from traverse.lab.artefacts.planes import (
+from traverse.lab.artefacts.plane import (
     ATTITUDE_SCALE_RAD,
     HEIGHT_SCALE_MM,
     start_normal,
     tangent_basis,
     turned_normal,
 )
-from traverse.lab.artefacts.spheres import offset_sign
+from traverse.lab.artefacts.sphere import offset_sign
 
 
 class ParallelPlanes(Artefact):

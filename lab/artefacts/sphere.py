@@ -1,6 +1,10 @@
 """A sphere: centre unknown, radius known or not (the paper's case d).
 
 w = |x - c| - R (1 + growth) - r outside, + r inside
+
+What touching spheres has in common: equations and starting values.
+
+w = |x - c| - (R + r) outside, |x - c| - (R - r) inside
 """
 
 from typing import Literal
@@ -18,13 +22,89 @@ from traverse.lab.artefacts.artefact import (
     Length,
     Touches,
 )
-from traverse.lab.artefacts.spheres import (
-    PLACE_SCALE_MM,
-    RADIUS_SCALE_MM,
-    distances,
-    offset_sign,
-    start_centre,
-)
+
+PLACE_SCALE_MM = 1000.0
+RADIUS_SCALE_MM = 1000.0
+_STEPS = 20
+# Below this part of its largest, a singular value of the cloud is flatness.
+_FLAT = 1e-6
+
+
+def offset_sign(side: str) -> float:
+    """Say with which sign the probe's radius enters a sphere's."""
+    return 1.0 if side == "outside" else -1.0
+
+
+def distances(centres_mm: Floats, sphere_mm: Floats) -> tuple[Floats, Floats]:
+    """Compute distances (n,) and unit vectors (n, 3) from one or n sphere centres."""
+    away_mm = centres_mm - sphere_mm
+    distances_mm: Floats = np.linalg.norm(away_mm, axis=1)
+    # In the very centre any direction is as good as another, but for none at all.
+    is_centre = distances_mm < 1e-9
+    units = away_mm / np.where(is_centre, 1.0, distances_mm)[:, np.newaxis]
+    units[is_centre] = (0.0, 0.0, 1.0)
+    return distances_mm, units
+
+
+def start_centre(centres_mm: Floats, radius_mm: float | None) -> tuple[Floats, float]:
+    """Fit a sphere through ball centres: algebraically, then a few robust steps.
+
+    |x - c|^2 = rho^2 is linear in c and rho^2 - |c|^2. Steps are weighted by the
+    first powers of the residuals, so that a few blunders do not matter.
+
+    Args:
+        centres_mm: (n_poses, 3), at least one.
+        radius_mm: Of the sphere on which the centres lie, or None to estimate it.
+
+    Returns:
+        The sphere's centre, (3,), and the radius for ball centres.
+    """
+    mean_mm = centres_mm.mean(axis=0)
+    local_mm = centres_mm - mean_mm
+    extent_mm = max(float(np.linalg.norm(local_mm, axis=1).max()), 1.0)
+    local = local_mm / extent_mm
+    centre, radius = _algebraic(local)
+    known = None if radius_mm is None else radius_mm / extent_mm
+    if known is not None:
+        centre = _at_known_radius(local, centre, known)
+        radius = known
+    for _ in range(_STEPS):
+        away, units = distances(local, centre)
+        residuals = away - radius
+        scale = max(float(np.median(np.abs(residuals))), 1e-9)
+        weights = 1.0 / np.sqrt(1.0 + (residuals / (3.0 * scale)) ** 2)
+        columns = [-units] if known is not None else [-units, -np.ones((len(local), 1))]
+        design = weights[:, np.newaxis] * np.hstack(columns)
+        step = np.linalg.lstsq(design, -weights * residuals, rcond=_FLAT)[0]
+        centre = centre + step[:3]
+        radius = radius if known is not None else radius + float(step[3])
+        if np.max(np.abs(step)) < 1e-9:
+            break
+    return mean_mm + centre * extent_mm, radius * extent_mm
+
+
+def _algebraic(local: Floats) -> tuple[Floats, float]:
+    design = np.column_stack([2.0 * local, np.ones(len(local))])
+    squares = np.einsum("ij,ij->i", local, local)
+    solution = np.linalg.lstsq(design, squares, rcond=_FLAT)[0]
+    centre: Floats = solution[:3]
+    return centre, float(np.sqrt(max(float(solution[3] + centre @ centre), 1e-12)))
+
+
+def _at_known_radius(local: Floats, centre: Floats, radius: float) -> Floats:
+    """Choose the side of a nearly flat patch on which the centre may lie.
+
+    Along the normal of the patch the algebraic centre is weak: it is replaced by
+    the one at the known radius from the middle, on the same side.
+    """
+    normal = np.linalg.eigh(local.T @ local)[1][:, 0]
+    height = float(centre @ normal)
+    across = centre - height * normal
+    sagitta = np.sqrt(max(radius**2 - float(across @ across), 0.0))
+    chosen: Floats = across + np.copysign(sagitta, height) * normal
+    before = np.abs(distances(local, centre)[0] - radius)
+    after = np.abs(distances(local, chosen)[0] - radius)
+    return chosen if np.median(after) < np.median(before) else centre
 
 
 class Sphere(Artefact):

@@ -2,10 +2,15 @@
 
 A block that does not convert whole is gone through cell by cell, only to say what
 is wrong in which line. Nothing is half-read: any problem refuses the file.
+
+Which columns a table of poses has, and what may stand in each.
+
+Why lines of a table of poses cannot be used: slow, careful, in words.
 """
 
 import csv
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import islice
@@ -14,9 +19,169 @@ from pathlib import Path
 import numpy as np
 
 from traverse.arrays import Floats, Integers
-from traverse.lab.campaign.pose_columns import PoseColumns, columns_from_header
-from traverse.lab.campaign.pose_problems import row_problems
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.problems import (
+    FileError,
+    Problem,
+    shown,
+    unknown_name_message,
+)
+
+_DIRECTION = ("direction_x", "direction_y", "direction_z")
+
+
+@dataclass(frozen=True, slots=True)
+class PoseColumns:
+    """Where the columns of a file are; indices count from 0.
+
+    Attributes:
+        names: The header.
+        time: Of time_s.
+        artefact: Of artefact.
+        feature: Of feature.
+        angles: Of every joint's angle, in the order of the arm.
+        optional: Index by name of every optional column that is there.
+    """
+
+    names: tuple[str, ...]
+    time: int
+    artefact: int
+    feature: int
+    angles: tuple[int, ...]
+    optional: dict[str, int]
+
+    @property
+    def numeric(self) -> tuple[int, ...]:
+        """Columns that must hold a finite number in each row."""
+        return (self.time, *self.angles)
+
+
+def columns_from_header(
+    header: Sequence[str], joint_names: Sequence[str]
+) -> PoseColumns | list[Problem]:
+    """Find the columns, or say all that is wrong with the header."""
+    problems = list(_header_problems(header, joint_names))
+    if problems:
+        return problems
+    places = {name: index for index, name in enumerate(header)}
+    optional = set(optional_columns(joint_names))
+    return PoseColumns(
+        names=tuple(header),
+        time=places["time_s"],
+        artefact=places["artefact"],
+        feature=places["feature"],
+        angles=tuple(places[f"{name}_rad"] for name in joint_names),
+        optional={name: at for name, at in places.items() if name in optional},
+    )
+
+
+def optional_columns(joint_names: Sequence[str]) -> tuple[str, ...]:
+    """List the columns that a table may have beyond the required ones."""
+    return (
+        "temperature_c",
+        "force_n",
+        *_DIRECTION,
+        *(f"{name}_temperature_c" for name in joint_names),
+        *(f"{name}_approach" for name in joint_names),
+        *(f"{name}_speed_rad_s" for name in joint_names),
+    )
+
+
+def _header_problems(
+    header: Sequence[str], joint_names: Sequence[str]
+) -> Iterator[Problem]:
+    required = ("time_s", "artefact", "feature", *(f"{n}_rad" for n in joint_names))
+    known = (*required, *optional_columns(joint_names))
+    for name in required:
+        if name not in header:
+            yield Problem("line 1", f"column '{name}' is missing; add it")
+    for index, name in enumerate(header):
+        if name in header[:index]:
+            yield Problem("line 1", f"column '{name}' stands there twice")
+        elif name not in known:
+            yield Problem("line 1", unknown_name_message("column", name, known))
+    there = [name for name in _DIRECTION if name in header]
+    if there and len(there) < 3:
+        missing = ", ".join(name for name in _DIRECTION if name not in header)
+        yield Problem("line 1", f"{there[0]} needs {missing} beside it")
+
+
+def row_problems(
+    rows: Sequence[Sequence[str]],
+    first_line: int,
+    columns: PoseColumns,
+    features: Mapping[str, tuple[str, ...]],
+) -> Iterator[Problem]:
+    """Yield what is wrong with some rows.
+
+    Args:
+        rows: Cells.
+        first_line: Line of the first row in the file, from 1.
+        columns: Where the columns are.
+        features: The features that each artefact has, by its id; none: any.
+    """
+    for line, cells in enumerate(rows, first_line):
+        where = f"line {line}"
+        if len(cells) != len(columns.names):
+            found = "is empty" if not cells else f"has {len(cells)} columns"
+            yield Problem(
+                where, f"{found}; expected {len(columns.names)}, as in the header"
+            )
+            continue
+        for message in _cell_messages(cells, columns, features):
+            yield Problem(where, message)
+
+
+def _cell_messages(
+    cells: Sequence[str],
+    columns: PoseColumns,
+    features: Mapping[str, tuple[str, ...]],
+) -> Iterator[str]:
+    artefact, feature = cells[columns.artefact], cells[columns.feature]
+    if artefact not in features:
+        yield unknown_name_message("artefact", artefact, features)
+    elif features[artefact] and feature not in features[artefact]:
+        yield (
+            unknown_name_message("feature", feature, features[artefact])
+            + f" ({artefact})"
+        )
+    for index in columns.numeric:
+        if _number(cells[index]) is None:
+            found = shown(cells[index])
+            yield f"{columns.names[index]} is {found}, not a finite number"
+    for name, index in columns.optional.items():
+        if not cells[index]:
+            continue
+        number = _number(cells[index])
+        if number is None:
+            found = shown(cells[index])
+            yield f"{name} is {found}, not a finite number; or leave it empty"
+        elif name.endswith("_approach") and number not in (-1.0, 0.0, 1.0):
+            yield f"{name} is {shown(cells[index])}; expected -1, 0 or 1"
+    yield from _direction_messages(cells, columns)
+
+
+def _direction_messages(cells: Sequence[str], columns: PoseColumns) -> Iterator[str]:
+    if "direction_x" not in columns.optional:
+        return
+    texts = [cells[columns.optional[f"direction_{axis}"]] for axis in "xyz"]
+    if not any(texts):
+        return
+    if not all(texts):
+        yield f"direction is {shown(texts)}; give all three components or none"
+        return
+    numbers = [_number(text) for text in texts]
+    known = [number for number in numbers if number is not None]
+    if len(known) == 3 and not abs(math.hypot(*known) - 1.0) < 1e-3:
+        yield f"direction has the length {math.hypot(*known):.6g}; expected 1"
+
+
+def _number(text: str) -> float | None:
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) and "_" not in text else None
+
 
 _BLOCK_ROWS = 20_000
 # More problems than anybody reads; the rest is counted.

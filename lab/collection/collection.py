@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from traverse.lab.campaign.campaign_file import CampaignFile
-from traverse.lab.collection.plan import PlanFile
-from traverse.lab.collection.targets import Target
+from traverse.lab.collection.plan import PlanFile, Target
 from traverse.protocol.messages import Point
 from traverse.strict_toml.problems import FileError, Problem
 from traverse.strict_toml.writing import write_atomically

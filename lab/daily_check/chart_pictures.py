@@ -9,8 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from traverse.arrays import Integers
-from traverse.lab.daily_check.control_chart import ChartPoint
-from traverse.lab.daily_check.false_alarm_rates import EWMA_LIMIT
+from traverse.lab.daily_check.control_chart import EWMA_LIMIT, ChartPoint
 from traverse.lab.daily_check.report import DailyCheckReport, FigureChart
 from traverse.lab.report.figures import BLUE, GREY, ORANGE, VERMILION
 from traverse.lab.report.templates import page

@@ -1,4 +1,11 @@
-"""What was measured for acceptance: places of the ball's centre, by artefact."""
+"""What was measured for acceptance: places of the ball's centre, by artefact.
+
+One place touched in many postures: how far the touches scatter about it.
+
+What the certificates of artefacts say, as acceptance needs it.
+
+The least-squares sphere of touches on a test sphere, beside the calibrated one.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -6,8 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.kinematics import fits
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.artefacts import Artefact
+from traverse.lab.artefacts.ball_bar import BallBar
+from traverse.lab.artefacts.parallel_planes import ParallelPlanes
+from traverse.lab.artefacts.points import Points
+from traverse.lab.artefacts.sphere import Sphere
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,4 +149,149 @@ def measurement_of_touches(
         shoulder_mm=shoulder_mm,
         reach_mm=reach_mm,
         notes=tuple(notes),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Articulation:
+    """Touches of a cone's seat: delta_i = |p_i - mean|.
+
+    Attributes:
+        mean_mm: (3,)
+        delta_mm: (n,)
+    """
+
+    mean_mm: Floats
+    delta_mm: Floats
+
+    @property
+    def largest_mm(self) -> float:
+        """Give max delta_i."""
+        return float(self.delta_mm.max())
+
+    @property
+    def two_s_mm(self) -> float:
+        """Give 2 s, s = sqrt(sum delta_i^2 / (n - 1))."""
+        squares_mm2 = float(self.delta_mm @ self.delta_mm)
+        return 2.0 * float(np.sqrt(squares_mm2 / (len(self.delta_mm) - 1)))
+
+
+def articulation_of(touched: ArtefactTouches) -> Articulation:
+    """Take touches of one seat, two or more."""
+    mean_mm = touched.places_mm.mean(axis=0)
+    delta_mm = np.linalg.norm(touched.places_mm - mean_mm, axis=1)
+    return Articulation(mean_mm, delta_mm)
+
+
+class IncompleteError(ValueError):
+    """A figure cannot be computed; says what is missing or too much."""
+
+
+def warmer_c(artefact: Artefact, touched: ArtefactTouches) -> float:
+    """Say by how much it was warmer than at its certificate.
+
+    Raises:
+        IncompleteError: It expands, and nobody measured how warm it was.
+    """
+    per_c, reference_c = artefact.expansion
+    known = touched.temperature_c[np.isfinite(touched.temperature_c)]
+    if len(known) == 0:
+        if per_c != 0.0:
+            raise IncompleteError(
+                f"{artefact.id}: expansion_per_c is {per_c:g}, but the touches have no "
+                "temperature_c; add that column"
+            )
+        return 0.0
+    return float(known.mean()) - reference_c
+
+
+def growth(artefact: Artefact, touched: ArtefactTouches) -> float:
+    """Say by which factor its lengths had grown."""
+    return 1.0 + artefact.expansion[0] * warmer_c(artefact, touched)
+
+
+def certified_sphere(artefact: Artefact | None, name: str) -> Sphere:
+    """Take an artefact that must be a sphere of known radius, touched outside.
+
+    Raises:
+        IncompleteError: It is not.
+    """
+    if artefact is None:
+        raise IncompleteError(f"{name}: is not among the artefacts")
+    if not isinstance(artefact, Sphere):
+        raise IncompleteError(f"{name}: is a {artefact.kind}, expected a sphere")
+    if artefact.radius_mm is None:
+        raise IncompleteError(f"{name}: radius_mm is missing; it is calibrated")
+    if artefact.side != "outside":
+        raise IncompleteError(f'{name}: side is "inside"; a test sphere is a ball')
+    return artefact
+
+
+def certified_length(artefact: Artefact) -> tuple[float, float]:
+    """Say a certified length and its standard uncertainty.
+
+    Raises:
+        IncompleteError: The artefact has no single length.
+    """
+    if isinstance(artefact, BallBar | ParallelPlanes):
+        return artefact.distance_mm, artefact.distance_std_mm or 0.0
+    if isinstance(artefact, Points) and isinstance(artefact.points_mm, dict):
+        if len(artefact.points_mm) != 2 or artefact.frame != "own":
+            raise IncompleteError(
+                f'{artefact.id}: has {len(artefact.points_mm)} points, frame = "'
+                f'{artefact.frame}"; a length has two points with frame = "own"'
+            )
+        first, second = (np.array(at) for at in artefact.points_mm.values())
+        std_mm = np.sqrt(2.0) * (artefact.points_std_mm or 0.0)
+        return float(np.linalg.norm(second - first)), float(std_mm)
+    raise IncompleteError(
+        f"{artefact.id}: is a {artefact.kind}, which has no certified length"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class FittedSphere:
+    """What touches say of a calibrated sphere.
+
+    Attributes:
+        centre_mm: (3,)
+        size_mm: Diameter less the calibrated one, which has grown with the warmth.
+        off_mm: (n,) How far each touch lies outside of the fitted sphere.
+        form_mm: Largest distance from the centre less the smallest.
+    """
+
+    centre_mm: Floats
+    size_mm: float
+    off_mm: Floats
+    form_mm: float
+
+
+def fitted(
+    touched: ArtefactTouches, what: str, radius_mm: float | None = None
+) -> fits.Sphere:
+    """Fit a sphere to the places of the ball's centre.
+
+    Raises:
+        IncompleteError: The points fit no sphere.
+    """
+    try:
+        if radius_mm is None:
+            return fits.fit_sphere(touched.places_mm)
+        return fits.fit_sphere_of_radius(touched.places_mm, radius_mm)
+    except ValueError as error:
+        raise IncompleteError(f"{what}: {error}") from error
+
+
+def fitted_sphere(sphere: Sphere, touched: ArtefactTouches, what: str) -> FittedSphere:
+    """Fit the touches of a calibrated sphere.
+
+    Raises:
+        IncompleteError: They fit no sphere, or nobody knows how warm it was.
+    """
+    found = fitted(touched, what)
+    calibrated_mm = 2.0 * float(sphere.radius_mm or 0.0) * growth(sphere, touched)
+    size_mm = 2.0 * (found.radius_mm - float(touched.tip_mm.mean())) - calibrated_mm
+    away_mm = np.linalg.norm(touched.places_mm - found.centre_mm, axis=1)
+    return FittedSphere(
+        found.centre_mm, size_mm, away_mm - found.radius_mm, float(np.ptp(away_mm))
     )

@@ -11,7 +11,7 @@ from traverse.cli.__main__ import app
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import geometry_from_arm
-from traverse.lab.daily_check.campaign import write_check
+from traverse.lab.daily_check.figures import write_check
 
 ARM = CHECKOUT / "cli" / "demo_data" / "arm.toml"
 RADIUS_MM = 12.7

@@ -1,11 +1,177 @@
-"""Figures of acceptance as values: with definition, uncertainty, limit and decision."""
+"""Figures of acceptance as values: with definition, uncertainty, limit and decision.
+
+Conformity of a figure with its limit.
+
+With u the standard uncertainty of the test value, g the guard factor, MPE the limit:
+
+    rule         accept               reject               neither
+    iso14253-1   |e| <= MPE - g u     |e| > MPE + g u      between
+    simple       |e| <= MPE           |e| > MPE            never
+
+Between the guard bands neither conformity nor its opposite is proved: who has to prove
+loses (the supplier cannot prove conformity, nor the customer the opposite).
+
+The uncertainty of a test value: what the standard adds, not what the arm does.
+
+The arm's own errors, its repeatability included, are what is tested, so they are no
+part of it. What remains are the standard's certificate, its temperature, its expansion,
+its form, and how firmly it stood (in the manner of ISO/TS 23165 [K]).
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from traverse.lab.acceptance.conformity.decision import Decision, Verdict, worst
-from traverse.lab.acceptance.conformity.uncertainty_budget import Budget
+import numpy as np
+
+from traverse.lab.acceptance.conformity.limits import Limits, Standards
+
+Verdict = Literal["accept", "reject", "neither"]
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What was decided, and by which rule.
+
+    Attributes:
+        verdict: accept, reject or neither.
+        limit_mm: The maximum permissible error.
+        guard_mm: Width of the guard band; 0 with simple acceptance.
+        rule: In words.
+    """
+
+    verdict: Verdict
+    limit_mm: float
+    guard_mm: float
+    rule: str
+
+
+def decision_of(
+    error_mm: float, limit_mm: float, standard_mm: float, limits: Limits
+) -> Decision:
+    """Decide on one error.
+
+    Args:
+        error_mm: Signed or not.
+        limit_mm: The maximum permissible error.
+        standard_mm: Standard uncertainty of the test value.
+        limits: Name the rule.
+    """
+    guard_mm = guard_of(standard_mm, limits)
+    size_mm = abs(error_mm)
+    verdict: Verdict = "neither"
+    if size_mm <= limit_mm - guard_mm:
+        verdict = "accept"
+    elif size_mm > limit_mm + guard_mm:
+        verdict = "reject"
+    return Decision(verdict, limit_mm, guard_mm, rule_text(limits))
+
+
+def guard_of(standard_mm: float, limits: Limits) -> float:
+    """Say how wide the guard band is."""
+    if limits.decision == "simple":
+        return 0.0
+    return limits.guard_factor * standard_mm
+
+
+def rule_text(limits: Limits) -> str:
+    """Say the rule in words."""
+    if limits.decision == "simple":
+        return "simple acceptance: no guard band"
+    return f"ISO 14253-1, guard band {limits.guard_factor:g} u"
+
+
+def worst(verdicts: list[Verdict]) -> Verdict:
+    """Say what many verdicts come to: one rejection rejects."""
+    for verdict in ("reject", "neither"):
+        if verdict in verdicts:
+            return verdict
+    return "accept"
+
+
+@dataclass(frozen=True, slots=True)
+class Contribution:
+    """One line of a budget.
+
+    Attributes:
+        name: What it comes from.
+        formula: With the numbers in it.
+        standard_mm: Standard uncertainty of the test value from it.
+    """
+
+    name: str
+    formula: str
+    standard_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """The standard uncertainty of a test value, line by line."""
+
+    lines: tuple[Contribution, ...]
+
+    @property
+    def standard_mm(self) -> float:
+        """Root of the sum of squares."""
+        return float(np.sqrt(sum(line.standard_mm**2 for line in self.lines)))
+
+
+def length_budget(
+    length_mm: float,
+    calibration_mm: float,
+    standards: Standards,
+    per_c: float,
+    warmer_c: float,
+) -> Budget:
+    """Draw up the budget of a length, which may be a diameter.
+
+    Args:
+        length_mm: Certified.
+        calibration_mm: Standard uncertainty of that.
+        standards: What else is known.
+        per_c: Coefficient of expansion.
+        warmer_c: Temperature less that of the certificate.
+    """
+    expansion_mm = length_mm * standards.expansion_std_per_c * abs(warmer_c)
+    temperature_mm = length_mm * abs(per_c) * standards.temperature_std_c
+    return Budget(
+        (
+            Contribution("calibration", "of the certificate", calibration_mm),
+            Contribution(
+                "expansion coefficient",
+                f"{length_mm:g} mm x {standards.expansion_std_per_c:g} /C x "
+                f"{abs(warmer_c):.2f} C",
+                expansion_mm,
+            ),
+            Contribution(
+                "temperature",
+                f"{length_mm:g} mm x {per_c:g} /C x {standards.temperature_std_c:g} C",
+                temperature_mm,
+            ),
+            Contribution("fixture", "as stated", standards.fixture_std_mm),
+        )
+    )
+
+
+def form_budget(standards: Standards) -> Budget:
+    """Draw up the budget of what the form of a test sphere disturbs."""
+    return Budget(
+        (
+            Contribution(
+                "form of the sphere",
+                f"{standards.form_mm:g} mm / 2",
+                standards.form_mm / 2.0,
+            ),
+            Contribution("its uncertainty", "as stated", standards.form_std_mm),
+            Contribution("fixture", "as stated", standards.fixture_std_mm),
+        )
+    )
+
+
+def fixture_budget(standards: Standards) -> Budget:
+    """Draw up the budget of a test that needs no calibrated standard."""
+    return Budget((Contribution("fixture", "as stated", standards.fixture_std_mm),))
+
 
 # What a definition was taken from.
 Source = Literal["published", "general knowledge"]

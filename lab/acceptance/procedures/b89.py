@@ -10,15 +10,17 @@ from traverse.lab.acceptance.conformity.figure import (
     Missing,
     Part,
     Scatter,
+    fixture_budget,
 )
 from traverse.lab.acceptance.conformity.limits import Limits
-from traverse.lab.acceptance.conformity.uncertainty_budget import fixture_budget
-from traverse.lab.acceptance.procedures.length_sets import largest_of, length_sets
+from traverse.lab.acceptance.procedures.lengths import largest_of, length_sets
 from traverse.lab.acceptance.procedures.point_distribution import direction_remarks
 from traverse.lab.acceptance.procedures.probing import decided, exactly
-from traverse.lab.measured_points.articulation import articulation_of
-from traverse.lab.measured_points.certified_values import IncompleteError
-from traverse.lab.measured_points.measurement import Measurement
+from traverse.lab.measured_points.measurement import (
+    IncompleteError,
+    Measurement,
+    articulation_of,
+)
 
 ZONES = {"near": (0.0, 0.2), "middle": (0.2, 0.8), "far": (0.8, 1.0)}
 N_BARS = 20

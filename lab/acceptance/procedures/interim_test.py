@@ -4,11 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from traverse.lab.acceptance.conformity.decision import decision_of
-from traverse.lab.acceptance.conformity.figure import Figure, Missing, Part
+from traverse.lab.acceptance.conformity.figure import Figure, Missing, Part, decision_of
 from traverse.lab.acceptance.conformity.limits import Limits
-from traverse.lab.acceptance.procedures.length_sets import largest_of, length_sets
-from traverse.lab.acceptance.procedures.lengths import SET
+from traverse.lab.acceptance.procedures.lengths import SET, largest_of, length_sets
 from traverse.lab.acceptance.procedures.point_distribution import direction_remarks
 from traverse.lab.measured_points.measurement import Measurement
 

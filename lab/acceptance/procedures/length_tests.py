@@ -9,18 +9,20 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from traverse.lab.acceptance.conformity.decision import (
+from traverse.lab.acceptance.conformity.figure import (
     Decision,
+    Figure,
+    LengthError,
+    Missing,
+    Part,
     Verdict,
     decision_of,
     guard_of,
     rule_text,
     worst,
 )
-from traverse.lab.acceptance.conformity.figure import Figure, LengthError, Missing, Part
 from traverse.lab.acceptance.conformity.limits import Limits
-from traverse.lab.acceptance.procedures.length_sets import largest_of, length_sets
-from traverse.lab.acceptance.procedures.lengths import SET
+from traverse.lab.acceptance.procedures.lengths import SET, largest_of, length_sets
 from traverse.lab.acceptance.procedures.point_distribution import direction_remarks
 from traverse.lab.measured_points.measurement import Measurement
 

@@ -10,25 +10,29 @@
 
 A repeat of a bar or a pair of planes is a run of touches of one end, then one of the
 other, in the order of time; of two seats the r-th touches of both belong together.
+
+Errors of many lengths, each measured as often as its test wants it.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 
-from traverse.lab.acceptance.conformity.figure import LengthError
+from traverse.lab.acceptance.conformity.figure import Budget, LengthError, length_budget
 from traverse.lab.acceptance.conformity.limits import Limits
-from traverse.lab.acceptance.conformity.uncertainty_budget import Budget, length_budget
 from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.artefacts.parallel_planes import ParallelPlanes
 from traverse.lab.artefacts.points import Points
-from traverse.lab.measured_points.certified_values import (
+from traverse.lab.measured_points.measurement import (
+    ArtefactTouches,
     IncompleteError,
+    Measurement,
     certified_length,
+    fitted,
     growth,
     warmer_c,
 )
-from traverse.lab.measured_points.fitted_sphere import fitted
-from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
 
 _LEAST_PER_PLANE = 3
 SET = 3
@@ -168,3 +172,48 @@ def _joined(first: ArtefactTouches, second: ArtefactTouches) -> ArtefactTouches:
         np.concatenate([first.temperature_c, second.temperature_c]),
         np.concatenate([first.tip_mm, second.tip_mm]),
     )
+
+
+def length_sets(
+    measured: Measurement,
+    names: Sequence[str],
+    key: str,
+    limits: Limits,
+    times: dict[int, str],
+) -> tuple[list[list[LengthError]], list[str]]:
+    """Measure lengths.
+
+    Args:
+        measured: All touches.
+        names: Ids of the artefacts.
+        key: Of the figure.
+        limits: With what else is known of the standards.
+        times: How often each may have been measured, with the words for it.
+
+    Returns:
+        The errors by artefact, and what is missing.
+    """
+    sets: list[list[LengthError]] = []
+    problems: list[str] = []
+    for name in names:
+        try:
+            errors = errors_of(measured, name, key, limits)
+            if len(errors) not in times:
+                raise IncompleteError(
+                    f"{name}: was measured {len(errors)} times, expected "
+                    f"{', or '.join(times.values())}"
+                )
+        except IncompleteError as error:
+            problems.append(str(error))
+            continue
+        sets.append(errors)
+    return sets, problems
+
+
+def largest_of(
+    errors: Sequence[LengthError], measured: Measurement, limits: Limits
+) -> tuple[LengthError, Budget]:
+    """Take the error of the largest size, whatever its sign, and its uncertainty."""
+    largest = max(errors, key=lambda error: abs(error.error_mm))
+    name = largest.artefact
+    return largest, budget_of(measured.artefacts[name], measured.of(name), limits)

@@ -9,22 +9,28 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from traverse.kinematics.fits import enclosing_sphere
-from traverse.lab.acceptance.conformity.decision import Decision, decision_of
-from traverse.lab.acceptance.conformity.figure import Figure, Missing, Part, Scatter
-from traverse.lab.acceptance.conformity.limits import Limits
-from traverse.lab.acceptance.conformity.uncertainty_budget import (
+from traverse.lab.acceptance.conformity.figure import (
+    Decision,
+    Figure,
+    Missing,
+    Part,
+    Scatter,
+    decision_of,
     form_budget,
     length_budget,
 )
+from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.acceptance.procedures.point_distribution import half_sphere_remarks
-from traverse.lab.measured_points.certified_values import (
+from traverse.lab.measured_points.measurement import (
+    ArtefactTouches,
     IncompleteError,
+    Measurement,
     certified_sphere,
+    fitted,
+    fitted_sphere,
     growth,
     warmer_c,
 )
-from traverse.lab.measured_points.fitted_sphere import fitted, fitted_sphere
-from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
 
 SIZE = (
     "25 points on a calibrated sphere, least-squares sphere (c, r) of them: "

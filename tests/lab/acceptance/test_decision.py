@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.lab.measurements import limits
-from traverse.lab.acceptance.conformity.decision import decision_of, worst
+from traverse.lab.acceptance.conformity.figure import decision_of, worst
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
 from traverse.strict_toml.problems import FileError
 

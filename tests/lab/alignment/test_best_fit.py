@@ -17,11 +17,11 @@ from tests.lab.alignment.aligned import (
 from traverse.kinematics.helmert.adjustment import HelmertError
 from traverse.lab.alignment.best_fit import best_fit_alignment
 from traverse.lab.alignment.chained_alignment import chained_values
-from traverse.lab.alignment.common_points import CommonPoints, Place
 from traverse.lab.alignment.files import transformation_of
+from traverse.lab.alignment.nominal import fixed_volume
 from traverse.lab.alignment.page import WORDS, alignment_lines
-from traverse.lab.alignment.statistics import global_test
-from traverse.lab.alignment.volume import fixed_volume
+from traverse.lab.alignment.result import global_test
+from traverse.lab.alignment.touches import CommonPoints, Place
 
 NEAR_LINE = np.array([[0.0, 0, 0], [300, 20, 0], [700, 0, 25], [1000, 10, 0]])
 

@@ -5,10 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from traverse.kinematics.helmert.transformation import Helmert
-from traverse.lab.alignment.nominal import Nominal
+from traverse.lab.alignment.nominal import Nominal, volume_from_text
 from traverse.lab.alignment.plane_line_point import align_plane_line_point
 from traverse.lab.alignment.touches import Touch
-from traverse.lab.alignment.volume import volume_from_text
 
 NOMINAL = Nominal.model_validate(
     {

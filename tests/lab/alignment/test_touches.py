@@ -12,15 +12,20 @@ from tests.lab.alignment.aligned import (
 )
 from traverse.kinematics.helmert.volume import Ball
 from traverse.lab.alignment.best_fit import best_fit_alignment
-from traverse.lab.alignment.common_points import (
+from traverse.lab.alignment.nominal import (
+    Nominal,
+    fixed_volume,
+    read_nominal,
+    volume_from_text,
+)
+from traverse.lab.alignment.touches import (
     CommonPoints,
     Place,
+    Touch,
     common_points,
     places_by_name,
+    read_touch_table,
 )
-from traverse.lab.alignment.nominal import Nominal, read_nominal
-from traverse.lab.alignment.touches import Touch, read_touch_table
-from traverse.lab.alignment.volume import fixed_volume, volume_from_text
 from traverse.strict_toml.problems import FileError
 
 

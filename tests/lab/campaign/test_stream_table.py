@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from traverse.lab.campaign.campaign import read_campaign
-from traverse.lab.campaign.stream_motion import senses_of, speeds_of, stretches_of
+from traverse.lab.campaign.stream_table import senses_of, speeds_of, stretches_of
 from traverse.recording.values import Conditions, Samples, Touching
 from traverse.recording.writer import RecordingWriter
 from traverse.strict_toml.problems import FileError

@@ -11,7 +11,7 @@ from traverse.lab.campaign.campaign import read_campaign
 from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.lab.collection.collection import JOURNAL, CollectedTouch, Collection
 from traverse.lab.collection.figures import agreement, coverage, picture
-from traverse.lab.collection.targets import targets_of
+from traverse.lab.collection.plan import targets_of
 from traverse.strict_toml.problems import FileError
 
 CAMPAIGN = """\

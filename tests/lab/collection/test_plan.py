@@ -7,8 +7,7 @@ from tests.lab.collection.test_collection import CAMPAIGN, NAMES, touch
 from traverse.cli.collect.view import instruction, summary
 from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.lab.collection.collection import Collection
-from traverse.lab.collection.plan import read_plan, volume_counts
-from traverse.lab.collection.targets import planned_targets
+from traverse.lab.collection.plan import planned_targets, read_plan, volume_counts
 from traverse.strict_toml.problems import FileError
 
 PLAN = """\

@@ -6,16 +6,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from traverse.lab.daily_check.control_chart import charted, rules
-from traverse.lab.daily_check.false_alarm_rates import (
+from traverse.lab.daily_check.control_chart import (
     BASE,
     EWMA_LIMIT,
     INDIVIDUAL,
     RANGE,
     WEIGHT,
+    charted,
     ewma_rate,
     individual_rate,
     range_rate,
+    rules,
     settled_ewma_rate,
 )
 

@@ -32,7 +32,7 @@ from traverse.lab.daily_check.report import (
     report_of,
     report_values,
 )
-from traverse.lab.measured_points.certified_values import IncompleteError
+from traverse.lab.measured_points.measurement import IncompleteError
 from traverse.strict_toml.problems import FileError
 
 RADIUS_MM = 12.7

@@ -12,7 +12,7 @@ from tests.simulator.campaigns.arms import seven_joint_arm
 from traverse.cli.__main__ import app
 from traverse.kinematics.arm_file.arm import effect_from_table, read_arm
 from traverse.lab.campaign.campaign import read_campaign
-from traverse.lab.campaign.stream_motion import senses_of, speeds_of, stretches_of
+from traverse.lab.campaign.stream_table import senses_of, speeds_of, stretches_of
 from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import judge, project
