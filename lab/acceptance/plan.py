@@ -1,6 +1,6 @@
 """What to touch for a standard: artefacts with nominal certificates, step by step.
 
-Campaign and plan of an acceptance test, written for `traverse collect`.
+Written as campaign and plan for `traverse collect`.
 """
 
 from collections.abc import Iterator, Mapping

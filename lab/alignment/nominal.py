@@ -1,8 +1,7 @@
 """Where a part's points should be: a table in CSV, or a TOML file with more in it.
 
-The volume that an alignment is for: said by the user, the nominal file, or points.
-
-It is a function of the transformation: the arm's reach is known in the arm's system,
+The volume that an alignment is for is said by the user, the nominal file, or points. It
+is a function of the transformation: the arm's reach is known in the arm's system,
 errors are told in that of the part.
 """
 

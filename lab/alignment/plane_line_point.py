@@ -1,7 +1,4 @@
-"""3-2-1: a plane, a line and a point bring the part into its system.
-
-What is told of the touches and features of a 3-2-1 alignment.
-"""
+"""3-2-1: a plane, a line and a point bring the part into its system."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -1,8 +1,6 @@
-"""An alignment as computed: what words, page and file are made of.
+"""An alignment as computed, its tests, and alignment.json as plain values.
 
-An alignment as plain values: alignment.json, schema traverse/alignment/1.
-
-Tests of an alignment, and what they could have revealed.
+Words and page are made of these values, schema traverse/alignment/1.
 """
 
 from dataclasses import dataclass, field

@@ -1,6 +1,6 @@
 """Touches with names: what an alignment is made of, from points or from a table.
 
-Common points: the touches of one name, as one place with its covariance.
+The touches of one name become a common point: one place with its covariance.
 """
 
 import csv

@@ -5,7 +5,7 @@ State: the unit normal n, out of the material, and the height d of the surface.
     w = n . x - d - r, with - r replaced by + r where the direction of touch says
     that the ball was on the other side
 
-What touching planes has in common: an attitude that turns, and its start.
+The attitude that turns, and its start, serve parallel planes too.
 """
 
 from typing import Literal

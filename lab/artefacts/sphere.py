@@ -2,9 +2,7 @@
 
 w = |x - c| - R (1 + growth) - r outside, + r inside
 
-What touching spheres has in common: equations and starting values.
-
-w = |x - c| - (R + r) outside, |x - c| - (R - r) inside
+Starting values and distances serve ball bars too.
 """
 
 from typing import Literal

@@ -2,10 +2,6 @@
 
 A block that does not convert whole is gone through cell by cell, only to say what
 is wrong in which line. Nothing is half-read: any problem refuses the file.
-
-Which columns a table of poses has, and what may stand in each.
-
-Why lines of a table of poses cannot be used: slow, careful, in words.
 """
 
 import csv

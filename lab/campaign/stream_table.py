@@ -4,8 +4,6 @@ Counts become readings by the encoders of the arm file in the recording: the fir
 sample takes the turn nearest zero_rad, then counts are unwrapped. Speeds and senses
 of motion come from the readings around each sample; a sample at the end of a stretch,
 which has none, is no pose.
-
-How joints move in a stream of readings: stretches, speeds, senses of motion.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,4 @@
-"""A plan beside a campaign: what to touch step by step, and the working volume.
-
-What is wanted of a collection: every feature so often, or a plan step by step.
-"""
+"""What is wanted of a collection: every feature so often, or a plan step by step."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,4 @@
-"""The figures of a daily check: a cone and a calibrated sphere, a few touches each.
-
-Campaign and plan of a daily check, for the guided collection.
-"""
+"""The figures of a daily check: a cone and a calibrated sphere, a few touches each."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,10 +1,7 @@
-"""What was measured for acceptance: places of the ball's centre, by artefact.
+"""What was measured of each artefact, and what its certificate says of it.
 
-One place touched in many postures: how far the touches scatter about it.
-
-What the certificates of artefacts say, as acceptance needs it.
-
-The least-squares sphere of touches on a test sphere, beside the calibrated one.
+Places of the ball's centre by artefact; of a cone how far they scatter, of a sphere the
+least-squares one beside the calibrated one.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

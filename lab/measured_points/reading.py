@@ -3,8 +3,6 @@
 Of a campaign the ball's centres are computed with the arm file, effects included: as
 the daemon would. A recording's samples are averaged over each touch. Exported points
 are taken as the daemon gave them.
-
-Exported points as what was measured: a table with a line a point.
 """
 
 import csv

@@ -1,8 +1,7 @@
 """Figures of acceptance as values: with definition, uncertainty, limit and decision.
 
-Conformity of a figure with its limit.
-
-With u the standard uncertainty of the test value, g the guard factor, MPE the limit:
+Conformity, with u the standard uncertainty of the test value, g the guard factor, MPE
+the limit:
 
     rule         accept               reject               neither
     iso14253-1   |e| <= MPE - g u     |e| > MPE + g u      between
@@ -11,11 +10,10 @@ With u the standard uncertainty of the test value, g the guard factor, MPE the l
 Between the guard bands neither conformity nor its opposite is proved: who has to prove
 loses (the supplier cannot prove conformity, nor the customer the opposite).
 
-The uncertainty of a test value: what the standard adds, not what the arm does.
-
-The arm's own errors, its repeatability included, are what is tested, so they are no
-part of it. What remains are the standard's certificate, its temperature, its expansion,
-its form, and how firmly it stood (in the manner of ISO/TS 23165 [K]).
+The uncertainty of a test value is what the standard adds, not what the arm does: the
+arm's own errors, its repeatability included, are what is tested. What remains are the
+standard's certificate, its temperature, its expansion, its form, and how firmly it
+stood (in the manner of ISO/TS 23165 [K]).
 """
 
 from collections.abc import Iterable

@@ -10,8 +10,6 @@
 
 A repeat of a bar or a pair of planes is a run of touches of one end, then one of the
 other, in the order of time; of two seats the r-th touches of both belong together.
-
-Errors of many lengths, each measured as often as its test wants it.
 """
 
 from collections.abc import Sequence

@@ -10,8 +10,6 @@ for the direction in which the block is weakest and for the strongest (Baarda's
 internal reliability). What such an effect, not found, does to the calibrated arm is
 its move of the probe, less what the estimated arm takes of it (external reliability).
 
-Why an effect cannot be seen at all, in words.
-
 What a campaign would show, before anything is measured.
 
 The poses are taken as they are and the arm as it is given; no misclosure is looked

@@ -8,8 +8,6 @@ imitate, the unknowns X of the model and the other's amplitudes adjusted,
 and is taken for it with the chance Phi(-sqrt(Delta) / 2). Poses are added one by one,
 each time the one that raises Delta most, by e^T (I + X_p N^-1 X_p^T)^-1 e for its
 misclosures e (Atkinson and Fedorov); of several others, for the one that lacks most.
-
-Further contacts that a campaign could have: random postures on its artefacts.
 """
 
 from collections.abc import Sequence

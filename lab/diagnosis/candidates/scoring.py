@@ -9,10 +9,6 @@ With the projected block P C = U S W^T of a candidate and z = U^T v of the resid
 
 Statistics of blocks of different size are never compared, evidences are (diagnosis
 after Teunissen; evidence after Jeffreys and Zellner).
-
-Names for the same thing: how near two effects are.
-
-Correlations are those of the blocks as the data see them, the unknowns projected out.
 """
 
 from dataclasses import dataclass

@@ -1,9 +1,7 @@
 """Steps whose moments are not known: a slipped encoder, a knocked base.
 
-They are tested at every gap between poses (`later_sums`), and their evidence is the
+They are tested at every gap between poses, and their evidence is the
 mean over all gaps: a moment that had to be looked for counts for less.
-
-Products with the columns of steps, at all gaps between poses at once.
 
 A step at a gap changes all later rows, so its column c is a sum of pieces, one a later
 pose, and one running sum from the last pose backwards gives c^T v for every gap. With

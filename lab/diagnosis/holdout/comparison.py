@@ -7,8 +7,6 @@ the covariance I + Y Y^T, noise and the model's own uncertainty. S is the mean s
 
 which is 1 for a perfect model. Two models are compared on the same poses, with the
 noise of the better one.
-
-What a fit says about poses that took no part in it.
 """
 
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ times over. What a model lacks changes with the posture, noise within less than 
 so the misclosures of a first fit, less their running mean over a small part of the
 motion, tell how long noise lasts. Of each stretch over an artefact every so manyth
 sample is kept.
-
-Where surfaces were touched in a stream, as far as an artefact's shape tells it.
 """
 
 from dataclasses import dataclass, replace

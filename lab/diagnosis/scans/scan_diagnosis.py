@@ -3,8 +3,6 @@
 The thinned poses go the way of every campaign. What they leave over is then looked
 through for harmonics in all samples; one that is found there enters the model, and
 the thinned poses are diagnosed again with it.
-
-What became of a dense scan, in words and figures.
 """
 
 import math

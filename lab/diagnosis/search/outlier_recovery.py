@@ -6,10 +6,8 @@ both explanations are put side by side, over all poses at once:
     values = A d + C nabla + S b + e
 
 with S the shifts of the poses left out. Every curve C may choose anew who is left out
-beside it (`mean_shifts`); it is believed if what it lowers the cost by passes the test
+beside it; it is believed if what it lowers the cost by passes the test
 of its bank. Blunders anywhere cost as much with the curve as without.
-
-Shifts of single poses beside anything else that explains rows.
 
 A blunder is a shift of its own of one pose (the mean-shift model of outliers). With S
 the shifts of the poses left out, Q a basis of all else and M = I - Q Q^T,

@@ -4,8 +4,6 @@ Candidates are random postures that touch the campaign's artefacts where they ar
 within the travel that the campaign itself has shown, found by the condition equations
 themselves: minimum-norm steps of the joints until w = 0. Of these, greedily, the ones
 that lower the mean variance of the probe over the travelled volume most.
-
-How far every joint turned in a campaign, and how evenly.
 """
 
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Joint k has four: its axis turns by a_k v_k + b_k w_k and its link changes by
 c_k v_k + d_k w_k, with v_k, w_k across u_k. The component of a link along its axis
 is left alone, because x does not change when a hinge slides along its own axis.
-
-The parameters that an arm has, and the choice of those that are free.
 """
 
 from collections.abc import Sequence

@@ -1,9 +1,4 @@
-"""Equations of stations at given values: starts, misclosures, whitened rows.
-
-Whitening: L^-1 of the dispersion B Q B^T = L L^T of each pose's misclosures.
-
-How far an adjustment is from its conditions, in millimetres.
-"""
+"""Equations of stations at given values: starts, misclosures, whitened rows."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

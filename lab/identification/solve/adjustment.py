@@ -9,8 +9,6 @@ the steps minimise
 
 Per station z is eliminated by QR; what is left is stacked and split by rank. A step
 is halved until it does not raise the weighted sum of squares.
-
-The linearised system of a network: whitened, the stations' unknowns eliminated.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,4 @@
-"""The rounds of an identification: adjust, test, improve the noise, and again.
-
-What one may wish of an identification.
-"""
+"""The rounds of an identification: adjust, test, improve the noise, and again."""
 
 from dataclasses import dataclass, replace
 

@@ -7,8 +7,6 @@ as known; what noise adds to every new pose comes on top.
 The first joint turns everything about its axis. Places therefore differ by radius and
 height about that axis only, and distances lie along the three directions there.
 
-Standard deviations of distances between the balls of two poses.
-
 For ball centres x_1, x_2 and u = (x_1 - x_2) / |x_1 - x_2|
 
     d|x_1 - x_2| = u^T (A_1 - A_2) dp
