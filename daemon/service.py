@@ -188,26 +188,14 @@ def compose(
     )
     outbox = Outbox(
         state_path(path) / OUTBOX,
-        arm=arm,
-        encoding=encoding,
-        clock=clock,
+        publisher,
+        events,
         section=configuration.outbox,
         limit=configuration.capture.max_waiting_points,
-        queue=queue,
-        events=events,
         latencies=latencies,
         ready_changed=status_due.set,
     )
-    spool = ScanStore(
-        state_path(path) / SCANS,
-        arm=arm,
-        encoding=encoding,
-        clock=clock,
-        section=configuration.scan,
-        outlet=publisher,
-        queue=queue,
-        events=events,
-    )
+    spool = ScanStore(state_path(path) / SCANS, publisher, events, configuration.scan)
 
     button_scans = ButtonScans(events)
 

@@ -1,9 +1,6 @@
 """Where the daemon keeps what must outlive it: one folder for each arm."""
 
-import contextlib
-import fcntl
 import os
-from collections.abc import Iterator
 from pathlib import Path
 
 OUTBOX = "outbox.db"
@@ -32,22 +29,3 @@ def state_folder(configuration_path: Path) -> Path:
     folder = state_path(configuration_path)
     folder.mkdir(mode=OWNER_ONLY, parents=True, exist_ok=True)
     return folder
-
-
-@contextlib.contextmanager
-def lock_directory(folder: Path) -> Iterator[None]:
-    """Keep every other daemon out of a state folder while the block lasts.
-
-    The lock is one of the system's, on the folder itself: it ends with the process,
-    however that ends, and needs no file.
-
-    Raises:
-        BlockingIOError: another daemon uses it.
-        OSError: it cannot be opened.
-    """
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield
-    finally:
-        os.close(descriptor)

@@ -18,6 +18,7 @@ from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import OutboxSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import latencies_by_name
+from traverse.daemon.mqtt.message_publisher import MessagePublisher
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.points.capture import Session
 from traverse.daemon.store.outbox import Outbox
@@ -39,13 +40,10 @@ class Rig:
         self.session = Session(time.time_ns())
         self.outbox = Outbox(
             folder / "outbox.db",
-            arm="bench-7",
-            encoding="msgpack",
-            clock=clock,
+            MessagePublisher("bench-7", "msgpack", self.queue, clock),
+            EventLog(clock, lambda occurrence: None),
             section=OutboxSection(),
             limit=1000,
-            queue=self.queue,
-            events=EventLog(clock, lambda occurrence: None),
             latencies=latencies_by_name(),
         )
 

@@ -30,10 +30,10 @@ class MessagePublisher:
         clock: HostClock,
         listener: StepListener | None = None,
     ) -> None:
-        self._arm = arm
-        self._encoding: Encoding = encoding
-        self._queue = queue
-        self._clock = clock
+        self.arm = arm
+        self.encoding: Encoding = encoding
+        self.queue = queue
+        self.clock = clock
         self.listener = listener or StepListener()
 
     def outgoing(
@@ -42,8 +42,8 @@ class MessagePublisher:
         """The message as it is handed to the broker."""
         channel = topics.CHANNELS[kind]
         return OutgoingMessage(
-            f"{topics.ROOT}/{self._arm}/{kind}",
-            encode(message, self._encoding),
+            f"{topics.ROOT}/{self.arm}/{kind}",
+            encode(message, self.encoding),
             qos=channel.qos,
             retain=channel.retained,
             sent=sent,
@@ -53,16 +53,16 @@ class MessagePublisher:
         self, kind: str, message: Message, sent: Callable[[], None] | None = None
     ) -> bool:
         """Queue a message; False if there was no room for it."""
-        is_queued = self._queue.offer(kind, self.outgoing(kind, message, sent))
+        is_queued = self.queue.offer(kind, self.outgoing(kind, message, sent))
         if is_queued:
-            self.listener.published(self._clock.monotonic_ns(), message)
+            self.listener.published(self.clock.monotonic_ns(), message)
         return is_queued
 
     def publish_event(self, what: Occurrence, session: str) -> None:
         """Queue an event; its times become UTC."""
-        offset_ns = self._clock.utc_offset_ns()
+        offset_ns = self.clock.utc_offset_ns()
         event = Event(
-            arm=self._arm,
+            arm=self.arm,
             session=session,
             severity=what.severity,
             code=what.code,

@@ -1,7 +1,7 @@
 """A requested scan, and the stream that it needs."""
 
 import uuid
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -76,16 +76,22 @@ def requested_scan(
     """
     if args.mode == "time":
         plan = plan_scan(args.rate_hz or settings.rate_hz, tracking_rate_hz)
-        plan = _with(plan, args)
     else:  # as dense as configured: what is not read cannot be selected
         rate_hz = args.rate_hz or min(settings.dense_rate_hz, largest_hz)
-        rate_hz = max(rate_hz, tracking_rate_hz)
-        plan = _with(ScanPlan(uuid.uuid4().hex[:12], rate_hz, 1), args)
-        try:
-            plan.selection()
-        except ValueError as error:
-            text = "correct the arguments and send again"
-            raise RequestRefusedError("command.bad_args", str(error), text) from error
+        plan = plan_scan(max(rate_hz, tracking_rate_hz), 0.0)
+    plan = replace(
+        plan,
+        mode=args.mode,
+        spacing_mm=args.spacing_mm or 0.0,
+        normal=args.normal or plan.normal,
+        offset_mm=args.offset_mm,
+        held=args.held,
+    )
+    try:
+        plan.selection()
+    except ValueError as error:
+        text = "correct the arguments and send again"
+        raise RequestRefusedError("command.bad_args", str(error), text) from error
     if plan.device_rate_hz > largest_hz:
         raise RequestRefusedError(
             "scan.rate",
@@ -93,16 +99,3 @@ def requested_scan(
             "request a lower rate",
         )
     return plan
-
-
-def _with(plan: ScanPlan, args: ScanArgs) -> ScanPlan:
-    return ScanPlan(
-        plan.id,
-        plan.rate_hz,
-        plan.every,
-        args.mode,
-        args.spacing_mm or 0.0,
-        args.normal or (0.0, 0.0, 1.0),
-        args.offset_mm,
-        args.held,
-    )

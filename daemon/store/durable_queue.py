@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from traverse.daemon.clock import HostClock
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies
-from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
+from traverse.daemon.mqtt.message_publisher import MessagePublisher
 from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.forwarder import (
     BATCH,
@@ -81,10 +80,9 @@ class DurableQueue:
     Args:
         path: of the database.
         profile: what distinguishes this queue.
-        clock: the host's.
-        retention: what may be deleted.
-        queue: of what is to be published.
+        publisher: of the arm; messages have its encoding, and wait in its queue.
         events: receives troubles.
+        retention: what may be deleted.
         to_disk: receives how long messages took to the disk.
         to_broker: receives how long they took from there to the broker.
         ready_changed: called when messages can be stored again, or cannot any more.
@@ -99,11 +97,10 @@ class DurableQueue:
         self,
         path: Path,
         profile: QueueProfile,
-        *,
-        clock: HostClock,
-        retention: RetentionRules,
-        queue: OutgoingQueue,
+        publisher: MessagePublisher,
         events: EventLog,
+        *,
+        retention: RetentionRules,
         to_disk: Latencies,
         to_broker: Latencies,
         ready_changed: Callable[[], None] = lambda: None,
@@ -112,12 +109,12 @@ class DurableQueue:
         self.is_open = False
         self.status = StoreStatus()
         self._profile = profile
-        self._clock = clock
-        self._queue = queue
+        self._encoding = publisher.encoding
+        self._clock = clock = publisher.clock
+        self._queue = queue = publisher.queue
         self._events = events
         self._to_disk = to_disk
         self._ready_changed = ready_changed
-        self._generation = 0
         self._in_flight: deque[tuple[int, NewMessage, PendingWrite]] = deque()
         self._unreported_bytes = 0  # that the status does not count yet
         self._settled = asyncio.Event()
@@ -197,7 +194,7 @@ class DurableQueue:
         """Send a message to the disk; settles ``write`` when it is there, or never."""
         self._unreported_bytes += len(message.payload)
         self._in_flight.append((self._clock.monotonic_ns(), message, write))
-        self._writer.write(self._generation, message)
+        self._writer.write(message)
 
     async def idle(self) -> None:
         """Wait until no message is on its way to the disk."""
@@ -248,8 +245,8 @@ class DurableQueue:
         match what:
             case Committed():
                 self._commit(what)
-            case WriteFailed(generation, trouble):
-                self._generation = generation + 1
+            case WriteFailed(trouble):
+                self._writer.resume()
                 self._fail(trouble)
             case StoreStatus():
                 self._set_status(what)

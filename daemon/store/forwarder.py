@@ -11,15 +11,14 @@ all after it only then: a broker that accepts nothing is not kept busy.
 import logging
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
-from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.queries import read_messages, read_unsent
 from traverse.daemon.store.records import StorableMessage
+from traverse.daemon.store.writer import StoreWriter
 from traverse.protocol.topics import CHANNELS
 
 log = logging.getLogger("traverse.daemon.outbox")
@@ -32,26 +31,15 @@ RESEND_BATCH = 50
 MAX_RANGES = 32
 
 
-class QueryRunner(Protocol):
-    """Run queries on the thread of a database."""
-
-    def query(
-        self,
-        work: Callable[[MessageDatabase], Any],
-        on_result: Callable[[Any], None],
-    ) -> None:
-        """Do something with the database; pass on the result, or the exception."""
-
-
 class AckBuffer:
     """Collect numbers, as ranges: answers arrive nearly in order.
 
     Args:
-        database: marks them.
+        writer: marks them.
     """
 
-    def __init__(self, database: QueryRunner) -> None:
-        self._database = database
+    def __init__(self, writer: StoreWriter) -> None:
+        self._writer = writer
         self._ranges: list[Range] = []
         self._is_writing = False
 
@@ -73,7 +61,7 @@ class AckBuffer:
                 for ends in newer:
                     self._add(*ends)
 
-        self._database.query(lambda store: store.mark_sent(ranges), on_result)
+        self._writer.query(lambda store: store.mark_sent(ranges), on_result)
 
     def _add(self, first: int, last: int) -> None:
         if self._ranges and self._ranges[-1][1] == first - 1:
@@ -102,7 +90,7 @@ class UnsentFeeder:
 
     Args:
         queue: of what is to be published.
-        database: they are read from there.
+        writer: reads them.
         acks: collects the number of each that the broker has.
         clock: the host's.
         latency: receives how long the broker took for each.
@@ -116,7 +104,7 @@ class UnsentFeeder:
     def __init__(
         self,
         queue: OutgoingQueue,
-        database: QueryRunner,
+        writer: StoreWriter,
         acks: AckBuffer,
         clock: HostClock,
         latency: Latencies,
@@ -125,7 +113,7 @@ class UnsentFeeder:
         batch: int = BATCH,
     ) -> None:
         self._queue = queue
-        self._database = database
+        self._writer = writer
         self._acks = acks
         self._clock = clock
         self._latency = latency
@@ -153,7 +141,7 @@ class UnsentFeeder:
             return
         self._is_reading = True
         after = self._last_number
-        self._database.query(
+        self._writer.query(
             lambda store: read_unsent(store.connection, after, self._batch), self._read
         )
 
@@ -205,15 +193,15 @@ class RangeResender:
 
     Args:
         queue: of what is to be published.
-        database: they are read from there.
+        writer: reads them.
         batch: so many messages are read at once, when no more than that wait.
     """
 
     def __init__(
-        self, queue: OutgoingQueue, database: QueryRunner, batch: int = RESEND_BATCH
+        self, queue: OutgoingQueue, writer: StoreWriter, batch: int = RESEND_BATCH
     ) -> None:
         self._queue = queue
-        self._database = database
+        self._writer = writer
         self._batch = batch
         self._ranges: deque[tuple[str, int, int]] = deque()
         self._is_reading = False
@@ -246,7 +234,7 @@ class RangeResender:
             return
         self._is_reading = True
         ends = self._ranges[0]
-        self._database.query(
+        self._writer.query(
             lambda store: read_messages(store.connection, *ends, self._batch),
             self._read,
         )

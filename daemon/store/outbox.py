@@ -4,11 +4,10 @@ import contextlib
 from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
 
-from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import OutboxSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies
-from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
+from traverse.daemon.mqtt.message_publisher import MessagePublisher
 from traverse.daemon.store.durable_queue import DurableQueue, QueueProfile
 from traverse.daemon.store.folder_lock import exclusive_state_dir
 from traverse.daemon.store.records import NewMessage, PendingPoint, RetentionRules
@@ -51,13 +50,10 @@ class Outbox(DurableQueue):
 
     Args:
         path: of the database.
-        arm: name of the arm, for the topic.
-        encoding: of the payloads.
-        clock: the host's.
+        publisher: of the arm.
+        events: receives troubles.
         section: what may be deleted.
         limit: so many points may be on their way to the disk.
-        queue: of what is to be published.
-        events: receives troubles.
         latencies: receives how long points took to the disk, and from there to
             the broker.
         ready_changed: called when points can be stored again, or cannot any more.
@@ -66,30 +62,25 @@ class Outbox(DurableQueue):
     def __init__(
         self,
         path: Path,
+        publisher: MessagePublisher,
+        events: EventLog,
         *,
-        arm: str,
-        encoding: Encoding,
-        clock: HostClock,
         section: OutboxSection,
         limit: int,
-        queue: OutgoingQueue,
-        events: EventLog,
         latencies: Mapping[str, Latencies],
         ready_changed: Callable[[], None] = lambda: None,
     ) -> None:
         super().__init__(
             path,
             PROFILE,
-            clock=clock,
+            publisher,
+            events,
             retention=RetentionRules(section.keep_days, section.keep_mb),
-            queue=queue,
-            events=events,
             to_disk=latencies["point_to_disk"],
             to_broker=latencies["publish_to_ack"],
             ready_changed=ready_changed,
         )
-        self._topic = point_topic(arm)
-        self._encoding: Encoding = encoding
+        self._topic = point_topic(publisher.arm)
         self._limit = limit
 
     @contextlib.asynccontextmanager

@@ -134,9 +134,8 @@ class Committed:
 
 @dataclass(frozen=True, slots=True)
 class WriteFailed:
-    """Nothing of a generation that is still on its way will be stored."""
+    """Nothing that is on its way will be stored, until the writer is resumed."""
 
-    generation: int
     trouble: StorageError
 
 

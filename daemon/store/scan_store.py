@@ -16,12 +16,10 @@ from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
-from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import ScanSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.message_publisher import MessagePublisher
-from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.store.durable_queue import DurableQueue, QueueProfile
 from traverse.daemon.store.forwarder import outgoing
 from traverse.daemon.store.queries import block_id
@@ -32,7 +30,7 @@ from traverse.daemon.store.records import (
     StorageError,
     StoreStatus,
 )
-from traverse.protocol.encoding import Encoding, encode
+from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Scan, SpoolHealth
 from traverse.protocol.topics import scan_topic
 
@@ -57,13 +55,9 @@ class ScanStore(DurableQueue):
 
     Args:
         path: of the database; made when the first scan needs it.
-        arm: name of the arm, for the topic.
-        encoding: of the payloads.
-        clock: the host's.
-        section: how scans are delivered, and what of them is kept.
-        outlet: for blocks that are not kept.
-        queue: of what is to be published.
+        publisher: of the arm; blocks that are not stored are sent by it.
         events: receives troubles.
+        section: how scans are delivered, and what of them is stored.
 
     Attributes:
         counters: blocks `kept`, `unkept` (sent without having been kept), `dropped`.
@@ -72,29 +66,22 @@ class ScanStore(DurableQueue):
     def __init__(
         self,
         path: Path,
-        *,
-        arm: str,
-        encoding: Encoding,
-        clock: HostClock,
-        section: ScanSection,
-        outlet: MessagePublisher,
-        queue: OutgoingQueue,
+        publisher: MessagePublisher,
         events: EventLog,
+        section: ScanSection,
     ) -> None:
         super().__init__(
             path,
             PROFILE,
-            clock=clock,
+            publisher,
+            events,
             retention=_retention(section),
-            queue=queue,
-            events=events,
             to_disk=Latencies(),
             to_broker=Latencies(),
         )
-        self._topic = scan_topic(arm)
-        self._encoding: Encoding = encoding
+        self._topic = scan_topic(publisher.arm)
         self._section = section
-        self._outlet = outlet
+        self._publisher = publisher
         self._scan, self._begun_ns, self._is_complete = "", 0, False
         self.counters: Counter[str] = Counter()
 
@@ -127,12 +114,12 @@ class ScanStore(DurableQueue):
             self._scan, self._begun_ns = block.scan, block.time_ns
             self._is_complete = self._section.delivery == "complete"
         if not self._is_complete:
-            return self._outlet.publish("scan", block)
+            return self._publisher.publish("scan", block)
         if self._starting is None:
             self.start().add_done_callback(self._on_started)
         is_taken = self._take(block, on_dropped)
         if is_taken:
-            self._outlet.listener.published(self._clock.monotonic_ns(), block)
+            self._publisher.listener.published(self._clock.monotonic_ns(), block)
         return is_taken
 
     def health(self) -> SpoolHealth | None:

@@ -15,7 +15,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -46,24 +45,8 @@ DELETE_BATCH = 50
 TURN_S = 30.0  # that a slow disk may take
 
 
-@dataclass(frozen=True, slots=True)
-class WriteJob:
-    """Store a message.
-
-    Attributes:
-        generation: grows whenever messages have failed.
-    """
-
-    generation: int
-    message: NewMessage
-
-
-@dataclass(frozen=True, slots=True)
-class QueryJob:
-    """Do something with the database; pass on the result, or the exception."""
-
-    work: Callable[[MessageDatabase], Any]
-    on_result: Callable[[Any], None]
+Job = NewMessage | Callable[[], None] | None
+"""Store a message; or do something; or, None, end."""
 
 
 class StoreWriter:
@@ -95,11 +78,11 @@ class StoreWriter:
         self._database = ResilientDatabase(
             path, lambda text: self._post(notify, Replaced(text))
         )
-        self._jobs: queue.SimpleQueue[WriteJob | QueryJob | None] = queue.SimpleQueue()
+        self._jobs: queue.SimpleQueue[Job] = queue.SimpleQueue()
         self._loop = asyncio.get_running_loop()
         self._status = StoreStatus()
         self._status_s = -STATUS_S
-        self._failed_generation = -1
+        self._has_failed = False
         self._committed_s = -COMMIT_INTERVAL_S
         self._running = ""  # the session of the latest message
         self._opened: concurrent.futures.Future[None] = concurrent.futures.Future()
@@ -124,9 +107,17 @@ class StoreWriter:
         self._jobs.put(None)
         await asyncio.to_thread(self._thread.join)
 
-    def write(self, generation: int, message: NewMessage) -> None:
+    def write(self, message: NewMessage) -> None:
         """Store a message, after all that was put before."""
-        self._jobs.put(WriteJob(generation, message))
+        self._jobs.put(message)
+
+    def resume(self) -> None:
+        """Store messages again that follow: whoever put the failed ones knows."""
+
+        def resume() -> None:
+            self._has_failed = False
+
+        self._jobs.put(resume)
 
     def query(
         self,
@@ -134,7 +125,15 @@ class StoreWriter:
         on_result: Callable[[Any], None],
     ) -> None:
         """Do something with the database; pass on the result, or the exception."""
-        self._jobs.put(QueryJob(work, on_result))
+
+        def run() -> None:
+            try:
+                result = self._database.run(work)
+            except Exception as error:  # noqa: BLE001 - it reaches the asker
+                result = error
+            self._post(on_result, result)
+
+        self._jobs.put(run)
 
     # -- on the thread --------------------------------------------------------
 
@@ -147,67 +146,57 @@ class StoreWriter:
             return
         self._report_status()
         self._opened.set_result(None)
-        waiting: deque[WriteJob | QueryJob | None] = deque()
+        waiting: deque[Job] = deque()
         checked_s = time.monotonic()
         while True:
             self.heartbeat.beat(TURN_S)
             self._take_all(waiting)
             while waiting:
                 self.heartbeat.beat(TURN_S)
-                if waiting[0] is None:
+                job = waiting.popleft()
+                if job is None:
                     self._database.close()
                     self.heartbeat.idle()
                     return
-                self._do_next(waiting)
+                if isinstance(job, NewMessage):
+                    self._write(job, waiting)
+                else:
+                    job()
             if time.monotonic() - checked_s >= POLL_S:
                 self._database.check()
                 self._delete_old()
                 checked_s = time.monotonic()
             self._report_status()
 
-    def _take_all(self, waiting: deque[WriteJob | QueryJob | None]) -> None:
+    def _take_all(self, waiting: deque[Job]) -> None:
         """Wait for a job, then take all that are there."""
         try:
             waiting.append(self._jobs.get(timeout=POLL_S))
             early_s = self._committed_s + COMMIT_INTERVAL_S - time.monotonic()
-            if early_s > 0.0 and isinstance(waiting[0], WriteJob):
+            if early_s > 0.0 and isinstance(waiting[0], NewMessage):
                 time.sleep(early_s)
             while True:
                 waiting.append(self._jobs.get_nowait())
         except queue.Empty:
             return
 
-    def _do_next(self, waiting: deque[WriteJob | QueryJob | None]) -> None:
-        match waiting[0]:
-            case WriteJob(generation):
-                messages: list[NewMessage] = []
-                while (
-                    waiting
-                    and isinstance(job := waiting[0], WriteJob)
-                    and job.generation == generation
-                    and len(messages) < MAX_BATCH
-                ):
-                    messages.append(job.message)
-                    waiting.popleft()
-                self._write(generation, messages)
-            case QueryJob(work, on_result):
-                waiting.popleft()
-                try:
-                    result = self._database.run(work)
-                except Exception as error:  # noqa: BLE001 - it reaches the asker
-                    result = error
-                self._post(on_result, result)
-
-    def _write(self, generation: int, messages: list[NewMessage]) -> None:
-        if generation <= self._failed_generation:
+    def _write(self, first: NewMessage, waiting: deque[Job]) -> None:
+        """Store a message, together with those that follow it."""
+        messages = [first]
+        while waiting and len(messages) < MAX_BATCH:
+            if not isinstance(waiting[0], NewMessage):
+                break
+            messages.append(waiting[0])
+            waiting.popleft()
+        if self._has_failed:
             return
         self._committed_s = time.monotonic()
         try:
             numbers = self._database.add(messages)
         except Exception as error:  # noqa: BLE001 - reported as a trouble
-            self._failed_generation = generation
+            self._has_failed = True
             trouble = self._database.trouble or StorageError(repr(error), "")
-            self._post(self._notify, WriteFailed(generation, trouble))
+            self._post(self._notify, WriteFailed(trouble))
         else:
             self._running = messages[-1].session
             self._post(self._notify, Committed(numbers))

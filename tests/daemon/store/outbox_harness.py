@@ -8,6 +8,7 @@ from traverse.daemon.commands.resend import ResendCommands
 from traverse.daemon.config.schema import OutboxSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import latencies_by_name
+from traverse.daemon.mqtt.message_publisher import MessagePublisher
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.points.capture import Session
 from traverse.daemon.store.outbox import Outbox
@@ -28,13 +29,10 @@ class OutboxOnLoop:
         self.latencies = latencies_by_name()
         self.outbox = Outbox(
             self.path,
-            arm="bench-7",
-            encoding="msgpack",
-            clock=self.clock,
+            MessagePublisher("bench-7", "msgpack", self.queue, self.clock),
+            EventLog(self.clock, self.occurrences.append),
             section=OutboxSection(**section),
             limit=limit,
-            queue=self.queue,
-            events=EventLog(self.clock, self.occurrences.append),
             latencies=self.latencies,
             ready_changed=lambda: self.statuses.append(self.outbox.is_ready),
         )

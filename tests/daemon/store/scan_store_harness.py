@@ -48,13 +48,9 @@ class Bench:
         self.taken_back = []
         self.spool = ScanStore(
             self.path,
-            arm="bench-7",
-            encoding="msgpack",
-            clock=self.clock,
-            section=ScanSection(**{"delivery": "complete", **section}),
-            outlet=MessagePublisher("bench-7", "msgpack", self.queue, self.clock),
-            queue=self.queue,
-            events=EventLog(self.clock, self.occurrences.append),
+            MessagePublisher("bench-7", "msgpack", self.queue, self.clock),
+            EventLog(self.clock, self.occurrences.append),
+            ScanSection(**{"delivery": "complete", **section}),
         )
 
     def take(self, scan):
