@@ -31,10 +31,10 @@ Address = Annotated[
 Timeout = Annotated[
     float,
     typer.Option(
-        "--timeout", min=0.001, max=1.0, help="Seconds within which a reply comes."
+        "--timeout", min=0.001, max=1.0, help="Time limit of a reply in seconds."
     ),
 ]
-Yes = Annotated[bool, typer.Option("--yes", help="Do not ask whether to do it.")]
+Yes = Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")]
 Json = Annotated[
     bool, typer.Option("--json", help="Report as JSON on standard output.")
 ]
@@ -118,7 +118,7 @@ def _command(
     with _line(*where) as line:
         before = _present(line, number)
         # With --json this is printed where the question is.
-        typer.echo(f"{number:#04x} stands at {before['position']}", err=as_json)
+        typer.echo(f"{number:#04x} is at {before['position']}", err=as_json)
         if not yes:
             typer.confirm(f"{name} this encoder?", abort=True, err=as_json)
         line.command(request(number))
@@ -128,7 +128,7 @@ def _command(
         report = {"address": number, "before": before["position"]}
         typer.echo(json.dumps(report | {"after": after["position"]}))
     else:
-        typer.echo(f"{number:#04x} stands at {after['position']}")
+        typer.echo(f"{number:#04x} is at {after['position']}")
 
 
 def _address(name: str, text: str) -> int:

@@ -27,7 +27,8 @@ class BrokerOptions:
         Path | None, typer.Option(help="File with the broker's password.")
     ] = None
     ca_file: Annotated[
-        Path | None, typer.Option(help="Certificates that the broker's come from.")
+        Path | None,
+        typer.Option(help="CA certificates that signed the broker's certificate."),
     ] = None
     client_certificate: Annotated[
         Path | None, typer.Option(help="Shown to the broker, PEM.")

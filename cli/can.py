@@ -30,7 +30,7 @@ BitRate = Annotated[
 Timeout = Annotated[
     float,
     typer.Option(
-        "--timeout", min=0.01, max=10.0, help="Seconds within which an answer comes."
+        "--timeout", min=0.01, max=10.0, help="Time limit of an answer in seconds."
     ),
 ]
 
@@ -80,7 +80,7 @@ def preset(
         bool, typer.Option("--store", help="Keep it in the encoder for ever.")
     ] = False,
     yes: Annotated[
-        bool, typer.Option("--yes", help="Do not ask whether to do it.")
+        bool, typer.Option("--yes", help="Do not ask for confirmation.")
     ] = False,
     as_json: Json = False,
 ) -> None:
@@ -93,7 +93,7 @@ def preset(
     with _bus(interface, channel, bitrate, timeout_s) as tool:
         facts = tool.facts(node)
         # With --json this is printed where the question is.
-        text = f"node {node} stands at {facts.position} of {facts.modulus}"
+        text = f"node {node} is at {facts.position} of {facts.modulus}"
         typer.echo(text, err=as_json)
         if value >= facts.modulus:
             _refuse(
@@ -109,7 +109,7 @@ def preset(
         report = {"node": node, "before": facts.position, "after": position}
         typer.echo(json.dumps(report | {"stored": store}))
     else:
-        typer.echo(f"node {node} stands at {position}{', stored' if store else ''}")
+        typer.echo(f"node {node} is at {position}{', stored' if store else ''}")
 
 
 def _refuse(text: str) -> NoReturn:

@@ -55,7 +55,8 @@ def diagnose(
         bool,
         typer.Option(
             "--plan",
-            help="Only say which effects this campaign could show, from which size on.",
+            help="Only print which effects this campaign could detect, and from which "
+            "size on.",
         ),
     ] = False,
 ) -> None:
@@ -121,8 +122,8 @@ def _diagnosed(
     except np.linalg.LinAlgError as error:
         typer.echo(
             f"{folder}: the adjustment broke down ({error}); check units, signs and "
-            "zeros of the arm file, and the features of the poses; `traverse identify` "
-            "says more",
+            "zeros of the arm file, and the features of the poses; see "
+            "`traverse identify`",
             err=True,
         )
         raise typer.Exit(NO) from error

@@ -18,7 +18,7 @@ def run(
         bool,
         typer.Option(
             "--embedded-broker",
-            help="Bring an own MQTT broker on loopback (extra `demo`).",
+            help="Start an own MQTT broker on loopback (extra `demo`).",
         ),
     ] = False,
     embedded_port: Annotated[
@@ -31,8 +31,8 @@ def run(
         bool,
         typer.Option(
             "--keep-trying",
-            help="Begin also without a device or broker that cannot be reached, say "
-            "so, and go on trying; for a service.",
+            help="Start also without a device or broker that cannot be reached, report "
+            "it, and keep trying; for a service.",
         ),
     ] = False,
     log_format: Annotated[

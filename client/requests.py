@@ -118,12 +118,12 @@ class CommandClient:
             return f"{what}; no connection to {self._link.address}: {self._link.reason}"
         if self._status is None:
             return (
-                f"{what}; no arm of this name has ever told its status to the broker "
-                f"{self._link.address}: check the name, and start the daemon"
+                f"{what}; no arm of this name has ever published a status at the "
+                f"broker {self._link.address}: check the name, and start the daemon"
             )
         if not self._status.online:
             return f"{what}; the arm is offline: start its daemon"
         return (
-            f"{what}; it may have been carried out: look at the points before you send "
+            f"{what}; it may have been executed: check the points before you send "
             "it again"
         )

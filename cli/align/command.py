@@ -107,7 +107,7 @@ def align(
         if method == "3-2-1" and (scale or spheres):
             refuse(COMMAND, "--scale and --spheres do not go with --method 3-2-1")
         if onto is not None and method != "leapfrog":
-            refuse(COMMAND, "--onto goes with --method leapfrog only")
+            refuse(COMMAND, "--onto needs --method leapfrog")
         if nominal is None:
             values = _read(points, send=send)
         else:
@@ -135,7 +135,7 @@ def align(
     if send:
         to = arm_name or values["arm"]
         if to is None:
-            refuse(COMMAND, "the points do not tell their arm; give --arm-name")
+            refuse(COMMAND, "the points do not name their arm; give --arm-name")
         address = broker.address(COMMAND)
         _send(values, to, address)
 

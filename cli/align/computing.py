@@ -145,7 +145,7 @@ def _volume(
     places_mm = nominal.places_mm()
     if not len(places_mm) or not np.any(np.ptp(places_mm, axis=0)):
         raise ValueError(
-            "nothing tells the volume in which the alignment is used; give --volume, "
+            "the volume in which the alignment is used is not known; give --volume, "
             "or [volume] in the nominal file"
         )
     return fixed_volume(box_around(places_mm)), "around all nominal points"

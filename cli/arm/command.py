@@ -157,7 +157,7 @@ def from_urdf(
     out: Out,
     *,
     root: Annotated[
-        str | None, typer.Option(help="Link that stands still; default the root.")
+        str | None, typer.Option(help="Fixed link; default the root.")
     ] = None,
     tip: Annotated[
         str | None, typer.Option(help="Link with the probe; default the only end.")

@@ -127,7 +127,7 @@ def arm_from_urdf_file(
 def _convention(path: Path, file: DHFile, wished: str | None) -> Convention:
     said = file.convention
     if said is None and wished is None:
-        what = "is not said; give --convention classic or --convention modified"
+        what = "is not given; use --convention classic or --convention modified"
         raise FileError(str(path), [Problem("convention", what)])
     if said is not None and wished is not None and said != wished:
         what = f"is {said} in the file, but --convention says {wished}; drop one"

@@ -167,7 +167,7 @@ class _Session:
         if expected is not None and point.seq > expected:
             self._say(
                 f"points {expected} to {point.seq - 1} did not arrive: touch again, "
-                "or ask for them once more"
+                "or request them again"
             )
         self._next_seq[point.session] = max(point.seq + 1, expected or 0)
 

@@ -62,7 +62,7 @@ def shown(
 def instruction(collection: Collection, current: Target | None) -> str:
     """What to do next, in a sentence."""
     if current is None:
-        return "All is touched as often as wanted. Press q to end, or go on."
+        return "All touches are complete. Press q to end, or continue."
     left = max(0, current.wanted - collection.count(current))
     if current.say:
         return f"{current}: {current.say}. {left} more."

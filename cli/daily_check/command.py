@@ -170,7 +170,7 @@ def _collected(
         raise typer.Exit(UNREACHABLE)
     if unfinished := collection.unfinished():
         typer.echo(
-            f"not touched as often as wanted: {', '.join(map(str, unfinished))}; "
+            f"touches are missing: {', '.join(map(str, unfinished))}; "
             f"nothing is added to the history; {folder} has what was touched",
             err=True,
         )

@@ -52,14 +52,14 @@ def write_file(source: Path, path: Path, wanted: Wanted) -> dict[str, Any]:
         chain = filter_chain(read_strict(wanted.filters, FiltersFile).filters)
         if chain.interpolates and wanted.kind == "points":
             raise ValueError(
-                f"{wanted.filters}: sections make points between samples; they go "
-                "with --kind scans"
+                f"{wanted.filters}: sections make points between samples; use "
+                "--kind scans"
             )
     options: dict[str, Any] = {"coordinates": wanted.coordinates}
     if wanted.to == "text":
         options["template"] = wanted.template
     elif wanted.template:
-        raise ValueError("--template goes with --to text")
+        raise ValueError("--template needs --to text")
     with _whole(path) as partial, partial.open("w+b") as file:
         with FORMATS[wanted.to](file, **options) as sink:
             if wanted.kind == "scans":

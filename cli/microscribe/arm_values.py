@@ -100,7 +100,7 @@ def _joint_count(told: MicroscribeDescription) -> int:
     problems = []
     if not all(there[:n]):
         what = f"greatest counts are {list(told.maxes)}; one is 0 between others"
-        problems.append(Problem("encoders", f"{what}, so joints cannot be told"))
+        problems.append(Problem("encoders", f"{what}, so the joints are ambiguous"))
     elif not _BETA_JOINT <= n <= N_ROWS:
         what = f"there are {n}, expected {_BETA_JOINT} to {N_ROWS}, the rows of the "
         what += "arm's own table; make the arm file with `traverse arm from-dh`"

@@ -35,7 +35,7 @@ inputs = [
 """
 
 microscribe = typer.Typer(
-    help="MicroScribe arms: an arm file of what the arm says of itself. "
+    help="MicroScribe arms: an arm file from the geometry that the arm stores. "
     "The daemon must not be using the port.",
     no_args_is_help=True,
 )
@@ -55,7 +55,8 @@ def arm_file(
         int | None, typer.Option("--baud-rate", help="Try this one only; default all.")
     ] = None,
     name: Annotated[
-        str | None, typer.Option(help="Name of the arm; default what it says.")
+        str | None,
+        typer.Option(help="Name of the arm; default the one that it reports."),
     ] = None,
     device: Annotated[
         str, typer.Option(help="Its id in the daemon's configuration.")

@@ -161,6 +161,6 @@ def _check(command: str, connection: "Connection", session: str) -> None:
     if not read_messages(connection, session, 0, LAST, 1):
         refuse(
             command,
-            f"there are no points of session {session!r}; `traverse points list` tells "
-            "which sessions there are",
+            f"there are no points of session {session!r}; `traverse points list` lists "
+            "the sessions",
         )

@@ -59,8 +59,8 @@ def resend(
     except ValueError:
         refuse(
             COMMAND,
-            f"--to {to_seq} is below --from {from_seq}, --scan stands beside a "
-            "session, or an option is bad",
+            f"--to {to_seq} is below --from {from_seq}, --scan is given beside a "
+            "session, or an option is invalid",
         )
     address = broker.address(COMMAND)
     try:

@@ -40,13 +40,15 @@ def pivot(
         str | None, typer.Option("--cone", help="Artefact, where there are several.")
     ] = None,
     limit_mm: Annotated[
-        float, typer.Option("--limit-mm", min=0.0, help="A larger change is asked for.")
+        float,
+        typer.Option("--limit-mm", min=0.0, help="A larger change needs confirmation."),
     ] = 0.05,
     write: Annotated[
         bool, typer.Option("--write", help="Put what was found into the library.")
     ] = False,
     yes: Annotated[
-        bool, typer.Option("--yes", help="Do not ask beyond the limit.")
+        bool,
+        typer.Option("--yes", help="Do not ask for confirmation beyond the limit."),
     ] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Report as JSON on standard output.")

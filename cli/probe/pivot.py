@@ -166,7 +166,7 @@ def _cone(folder: Path, campaign: Campaign, wanted: str | None) -> int:
         return cones[wanted]
     known = _listed(list(cones))
     text = (
-        f"has the cones {known}; say which one with --cone"
+        f"has the cones {known}; name one with --cone"
         if wanted is None
         else f"has no cone {wanted!r}; it has: {known}"
     )

@@ -74,7 +74,7 @@ class ArmSight:
 
     @property
     def is_stale(self) -> bool:
-        """What is shown is not of now."""
+        """The shown values are out of date."""
         online = self.status is not None and self.status.online
         return not self.is_linked or not online or self.age_s > STALE_S
 

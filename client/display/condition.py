@@ -14,7 +14,7 @@ class Verdict:
     """The banner's text.
 
     Attributes:
-        level: "bad" where measuring is not possible or what is shown is not of now.
+        level: "bad" where measuring is not possible or the values are out of date.
         sentence, remedy: for people.
         others: how many more conditions there are.
     """
@@ -40,13 +40,13 @@ def _conditions(sight: ArmSight) -> list[Verdict]:
             Verdict(
                 "bad",
                 f"No connection to the broker: {sight.link_reason}.",
-                "Nothing shown here is of now. Start the broker or check the network; "
-                "the arm keeps its points and this page comes back by itself.",
+                "These values are out of date. Start the broker or check the network; "
+                "the arm keeps its points and this page reconnects by itself.",
             )
         ]
     status = sight.status
     if status is None or not status.online:
-        told = "has not been heard of" if status is None else "is off line"
+        told = "has never published its status" if status is None else "is off line"
         return [
             Verdict(
                 "bad",

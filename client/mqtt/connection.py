@@ -124,7 +124,7 @@ class ManualAckConnection(ConfiguredClient):
         ]
         if refused:
             raise aiomqtt.MqttError(
-                f"the broker does not let us read {topic}: {refused[0]}; correct its "
+                f"the broker refuses to send {topic}: {refused[0]}; correct its "
                 "access list, or username and password"
             )
 

@@ -17,9 +17,7 @@ def health_table(sight: ArmSight) -> str:
         return "<p>No figures yet.</p>"
     rows = []
     for device in health.devices:
-        age = (
-            "never heard" if device.age_s is None else f"heard {device.age_s:.1f} s ago"
-        )
+        age = "no data" if device.age_s is None else f"data {device.age_s:.1f} s ago"
         rows.append(
             _row(device.id, device.state, f"{device.rate_hz:.0f} samples/s, {age}")
         )

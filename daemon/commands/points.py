@@ -150,7 +150,7 @@ class PointCommands:
             raise RequestRefusedError(
                 "command.bad_args",
                 f"{args.samples} samples take longer than "
-                f"{MAX_AVERAGING_NS * 1e-9:g} s at the {rate_hz:g} Hz of now",
+                f"{MAX_AVERAGING_NS * 1e-9:g} s at the {rate_hz:g} Hz in use",
                 "average fewer samples, or while a faster scan runs",
             )
         return TakeMean(

@@ -144,7 +144,7 @@ class Amt21Driver(PolledDriver):
         if known.time_ns is not None and count != self._nearest(known, position.count):
             self._fault(
                 "turns_corrected",
-                f"{known.name} says {turns} whole turns, which is not what was counted",
+                f"{known.name} reports {turns} whole turns, unlike the count",
                 "check a known point before measuring on",
             )
             known.reset()

@@ -100,7 +100,7 @@ class Amt21Line:
                 return
         if heard_any:
             raise DeviceError(
-                "cannot tell whether the adapter echoes what is sent: replies are "
+                "cannot determine whether the adapter echoes what is sent: replies are "
                 f"not those of an AMT21 (it began with {heard_any[:8].hex(' ')})",
                 'check baud rate and wiring, or set echo = "yes" or "no"',
             )

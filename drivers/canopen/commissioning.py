@@ -172,4 +172,4 @@ class Commissioning:
     def _only_heard(self) -> str:
         if not self._heard:
             return ""
-        return f", though something is heard of nodes {sorted(self._heard)}"
+        return f", although frames were received from nodes {sorted(self._heard)}"

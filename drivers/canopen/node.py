@@ -72,7 +72,7 @@ def read_facts(sdo: NodeSdo, node: int) -> NodeFacts:
     device_type = sdo.read_number(objects.DEVICE_TYPE)
     if device_type & 0xFFFF != objects.ENCODER_PROFILE:
         raise DeviceRefusedError(
-            f"node {node} says it is a device of profile {device_type & 0xFFFF}, "
+            f"node {node} reports device profile {device_type & 0xFFFF}, "
             f"expected an encoder, profile {objects.ENCODER_PROFILE} (object 1000 is "
             f"{device_type:08X})",
             "take this node out of the configuration, or give the right number",
@@ -134,7 +134,7 @@ def _resolution(sdo: NodeSdo, kind: int, parameters: int) -> tuple[int, int]:
         modulus = per_turn * (turns or MOST_TURNS)
     if not per_turn:
         raise DeviceRefusedError(
-            f"{sdo.name} says it has 0 counts per turn",
+            f"{sdo.name} reports 0 counts per turn",
             "set its resolution with the maker's tool, or replace it",
         )
     return per_turn, min(modulus, WIDEST)

@@ -26,7 +26,7 @@ REMEDIES = {
     "encoder_warning": "the position is still valid; see the encoder's manual for when "
     "to service it",
     "bus_off": "check the termination (120 ohm at both ends), the bit rate of all "
-    "nodes and the cable; the bus comes back by itself if its interface has restart-ms",
+    "nodes and the cable; the bus recovers by itself if its interface has restart-ms",
     "bus_passive": "many frames are broken: check termination, cable and bit rate",
 }
 

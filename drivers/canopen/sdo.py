@@ -188,7 +188,7 @@ class NodeSdo(SdoClient):
         while not self._answers:
             left_s = (until_ns - self._now_ns()) * 1e-9
             if self._stopping():
-                raise DeviceError(f"closed while asking {self.name}", "go on")
+                raise DeviceError(f"closed during a request to {self.name}", "go on")
             if left_s <= 0:
                 raise SdoCommunicationError("no answer")
             self._poll_bus(min(left_s, SHORT_WAIT_S))
@@ -212,13 +212,13 @@ class NodeSdo(SdoClient):
         return NodeRefusedError(
             f"{self.name} refused to {what} object "
             f"{index:04X}:{sub:02X}: {code:08X}, {why}",
-            "check the encoder's type and what its manual says of this object",
+            "check the encoder's type and its manual on this object",
             code,
         )
 
     def _silent(self, index: int, sub: int, error: SdoCommunicationError) -> NodeError:
         return NodeError(
-            f"{self.name} does not answer (asked for object "
+            f"{self.name} does not answer (request for object "
             f"{index:04X}:{sub:02X}, {self.MAX_RETRIES} times {self.RESPONSE_TIMEOUT:g}"
             f" s: {error})",
             "check its power, its number, the bit rate and the termination of the bus",

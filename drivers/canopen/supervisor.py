@@ -170,7 +170,7 @@ class NodeSupervisor:
                 known.modulus,
             ):
                 raise DeviceError(
-                    f"{sdo.name} came back with {found.counts_per_turn} counts per turn"
+                    f"{sdo.name} restarted with {found.counts_per_turn} counts per turn"
                     f", it had {known.counts_per_turn}",
                     "if it was replaced, correct the arm file and identify anew",
                 )
@@ -238,7 +238,7 @@ class NodeSupervisor:
         """Frames arrived and could not be stored."""
         self.report_fault(
             "frames_overflowed",
-            f"frames were lost on {self.bus.name} because nobody read them in time",
+            f"frames were lost on {self.bus.name} because they were not read in time",
             "lower the rate; give the daemon more of the computer; on SocketCAN let it "
             "keep more: sysctl net.core.rmem_max=4194304",
             n,

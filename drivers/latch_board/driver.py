@@ -74,7 +74,8 @@ class LatchBoardDriver(Driver):
         """
         if len(self._latches) >= MAX_LATCHES:
             raise DeviceError(
-                f"{MAX_LATCHES} latch requests wait for {self.device}", "ask less often"
+                f"{MAX_LATCHES} latch requests wait for {self.device}",
+                "request latches less often",
             )
         self._latch_token += 1
         self._latches.append(self._latch_token)

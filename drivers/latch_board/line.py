@@ -146,7 +146,9 @@ class LatchBoardLine:
                 if self._port.wait(left_ns * 1e-9):
                     self.read()
                 if self._stopping():
-                    raise DeviceError(f"closed while asking {name}", "start again")
+                    raise DeviceError(
+                        f"closed during the request {name}", "start again"
+                    )
                 if (answer := self._take_answer()) is not None:
                     return self._accepted(answer)
         raise DeviceError(

@@ -124,7 +124,7 @@ class MicroscribeDriver(Driver):
         if rate_hz > session.reached_hz:
             self._fault(
                 "rate_limited",
-                f"a stream of {rate_hz:g} Hz is wanted, {self.device} reaches "
+                f"a stream of {rate_hz:g} Hz is requested, {self.device} reaches "
                 f"{session.reached_hz:.4g} Hz",
                 "lower the rate, raise the baud rate, or set the adapter's latency "
                 "timer to 1 ms",
@@ -150,7 +150,7 @@ class MicroscribeDriver(Driver):
         if now_ns - self._answered_ns > SILENCE_NS:
             raise DeviceError(
                 f"{session.arm.name} on {self._path} does not answer",
-                "check its cable; if it was off, let it stand in its home position "
+                "check its cable; if it was off, put it into its home position "
                 "while it is switched on",
             )
         return not self._stopping and self._streams_begun == self._streams_requested

@@ -114,7 +114,7 @@ class MicroscribeLine:
             if (found := wire.maxes_reply(data)) is not None:
                 return found
         raise DeviceRefusedError(
-            f"the device on {self.port.path} tells its greatest counts as "
+            f"the device on {self.port.path} reports its greatest counts as "
             f"{data[:60].hex(' ') or 'nothing'}, which is neither 24 nor 44 bytes",
             "check that this is a MicroScribe that speaks HCI 2 or 3",
         )
@@ -201,7 +201,7 @@ class MicroscribeLine:
     def _given(self, answer: bytes | None, what: str) -> bytes:
         if answer is None:
             raise DeviceError(
-                f"the device on {self.port.path} does not tell {what}",
+                f"the device on {self.port.path} does not report {what}",
                 "check the cable, and that no other program uses the port",
             )
         return answer
@@ -224,7 +224,7 @@ class MicroscribeLine:
         data = b""
         while (left_ns := until_ns - self._now_ns()) > 0:
             if self._stopping():
-                raise DeviceError("closed while asking", "start again")
+                raise DeviceError("closed during a request", "start again")
             if self.port.wait(left_ns * 1e-9):
                 data += self.port.read()
         return data

@@ -53,7 +53,7 @@ class MicroscribeLosses:
             self.edges = 0
             self._fault(
                 "edges_lost",
-                f"{edges} pedal edges were lost because nobody takes them",
+                f"{edges} pedal edges were lost because they are not processed",
                 "the daemon is overloaded; repeat the last points",
                 edges,
             )

@@ -29,11 +29,11 @@ SILENT = ReadError(
 )
 REFUSED = ReadError(
     "refused",
-    "refuses to tell its registers",
+    "refuses to send its registers",
     "check function, position_register and words with the encoder's manual",
 )
 SHIFTED = ReadError(
-    "shifted", "answers more than it is asked", "check cable and termination"
+    "shifted", "sends more than requested", "check cable and termination"
 )
 
 

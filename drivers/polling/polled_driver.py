@@ -30,7 +30,7 @@ IDLE_S = 0.5  # without a stream, so often is looked whether all are there
 
 DISTURBED = ReadError(
     "disturbed",
-    "was asked while the line carried what nobody had asked for",
+    "was polled while unexpected bytes were on the line",
     "check termination, cable and shielding, and that there is no other master",
 )
 
@@ -164,7 +164,7 @@ class PolledDriver(Driver):
         if rate_hz > self._reached_hz:
             self._fault(
                 "rate_limited",
-                f"a stream of {rate_hz:g} Hz is wanted, {self.device} reaches "
+                f"a stream of {rate_hz:g} Hz is requested, {self.device} reaches "
                 f"{self._reached_hz:.4g} Hz",
                 "lower the rate, or set the adapter's latency timer to 1 ms",
             )

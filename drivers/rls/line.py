@@ -18,7 +18,7 @@ GARBLED = ReadError(
 )
 SHIFTED = ReadError(
     "shifted",
-    "answers more than it is asked",
+    "sends more than requested",
     "check the cable; is it in the continuous mode?",
 )
 

@@ -160,7 +160,7 @@ class EvdevDriver(TriggerDriver):
             self._fault(
                 "times_estimated",
                 f"{self._path} does not stamp its events with the monotonic clock; the "
-                "time at which they are read stands in",
+                "time at which they are read is used",
                 "use an input device below /dev/input",
             )
         if self.options.exclusive and self._asked(EVIOCGRAB, 1) is None:

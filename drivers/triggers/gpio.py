@@ -204,7 +204,7 @@ class GpioDriver(TriggerDriver):
         if number == errno.EBUSY:
             return DeviceNotFoundError(
                 f"a line of {self._path} is in use by another program",
-                "gpioinfo says by which",
+                "gpioinfo shows by which",
             )
         names = ", ".join(map(str, self._names))
         return DeviceRefusedError(

@@ -44,7 +44,7 @@ def test_maintenance_is_asked_for_before_it_is_done(encoders, name, code):
     patience = ("--timeout", "0.1")  # a busy machine answers late
     ran = told(encoders, name, "--address", "0x54", *patience, input="n\n")
     assert ran.exit_code == 1
-    assert "stands at 1234" in ran.output
+    assert "is at 1234" in ran.output
     assert 0x56 not in encoders.line.heard
     ran = told(encoders, name, "--address", "84", "--yes", "--json", *patience)
     assert ran.exit_code == 0, ran.output

@@ -77,7 +77,7 @@ def test_a_preset_is_asked_for_written_and_stored(nodes: FakeNodes) -> None:
     wanted = ("--node", "5", "--value", "4711", "--store")
     result = told(nodes, "preset", *wanted, "--yes", "--json")
     assert result.exit_code == 0, result.output
-    assert "node 5 stands at 1000 of 268435456" in result.stderr
+    assert "node 5 is at 1000 of 268435456" in result.stderr
     report = json.loads(result.stdout)
     assert (report["node"], report["before"], report["stored"]) == (5, 1000, True)
     assert node.objects[(0x6003, 0)] == u32(4711)

@@ -153,7 +153,7 @@ def test_labels_that_the_campaign_does_not_know_are_refused(tmp_path: Path) -> N
         (("--to", "doc"), "--to doc: one of"),
         (("--kind", "lines"), "one of points, scans"),
         (("--to", "text", "--template", "{os}"), "is no value of a point"),
-        (("--template", "{seq}"), "goes with --to text"),
+        (("--template", "{seq}"), "needs --to text"),
         (("--kind", "scans"), "expected a recording"),
         (("--to", "campaign"), "needs --arm and --campaign"),
     ],

@@ -104,7 +104,7 @@ def test_what_was_found_goes_into_the_library_and_comments_stay(bench, tmp_path)
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ([], "say which one with --cone"),
+        ([], "name one with --cone"),
         (["--cone", "cone-7"], "no cone 'cone-7'; it has: cone-0, cone-1"),
         (["--name", "ball-6"], "go together"),
         (["--write"], "--write needs"),

@@ -114,7 +114,7 @@ async def test_a_capture_is_not_repeated_to_a_daemon_that_was_started_anew(
         virtual.is_deaf = False
         async with virtual.running():
             await labelling
-            with pytest.raises(NoAnswerError, match="look at the points"):
+            with pytest.raises(NoAnswerError, match="check the points"):
                 await capturing
             assert virtual.points == []
 

@@ -233,7 +233,7 @@ def test_all_mistakes_of_a_toml_table_are_said_at_once(tmp_path):
 @pytest.mark.parametrize(
     ("text", "options", "said"),
     [
-        (UR10_CSV, [], "convention: is not said; give --convention classic or"),
+        (UR10_CSV, [], "convention: is not given; use --convention classic or"),
         ("a_mm,d_mm,alpha_rad\n", ["--convention", "classic"], "holds no table"),
         (
             UR10_CSV.replace("elbow", "wrist_1"),

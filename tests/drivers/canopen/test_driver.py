@@ -98,9 +98,7 @@ async def test_all_that_is_wrong_at_the_start_is_told_together(rig: CanRig):
         taken = Taken(rig.delivery_queue)
         await taken.until(lambda: taken.of(DeviceLost), "the refusal")
     (lost,) = taken.of(DeviceLost)
-    assert "node 5 says it is a device of profile 401, expected an encoder" in (
-        lost.reason
-    )
+    assert "node 5 reports device profile 401, expected an encoder" in (lost.reason)
     assert "node 9 on" in lost.reason
     assert "0 counts per turn" in lost.reason
 

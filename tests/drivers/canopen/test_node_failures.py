@@ -70,7 +70,7 @@ async def test_a_node_that_has_become_another_is_not_measured_with(rig: CanRig):
         rig.nodes.restart(9)
         await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "it is told anew")
     reasons = [lost.reason for lost in taken.of(DeviceLost)]
-    assert any("came back with 8192 counts per turn" in reason for reason in reasons)
+    assert any("restarted with 8192 counts per turn" in reason for reason in reasons)
     assert taken.of(DeviceUp)[1].identity.counts_per_turn == (1 << 16, 1 << 13)
 
 
