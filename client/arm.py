@@ -146,9 +146,9 @@ class Arm(ArmCommands):
     Args:
         name: of the arm.
         broker: "host", "host:port", "mqtts://host:port", or a BrokerAddress.
-        since: where points begin: "now"; "beginning", with all that the arm's outbox
-            holds; or next numbers by session as `place` gives them, the newest
-            session last.
+        since: where points begin: "now"; "session", with all of the arm's present
+            session; "beginning", with all that the arm's outbox holds; or next numbers
+            by session as `place` gives them, the newest session last.
         place_file: where the consumer's place is kept; where this file is there it
             counts instead of ``since``.
         patience_s: so long the first connection may take.
@@ -161,7 +161,7 @@ class Arm(ArmCommands):
         name: str,
         broker: str | BrokerAddress = "localhost",
         *,
-        since: Literal["now", "beginning"] | Mapping[str, int] = "now",
+        since: Literal["now", "session", "beginning"] | Mapping[str, int] = "now",
         place_file: Path | str | None = None,
         patience_s: float = 10.0,
         answer_s: float = 10.0,
@@ -174,12 +174,13 @@ class Arm(ArmCommands):
         place: Mapping[str, int] | None = None
         if self._place_file is not None:
             place = read_cursor(self._place_file, name)
-        if place is None and since != "now":
+        is_whole = place is None and since == "session"
+        if place is None and since not in ("now", "session"):
             place = {} if isinstance(since, str) else since
         address = BrokerAddress.parse(broker) if isinstance(broker, str) else broker
         self._link = ReconnectingConnection(address)
         self._requests = CommandClient(name, self._link)
-        self._order = ReorderBuffer(place)
+        self._order = ReorderBuffer(place, is_whole=is_whole)
         self._stream = PointStream(
             self._order, self._link, self._requests, max(2, max_waiting)
         )

@@ -123,7 +123,7 @@ class TimedIterator(Generic[T]):
 class ArmOptions(TypedDict, total=False):
     """Options of `Arm`, which explains them."""
 
-    since: Literal["now", "beginning"] | Mapping[str, int]
+    since: Literal["now", "session", "beginning"] | Mapping[str, int]
     place_file: Path | str | None
     patience_s: float
     answer_s: float

@@ -2,7 +2,6 @@
 
 import time
 
-import numpy as np
 from rich.console import Group, RenderableType
 from rich.panel import Panel
 from rich.table import Table
@@ -10,45 +9,59 @@ from rich.text import Text
 
 from traverse.client.display.arm_state import ArmSight
 from traverse.client.display.condition import verdict
+from traverse.client.display.figures import (
+    SYSTEMS,
+    System,
+    Unit,
+    expanded_place_mm,
+    flag_words,
+    label_words,
+    place_mm,
+)
 from traverse.protocol.messages import Event, Point
 
-COLOURS = {"good": "bold green", "warning": "bold yellow", "bad": "bold white on red"}
+COLOURS = {
+    "good": "bold white on green4",
+    "busy": "bold white on blue",
+    "warning": "bold black on yellow",
+    "bad": "bold white on red",
+}
 MOST_POINTS = 12
 MOST_EVENTS = 5
-DIAGONAL = (0, 3, 5)  # of xx, xy, xz, yy, yz, zz
+MM = Unit("mm", 1.0, 4)
 
 
 def picture(name: str, sight: ArmSight) -> RenderableType:
     """All that is known of an arm, for a terminal."""
     said = verdict(sight)
-    more = f" (and {said.others} more)" if said.others else ""
-    head = Text(f" {said.sentence}{more} ", style=COLOURS[said.level])
+    head = Text(f" {said.word.upper()}  {said.text} ", style=COLOURS[said.level])
     lines: list[RenderableType] = [head]
     if said.remedy:
         lines.append(Text(said.remedy))
-    lines += [Text(), _read_out(sight), Text(), _points(sight), Text(), _health(sight)]
+    system: System = "part" if sight.is_aligned else "arm"
+    lines += [Text(), _read_out(sight, system), Text(), _points(sight, system)]
+    lines += [Text(), _health(sight)]
     told = [e for e in sight.events if e.severity != "info" or e.active is not None]
     lines += [Text(_event(e), style="dim") for e in told[-MOST_EVENTS:]]
     return Panel(Group(*lines), title=name, subtitle="Ctrl-C ends", padding=(0, 1))
 
 
-def _read_out(sight: ArmSight) -> RenderableType:
+def _read_out(sight: ArmSight, system: System) -> RenderableType:
     live = sight.live
     if live is None:
         return Text("no pose yet", style="dim")
     stale = sight.is_stale
     table = Table(box=None, pad_edge=False, show_header=False)
-    for axis, name in enumerate("XYZ"):
-        part = "" if live.part_xyz_mm is None else f"part {live.part_xyz_mm[axis]:.4f}"
-        value = Text(f"{live.xyz_mm[axis]:12.4f} mm", style="dim" if stale else "bold")
-        table.add_row(name, value, part)
-    speed = "" if live.speed_mm_s is None else f"{live.speed_mm_s:.0f} mm/s  "
-    flags = ", ".join(live.quality.flags).replace("_", " ")
-    old = f"  STALE: {sight.age_s:.0f} s old" if stale else ""
-    return Group(table, Text(f"{speed}{flags}{old}"))
+    for name, value_mm in zip("XYZ", place_mm(live, system) or (), strict=True):
+        value = Text(f"{MM.text(value_mm):>12} mm", style="dim" if stale else "bold")
+        table.add_row(name, value)
+    speed = "" if live.speed_mm_s is None else f"{live.speed_mm_s:.0f} mm/s"
+    old = f"STALE: {sight.age_s:.0f} s old" if stale else ""
+    told = (f"ball centre, {SYSTEMS[system]}", speed, flag_words(live), old)
+    return Group(table, Text("  ".join(filter(None, told))))
 
 
-def _points(sight: ArmSight) -> RenderableType:
+def _points(sight: ArmSight, system: System) -> RenderableType:
     table = Table(box=None, pad_edge=False)
     for title in ("no.", "x mm", "y mm", "z mm", "U, k=2, mm"):
         table.add_column(title, justify="right")
@@ -57,24 +70,22 @@ def _points(sight: ArmSight) -> RenderableType:
     points = list(sight.points.values())
     for point in points[: -MOST_POINTS - 1 : -1]:
         style = "" if point.quality.ok else "yellow"
-        table.add_row(*_row(point), style=style)
+        table.add_row(*_row(point, system), style=style)
     lost = f", {sight.lost_points} lost" if sight.lost_points else ""
-    return Group(Text(f"{len(points)} points{lost}", style="bold"), table)
+    old = "" if sight.is_online else ", not of now"
+    title = f"{len(points)} points{lost}{old}, {SYSTEMS[system]}"
+    return Group(Text(title, style="bold"), table)
 
 
-def _row(point: Point) -> list[str]:
-    around = ""
-    if point.covariance_mm2 is not None:
-        trace = sum(point.covariance_mm2[i] for i in DIAGONAL)
-        around = f"{2.0 * float(np.sqrt(max(trace, 0.0))):.4f}"
-    label = " ".join(filter(None, (point.label.artefact, point.label.feature)))
-    flags = ", ".join(point.quality.flags).replace("_", " ")
+def _row(point: Point, system: System) -> list[str]:
+    place = place_mm(point, system)
+    expanded_mm = expanded_place_mm(point.covariance_mm2)
     return [
         str(point.seq),
-        *(f"{value:.4f}" for value in point.xyz_mm),
-        around,
-        label,
-        flags,
+        *(("-",) * 3 if place is None else map(MM.text, place)),
+        "" if expanded_mm is None else MM.text(expanded_mm),
+        label_words(point),
+        flag_words(point),
     ]
 
 
@@ -82,6 +93,9 @@ def _health(sight: ArmSight) -> RenderableType:
     health = sight.health
     if health is None:
         return Text("no figures yet", style="dim")
+    if sight.is_health_stale:
+        at = time.strftime("%H:%M:%S", time.localtime(health.time_ns * 1e-9))
+        return Text(f"health: not known now, last told at {at}", style="dim")
     devices = ", ".join(
         f"{d.id} {d.state} {d.rate_hz:.0f} samples/s" for d in health.devices
     )
@@ -96,5 +110,5 @@ def _health(sight: ArmSight) -> RenderableType:
 
 def _event(event: Event) -> str:
     at = time.strftime("%H:%M:%S", time.localtime(event.last_ns * 1e-9))
-    ended = " (over)" if event.active is False else ""
+    ended = " (ended)" if event.active is False else ""
     return f"{at} {event.source}: {event.text}{ended}"

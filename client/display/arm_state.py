@@ -1,17 +1,31 @@
-"""All that the page knows of an arm, from its messages alone."""
+"""All that displays know of an arm, from its messages alone."""
 
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from traverse.arrays import Integers
-from traverse.protocol.messages import Event, Health, Live, Point, Scan, Status
+from traverse.client.display.figures import flag_words
+from traverse.protocol.messages import (
+    REMARKS,
+    Event,
+    Health,
+    Label,
+    Live,
+    Point,
+    Scan,
+    Status,
+)
 
-MAX_POINTS = 5000  # shown; all of them are in the arm's outbox
+MAX_POINTS = 5000  # of a session that are shown; all of them are in the arm's outbox
+MAX_SESSIONS = 8
 MAX_EVENTS = 200
 STALE_S = 2.0
+HEALTH_STALE_S = 10.0
+STORED_NS = 3_000_000_000  # a mean of many samples is of the middle of its time
+SAME_REFUSAL_S = 3.0
 SECTORS = 36
 
 
@@ -20,7 +34,8 @@ class Change:
     """Something that every open page should show at once.
 
     Attributes:
-        kind: "point", "retraction", "refused", "alarm", "cleared", "link", "status".
+        kind: "point", "retraction", "stored" (either of them, of before, come late),
+            "scan" (ended), "refused", "alarm", "cleared", "link", "status".
         text: for the user; empty where there is none.
         point: received.
     """
@@ -28,6 +43,30 @@ class Change:
     kind: str
     text: str = ""
     point: Point | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ScanProgress:
+    """How far a scan is.
+
+    Attributes:
+        points: delivered so far.
+        lost: dropped by the daemon, or lost between device and daemon.
+        in_doubt: of those that came here, points with a flag that is no remark.
+    """
+
+    scan: str
+    runs: bool
+    points: int = 0
+    lost: int = 0
+    in_doubt: int = 0
+
+    @property
+    def text(self) -> str:
+        """For people."""
+        words = f"{self.points:,} points, {self.lost or 'none'} lost"
+        doubt = f", {self.in_doubt:,} in doubt" if self.in_doubt else ""
+        return f"{'Scanning' if self.runs else 'Scan ended'}: {words}{doubt}"
 
 
 @dataclass(slots=True)
@@ -38,11 +77,16 @@ class ArmSight:
         now_s: a monotonic clock.
 
     Attributes:
-        points: not retracted, by id, in the order of arrival.
+        sessions: points not retracted, by session and id, in the order of arrival.
+        shown_session: an earlier session whose points are to be shown; None: the arm's.
         alarms: conditions that last, by code and source.
         events: the latest ones.
         coverage: samples seen in each of 36 sectors of a joint's reading,
             (n_joints, 36); None before the first pose.
+        scan: the latest; None where nobody has told of one.
+        label: what the next points are taken on; None while nobody has told.
+        probe: name of the probe; empty while nobody has told.
+        aligned_ns: when the alignment was last set or cleared, as far as was heard.
         listeners: called with each change.
     """
 
@@ -50,17 +94,23 @@ class ArmSight:
     live: Live | None = None
     status: Status | None = None
     health: Health | None = None
-    points: dict[str, Point] = field(default_factory=dict)
+    sessions: dict[str, dict[str, Point]] = field(default_factory=dict)
+    shown_session: str | None = None
     alarms: dict[tuple[str, str], Event] = field(default_factory=dict)
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=MAX_EVENTS))
-    coverage: Integers | None = None
-    scan: Scan | None = None
+    coverage: NDArray[np.int64] | None = None
+    scan: ScanProgress | None = None
+    label: Label | None = None
+    probe: str = ""
+    aligned_ns: int = 0
     is_linked: bool = False
     link_reason: str = "not connected yet"
     lost_points: int = 0
     listeners: list[Callable[[Change], None]] = field(default_factory=list)
     _live_s: float = -np.inf
     _health_s: float = -np.inf
+    _health_period_s: float = 0.0
+    _refusal: tuple[str, bool, float] = ("", False, -np.inf)
 
     @property
     def age_s(self) -> float:
@@ -73,15 +123,61 @@ class ArmSight:
         return self.now_s() - self._health_s
 
     @property
+    def is_online(self) -> bool:
+        """The broker is there, and says that the arm is."""
+        return self.is_linked and self.status is not None and self.status.online
+
+    @property
     def is_stale(self) -> bool:
-        """The shown values are out of date."""
-        online = self.status is not None and self.status.online
-        return not self.is_linked or not online or self.age_s > STALE_S
+        """The pose that is shown is out of date."""
+        return not self.is_online or self.age_s > STALE_S
+
+    @property
+    def is_health_stale(self) -> bool:
+        """The figures that are shown are out of date."""
+        longest_s = max(HEALTH_STALE_S, 3.0 * self._health_period_s)
+        return not self.is_online or self.health_age_s > longest_s
+
+    @property
+    def session(self) -> str:
+        """The arm's session; empty before the first."""
+        return (self.status and self.status.session) or ""
+
+    @property
+    def points(self) -> dict[str, Point]:
+        """Points that are shown, by id: of the arm's session, or of an earlier one."""
+        return self.sessions.get(self.shown_session or self.session, {})
+
+    @property
+    def earlier_session(self) -> str | None:
+        """The session with points before the one that is shown."""
+        shown = self.shown_session or self.session
+        before = []
+        for session, points in self.sessions.items():
+            if session == shown:
+                break
+            if points:
+                before.append(session)
+        return before[-1] if before else None
 
     @property
     def last_point(self) -> Point | None:
-        """The last point that is not retracted."""
-        return next(reversed(self.points.values()), None)
+        """The last point of the arm's session that is not retracted."""
+        held = self.sessions.get(self.session, {})
+        return next(reversed(held.values()), None)
+
+    @property
+    def is_aligned(self) -> bool:
+        """Whether there are part coordinates."""
+        known = self.live or self.last_point
+        return known is not None and known.part_xyz_mm is not None
+
+    @property
+    def known_label(self) -> Label | None:
+        """What the next points are taken on, as far as anybody has told."""
+        if self.label is None and self.last_point is not None:
+            return self.last_point.label
+        return self.label
 
     def take_live(self, live: Live) -> None:
         """A pose was received."""
@@ -95,15 +191,18 @@ class ArmSight:
 
     def take_point(self, point: Point) -> None:
         """A point or a retraction was received."""
+        held = self._points_of(point.session)
+        is_new = self._is_new(point)
         if point.retracts is not None:
-            self.points.pop(point.retracts, None)
-            self._tell(Change("retraction", f"Point {point.seq} undoes one", point))
-            return
-        self.points[point.id] = point
-        if len(self.points) > MAX_POINTS:
-            self.points.pop(next(iter(self.points)))
-        doubt = "" if point.quality.ok else ", in doubt: " + _words(point)
-        self._tell(Change("point", f"Point {point.seq}{doubt}", point))
+            held.pop(point.retracts, None)
+            change = Change("retraction", f"Point {point.seq} undoes one", point)
+        else:
+            held[point.id] = point
+            if len(held) > MAX_POINTS:
+                held.pop(next(iter(held)))
+            doubt = "" if point.quality.ok else f", in doubt: {flag_words(point)}"
+            change = Change("point", f"Point {point.seq}{doubt}", point)
+        self._tell(change if is_new else Change("stored", point=point))
 
     def take_event(self, event: Event) -> None:
         """An event was received."""
@@ -115,24 +214,72 @@ class ArmSight:
                 self._tell(Change("alarm", event.text))
         elif event.active is False:
             if self.alarms.pop(key, None) is not None:
-                self._tell(Change("cleared", event.text))
+                ended = "" if "ended" in event.text.lower() else "Ended: "
+                self._tell(Change("cleared", f"{ended}{event.text}"))
         elif event.code.endswith(".refused"):
-            self._tell(Change("refused", event.text))
+            self.refuse(event.text, event.remedy, by_event=True)
+        elif event.code == "capture.label":
+            self.label = Label(
+                artefact=event.data.get("artefact") or None,
+                feature=event.data.get("feature") or None,
+            )
+        elif event.code == "capture.probe":
+            self.probe = str(event.data.get("probe", ""))
+        elif event.code == "capture.alignment":
+            self.aligned_ns = event.last_ns
+
+    def refuse(self, text: str, remedy: str = "", *, by_event: bool = False) -> None:
+        """Something was refused: told once, though answer and event both say so."""
+        before, was_event, at_s = self._refusal
+        now_s = self.now_s()
+        if (before, was_event) == (
+            text,
+            not by_event,
+        ) and now_s - at_s < SAME_REFUSAL_S:
+            self._refusal = ("", False, -np.inf)
+            return
+        self._refusal = (text, by_event, now_s)
+        words = [part.strip().rstrip(".") for part in (text, remedy) if part]
+        self._tell(Change("refused", ". ".join(w[:1].upper() + w[1:] for w in words)))
 
     def take_status(self, status: Status) -> None:
         """The arm's state was received."""
         was, self.status = self.status, status
-        if was is None or was.session != status.session or not status.online:
-            # Lasting conditions are published again by the new session.
-            if was is not None and was.session != status.session:
-                self.points.clear()
-            if not status.online:
-                self.alarms.clear()
+        if was is not None and was.session != status.session:
+            self.shown_session, self.scan = None, None
+        if status.session is not None:
+            self._points_of(status.session)
+        if not status.online:
+            # What lasted is told anew by the daemon that comes.
+            self.alarms.clear()
+            self.scan, self.label, self.probe = None, None, ""
         self._tell(Change("status"))
 
     def take_health(self, health: Health) -> None:
         """Figures were received."""
+        if self.health is not None and not self.is_health_stale:
+            self._health_period_s = self.health_age_s
         self.health, self._health_s = health, self.now_s()
+
+    def take_scan(self, block: Scan) -> None:
+        """A block of a scan was received."""
+        was = self.scan
+        before = was.in_doubt if was is not None and was.scan == block.scan else 0
+        doubtful = np.count_nonzero(block.quality & ~np.uint32(REMARKS))
+        self.scan = ScanProgress(
+            block.scan,
+            not block.last,
+            block.seq + len(block.dtime_ns) - block.dropped,
+            block.dropped + block.lost,
+            before + int(doubtful),
+        )
+        if block.last:
+            self._tell(Change("scan", f"{self.scan.text}."))
+
+    def scan_started(self, scan: str) -> None:
+        """A scan has begun that may have no points yet."""
+        if self.scan is None or self.scan.scan != scan:
+            self.scan = ScanProgress(scan, runs=True)
 
     def take_link(self, is_linked: bool, reason: str) -> None:
         """The connection to the broker was made or lost."""
@@ -140,12 +287,22 @@ class ArmSight:
             changed = is_linked != self.is_linked
             self.is_linked, self.link_reason = is_linked, reason
             if changed:
+                if not is_linked:  # what ends or begins meanwhile is not heard
+                    self.scan, self.label = None, None
                 self._tell(Change("link"))
+
+    def _points_of(self, session: str) -> dict[str, Point]:
+        held = self.sessions.setdefault(session, {})
+        if len(self.sessions) > MAX_SESSIONS:
+            del self.sessions[next(iter(self.sessions))]
+        return held
+
+    def _is_new(self, point: Point) -> bool:
+        """Taken just now, by the arm's own clock."""
+        if self.live is None or self.is_stale:
+            return False
+        return self.live.time_ns - point.time_ns < STORED_NS
 
     def _tell(self, change: Change) -> None:
         for listener in list(self.listeners):
             listener(change)
-
-
-def _words(point: Point) -> str:
-    return ", ".join(flag.replace("_", " ") for flag in point.quality.flags)

@@ -1,12 +1,31 @@
 """How the arm is, in one sentence and with what to do about it."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from traverse.client.display.arm_state import ArmSight
+from traverse.client.display.figures import flag_words
+from traverse.protocol.messages import Event
 
-Level = Literal["good", "warning", "bad"]
+Level = Literal["good", "busy", "warning", "bad"]
+GRAVEST_FIRST: tuple[Level, ...] = ("bad", "warning", "busy")
 UNSENT_WARNING = 100
+REMEDIES = {
+    "encoder_error": "Look at the alarms of this encoder below; check its mounting.",
+    "incomplete": "Check the devices below.",
+    "overspeed": "Move slower.",
+    "end_stop": "Turn the joint that is at its end stop back.",
+    "singular": "Bend the arm more.",
+    "temperature": "Wait until the temperature has settled.",
+    "temperature_unknown": "Connect the arm's temperature sensor.",
+    "stale_identification": "Identify the arm again.",
+    "stale_effect": "Identify the arm again.",
+    "time_uncertain": "Wait some seconds at rest.",
+    "turns_uncertain": "Reference the arm anew, or confirm it in a known posture.",
+    "skew": "Hold the arm still while you take a point.",
+}
+"""What to do about flags; where none is named the flag's own words have to do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,89 +33,117 @@ class Verdict:
     """The banner's text.
 
     Attributes:
-        level: "bad" where measuring is not possible or the values are out of date.
+        level: "bad" where measuring is not possible or the values are out of date;
+            "busy" where the arm is well and does something of which people must know.
+        word: for the eye at 2 m.
         sentence, remedy: for people.
         others: how many more conditions there are.
+        activity: what goes on beside that: a scan.
     """
 
     level: Level
+    word: str
     sentence: str
     remedy: str = ""
     others: int = 0
+    activity: str = ""
+
+    @property
+    def text(self) -> str:
+        """The sentence, with how many others there are and what goes on."""
+        more = f" (and {self.others} more)" if self.others else ""
+        return " ".join(filter(None, (self.sentence + more, self.activity)))
 
 
 def verdict(sight: ArmSight) -> Verdict:
     """The worst current condition."""
     found = list(_conditions(sight))
+    scan = sight.scan
+    activity = f"{scan.text}." if scan is not None and scan.runs else ""
     if not found:
-        return Verdict("good", "Ready to measure.")
-    worst = min(found, key=lambda one: one.level != "bad")
-    return Verdict(worst.level, worst.sentence, worst.remedy, len(found) - 1)
+        if activity:
+            return Verdict("busy", "Scanning", activity)
+        return Verdict("good", "Ready", "Ready to measure.")
+    worst = min(found, key=lambda one: GRAVEST_FIRST.index(one.level))
+    if not sight.is_online:
+        activity = ""
+    return replace(worst, others=len(found) - 1, activity=activity)
 
 
-def _conditions(sight: ArmSight) -> list[Verdict]:
+def obstacle(sight: ArmSight, *, needs_pose: bool) -> str:
+    """Why a command cannot be carried out now; empty where it can be tried.
+
+    Args:
+        sight: of the arm.
+        needs_pose: whether it measures.
+    """
+    if not sight.is_online or (needs_pose and sight.is_stale):
+        return verdict(sight).sentence
+    return ""
+
+
+def _conditions(sight: ArmSight) -> Iterator[Verdict]:
+    status, health, live = sight.status, sight.health, sight.live
     if not sight.is_linked:
-        return [
-            Verdict(
-                "bad",
-                f"No connection to the broker: {sight.link_reason}.",
-                "These values are out of date. Start the broker or check the network; "
-                "the arm keeps its points and this page reconnects by itself.",
-            )
-        ]
-    status = sight.status
+        yield Verdict(
+            "bad",
+            "Broker gone",
+            f"No connection to the broker: {sight.link_reason}.",
+            "These values are out of date. Start the broker or check the network; "
+            "the arm keeps its points and this page reconnects by itself.",
+        )
+        return
     if status is None or not status.online:
         told = "has never published its status" if status is None else "is off line"
-        return [
-            Verdict(
-                "bad",
-                f"The arm {told}.",
-                "Start its daemon: systemctl start traverse, or traverse run.",
-            )
-        ]
-    found = [
-        Verdict(
-            "bad" if e.severity == "error" else "warning",
-            f"{e.source}: {e.text}",
-            e.remedy,
+        yield Verdict(
+            "bad",
+            "Arm gone",
+            f"The arm {told}.",
+            "Start its daemon: systemctl start traverse, or traverse run.",
         )
-        for e in sight.alarms.values()
-        if e.severity != "info"
-    ]
-    if not found and status.state == "degraded":
+        return
+    alarms = [_of_alarm(e) for e in sight.alarms.values() if e.severity != "info"]
+    yield from alarms
+    if not alarms and status.state == "degraded":
         off = ", ".join(d.id for d in status.drivers if d.state != "ready")
-        found.append(
-            Verdict(
-                "bad",
-                f"Not all devices are there: {off}.",
-                "Check cables and power; the daemon looks for them again by itself.",
-            )
+        yield Verdict(
+            "bad",
+            "Device gone",
+            f"Not all devices are there: {off}.",
+            "Check cables and power; the daemon looks for them again by itself.",
         )
-    if not found and sight.is_stale:
-        found.append(
-            Verdict(
-                "bad",
-                f"No pose for {sight.age_s:.0f} s." if sight.live else "No pose yet.",
-                "Look at the devices below; move the arm.",
-            )
+    elif sight.is_stale and not any(one.level == "bad" for one in alarms):
+        yield Verdict(
+            "bad",
+            "No pose",
+            f"No pose for {sight.age_s:.0f} s." if live else "No pose yet.",
+            "Look at the devices below; move the arm.",
         )
-    health = sight.health
-    if health is not None:
+    if health is not None and not sight.is_health_stale:
         if health.outbox.state == "failed":
-            found.append(
-                Verdict("bad", "Points cannot be kept on disk.", "Free the disk.")
+            yield Verdict(
+                "bad", "No points", "Points cannot be kept on disk.", "Free the disk."
             )
         elif health.outbox.unsent > UNSENT_WARNING:
             told = f"{health.outbox.unsent} points wait for the broker."
-            found.append(Verdict("warning", told, "They are safe on the arm's disk."))
-    live = sight.live
-    if live is not None and not live.quality.ok and not found:
-        flags = ", ".join(f.replace("_", " ") for f in live.quality.flags)
-        found.append(
-            Verdict(
+            yield Verdict("warning", "Wait", told, "They are safe on the arm's disk.")
+    if live is not None and not live.quality.ok and not sight.is_stale:
+        if live.quality.flags == ("overspeed",):  # matters for points, not for moving
+            yield Verdict("busy", "Moving", "Too fast to take a point now.")
+        else:
+            yield Verdict(
                 "warning",
-                f"A point taken here would be in doubt: {flags}.",
-                "See what the flag means in the reference of messages.",
+                "In doubt",
+                f"A point taken here would be in doubt: {flag_words(live)}.",
+                " ".join(REMEDIES[f] for f in live.quality.flags if f in REMEDIES),
             )
-        )
-    return found
+
+
+def _of_alarm(alarm: Event) -> Verdict:
+    is_grave = alarm.severity == "error"
+    return Verdict(
+        "bad" if is_grave else "warning",
+        "Alarm" if is_grave else "In doubt",
+        f"{alarm.source}: {alarm.text}",
+        alarm.remedy,
+    )

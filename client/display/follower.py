@@ -4,16 +4,20 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from typing import Literal, TypeVar
 
 from traverse.client.arm import Arm
 from traverse.client.cancel_tasks import cancel_tasks
-from traverse.client.display.arm_state import ArmSight, Change
+from traverse.client.display.arm_state import ArmSight
+from traverse.client.display.condition import obstacle
 from traverse.client.display.point_cloud import Cloud
 from traverse.client.errors import BrokerUnreachableError, ClientError, CommandRefused
 from traverse.client.mqtt.address import BrokerAddress
 
 log = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 LOOK_S = 0.2
 AGAIN_S = 1.0
@@ -43,23 +47,29 @@ class Follower:
 
     async def run(self) -> None:
         """Follow until cancelled; reconnects after every failure."""
+        since: Literal["session"] | Mapping[str, int] = "session"
         while True:
             try:
                 async with (
                     Arm(
                         self.name,
                         self.broker,
-                        since="now",
+                        since=since,
                         patience_s=PATIENCE_S,
                     ) as arm,
                     asyncio.TaskGroup() as tasks,
                 ):
                     self._arm = arm
-                    tasks.create_task(self._lives(arm))
-                    tasks.create_task(self._points(arm))
-                    tasks.create_task(self._events(arm))
-                    tasks.create_task(self._scans(arm))
-                    tasks.create_task(self._states(arm))
+                    for follow in (
+                        self._links,
+                        self._statuses,
+                        self._healths,
+                        self._lives,
+                        self._points,
+                        self._events,
+                        self._scans,
+                    ):
+                        tasks.create_task(follow(arm))
             except BrokerUnreachableError as error:
                 self.sight.take_link(False, str(error))
             except BaseExceptionGroup as group:
@@ -68,26 +78,40 @@ class Follower:
                     raise
                 self.sight.take_link(False, str(group.exceptions[0]))
             finally:
+                if self._arm is not None:
+                    since = self._arm.place or since
                 self._arm = None
             await asyncio.sleep(AGAIN_S)
 
-    async def do(self, act: Callable[[Arm], Awaitable[object]]) -> str:
-        """Carry a command out; gives why not, for people, or an empty text."""
-        if self._arm is None or not self._arm.is_connected:
-            return self._said("There is no connection to the broker.")
+    async def do(
+        self, act: Callable[[Arm], Awaitable[object]], *, needs_pose: bool = False
+    ) -> bool:
+        """Carry a command out; whether it was, else the sight tells why not."""
+        reason = obstacle(self.sight, needs_pose=needs_pose)
+        if reason or self._arm is None:
+            self.sight.refuse("this is not possible now", reason)
+            return False
         try:
             await act(self._arm)
         except CommandRefused as error:
-            remedy = f" {error.remedy}." if error.remedy else ""
-            return self._said(f"{error.text}.{remedy}")
+            self.sight.refuse(error.text, error.remedy)
         except ClientError as error:
-            return self._said(str(error))
-        return ""
+            self.sight.refuse(str(error))
+        else:
+            return True
+        return False
 
-    def _said(self, reason: str) -> str:
-        for listener in list(self.sight.listeners):
-            listener(Change("refused", reason))
-        return reason
+    async def turn_scan(self) -> None:
+        """Stop the scan that runs, or start one."""
+        runs = self.sight.scan is not None and self.sight.scan.runs
+
+        async def turn(arm: Arm) -> None:
+            if runs:
+                await arm.stop_scan()
+            else:
+                self.sight.scan_started((await arm.start_scan()).scan)
+
+        await self.do(turn, needs_pose=not runs)
 
     async def _lives(self, arm: Arm) -> None:
         async for live in arm.live():
@@ -95,8 +119,8 @@ class Follower:
 
     async def _points(self, arm: Arm) -> None:
         async for point in arm.points():
-            self.sight.take_point(point)
             self.sight.lost_points = arm.counters.lost
+            self.sight.take_point(point)
 
     async def _events(self, arm: Arm) -> None:
         async for event in arm.events():
@@ -107,22 +131,32 @@ class Follower:
             if scan.scan != self._scan:
                 self._scan = scan.scan
                 self.cloud.clear()
-            self.sight.scan = scan
+            self.sight.take_scan(scan)
             self.cloud.add(scan.xyz_mm)
 
-    async def _states(self, arm: Arm) -> None:
-        """What has no queue: the connection, the latest state and figures."""
+    async def _links(self, arm: Arm) -> None:
         while True:
             reason = "" if arm.is_connected else "it was there and is gone"
             self.sight.take_link(arm.is_connected, reason)
-            with contextlib.suppress(TimeoutError):
-                status = await arm.status()
-                if status != self.sight.status:
-                    self.sight.take_status(status)
-                health = await arm.health()
-                if health != self.sight.health:
-                    self.sight.take_health(health)
             await asyncio.sleep(LOOK_S)
+
+    async def _statuses(self, arm: Arm) -> None:
+        async for status in _latest(arm.status):
+            if status != self.sight.status:
+                self.sight.take_status(status)
+
+    async def _healths(self, arm: Arm) -> None:
+        async for health in _latest(arm.health):
+            if health != self.sight.health:
+                self.sight.take_health(health)
+
+
+async def _latest(read: Callable[[], Awaitable[T]]) -> AsyncIterator[T]:
+    """The latest message of a kind, again and again, as soon as there is one."""
+    while True:
+        with contextlib.suppress(TimeoutError):
+            yield await read()
+        await asyncio.sleep(LOOK_S)
 
 
 @contextlib.asynccontextmanager

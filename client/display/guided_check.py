@@ -1,11 +1,18 @@
-"""Guided checks at the page: what to do, progress, results so far."""
+"""Guided checks: what to do, how far one is, what came out, and whether it passed."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from traverse.client.display.arm_state import ArmSight, Change
+from traverse.client.display.condition import Level
 from traverse.kinematics.fits import fit_sphere, spread_about_mean
-from traverse.protocol.messages import Point
+from traverse.protocol.messages import Label, Point
+
+PLAUSIBLE_MM = 5.0
+"""No arm that measures is so far off: such a touch is of another seat or place."""
+MIN_SPHERE = 5
 
 
 @dataclass(slots=True)
@@ -15,12 +22,21 @@ class GuidedCheck:
     Attributes:
         kind: "articulation": one point, a cone, from many postures; "sphere".
         wanted: number of points to take.
+        limit_mm: permitted: of the largest deviation from the mean, or of the sphere's
+            form and its error of size; None: nobody has said.
+        diameter_mm: of the sphere by its certificate; None: it is not known.
+        begun_ns: points of before do not count [UTC].
         points: taken so far.
+        suspect: a touch that cannot be of the same seat; not counted.
     """
 
     kind: str
     wanted: int
+    limit_mm: float | None = None
+    diameter_mm: float | None = None
+    begun_ns: int = 0
     points: list[Point] = field(default_factory=list)
+    suspect: Point | None = None
 
     @property
     def is_done(self) -> bool:
@@ -31,6 +47,13 @@ class GuidedCheck:
     def instruction(self) -> str:
         """What to do next."""
         left = self.wanted - len(self.points)
+        if self.suspect is not None:
+            what = "seat" if self.kind == "articulation" else "sphere"
+            off = f"{self._off_mm(self.suspect):.1f} mm off the others"
+            return (
+                f"Point {self.suspect.seq} is {off} and does not count. "
+                f"Was it the right {what}?"
+            )
         if left <= 0:
             return "Done. Start again, or close."
         if self.kind == "articulation":
@@ -40,23 +63,66 @@ class GuidedCheck:
         return f"Touch the sphere at {where}, another side each time: {left} more."
 
     def take(self, point: Point) -> None:
-        """A point was received during the check."""
-        if not self.is_done:
+        """A point was received during the check, whatever its label."""
+        if self.is_done or point.time_ns < self.begun_ns:
+            return
+        if self._off_mm(point) > PLAUSIBLE_MM:
+            self.suspect = point
+        else:
             self.points.append(point)
+            self.suspect = None  # whoever touched it knew better at once
 
     def undo(self, point_id: str) -> None:
         """A point was taken back."""
         self.points = [p for p in self.points if p.id != point_id]
+        if self.suspect is not None and self.suspect.id == point_id:
+            self.suspect = None
+
+    def leave_out(self) -> None:
+        """The suspect was another place."""
+        self.suspect = None
+
+    def count_in(self) -> None:
+        """The suspect was the right place: so far off is the arm."""
+        if self.suspect is not None:
+            self.points.append(self.suspect)
+        self.suspect = None
+
+    def begin_with_it(self) -> None:
+        """The suspect was the right place, the others were not."""
+        self.points = [] if self.suspect is None else [self.suspect]
+        self.suspect = None
+
+    @property
+    def verdict(self) -> tuple[Level, str]:
+        """Whether it passed; nothing passes without a limit."""
+        if not self.is_done:
+            return "busy", f"{len(self.points)} of {self.wanted} points"
+        doubtful = sum(not point.quality.ok for point in self.points)
+        if doubtful:
+            return "warning", f"No verdict: {doubtful} of the points in doubt."
+        if self.limit_mm is None:
+            return "warning", "No verdict: set a limit."
+        worst = self._worst()
+        if worst is None:
+            return "warning", "No verdict: no sphere goes through these points."
+        name, value_mm = worst
+        passed = value_mm <= self.limit_mm
+        return (
+            "good" if passed else "bad",
+            f"{'Passed' if passed else 'Failed'}: {name} {value_mm:.4f} mm, "
+            f"limit {self.limit_mm:.4f} mm.",
+        )
 
     @property
     def results(self) -> list[tuple[str, str, str]]:
         """Name, value with unit, and definition of each figure so far."""
-        places_mm = np.array([p.xyz_mm for p in self.points], dtype=np.float64)
+        places_mm = _places(self.points)
         if self.kind == "articulation":
             if len(places_mm) < 2:
                 return []
             spread = spread_about_mean(places_mm)
-            off_mm = np.linalg.norm(places_mm - places_mm.mean(axis=0), axis=1)
+            off_mm = np.linalg.norm(places_mm - spread.mean_mm, axis=1)
             two_s_mm = 2.0 * np.sqrt((off_mm**2).sum() / (len(off_mm) - 1))
             half_mm = np.ptp(places_mm, axis=0) / 2.0
             return [
@@ -68,18 +134,118 @@ class GuidedCheck:
                     "(max - min)/2 in x / y / z",
                 ),
             ]
-        try:
-            sphere = fit_sphere(places_mm)
-        except ValueError:
+        sphere = self._sphere()
+        if sphere is None:
             return []
-        radii_mm = np.linalg.norm(places_mm - sphere.centre_mm, axis=1)
-        ball_mm = self.points[-1].probe_radius_mm
+        diameter_mm, form_mm, rms_mm = sphere
         return [
             (
                 "Diameter",
-                f"{2.0 * (sphere.radius_mm - ball_mm):.4f} mm",
+                f"{diameter_mm:.4f} mm",
                 "least squares, less the probe's ball; touched from outside",
             ),
-            ("Form", f"{np.ptp(radii_mm):.4f} mm", "largest less smallest radius"),
-            ("Rms", f"{sphere.rms_mm:.4f} mm", "of the distances from the sphere"),
+            ("Form", f"{form_mm:.4f} mm", "largest less smallest radius"),
+            ("Rms", f"{rms_mm:.4f} mm", "of the distances from the sphere"),
         ]
+
+    def _worst(self) -> tuple[str, float] | None:
+        """What is held against the limit: its name and value."""
+        if self.kind == "articulation":
+            spread = spread_about_mean(_places(self.points))
+            return "largest deviation", spread.max_deviation_mm
+        sphere = self._sphere()
+        if sphere is None:
+            return None
+        diameter_mm, form_mm, _ = sphere
+        values = [("form", form_mm)]
+        if self.diameter_mm is not None:
+            values.append(("error of size", abs(diameter_mm - self.diameter_mm)))
+        return max(values, key=lambda one: one[1])
+
+    def _sphere(self) -> tuple[float, float, float] | None:
+        """Diameter, form and rms of the sphere through the points."""
+        places_mm = _places(self.points)
+        try:
+            sphere = fit_sphere(places_mm)
+        except ValueError:
+            return None
+        radii_mm = np.linalg.norm(places_mm - sphere.centre_mm, axis=1)
+        ball_mm = self.points[-1].probe_radius_mm
+        diameter_mm = 2.0 * (sphere.radius_mm - ball_mm)
+        return diameter_mm, float(np.ptp(radii_mm)), sphere.rms_mm
+
+    def _off_mm(self, point: Point) -> float:
+        """How far a touch is from where the others say that it must be."""
+        place_mm, others_mm = np.array(point.xyz_mm), _places(self.points)
+        if not len(others_mm):
+            return 0.0
+        if self.kind == "articulation":
+            middle_mm = np.median(others_mm, axis=0)
+            return float(np.linalg.norm(place_mm - middle_mm))
+        apart_mm = float(np.linalg.norm(others_mm - place_mm, axis=1).max())
+        if self.diameter_mm is not None:
+            widest_mm = self.diameter_mm + 2.0 * point.probe_radius_mm
+            if apart_mm - widest_mm > PLAUSIBLE_MM:
+                return apart_mm - widest_mm
+        try:
+            sphere = fit_sphere(others_mm) if len(others_mm) >= MIN_SPHERE else None
+        except ValueError:
+            sphere = None
+        if sphere is None:
+            return 0.0
+        return abs(
+            float(np.linalg.norm(place_mm - sphere.centre_mm)) - sphere.radius_mm
+        )
+
+
+class CheckDesk:
+    """The guided check that goes on, the same for all pages, over their reloads.
+
+    Args:
+        sight: of the arm; its points are taken.
+
+    Attributes:
+        check: None while there is none.
+        limits_mm: last given, by kind of check.
+        diameter_mm: of the sphere, last given.
+        label_before: what points were taken on before the check set its own label.
+    """
+
+    def __init__(self, sight: ArmSight) -> None:
+        self._sight = sight
+        self.check: GuidedCheck | None = None
+        self.limits_mm: dict[str, float | None] = {}
+        self.diameter_mm: float | None = None
+        self.label_before = Label()
+        sight.listeners.append(self._changed)
+
+    def begin(self, kind: str, wanted: int) -> None:
+        """Begin, or begin again."""
+        if self.check is None:
+            self.label_before = self._sight.known_label or Label()
+        live = self._sight.live
+        self.check = GuidedCheck(kind, wanted, begun_ns=live.time_ns if live else 0)
+        self.set_limits(self.limits_mm.get(kind), self.diameter_mm)
+
+    def set_limits(self, limit_mm: float | None, diameter_mm: float | None) -> None:
+        """What is permitted, and how large the sphere is; kept for the next time."""
+        if self.check is not None:
+            self.limits_mm[self.check.kind] = self.check.limit_mm = limit_mm
+            self.diameter_mm = self.check.diameter_mm = diameter_mm
+
+    def answer(self, act: Callable[[GuidedCheck], None]) -> None:
+        """The question about the suspect is answered."""
+        if self.check is not None:
+            act(self.check)
+
+    def _changed(self, change: Change) -> None:
+        if self.check is None or change.point is None:
+            return
+        if change.point.retracts is None:
+            self.check.take(change.point)
+        else:
+            self.check.undo(change.point.retracts)
+
+
+def _places(points: list[Point]) -> np.ndarray:
+    return np.array([p.xyz_mm for p in points], dtype=np.float64).reshape(-1, 3)

@@ -5,7 +5,7 @@ const COLOURS = {
   dark: { ground: 0x12161d, grid: 0x2b3340, link: 0x9fb2c8, joint: 0x5b7da3, probe: 0xff5a4f,
           good: 0x4fe08a, doubt: 0xffb02e, cloud: 0x5cc8ff },
   light: { ground: 0xf2f5f8, grid: 0xc9d2dc, link: 0x5d6b7c, joint: 0x2f5e93, probe: 0xd02a1e,
-           good: 0x0b8a45, doubt: 0xb36b00, cloud: 0x0069b5 },
+           good: 0x0b7a3e, doubt: 0x9a5b00, cloud: 0x0069b5 },
 };
 const VIEWS = {
   iso: [1, -1.2, 0.9], top: [0, -0.001, 1], front: [0, -1, 0], right: [1, 0, 0],
@@ -120,7 +120,7 @@ export default {
       if (this.follows && !places.every((place) => this.seen.containsPoint(place))) {
         for (const place of places) this.seen.expandByPoint(place);
         this.look("iso", this.seen.clone());
-        this.seen.expandByScalar(0.1 * this.seen.getSize(new THREE.Vector3()).length());
+        this.seen.expandByScalar(0.03 * this.seen.getSize(new THREE.Vector3()).length());
       }
     },
 
@@ -167,7 +167,20 @@ export default {
       if (mesh) { this.scene.remove(mesh); this.points.delete(id); this.dirty = true; }
     },
 
-    clear_points() { for (const id of [...this.points.keys()]) this.remove_point(id); },
+    show_points(points) {
+      const kept = new Set(points.map(([id]) => id));
+      for (const id of [...this.points.keys()]) if (!kept.has(id)) this.remove_point(id);
+      this.add_points(points);
+    },
+
+    show_age(stale) {
+      for (const name of ["link", "joint", "probe"]) {
+        this.materials[name].transparent = stale;
+        this.materials[name].opacity = stale ? 0.25 : 1;
+      }
+      this.stale = stale;
+      this.dirty = true;
+    },
 
     // What is wanted while something is fetched is fetched afterwards, the latest alone.
     async update_cloud(version, total, seen) {

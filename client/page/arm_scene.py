@@ -1,5 +1,7 @@
 """The element that shows the arm in three dimensions; its drawing is in the browser."""
 
+from collections.abc import Iterable
+
 import numpy as np
 from nicegui import ui
 from nicegui.element import Element
@@ -47,19 +49,17 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
         """The browser has been opened anew: draw the next pose in any case."""
         self._shown = None
 
-    def add_points(self, points: list[Point]) -> None:
+    def show_points(self, points: Iterable[Point]) -> None:
+        """These points stand, and no others."""
+        self.run_method("show_points", _rows(points))
+
+    def add_points(self, points: Iterable[Point]) -> None:
         """Points were received."""
-        rows = [[p.id, *p.xyz_mm, p.quality.ok] for p in points]
-        if rows:
-            self.run_method("add_points", rows)
+        self.run_method("add_points", _rows(points))
 
     def remove_point(self, point_id: str) -> None:
         """A point was taken back."""
         self.run_method("remove_point", point_id)
-
-    def clear_points(self) -> None:
-        """Another session has begun."""
-        self.run_method("clear_points")
 
     def show_cloud(self, version: int, n_kept: int, n_seen: int) -> None:
         """There is more of the cloud to be fetched."""
@@ -72,3 +72,11 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
     def theme(self, *, dark: bool) -> None:
         """Colours for the light."""
         self.run_method("theme", dark)
+
+    def show_age(self, *, is_stale: bool) -> None:
+        """Grey the arm while its pose is not of now."""
+        self.run_method("show_age", is_stale)
+
+
+def _rows(points: Iterable[Point]) -> list[list[object]]:
+    return [[p.id, *p.xyz_mm, p.quality.ok] for p in points]

@@ -1,10 +1,22 @@
-"""The sentence at the top with the arm's condition, and the switches beside it."""
+"""The state of the arm, large, at the top; beneath it what happened last."""
 
+import time
 from collections.abc import Callable
 
 from nicegui import ui
 
-from traverse.client.display.condition import Verdict
+from traverse.client.display.condition import Level, Verdict
+
+# Told apart by their shape, too: a disc, bars that move, a triangle, an octagon.
+ICONS: dict[Level, str] = {
+    "good": '<circle cx="12" cy="12" r="10"/><path class="on" d="M7 12l4 4 7-8"/>',
+    "busy": '<path d="M2 9h4v6H2zM10 5h4v14h-4zM18 1h4v22h-4z"/>',
+    "warning": '<path d="M12 2l11 20H1z"/><path class="on" d="M12 9v6M12 18v2"/>',
+    "bad": '<path d="M8 1h8l7 7v8l-7 7H8l-7-7V8z"/>'
+    '<path class="on" d="M8 8l8 8M16 8l-8 8"/>',
+}
+WORDS = {"refused": "Refused: ", "alarm": "Alarm: "}
+KINDS = {"point", "doubt", "retraction", "refused", "alarm", "cleared"}
 
 
 class Banner:
@@ -13,41 +25,55 @@ class Banner:
     Args:
         arm: its name.
         mute: called by the switch of the sound.
-        turn_light: called by that of the light.
+        turn_light: called by that of the colours.
     """
 
     def __init__(
         self, arm: str, mute: Callable[[], None], turn_light: Callable[[], None]
     ) -> None:
-        with ui.element("header").classes("panel banner good") as self._banner:
-            ui.label(arm).classes("arm")
-            with ui.element("div").classes("said").props('role="alert"'):
-                self._sentence = ui.label()
-                self._remedy = ui.label().classes("remedy")
-            self._sound = ui.button("Sound on", on_click=mute, color=None)
-            self._sound.props('flat dense aria-keyshortcuts="M"')
-            self._light = ui.button("Light", on_click=turn_light, color=None)
-            self._light.props('flat dense aria-keyshortcuts="D"')
+        self._is_muted = False
+        with ui.element("header").classes("panel banner") as self._banner:
+            self._icon = ui.html("", sanitize=False).classes("icon")
+            with ui.element("div").classes("said"):
+                self._word = ui.label().classes("word").props('role="alert"')
+                with ui.element("div"):
+                    self._sentence = ui.label().classes("sentence")
+                    self._remedy = ui.label().classes("remedy")
+            with ui.element("div").classes("switches"):
+                ui.label(arm).classes("arm")
+                self._sound = ui.button("Mute", on_click=mute, color=None)
+                self._sound.props('flat dense aria-keyshortcuts="M"')
+                self._light = ui.button(on_click=turn_light, color=None)
+                self._light.props('flat dense aria-keyshortcuts="D"')
+        self.name_light(is_dark=True)
+        with ui.element("div").classes("message"):
+            self._at = ui.label().classes("at")
+            self._message = ui.label().classes("told")
+            self._message.props('role="status" aria-live="polite"')
 
     def show(self, said: Verdict) -> None:
         """Show the arm's condition."""
-        others = {"good", "warning", "bad"} - {said.level}
+        others = set(ICONS) - {said.level}
         self._banner.classes(add=said.level, remove=" ".join(others))
-        more = f" (and {said.others} more)" if said.others else ""
-        self._sentence.set_text(said.sentence + more)
+        self._icon.set_content(
+            f'<svg viewBox="0 0 24 24" aria-hidden="true">{ICONS[said.level]}</svg>'
+        )
+        self._word.set_text(said.word)
+        self._sentence.set_text(said.text)
         self._remedy.set_text(said.remedy)
 
-    def tell_refused(self, text: str) -> None:
-        """Show for some time that something was refused, and why."""
-        with self._banner:
-            ui.notify(text, type="negative", timeout=8000, position="top")
+    def tell(self, kind: str, text: str) -> None:
+        """Say what happened last, until something else does."""
+        self._message.classes(add=kind, remove=" ".join(KINDS - {kind}))
+        self._at.set_text(time.strftime("%H:%M:%S"))
+        self._message.set_text(f"{WORDS.get(kind, '')}{text}")
 
     def turn_sound(self) -> bool:
         """Name the switch of the sound anew; whether there is none now."""
-        is_muted = bool(self._sound.text == "Sound on")
-        self._sound.set_text("Sound off" if is_muted else "Sound on")
-        return is_muted
+        self._is_muted = not self._is_muted
+        self._sound.set_text("Unmute" if self._is_muted else "Mute")
+        return self._is_muted
 
     def name_light(self, *, is_dark: bool) -> None:
-        """Name the switch of the light by what it would do."""
-        self._light.set_text("Light" if is_dark else "Dark")
+        """Name the switch of the colours by what it would do."""
+        self._light.set_text("Light colours" if is_dark else "Dark colours")

@@ -5,18 +5,33 @@ from collections.abc import Callable
 from nicegui import ui
 
 from traverse.client.display.arm_state import ArmSight
-from traverse.client.display.guided_check import GuidedCheck
+from traverse.client.display.follower import Follower
+from traverse.client.display.guided_check import CheckDesk, GuidedCheck
+from traverse.client.page.dialogs import Dialogs
 from traverse.client.page.health_tables import coverage_bars
-from traverse.protocol.messages import Point
 
 CHECKS = (("Single point", "articulation", 10), ("Sphere", "sphere", 9))
+ANSWERS = (
+    ("Another place: leave it out", GuidedCheck.leave_out),
+    ("The others were wrong: begin with it", GuidedCheck.begin_with_it),
+    ("The right one: count it", GuidedCheck.count_in),
+)
+LIMIT, DIAMETER = "Limit in mm", "Sphere's certified diameter in mm"
 
 
 class CheckPanel:
-    """Built where it is made."""
+    """Built where it is made.
 
-    def __init__(self) -> None:
-        self._check: GuidedCheck | None = None
+    Args:
+        follower: of the arm; sets the label of the check's points.
+        desk: the check itself.
+        dialogs: asks for limits.
+    """
+
+    def __init__(self, follower: Follower, desk: CheckDesk, dialogs: Dialogs) -> None:
+        self._follower = follower
+        self._desk = desk
+        self._dialogs = dialogs
         with ui.element("section").classes("panel"):
             with ui.element("div").classes("bar"):
                 ui.html("<h2>Guided checks</h2>", sanitize=False)
@@ -25,33 +40,48 @@ class CheckPanel:
                     begin = self._beginning(kind, wanted)
                     button = ui.button(name, on_click=begin, color=None)
                     button.props("outline dense")
+                self._limit = ui.button("Limit", on_click=self._set_limit, color=None)
+                self._limit.props("outline dense")
                 self._close = ui.button("Close", on_click=self._end, color=None)
-                self._close.props("flat dense").set_visibility(False)
+                self._close.props("flat dense")
+            self._verdict = ui.label().classes("verdict")
             self._instruction = ui.label().classes("instruction")
+            with ui.element("div").classes("bar") as self._answers:
+                for name, act in ANSWERS:
+                    answer = self._answering(act)
+                    button = ui.button(name, on_click=answer, color=None)
+                    button.props("outline dense")
             self._results = ui.html("", sanitize=False)
             with ui.element("div") as self._coverage:
-                ui.html("<h2>Where the joints have been</h2>", sanitize=False)
+                self._title = ui.html("", sanitize=False)
                 self._bars = ui.html("", sanitize=False)
-
-    def take(self, point: Point) -> None:
-        """A point or a retraction was received."""
-        if self._check is not None:
-            if point.retracts is None:
-                self._check.take(point)
-            else:
-                self._check.undo(point.retracts)
-        self._show()
+        self.show()
 
     def show_coverage(self, sight: ArmSight) -> None:
         """Show where the joints have been."""
+        old = sight.is_stale
+        self._coverage.classes(add="old" if old else "", remove="" if old else "old")
+        when = ": not of now" if old and sight.live else ""
+        self._title.set_content(f"<h2>Where the joints have been{when}</h2>")
         self._bars.set_content(coverage_bars(sight))
 
-    def _show(self) -> None:
-        check = self._check
+    def show(self) -> None:
+        """Show how far the check is."""
+        check = self._desk.check
         self._close.set_visibility(check is not None)
+        self._limit.set_visibility(check is not None)
         self._coverage.set_visibility(check is None)
+        self._verdict.set_visibility(check is not None)
+        self._answers.set_visibility(check is not None and check.suspect is not None)
         self._instruction.set_text("" if check is None else check.instruction)
         rows = [] if check is None else check.results
+        if check is not None:
+            limit = "none" if check.limit_mm is None else f"{check.limit_mm:g} mm"
+            self._limit.set_text(f"Limit: {limit}")
+            level, words = check.verdict
+            self._verdict.set_text(words)
+            others = {"good", "busy", "warning", "bad"} - {level}
+            self._verdict.classes(add=level, remove=" ".join(others))
         self._results.set_content(
             '<table class="plain wrap"><tbody>'
             + "".join(
@@ -62,13 +92,61 @@ class CheckPanel:
             + "</tbody></table>"
         )
 
-    def _beginning(self, kind: str, wanted: int) -> Callable[[], None]:
-        def begin() -> None:
-            self._check = GuidedCheck(kind, wanted)
-            self._show()
+    def _beginning(self, kind: str, wanted: int) -> Callable[[], object]:
+        async def begin() -> None:
+            self._desk.begin(kind, wanted)
+            self.show()
+            await self._follower.do(lambda arm: arm.label("check", kind))
 
         return begin
 
-    def _end(self) -> None:
-        self._check = None
-        self._show()
+    def _answering(self, act: Callable[[GuidedCheck], None]) -> Callable[[], None]:
+        def answer() -> None:
+            self._desk.answer(act)
+            self.show()
+
+        return answer
+
+    async def _set_limit(self) -> None:
+        check = self._desk.check
+        if check is None:
+            return
+        fields = {LIMIT: "" if check.limit_mm is None else f"{check.limit_mm:g}"}
+        what = "of the largest deviation from the mean"
+        if check.kind == "sphere":
+            given = check.diameter_mm
+            fields[DIAMETER] = "" if given is None else f"{given:g}"
+            what = "of form and error of size"
+        action, values = await self._dialogs.ask(
+            f"Which limit {what}?",
+            ("Set",),
+            fields,
+            "The arm's certificate or its maker's data sheet says it. Empty: none, "
+            "and then there is no verdict.",
+        )
+        if not action:
+            return
+        numbers: list[float | None] = []
+        for value in (values[LIMIT], values.get(DIAMETER, "")):
+            try:
+                number = float(value.replace(",", ".")) if value else None
+            except ValueError:
+                number = -1.0
+            if number is not None and not 0.0 < number < 1e6:
+                self._follower.sight.refuse(
+                    f"{value} is no length", "write a number of millimetres above 0"
+                )
+                return
+            numbers.append(number)
+        limit_mm, diameter_mm = numbers
+        is_sphere = check.kind == "sphere"
+        self._desk.set_limits(
+            limit_mm, diameter_mm if is_sphere else self._desk.diameter_mm
+        )
+        self.show()
+
+    async def _end(self) -> None:
+        self._desk.check = None
+        self.show()
+        label = self._desk.label_before
+        await self._follower.do(lambda arm: arm.label(label.artefact, label.feature))

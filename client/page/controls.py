@@ -15,12 +15,14 @@ class Soft:
 
     Attributes:
         key: as the browser names it; shown in capitals, " " as Space.
+        needs_pose: whether it measures, so that a pose must be there.
     """
 
     name: str
     key: str
     act: Act
     kind: str = ""
+    needs_pose: bool = False
 
 
 class Controls:
@@ -29,11 +31,15 @@ class Controls:
     Args:
         buttons: of the row.
         keys: more keys, without buttons.
+        is_blocked: whether keys mean something else now.
     """
 
-    def __init__(self, buttons: list[Soft], keys: dict[str, Act]) -> None:
+    def __init__(
+        self, buttons: list[Soft], keys: dict[str, Act], is_blocked: Callable[[], bool]
+    ) -> None:
         self._acts: dict[str, Act] = dict(keys)
-        self._buttons: dict[str, ui.button] = {}
+        self._is_blocked = is_blocked
+        self._buttons: dict[str, tuple[Soft, ui.button, ui.label]] = {}
         with ui.element("section").classes("controls") as row:
             row.props('aria-label="Commands to the arm"')
             for soft in buttons:
@@ -46,8 +52,7 @@ class Controls:
                     with ui.element("div"):
                         label = ui.label(soft.name)
                         ui.label(f"key {shown}").classes("key")
-                self._buttons[soft.key] = button
-                button.traverse_label = label  # type: ignore[attr-defined]  # kept with it
+                self._buttons[soft.key] = (soft, button, label)
         # Space on a button presses that button; letters mean the same everywhere.
         ui.keyboard(self._space, repeating=False)
         ui.keyboard(
@@ -63,9 +68,14 @@ class Controls:
 
     def name(self, key: str, name: str, *, is_on: bool) -> None:
         """Update what a button does, and whether it is active."""
-        button = self._buttons[key]
-        button.traverse_label.set_text(name)  # type: ignore[attr-defined]  # as above
+        _, button, label = self._buttons[key]
+        label.set_text(name)
         button.classes(add="on" if is_on else "", remove="" if is_on else "on")
+
+    def allow(self, is_possible: Callable[[Soft], bool]) -> None:
+        """Disable the buttons of what is not possible now; a key is told why."""
+        for soft, button, _ in self._buttons.values():
+            button.set_enabled(is_possible(soft))
 
     async def _space(self, event: KeyEventArguments) -> None:
         if str(event.key) == " ":
@@ -82,6 +92,7 @@ class Controls:
             or modifiers.ctrl
             or modifiers.alt
             or modifiers.meta
+            or self._is_blocked()
         ):
             return
         act = self._acts.get(str(event.key).lower())

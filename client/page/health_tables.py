@@ -15,20 +15,25 @@ def health_table(sight: ArmSight) -> str:
     health = sight.health
     if health is None:
         return "<p>No figures yet.</p>"
+    old = sight.is_health_stale
     rows = []
+
+    def state(told: str) -> str:
+        return "" if old else told  # what was well is not said to be so now
+
     for device in health.devices:
-        age = "no data" if device.age_s is None else f"data {device.age_s:.1f} s ago"
-        rows.append(
-            _row(device.id, device.state, f"{device.rate_hz:.0f} samples/s, {age}")
-        )
+        heard = device.age_s
+        age = "no data" if heard is None else f"data {heard:.1f} s ago"
+        told = f"{device.rate_hz:.0f} samples/s, {age}"
+        rows.append(_row(device.id, state(device.state), told))
         rows += [
             _row(f"{device.id} {name}", "", f"{value:.1f} °C")
             for name, value in device.temperatures_c.items()
         ]
     broker, outbox = health.broker, health.outbox
-    rows.append(_row("broker", broker.state, f"{broker.host}:{broker.port}"))
+    rows.append(_row("broker", state(broker.state), f"{broker.host}:{broker.port}"))
     waits = f"{outbox.points} points kept, {outbox.unsent} wait for the broker"
-    rows.append(_row("disk", outbox.state, waits))
+    rows.append(_row("disk", state(outbox.state), waits))
     names = {
         "capture_to_publish": "trigger to handing over",
         "point_to_disk": "point to disk",
@@ -51,7 +56,10 @@ def health_table(sight: ArmSight) -> str:
     rows += [_row(words, "warning", str(n)) for words, n in lost.items() if n]
     memory = f"{health.cpu_share:.0%} of a core, {health.rss_bytes / 1e6:.0f} MB"
     rows.append(_row("daemon", "", memory))
-    return f'<table class="plain wrap"><tbody>{"".join(rows)}</tbody></table>'
+    at = time.strftime("%H:%M:%S", time.localtime(health.time_ns * 1e-9))
+    told = f"<p><b>Not of now:</b> figures of {at}.</p>" if old else ""
+    kind = "plain wrap old" if old else "plain wrap"
+    return f'{told}<table class="{kind}"><tbody>{"".join(rows)}</tbody></table>'
 
 
 def alarm_list(sight: ArmSight) -> str:
@@ -70,27 +78,30 @@ def alarm_list(sight: ArmSight) -> str:
 
 
 def coverage_bars(sight: ArmSight) -> str:
-    """Where each joint has been: 36 sectors of a turn, and where it is."""
+    """Where each joint has been: 36 sectors of a turn, and its angle."""
     seen = sight.coverage
     if seen is None or sight.live is None:
         return "<p>No pose yet.</p>"
+    is_now = not sight.is_stale
     bars = []
     for joint, own in enumerate(seen):
-        turn = np.mod(sight.live.angles_rad[joint] / (2.0 * np.pi), 1.0)
+        angle_rad = sight.live.angles_rad[joint]
         rects = "".join(
             f'<rect class="seen" x="{i}" y="0" width="1" height="1"/>'
             for i in np.flatnonzero(own)
         )
-        here = turn * SECTORS
-        rects += (
-            f'<rect class="here" x="{here - 0.15:.2f}" y="0" width=".3" height="1"/>'
-        )
+        if is_now:
+            here = np.mod(angle_rad / (2.0 * np.pi), 1.0) * SECTORS
+            rects += (
+                f'<rect class="here" x="{here - 0.2:.2f}" y="0" width=".4" height="1"/>'
+            )
         part = np.count_nonzero(own) / SECTORS
+        angle = f"{np.degrees(angle_rad):z.3f}°"
         bars.append(
             f'<div class="sectors"><span>J{joint + 1}</span>'
             f'<svg viewBox="0 0 {SECTORS} 1" preserveAspectRatio="none" role="img" '
             f'aria-label="joint {joint + 1} has been in {part:.0%} of a turn">'
-            f"{rects}</svg><span>{part:.0%}</span></div>"
+            f"{rects}</svg><b>{angle}</b><span>{part:.0%}</span></div>"
         )
     return "".join(bars)
 

@@ -5,17 +5,19 @@ from pathlib import Path
 
 from nicegui import ui
 
-from traverse.client.arm import Arm
 from traverse.client.display.arm_state import Change
-from traverse.client.display.condition import verdict
+from traverse.client.display.condition import obstacle, verdict
 from traverse.client.display.follower import Follower
+from traverse.client.display.guided_check import CheckDesk
 from traverse.client.page.arm_scene import ArmScene
 from traverse.client.page.banner import Banner
 from traverse.client.page.check_panel import CheckPanel
-from traverse.client.page.controls import Controls, Soft
+from traverse.client.page.controls import Act, Controls, Soft
+from traverse.client.page.dialogs import Dialogs
 from traverse.client.page.health_tables import alarm_list, health_table
 from traverse.client.page.points_panel import PointsPanel
-from traverse.client.page.readout import Figures
+from traverse.client.page.readout import Choices, Figures
+from traverse.client.page.setup_bar import SetupBar
 from traverse.protocol.messages import Point
 
 HERE = Path(__file__).parent
@@ -37,6 +39,8 @@ class OperatorPage:
 
     Args:
         follower: of the arm.
+        desk: the guided check.
+        choices: of what is shown.
         cloud_url: where scanned points are fetched.
         export: gives the points as a file: name and content.
     """
@@ -44,32 +48,42 @@ class OperatorPage:
     def __init__(
         self,
         follower: Follower,
+        desk: CheckDesk,
+        choices: Choices,
         cloud_url: str,
         export: Callable[[str, list[Point]], tuple[str, bytes]],
     ) -> None:
         self._follower = follower
         self._sight = follower.sight
+        self._choices = choices
         self._export = export
+        self._dialogs = Dialogs()
         self._seen_live: object = None
         self._seen_cloud = (-1, -1)
-        self._session: str | None = None
+        self._seen_points: object = None
+        self._was_stale: bool | None = None
+        self._was_online = self._sight.is_online
+        self._is_gone = False
         self._dark = ui.dark_mode(value=True)
-        self._build(cloud_url)
+        self._build(desk, cloud_url)
         self._sight.listeners.append(self._changed)
         ui.context.client.on_delete(lambda: self._sight.listeners.remove(self._changed))
         ui.timer(FAST_S, self._fast)
         ui.timer(SLOW_S, self._slow)
         ui.timer(CLOUD_S, self._show_cloud)
-        self._scene.on("vue:mounted", self._all_points)
+        self._scene.on("vue:mounted", self._all_anew)
 
     # -- how it is built --------------------------------------------------------
 
-    def _build(self, cloud_url: str) -> None:
+    def _build(self, desk: CheckDesk, cloud_url: str) -> None:
         ui.add_css(HERE / "page.css")
         ui.add_body_html(f"<script>{(HERE / 'sounds.js').read_text('utf-8')}</script>")
         with ui.element("main").classes("page"):
             self._banner = Banner(self._follower.name, self._mute, self._turn_light)
-            self._figures = Figures()
+            self._figures = Figures(self._choices)
+            self._setup = SetupBar(
+                self._follower, self._choices, self._dialogs, self._show_choices
+            )
             with ui.element("section").classes("panel scene-panel"):
                 self._scene = ArmScene(cloud_url)
                 with ui.element("div").classes("views"):
@@ -77,74 +91,92 @@ class OperatorPage:
                         looking = self._looking(view)
                         button = ui.button(name, on_click=looking, color=None)
                         button.props(f'dense flat aria-keyshortcuts="{key.upper()}"')
-            keys: dict[str, Callable[[], Awaitable[None] | None]] = {
-                key: self._looking(view) for _, view, key in VIEWS
+            keys: dict[str, Act] = {key: self._looking(view) for _, view, key in VIEWS}
+            keys |= {
+                "m": self._mute,
+                "d": self._turn_light,
+                "l": self._setup.change_label,
             }
-            keys |= {"m": self._mute, "d": self._turn_light, "l": self._label}
             self._controls = Controls(
                 [
-                    Soft("Take point", " ", self._take, "take"),
-                    Soft("Average", "a", self._average),
+                    Soft("Take point", " ", self._take, "take", needs_pose=True),
+                    Soft("Mean of 0.5 s", "a", self._average, needs_pose=True),
                     Soft("Undo", "u", self._undo),
-                    Soft("Start scan", "s", self._turn_scan),
+                    Soft("Start scan", "s", self._follower.turn_scan, needs_pose=True),
                     Soft("New session", "n", self._new_session),
                 ],
                 keys,
+                lambda: self._dialogs.is_open,
             )
             with ui.element("section").classes("lists"):
-                self._points = PointsPanel(self._label, self._saving)
-                self._check = CheckPanel()
-                self._build_health()
-        self._told = ui.label().classes("visually-hidden")
-        self._told.props('role="status" aria-live="polite"')
-
-    def _build_health(self) -> None:
-        with ui.element("section").classes("panel"):
-            ui.html("<h2>Health</h2>", sanitize=False)
-            self._alarms = ui.html("", sanitize=False)
-            self._health = ui.html("", sanitize=False)
+                self._points = PointsPanel(
+                    self._choices, self._saving, self._show_session
+                )
+                self._check = CheckPanel(self._follower, desk, self._dialogs)
+                with ui.element("section").classes("panel"):
+                    ui.html("<h2>Health</h2>", sanitize=False)
+                    self._alarms = ui.html("", sanitize=False)
+                    self._health = ui.html("", sanitize=False)
 
     # -- what it shows ----------------------------------------------------------
 
     def _changed(self, change: Change) -> None:
         """Show at once what cannot wait for the timer."""
-        if change.kind in ("point", "retraction", "refused", "alarm", "cleared"):
-            self._run(f"traverse_sounds.play({change.kind!r})")
-        if change.text:
-            self._told.set_text(change.text)
-        point = change.point
-        if change.kind == "point" and point is not None:
-            self._scene.add_points([point])
-        elif point is not None and point.retracts is not None:
-            self._scene.remove_point(point.retracts)
-        elif change.kind == "refused":
-            self._banner.tell_refused(change.text)
-        if point is not None:
-            self._show_points(point.id)
-            self._check.take(point)
-        if change.kind in ("alarm", "cleared", "link", "status"):
+        kind, point = change.kind, change.point
+        if kind == "point" and point is not None and not point.quality.ok:
+            kind = "doubt"
+        if kind in ("link", "status"):
             self._show_verdict()
-        session = self._sight.status.session if self._sight.status else None
-        if session != self._session:
-            self._session = session
-            self._scene.clear_points()
-            self._show_points(None)
+            self._tell_absence()
+        elif kind != "stored":
+            self._play(kind)
+            self._banner.tell(kind, change.text)
+        if kind in ("alarm", "cleared"):
+            self._show_verdict()
+        if kind == "stored" or point is None:
+            return  # points that come late, or of another session: see `_fast`
+        if point.retracts is not None:
+            self._scene.remove_point(point.retracts)
+        elif not self._sight.shown_session:
+            self._scene.add_points([point])
+        self._show_points(point.id)
+        self._check.show()
+
+    def _tell_absence(self) -> None:
+        """Broker or arm have gone, or come back."""
+        is_online = self._sight.is_online
+        if self._was_online and not is_online:
+            self._is_gone = True
+            self._play("alarm")
+            self._banner.tell("alarm", verdict(self._sight).sentence)
+        elif is_online and self._is_gone:
+            self._is_gone = False
+            self._play("cleared")
+            self._banner.tell("cleared", "The arm is back.")
+        self._was_online = is_online
 
     def _fast(self) -> None:
-        live = self._sight.live
-        self._figures.show(self._sight)
-        if live is not None and live is not self._seen_live:
-            self._seen_live = live
-            self._scene.show_pose(live)
+        sight = self._sight
+        self._figures.show(sight)
+        if sight.live is not None and sight.live is not self._seen_live:
+            self._seen_live = sight.live
+            self._scene.show_pose(sight.live)
+        if sight.is_stale != self._was_stale:
+            self._was_stale = sight.is_stale
+            self._scene.show_age(is_stale=sight.is_stale)
+        if self._points_key() != self._seen_points:
+            self._scene.show_points(sight.points.values())
+            self._show_points(None)
+            self._check.show()
 
     def _slow(self) -> None:
+        sight = self._sight
         self._show_verdict()
-        self._health.set_content(health_table(self._sight))
-        self._alarms.set_content(alarm_list(self._sight))
-        self._check.show_coverage(self._sight)
-        scan = self._sight.scan
-        runs = scan is not None and not scan.last
-        self._controls.name("s", "Stop scan" if runs else "Start scan", is_on=runs)
+        self._setup.show(sight)
+        self._health.set_content(health_table(sight))
+        self._alarms.set_content(alarm_list(sight))
+        self._check.show_coverage(sight)
+        self._points.show_age(sight)
 
     def _show_cloud(self) -> None:
         cloud = self._follower.cloud
@@ -153,59 +185,71 @@ class OperatorPage:
             self._scene.show_cloud(cloud.version, cloud.n_kept, cloud.n_seen)
 
     def _show_verdict(self) -> None:
-        self._banner.show(verdict(self._sight))
+        sight = self._sight
+        self._banner.show(verdict(sight))
+        runs = sight.scan is not None and sight.scan.runs
+        self._controls.name("s", "Stop scan" if runs else "Start scan", is_on=runs)
+        self._controls.allow(
+            lambda soft: (
+                not obstacle(
+                    sight, needs_pose=soft.needs_pose and not (runs and soft.key == "s")
+                )
+            )
+        )
 
     def _show_points(self, newest: str | None) -> None:
-        points = list(self._sight.points.values())
-        self._points.show(points, self._sight.lost_points, newest)
+        self._seen_points = self._points_key()
+        self._points.show(self._sight, newest)
 
-    def _all_points(self) -> None:
-        self._scene.theme(dark=bool(self._dark.value))
-        self._scene.add_points(list(self._sight.points.values()))
+    def _points_key(self) -> tuple[object, ...]:
+        """Changes when other points are to be listed, or otherwise."""
+        sight, points = self._sight, self._sight.points
+        session = sight.shown_session or sight.session
+        last = next(reversed(points), "")
+        system = self._choices.system(sight)
+        shown = (system, self._choices.unit, sight.aligned_ns, sight.earlier_session)
+        return (session, len(points), last, sight.lost_points, *shown)
+
+    def _show_choices(self) -> None:
+        self._setup.show(self._sight)
+        self._figures.show(self._sight)
         self._show_points(None)
+
+    def _show_session(self, session: str | None) -> None:
+        self._sight.shown_session = session
+
+    def _all_anew(self) -> None:
+        """The browser has been opened, or opened anew."""
+        self._scene.theme(dark=bool(self._dark.value))
         self._scene.forget_pose()
-        self._seen_live, self._seen_cloud = None, (-1, -1)
+        self._seen_live, self._seen_cloud, self._was_stale = None, (-1, -1), None
+        self._seen_points = None
 
     # -- what is done -----------------------------------------------------------
 
     async def _take(self) -> None:
-        await self._follower.do(lambda arm: arm.capture())
+        await self._follower.do(lambda arm: arm.capture(), needs_pose=True)
 
     async def _average(self) -> None:
-        await self._follower.do(lambda arm: arm.capture(dwell_s=AVERAGE_S))
+        await self._follower.do(
+            lambda arm: arm.capture(dwell_s=AVERAGE_S), needs_pose=True
+        )
 
     async def _undo(self) -> None:
         await self._follower.do(lambda arm: arm.undo())
 
     async def _new_session(self) -> None:
-        await self._follower.do(lambda arm: arm.new_session())
-
-    async def _turn_scan(self) -> None:
-        scan = self._sight.scan
-        runs = scan is not None and not scan.last
-
-        async def turn(arm: Arm) -> None:
-            if runs:
-                await arm.stop_scan()
-            else:
-                await arm.start_scan()
-
-        await self._follower.do(turn)
-
-    async def _label(self) -> None:
-        with ui.dialog() as dialog, ui.card():
-            ui.label("What are the next points taken on?").classes("text-lg")
-            artefact = ui.input("Artefact").props("autofocus")
-            feature = ui.input("Feature")
-            with ui.row():
-                ui.button("Set", on_click=lambda: dialog.submit(True))
-                ui.button("Clear", on_click=lambda: dialog.submit(False)).props("flat")
-                ui.button("Cancel", on_click=dialog.close).props("flat")
-        answer = await dialog
-        dialog.delete()
-        if answer is not None:
-            names = (artefact.value or None, feature.value or None) if answer else ()
-            await self._follower.do(lambda arm: arm.label(*names))
+        n = len(self._sight.sessions.get(self._sight.session, {}))
+        answer = "New session"
+        if n:
+            answer, _ = await self._dialogs.ask(
+                f"Begin a new session with an empty list? It has {n} points now.",
+                ("New session",),
+                more="They stay on the arm's disk, and here: Earlier session shows "
+                "them again.",
+            )
+        if answer:
+            await self._follower.do(lambda arm: arm.new_session())
 
     def _saving(self, kind: str) -> Callable[[], None]:
         def save() -> None:
@@ -215,7 +259,7 @@ class OperatorPage:
 
         return save
 
-    def _looking(self, view: str) -> Callable[[], None]:
+    def _looking(self, view: str) -> Callable[[], Awaitable[None] | None]:
         return lambda: self._scene.view(view)
 
     def _mute(self) -> None:
@@ -227,6 +271,9 @@ class OperatorPage:
         is_dark = bool(self._dark.value)
         self._banner.name_light(is_dark=is_dark)
         self._scene.theme(dark=is_dark)
+
+    def _play(self, kind: str) -> None:
+        self._run(f"traverse_sounds.play({kind!r})")
 
     def _run(self, script: str) -> None:
         self._scene.client.run_javascript(script)

@@ -1,11 +1,12 @@
-"""The list of points, its title, and the buttons that label and save them."""
+"""The list of points, its title, and the buttons that save it or show another."""
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 
 from nicegui import ui
 
-from traverse.client.page.readout import point_rows
-from traverse.protocol.messages import Point
+from traverse.client.display.arm_state import MAX_POINTS, ArmSight
+from traverse.client.display.figures import SYSTEMS
+from traverse.client.page.readout import Choices, point_rows
 
 SHOWN_POINTS = 60
 FILES = (("CSV", "csv"), ("JSON", "jsonl"), ("PLY", "ply"))
@@ -15,28 +16,60 @@ class PointsPanel:
     """Built where it is made.
 
     Args:
-        label: called to label the next points.
+        choices: unit and system.
         saving: gives what saves the points as a kind of file.
+        show_session: called with the session whose points are to be shown; None: the
+            arm's.
     """
 
     def __init__(
         self,
-        label: Callable[[], Awaitable[None]],
+        choices: Choices,
         saving: Callable[[str], Callable[[], None]],
+        show_session: Callable[[str | None], None],
     ) -> None:
-        with ui.element("section").classes("panel"):
+        self._choices = choices
+        self._earlier: str | None = None
+        with ui.element("section").classes("panel points") as self._panel:
             with ui.element("div").classes("bar"):
-                self._title = ui.html("<h2>Points</h2>", sanitize=False)
+                self._title = ui.html("", sanitize=False)
                 ui.space()
-                button = ui.button("Label (L)", on_click=label, color=None)
-                button.props("flat dense")
+                self._back = ui.button(
+                    "Earlier session",
+                    on_click=lambda: show_session(self._earlier),
+                    color=None,
+                ).props("outline dense")
+                self._forth = ui.button(
+                    "Back to now", on_click=lambda: show_session(None), color=None
+                ).props("outline dense")
                 for name, kind in FILES:
                     save = ui.button(name, on_click=saving(kind), color=None)
                     save.props(f'flat dense aria-label="Save points as {name}"')
-            self._rows = ui.html(point_rows([], None), sanitize=False)
+            self._rows = ui.html("", sanitize=False)
 
-    def show(self, points: list[Point], n_lost: int, newest: str | None) -> None:
+    def show(self, sight: ArmSight, newest: str | None) -> None:
         """Show the last of them, one of them as new."""
-        self._rows.set_content(point_rows(points[-SHOWN_POINTS:], newest))
-        told = f", {n_lost} lost" if n_lost else ""
-        self._title.set_content(f"<h2>Points: {len(points)}{told}</h2>")
+        points, system = list(sight.points.values()), self._choices.system(sight)
+        self._rows.set_content(
+            point_rows(
+                points[-SHOWN_POINTS:],
+                newest,
+                system,
+                self._choices.unit,
+                sight.aligned_ns,
+            )
+        )
+        told = f", {sight.lost_points} lost" if sight.lost_points else ""
+        most = ", the latest" if len(points) == MAX_POINTS else ""
+        which = " of an earlier session" if sight.shown_session else ""
+        self._title.set_content(
+            f"<h2>Points{which}: {len(points)}{most}{told}, {SYSTEMS[system]}</h2>"
+        )
+        self._earlier = sight.earlier_session
+        self._back.set_visibility(self._earlier is not None)
+        self._forth.set_visibility(sight.shown_session is not None)
+
+    def show_age(self, sight: ArmSight) -> None:
+        """Grey it where more points may have been taken than are known here."""
+        old = not sight.is_online
+        self._panel.classes(add="old" if old else "", remove="" if old else "old")

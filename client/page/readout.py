@@ -1,40 +1,71 @@
 """The digital read-out: where the probe is, and how well that is known."""
 
+from dataclasses import dataclass
 from html import escape
 
-import numpy as np
 from nicegui import ui
 
 from traverse.client.display.arm_state import ArmSight
+from traverse.client.display.figures import (
+    MM,
+    SYSTEMS,
+    System,
+    Unit,
+    expanded_axes_mm,
+    expanded_place_mm,
+    flag_words,
+    label_words,
+    place_mm,
+)
+from traverse.client.display.nominal import Nominal
 from traverse.protocol.messages import Live, Point
 
-DIAGONAL = (0, 3, 5)  # of xx, xy, xz, yy, yz, zz
 NAMES = ("X", "Y", "Z")
+
+
+@dataclass(slots=True)
+class Choices:
+    """What operators chose to see; a page that is opened begins with it.
+
+    Attributes:
+        of_part: part coordinates are shown where there is an alignment.
+        nominal: where something should be; None: no deviation is shown.
+    """
+
+    unit: Unit = MM
+    of_part: bool = True
+    nominal: Nominal | None = None
+
+    def system(self, sight: ArmSight) -> System:
+        """In which coordinates are shown, both now and in the list."""
+        return "part" if self.of_part and sight.is_aligned else "arm"
 
 
 class Figures:
     """Large figures, readable from afar.
 
-    Attributes:
-        of_part: part coordinates are shown where there are any.
+    Args:
+        choices: unit and system.
     """
 
-    def __init__(self) -> None:
-        self.of_part = True
+    def __init__(self, choices: Choices) -> None:
+        self._choices = choices
         self._values: list[ui.label] = []
         self._around: list[ui.label] = []
         with ui.element("section").classes("panel figures") as self._panel:
             self._panel.props('aria-label="Position of the probe"')
+            self._system = ui.label().classes("system")
             for name in NAMES:
                 with ui.element("div").classes("axis"):
                     ui.label(name).classes("name")
                     self._values.append(ui.label("-").classes("value"))
-                    self._around.append(ui.label("mm").classes("around"))
+                    self._around.append(ui.label().classes("around"))
+            self._deviation = ui.html("", sanitize=False).classes("deviation")
             with ui.element("div").classes("under"):
-                self._system = ui.label()
+                self._doubt = ui.label().classes("doubt")
+                self._note = ui.label()
                 self._speed = ui.label()
                 self._temperature = ui.label()
-                self._doubt = ui.label().classes("doubt")
             ui.label("STALE").classes("stale-word").props('aria-hidden="true"')
 
     def show(self, sight: ArmSight) -> None:
@@ -43,63 +74,103 @@ class Figures:
         self._panel.classes(
             add="stale" if stale else "", remove="" if stale else "stale"
         )
-        live = sight.live
+        live, unit = sight.live, self._choices.unit
         if live is None:
             return
-        part_mm = live.part_xyz_mm if self.of_part else None
-        xyz_mm = live.xyz_mm if part_mm is None else part_mm
-        around_mm = _expanded_mm(live, sight.last_point)
+        system = self._choices.system(sight)
+        xyz_mm = place_mm(live, system) or live.xyz_mm
+        around_mm, source = _expanded(live, sight.last_point, system)
+        self._system.set_text(f"Ball centre, {SYSTEMS[system]}")
         for axis, (value, around) in enumerate(
             zip(self._values, self._around, strict=True)
         ):
-            value.set_text(f"{xyz_mm[axis]:.3f}")
-            known = "" if around_mm is None else f"\n± {around_mm[axis]:.3f}"
-            around.set_text(f"mm{known}")
-        system = "arm's system" if part_mm is None else "part's system"
-        self._system.set_text(system if around_mm is None else f"{system}, ± is k = 2")
-        speed = "" if live.speed_mm_s is None else f"{live.speed_mm_s:.0f} mm/s"
-        self._speed.set_text(speed)
-        health = sight.health
+            value.set_text(unit.text(xyz_mm[axis]))
+            known = "" if around_mm is None else f"\n± {unit.text(around_mm[axis])}"
+            around.set_text(f"{unit.name}{known}")
+        self._note.set_text("± not known" if around_mm is None else source)
+        speed = live.speed_mm_s
+        told = "" if speed is None else f"{speed * unit.per_mm:.0f} {unit.name}/s"
+        self._speed.set_text(told)
+        health = None if sight.is_health_stale else sight.health
         temperature_c = health.temperatures_c.get("arm") if health else None
         told = "" if temperature_c is None else f"{temperature_c:.1f} °C"
         self._temperature.set_text(told)
-        flags = "" if live.quality.ok else ", ".join(live.quality.flags)
-        self._doubt.set_text(flags.replace("_", " "))
+        self._doubt.set_text("" if live.quality.ok else f"In doubt: {flag_words(live)}")
+        self._deviation.set_content("" if stale else self._bars(sight, system))
+
+    def _bars(self, sight: ArmSight, system: System) -> str:
+        """Deviation of the probe and of the last point from the nominal place."""
+        nominal, unit = self._choices.nominal, self._choices.unit
+        rows = []
+        for name, of in (("now", sight.live), ("last point", sight.last_point)):
+            place = None if of is None else place_mm(of, system)
+            if nominal is None or of is None or place is None:
+                continue
+            around_mm = expanded_axes_mm(of.covariance_mm2, "part")  # any direction
+            off = nominal.deviation(place, around_mm[0] if around_mm else None)
+            level, words = off.decision
+            offsets = "  ".join(
+                f"Δ{axis} {unit.text(offset, sign=True)}"
+                for axis, offset in zip(NAMES, off.offsets_mm, strict=True)
+                if offset is not None
+            )
+            share = min(off.distance_mm / (2.0 * nominal.tolerance_mm), 1.0)
+            rows.append(
+                f'<div class="nominal {level}"><span>{name}</span>'
+                f"<span>{offsets}</span>"
+                f'<div class="tolerance"><div style="width:{share:.1%}"></div></div>'
+                f"<b>{unit.text(off.distance_mm)} of {unit.text(nominal.tolerance_mm)} "
+                f"{unit.name}: {words}</b></div>"
+            )
+        return "".join(rows)
 
 
-def _expanded_mm(live: Live, point: Point | None) -> list[float] | None:
-    """Twice the standard deviation of each coordinate, k = 2; of the pose if known."""
-    covariance = live.covariance_mm2
-    if covariance is None and point is not None:
-        covariance = point.covariance_mm2
-    if covariance is None:
-        return None
-    return [2.0 * float(np.sqrt(max(covariance[i], 0.0))) for i in DIAGONAL]
+def _expanded(
+    live: Live, point: Point | None, system: System
+) -> tuple[list[float] | None, str]:
+    """Expanded uncertainty of each coordinate, and of what it is."""
+    if live.covariance_mm2 is not None:
+        return expanded_axes_mm(live.covariance_mm2, system), "± is k = 2"
+    covariance = None if point is None else point.covariance_mm2
+    return expanded_axes_mm(covariance, system), "± is k = 2, of the last point"
 
 
-def point_rows(points: list[Point], newest: str | None) -> str:
-    """Rows of the table of points, newest first, as HTML."""
+def point_rows(
+    points: list[Point],
+    newest: str | None,
+    system: System = "arm",
+    unit: Unit = MM,
+    aligned_ns: int = 0,
+) -> str:
+    """Rows of the table of points, newest first, as HTML.
+
+    Args:
+        points: to be shown, oldest first.
+        newest: the one that has just come.
+        system: of the coordinates.
+        unit: likewise.
+        aligned_ns: part coordinates of before are of another system.
+    """
     rows = []
     for point in reversed(points):
-        x_mm, y_mm, z_mm = point.xyz_mm
-        around = ""
-        if point.covariance_mm2 is not None:
-            trace = sum(point.covariance_mm2[i] for i in DIAGONAL)
-            around = f"{2.0 * np.sqrt(max(trace, 0.0)):.3f}"
-        label = " ".join(filter(None, (point.label.artefact, point.label.feature)))
-        flags = ", ".join(point.quality.flags).replace("_", " ")
+        place = place_mm(point, system)
+        remarks = flag_words(point)
+        if system == "part" and (place is None or point.time_ns < aligned_ns):
+            place, remarks = None, f"{remarks} of before the alignment".strip()
+        shown = ("-",) * 3 if place is None else map(unit.text, place)
+        expanded_mm = expanded_place_mm(point.covariance_mm2)
+        around = "" if expanded_mm is None else unit.text(expanded_mm)
         kind = "" if point.quality.ok else "doubt"
         if point.id == newest:
             kind += " new"
+        cells = "".join(f"<td>{value}</td>" for value in (point.seq, *shown, around))
         rows.append(
-            f'<tr class="{kind}"><td>{point.seq}</td><td>{x_mm:.3f}</td>'
-            f"<td>{y_mm:.3f}</td><td>{z_mm:.3f}</td><td>{around}</td>"
-            f'<td class="text">{escape(label)}</td>'
-            f'<td class="text">{escape(flags)}</td></tr>'
+            f'<tr class="{kind}">{cells}<td class="text">{escape(label_words(point))}'
+            f'</td><td class="text">{escape(remarks)}</td></tr>'
         )
+    axes = "".join(f"<th>{axis} {unit.name}</th>" for axis in "xyz")
     return (
-        '<table class="plain"><thead><tr><th>no.</th><th>x mm</th><th>y mm</th>'
-        '<th>z mm</th><th>U, k=2, mm</th><th class="text">label</th>'
-        '<th class="text">remarks</th></tr></thead>'
+        f'<table class="plain"><thead><tr><th>no.</th>{axes}<th>U, k=2</th>'
+        '<th class="text">label</th><th class="text">remarks</th></tr></thead>'
         f"<tbody>{''.join(rows)}</tbody></table>"
     )

@@ -10,8 +10,10 @@ from nicegui import app, ui
 
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.display.follower import Follower
+from traverse.client.display.guided_check import CheckDesk
 from traverse.client.page.access import Guard
 from traverse.client.page.operator_page import OperatorPage
+from traverse.client.page.readout import Choices
 from traverse.protocol.messages import Point
 
 log = logging.getLogger(__name__)
@@ -46,6 +48,7 @@ def serve(
         show: open a browser.
     """
     tasks: list[asyncio.Task[None]] = []
+    desk, choices = CheckDesk(follower.sight), Choices()
 
     async def begin() -> None:
         tasks.append(asyncio.create_task(follower.run()))
@@ -70,7 +73,7 @@ def serve(
 
     @ui.page("/", title=f"{follower.name} - Traverse", reconnect_timeout=RECONNECT_S)
     def page() -> None:
-        OperatorPage(follower, CLOUD_URL, export)
+        OperatorPage(follower, desk, choices, CLOUD_URL, export)
 
     ui.run(
         host=host,

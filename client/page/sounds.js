@@ -1,9 +1,11 @@
-// Short tones, told apart without looking: a point, a refusal, an alarm, an alarm gone.
+// Short tones, told apart without looking: a good point, one in doubt, a refusal, an
+// alarm, an alarm gone.
 window.traverse_sounds = {
   context: null, muted: false, played: [],
   begin() { this.context ??= new AudioContext(); }, // browsers want a touch of the page before
   tones: {
     point: [[880, 0, 0.09]],
+    doubt: [[880, 0, 0.09], [587, 0.1, 0.16]],
     retraction: [[660, 0, 0.08], [440, 0.09, 0.1]],
     refused: [[196, 0, 0.16], [196, 0.22, 0.16]],
     alarm: [[740, 0, 0.18], [494, 0.2, 0.18], [740, 0.4, 0.18], [494, 0.6, 0.18]],

@@ -51,6 +51,7 @@ class ReorderBuffer:
     Args:
         since: next numbers of sessions that were followed before; None begins with the
             points of from now on, an empty map with everything that the outbox holds.
+        is_whole: where it begins now, with all that is held of the arm's session.
 
     Attributes:
         needs_session_list: whether the list of sessions has to be requested.
@@ -61,8 +62,10 @@ class ReorderBuffer:
         asked: points that were requested again.
     """
 
-    def __init__(self, since: Mapping[str, int] | None) -> None:
-        self._sessions = SessionSequence(since)
+    def __init__(
+        self, since: Mapping[str, int] | None, *, is_whole: bool = False
+    ) -> None:
+        self._sessions = SessionSequence(since, is_whole=is_whole)
         self._unknown_sessions: dict[str, dict[int, Point]] = {}
         self._refusal: str | None = None
         self.needs_session_list = True

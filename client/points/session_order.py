@@ -96,6 +96,7 @@ class SessionSequence:
 
     Args:
         since: next numbers of sessions that were followed before; None begins now.
+        is_whole: where it begins now, with all that is held of the session.
 
     Attributes:
         anchor: the arm's session when following began, where `since` is None.
@@ -103,8 +104,11 @@ class SessionSequence:
         start: next numbers where following began.
     """
 
-    def __init__(self, since: Mapping[str, int] | None) -> None:
+    def __init__(
+        self, since: Mapping[str, int] | None, *, is_whole: bool = False
+    ) -> None:
         self._since = None if since is None else dict(since)
+        self._is_whole = is_whole
         self._sessions: dict[str, SessionPoints] = {}
         self._past: OrderedDict[str, int] = OrderedDict()
         self.anchor: str | None = None
@@ -197,6 +201,8 @@ class SessionSequence:
             for one in held[start : start + 1] if names else ():
                 end = 0 if one.last_seq is None else one.last_seq + 1
                 next_seq = min(end, lowest.get(one.session, end))
+                if self._is_whole:
+                    next_seq = one.first_seq or 0
                 followed = SessionPoints(one.session, one.begun_ns, next_seq)
                 self._sessions[one.session] = followed
         elif self._since and not set(names) & set(self._since):

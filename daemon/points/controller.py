@@ -58,12 +58,12 @@ class PointEventReporter:
         """Points are taken on something else from now on."""
         words = [word for word in (label.artefact, label.feature) if word is not None]
         text = f"points are taken on {', '.join(words)}" if words else "no label"
-        self._tell("capture.label", text)
+        self._tell("capture.label", text, label.model_dump(exclude_none=True))
 
     def probe(self, name: str, model: ArmModel) -> None:
         """Another probe measures from now on."""
         text = f"probe {name}, radius {model.probe_radius_mm:g} mm, model "
-        self._tell("capture.probe", text + model.digest[:12])
+        self._tell("capture.probe", text + model.digest[:12], {"probe": name})
 
     def alignment(self, text: str) -> None:
         """The alignment has been set or cleared."""
@@ -92,8 +92,10 @@ class PointEventReporter:
             code = f"{trigger}.{press.gesture}"
             self._events.report("info", code, text, source=source, distinct=True)
 
-    def _tell(self, code: str, text: str) -> None:
-        self._events.report("info", code, text, source="capture", distinct=True)
+    def _tell(self, code: str, text: str, data: dict[str, str] | None = None) -> None:
+        self._events.report(
+            "info", code, text, source="capture", data=data, distinct=True
+        )
 
 
 PointFuture = asyncio.Future[Point]

@@ -1,18 +1,26 @@
 """A real Chromium, a real broker, a simulated arm, its daemon and the page."""
 
+import asyncio
+import contextlib
 import shutil
 import signal
 import socket
+import time
+import uuid
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 from playwright.async_api import Page, async_playwright, expect
 
+from tests.client.display.values import live
+from tests.client.virtual_daemon import VirtualDaemon
 from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import Workbench
 from tests.mosquitto import Mosquitto
+from traverse.client.cancel_tasks import cancel_tasks
 
 expect.set_options(timeout=20_000)  # a busy machine is no fault
 # There is no graphics card in a container, and no user whom a sandbox could keep apart.
@@ -27,18 +35,13 @@ POINTS = (
 
 @dataclass
 class Scene:
-    """Everything at work.
-
-    Attributes:
-        errors: what the browser complained of.
-    """
+    """Everything at work."""
 
     bench: Workbench
     broker: Mosquitto
     simulator: Program
     daemon: Program
     page: Page
-    errors: list[str]
 
 
 @pytest.fixture
@@ -50,42 +53,103 @@ def own_broker(tmp_path: Path) -> Iterator[Mosquitto]:
     broker.stop()
 
 
-@pytest.fixture
-async def scene(
-    own_broker: Mosquitto, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> AsyncIterator[Scene]:
-    """The page of an arm that takes three points by itself, in a browser."""
-    # NiceGUI behaves otherwise where it believes to be tested by its own means.
-    monkeypatch.delenv("PYTEST_CURRENT_TEST", raising=False)
-    bench = Workbench(tmp_path, own_broker.host, own_broker.port)
-    bench.write_simulator(POINTS)
-    bench.write_daemon()
+@contextlib.asynccontextmanager
+async def served_page(
+    folder: Path, arm: str, broker: str, **options: Any
+) -> AsyncIterator[Page]:
+    """The page of an arm, by a server of its own, in a browser.
+
+    Args:
+        folder: for the server's output.
+        arm: its name.
+        broker: its address.
+        options: of the browser's context.
+    """
+    errors: list[str] = []
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
+    where = ["--arm", arm, "--broker", broker, "--port", str(port)]
+    with pytest.MonkeyPatch.context() as environment:
+        # NiceGUI behaves otherwise where it believes to be tested by its own means.
+        environment.delenv("PYTEST_CURRENT_TEST", raising=False)
+        program = Program(folder, "page", "page", *where)
+    with program as server:
+        await server.says(f"http://127.0.0.1:{port}")
+        async with async_playwright() as playwright:
+            browser = await playwright.chromium.launch(
+                executable_path=shutil.which("chromium"), args=OPTIONS
+            )
+            size = {"viewport": {"width": 1600, "height": 900}}
+            page = await browser.new_page(**(size | options))
+            page.set_default_timeout(20_000)
+            page.on("pageerror", lambda error: errors.append(str(error)))
+            await _opened(page, port)
+            yield page
+            await browser.close()
+        assert await server.stop() in (0, -signal.SIGTERM), server.log
+    assert errors == []
+
+
+@pytest.fixture
+async def scene(own_broker: Mosquitto, tmp_path: Path) -> AsyncIterator[Scene]:
+    """The page of an arm that takes three points by itself, in a browser."""
+    bench = Workbench(tmp_path, own_broker.host, own_broker.port)
+    bench.write_simulator(POINTS)
+    bench.write_daemon()
     broker = f"{own_broker.host}:{own_broker.port}"
-    options = ["--arm", bench.arm, "--broker", broker, "--port", str(port)]
     with bench.simulator() as simulator:
         await simulator.says("ready base")
-        with Program(tmp_path, "page", "page", *options) as server:
-            await server.says(f"http://127.0.0.1:{port}")
-            async with async_playwright() as playwright:
-                browser = await playwright.chromium.launch(
-                    executable_path=shutil.which("chromium"), args=OPTIONS
-                )
-                page = await browser.new_page(viewport={"width": 1600, "height": 900})
-                page.set_default_timeout(20_000)
-                errors: list[str] = []
-                page.on("pageerror", lambda error: errors.append(str(error)))
-                await _opened(page, port)
-                with bench.daemon() as daemon:
-                    yield Scene(bench, own_broker, simulator, daemon, page, errors)
-                    if daemon.process.poll() is None:
-                        assert await daemon.stop() == 0
-                await browser.close()
-            assert await server.stop() in (0, -signal.SIGTERM), server.log
+        async with served_page(tmp_path, bench.arm, broker) as page:
+            with bench.daemon() as daemon:
+                yield Scene(bench, own_broker, simulator, daemon, page)
+                if daemon.process.poll() is None:
+                    assert await daemon.stop() == 0
         await simulator.stop()
-    assert errors == []
+
+
+class PosedDaemon(VirtualDaemon):
+    """A simulated daemon whose arm stands somewhere, and says so all the time.
+
+    Attributes:
+        pose: fields of the live poses that are sent.
+    """
+
+    def __init__(self, arm: str, host: str, port: int) -> None:
+        super().__init__(arm, host, port)
+        self.pose: dict[str, Any] = {
+            "quality": {"ok": True, "flags": []},
+            "part_xyz_mm": None,
+        }
+
+    @contextlib.asynccontextmanager
+    async def posing(self) -> AsyncIterator["PosedDaemon"]:
+        """The daemon's life, with poses."""
+        async with self.running():
+            sending = asyncio.create_task(self._send_poses())
+            try:
+                yield self
+            finally:
+                await cancel_tasks([sending])
+
+    async def _send_poses(self) -> None:
+        while True:
+            fields = {"arm": self.arm, "time_ns": str(time.time_ns())}
+            await self.publish(live(**(fields | self.pose)))
+            await asyncio.sleep(0.1)
+
+
+@pytest.fixture
+def posed(own_broker: Mosquitto) -> PosedDaemon:
+    """A daemon of an arm of its own; not yet running."""
+    name = f"arm-{uuid.uuid4().hex[:8]}"
+    return PosedDaemon(name, own_broker.host, own_broker.port)
+
+
+@pytest.fixture
+def address(own_broker: Mosquitto) -> str:
+    """Address of the broker."""
+    return f"{own_broker.host}:{own_broker.port}"
 
 
 async def _opened(page: Page, port: int) -> None:

@@ -2,7 +2,14 @@
 
 from rich.console import Console
 
-from tests.client.display.values import event, live, point, retraction, status
+from tests.client.display.values import (
+    event,
+    health,
+    live,
+    point,
+    retraction,
+    status,
+)
 from traverse.cli.watch.view import picture
 from traverse.client.display.arm_state import ArmSight
 
@@ -18,7 +25,13 @@ def well() -> ArmSight:
     sight = ArmSight(lambda: 5.0)
     sight.take_link(True, "")
     sight.take_status(status())
-    sight.take_live(live(quality={"ok": True, "flags": []}, xyz_mm=[1.5, -2.25, 3.0]))
+    sight.take_live(
+        live(
+            quality={"ok": True, "flags": []},
+            xyz_mm=[1.5, -2.25, 3.0],
+            part_xyz_mm=None,
+        )
+    )
     return sight
 
 
@@ -54,3 +67,28 @@ def test_before_anything_came_it_says_so() -> None:
     text = shown(ArmSight(lambda: 0.0))
     assert "No connection to the broker" in text
     assert "no pose yet" in text
+
+
+def test_with_an_alignment_list_and_read_out_are_in_the_parts_system() -> None:
+    sight = well()
+    sight.take_live(live(part_xyz_mm=[7.0, -8.5, -1e-9]))
+    sight.take_point(point(0, part_xyz_mm=[70.0, 80.0, 90.0]))
+    sight.take_point(point(1, part_xyz_mm=None, xyz_mm=[666.0, 0.0, 0.0]))
+    text = shown(sight)
+    assert text.count("part's system") == 2
+    assert "-8.5000 mm" in text
+    assert "80.0000" in text
+    assert "-0.0000" not in text
+    assert "666" not in text
+
+
+def test_nothing_is_told_as_if_it_were_of_now_without_the_broker() -> None:
+    sight = well()
+    sight.take_health(health())
+    assert "broker connected" in shown(sight)
+    sight.take_link(False, "it is gone")
+    text = shown(sight)
+    assert "BROKER GONE" in text
+    assert "connected" not in text
+    assert "not known now" in text
+    assert "0 points, not of now" in text

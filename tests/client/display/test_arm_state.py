@@ -167,4 +167,58 @@ def test_a_pose_in_doubt_is_a_warning(sight: ArmSight) -> None:
 def test_a_refusal_is_told(sight: ArmSight) -> None:
     told = changes(sight)
     sight.take_event(event("capture.refused", None, text="the arm moves"))
-    assert told == [Change("refused", "the arm moves")]
+    assert told == [Change("refused", "The arm moves. Check the cable")]
+
+
+@pytest.mark.parametrize("event_first", [True, False])
+def test_answer_and_event_of_one_refusal_are_told_once(
+    sight: ArmSight, clock: Clock, event_first: bool
+) -> None:
+    told = changes(sight)
+    refused = event("capture.refused", None, text="the arm moves", remedy="wait")
+    both = [
+        lambda: sight.take_event(refused),
+        lambda: sight.refuse("the arm moves", "wait"),
+    ]
+    for tell in both if event_first else reversed(both):
+        tell()
+    assert [change.text for change in told] == ["The arm moves. Wait"]
+    clock.now_s += 1.0
+    sight.refuse("the arm moves", "wait")  # another press
+    assert len(told) == 2
+
+
+def test_points_of_before_come_late_and_silently(sight: ArmSight) -> None:
+    assert sight.live is not None
+    told = changes(sight)
+    old_ns = sight.live.time_ns - 10_000_000_000
+    sight.take_point(point(0, time_ns=str(old_ns)))
+    sight.take_point(point(1))
+    assert [change.kind for change in told] == ["stored", "point"]
+    assert len(sight.points) == 2
+
+
+def test_points_of_an_earlier_session_are_kept_and_can_be_shown(
+    sight: ArmSight,
+) -> None:
+    first = sight.session
+    sight.take_point(point(0))
+    sight.take_status(status(session="another"))
+    sight.take_point(point(1))  # late, of the session before
+    assert not sight.points
+    assert sight.earlier_session == first
+    sight.shown_session = first
+    assert list(sight.points) == ["p-0", "p-1"]
+    assert sight.earlier_session is None
+    assert sight.last_point is None
+
+
+def test_figures_are_of_now_only_while_they_come(sight: ArmSight, clock: Clock) -> None:
+    sight.take_health(health())
+    assert not sight.is_health_stale
+    clock.now_s += 11.0
+    assert sight.is_health_stale
+    sight.take_health(health())
+    assert not sight.is_health_stale
+    sight.take_status(status(online=False, state="offline"))
+    assert sight.is_health_stale

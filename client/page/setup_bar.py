@@ -1,0 +1,134 @@
+"""What measures what, and how it is shown: each a button that names its setting."""
+
+from collections.abc import Awaitable, Callable
+
+from nicegui import ui
+
+from traverse.client.display.arm_state import ArmSight
+from traverse.client.display.figures import INCH, MM, SYSTEMS
+from traverse.client.display.follower import Follower
+from traverse.client.display.nominal import Nominal
+from traverse.client.page.dialogs import Dialogs
+from traverse.client.page.readout import NAMES, Choices
+
+
+class SetupBar:
+    """Built where it is made.
+
+    Args:
+        follower: of the arm.
+        choices: what is shown how; changed here.
+        dialogs: asks.
+        changed: called when choices have changed.
+    """
+
+    def __init__(
+        self,
+        follower: Follower,
+        choices: Choices,
+        dialogs: Dialogs,
+        changed: Callable[[], None],
+    ) -> None:
+        self._follower = follower
+        self._choices = choices
+        self._dialogs = dialogs
+        self._changed = changed
+        with ui.element("section").classes("setup") as bar:
+            bar.props('aria-label="Settings"')
+            self._probe = _button(self._change_probe)
+            self._label = _button(self.change_label)
+            self._unit = _button(self._turn_unit)
+            self._system = _button(self._turn_system)
+            self._nominal = _button(self._change_nominal)
+
+    def show(self, sight: ArmSight) -> None:
+        """Show what is set now."""
+        choices, unit = self._choices, self._choices.unit
+        radius = unit.with_name(sight.live.probe_radius_mm) if sight.live else "-"
+        self._probe.set_text(f"Probe {sight.probe}".strip() + f": radius {radius}")
+        label = sight.known_label
+        words = None if label is None else (label.artefact, label.feature)
+        named = "not known" if words is None else " ".join(filter(None, words))
+        self._label.set_text(f"Label: {named or 'none'}")
+        self._unit.set_text(f"Unit: {unit.name}")
+        self._system.set_enabled(sight.is_aligned)
+        self._system.set_text(f"Coordinates: {SYSTEMS[choices.system(sight)]}")
+        tolerance = choices.nominal and unit.with_name(choices.nominal.tolerance_mm)
+        self._nominal.set_text(f"Nominal: {f'± {tolerance}' if tolerance else 'none'}")
+
+    async def change_label(self) -> None:
+        """Ask what the next points are taken on."""
+        label = self._follower.sight.known_label
+        action, values = await self._dialogs.ask(
+            "What are the next points taken on?",
+            ("Set", "Clear"),
+            {
+                "Artefact": (label and label.artefact) or "",
+                "Feature": (label and label.feature) or "",
+            },
+        )
+        if action:
+            names = (values["Artefact"] or None, values["Feature"] or None)
+            given = names if action == "Set" else ()
+            await self._follower.do(lambda arm: arm.label(*given))
+
+    async def _change_probe(self) -> None:
+        action, values = await self._dialogs.ask(
+            "Which probe is on the arm?",
+            ("Set",),
+            {"Name in the probe library": self._follower.sight.probe},
+        )
+        name = values["Name in the probe library"]
+        if action and name:
+            await self._follower.do(lambda arm: arm.probe(name))
+
+    def _turn_unit(self) -> None:
+        self._choices.unit = INCH if self._choices.unit is MM else MM
+        self._changed()
+
+    def _turn_system(self) -> None:
+        self._choices.of_part = not self._choices.of_part
+        self._changed()
+
+    async def _change_nominal(self) -> None:
+        unit, nominal = self._choices.unit, self._choices.nominal
+        there = nominal.xyz_mm if nominal else (None, None, None)
+        fields = {
+            f"{axis} in {unit.name}": "" if value is None else unit.text(value)
+            for axis, value in zip(NAMES, there, strict=True)
+        }
+        tolerance = f"Tolerance ± in {unit.name}"
+        fields[tolerance] = unit.text(nominal.tolerance_mm) if nominal else ""
+        action, values = await self._dialogs.ask(
+            "Where should it be, and how far off may it be?",
+            ("Set", "Clear"),
+            fields,
+            "In the coordinates that are shown; leave empty what does not matter.",
+        )
+        if action == "Clear":
+            self._choices.nominal = None
+        elif action:
+            try:
+                *given, permitted = (
+                    float(value.replace(",", ".")) / unit.per_mm if value else None
+                    for value in values.values()
+                )
+            except ValueError as error:
+                self._follower.sight.refuse(str(error), "write numbers such as 12.345")
+                return
+            if (
+                permitted is None
+                or permitted <= 0
+                or not any(v is not None for v in given)
+            ):
+                self._follower.sight.refuse(
+                    "a nominal place without tolerance or without a coordinate",
+                    "give a tolerance above 0 and one coordinate at least",
+                )
+                return
+            self._choices.nominal = Nominal(tuple(given), permitted)
+        self._changed()
+
+
+def _button(act: Callable[[], Awaitable[None] | None]) -> ui.button:
+    return ui.button(on_click=act, color=None).props("outline dense no-caps")

@@ -1,0 +1,157 @@
+"""The page never says "Ready" where a number would be in doubt, or is not of now."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.async_api import Page, expect
+
+from tests.browser.conftest import PosedDaemon, Scene, served_page
+from tests.client.display.values import event, health
+from tests.protocol.message_examples import SCAN
+from traverse.protocol.messages import QualityFlag, Scan
+
+pytestmark = pytest.mark.needs("mosquitto", "chromium")
+
+FINE = {"quality": {"ok": True, "flags": []}}
+
+
+async def is_said(page: Page, word: str, level: str) -> None:
+    """The banner says this, in the class of this level."""
+    await expect(page.locator(".word")).to_have_text(word)
+    await expect(page.locator("header")).to_have_class(re.compile(rf"\b{level}\b"))
+
+
+async def n_played(page: Page, kind: str) -> int:
+    """So many sounds of a kind have been played."""
+    script = "kind => traverse_sounds.played.filter(k => k === kind).length"
+    return int(await page.evaluate(script, kind))
+
+
+def block(n: int, seq: int, **changes: object) -> Scan:
+    """A block of a scan of n points."""
+    fields = {name: getattr(SCAN, name) for name in Scan.model_fields}
+    del fields["schema_"]
+    joints = fields["angles_rad"].shape[1]
+    fields |= {
+        "seq": seq,
+        "dtime_ns": np.arange(n) * 1000,
+        "xyz_mm": np.zeros((n, 3)) + seq,
+        "ijk": np.tile([0.0, 0.0, 1.0], (n, 1)),
+        "angles_rad": np.zeros((n, joints)),
+        "counts": None,
+        "part_xyz_mm": None,
+        "quality": np.zeros(n, np.uint32),
+        "dropped": 0,
+        "lost": 0,
+        "last": False,
+        "total": None,
+        **changes,
+    }
+    return Scan(**fields)
+
+
+async def test_doubts_and_alarms_and_scans_have_states_of_their_own(
+    posed: PosedDaemon, address: str, tmp_path: Path
+) -> None:
+    async with posed.posing(), served_page(tmp_path, posed.arm, address) as page:
+        await is_said(page, "Ready", "good")
+
+        # A pose with a flag, whichever it is; moving fast alone is no doubt of the arm.
+        posed.pose["quality"] = {"ok": False, "flags": ["turns_uncertain"]}
+        await is_said(page, "In doubt", "warning")
+        await expect(page.locator("header")).to_contain_text("turns uncertain")
+        await expect(page.locator("header")).to_contain_text("Reference the arm")
+        posed.pose["quality"] = {"ok": False, "flags": ["overspeed"]}
+        await is_said(page, "Moving", "busy")
+        posed.pose |= FINE
+        await is_said(page, "Ready", "good")
+
+        # A lasting warning, and its end.
+        raised = {"source": "base", "text": "turns are assumed", "remedy": "check"}
+        restarted = event("device.restarted", True, severity="warning", **raised)
+        await posed.publish(restarted)
+        await is_said(page, "In doubt", "warning")
+        await expect(page.locator("header")).to_contain_text("turns are assumed")
+        ended = {"source": "base", "text": "turns are assumed"}
+        await posed.publish(event("device.restarted", False, severity="info", **ended))
+        await is_said(page, "Ready", "good")
+        message = page.get_by_role("status")
+        await expect(message).to_have_text("Ended: turns are assumed")
+
+        # A scan, with its losses and doubts, and its end.
+        doubtful = np.zeros(40, np.uint32)
+        doubtful[:5] = QualityFlag.END_STOP
+        await posed.publish(block(60, 0))
+        await posed.publish(block(40, 60, lost=3, quality=doubtful))
+        await is_said(page, "Scanning", "busy")
+        header = page.locator("header")
+        await expect(header).to_contain_text("100 points, 3 lost, 5 in doubt")
+        posed.pose["quality"] = {"ok": False, "flags": ["singular"]}
+        await is_said(page, "In doubt", "warning")
+        await expect(header).to_contain_text("Scanning: 100 points")
+        posed.pose |= FINE
+        await posed.publish(block(0, 100, lost=3, last=True, total=100))
+        await is_said(page, "Ready", "good")
+        await expect(message).to_have_text(
+            "Scan ended: 100 points, 3 lost, 5 in doubt."
+        )
+
+
+async def test_nothing_is_green_when_broker_or_arm_is_gone(
+    posed: PosedDaemon, address: str, tmp_path: Path
+) -> None:
+    async with served_page(tmp_path, posed.arm, address) as page:
+        take = page.get_by_role("button", name="Take point")
+        async with posed.posing():
+            await is_said(page, "Ready", "good")
+            await posed.publish(health(arm=posed.arm))
+            await expect(page.get_by_text("connected")).to_be_visible()
+            await expect(take).to_be_enabled()
+            await expect(page.locator(".sectors rect.here").first).to_be_visible()
+
+        await is_said(page, "Arm gone", "bad")
+        for name in ("Take point", "Mean of", "Undo", "Start scan", "New session"):
+            await expect(page.get_by_role("button", name=name)).to_be_disabled()
+        await expect(page.get_by_text("Not of now:", exact=True)).to_be_visible()
+        await expect(page.get_by_text("have been: not of now")).to_be_visible()
+        for gone in (".state.good", ".sectors rect.here", ".message .point"):
+            await expect(page.locator(gone)).to_have_count(0)
+        await expect(page.get_by_text("connected", exact=True)).to_have_count(0)
+        assert await n_played(page, "alarm") == 1
+
+        # A key says why nothing happens: once, and not over the read-out.
+        await page.keyboard.press("Space")
+        message = page.get_by_role("status")
+        await expect(message).to_contain_text("Refused: This is not possible now")
+        await expect(message).to_contain_text("The arm is off line")
+        assert await n_played(page, "refused") == 1
+        boxes = [
+            await page.locator(one).bounding_box() for one in (".message", ".figures")
+        ]
+        assert boxes[0] is not None
+        assert boxes[1] is not None
+        assert boxes[0]["y"] + boxes[0]["height"] <= boxes[1]["y"]
+
+        async with posed.posing():
+            await is_said(page, "Ready", "good")
+            await expect(take).to_be_enabled()
+            assert await n_played(page, "cleared") == 1
+
+
+async def test_one_refusal_is_one_message_and_one_sound(scene: Scene) -> None:
+    page = scene.page
+    await is_said(page, "Ready", "good")
+    rows = page.locator("table.plain tbody tr", has=page.locator("td:nth-child(7)"))
+    await expect(rows).to_have_count(3)
+    for left in (2, 1, 0):
+        await page.keyboard.press("u")
+        await expect(rows).to_have_count(left)
+    await page.keyboard.press("u")  # the daemon answers, and tells an event
+    await expect(page.get_by_role("status")).to_contain_text("Refused: ")
+    await page.keyboard.press("l")  # whatever else was on its way has come by now
+    await page.get_by_label("Artefact").fill("plate")
+    await page.get_by_role("button", name="Set").click()
+    await expect(page.get_by_text("Label: plate")).to_be_visible()
+    assert await n_played(page, "refused") == 1
