@@ -1,13 +1,13 @@
 """`python -m benchmarks.clients.screenshots FOLDER`: pictures of the page for docs/.
 
 A real broker, a simulated arm that measures a ball bar, a sphere and a cone, its daemon
-and the page, in Chromium: what is seen is what the page shows.
+and the page, in Chromium: what is seen is what the page shows. One picture for each
+state, size of screen and theme: `page-<state>-<size>-<theme>.png`.
 """
 
 import asyncio
 import contextlib
 import shutil
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -19,65 +19,78 @@ from benchmarks.clients.page import browser
 from benchmarks.tools import rig
 
 DEMO = Path(__file__).parent.parent.parent / "cli" / "demo_data"
-SIZES = {"desk": (1440, 900), "tablet": (820, 1180), "phone": (390, 844)}
-# An encoder says that its count is not valid, as long as the picture takes.
-DOUBT = '[[fault]]\nkind = "status"\nchannel = 2\nat_s = 0.1\nduration_s = 1000.0\n'
-REST = '[[motion]]\nkind = "rest"\nduration_s = 1000.0\n'
+DESK, TABLET, PHONE = (1440, 900), (820, 1180), (390, 844)
+SIZES = {"desk": DESK, "tablet": TABLET, "phone": PHONE}
+# Encoder 2 warns as long as the picture takes.
+DOUBT = """\
+[[motion]]
+kind = "rest"
+duration_s = 1000.0
+
+[[fault]]
+kind = "status"
+channel = 2
+bits = 2
+at_s = 0.5
+duration_s = 1000.0
+"""
 
 
 @contextlib.contextmanager
 def simulated(folder: Path, *, in_doubt: bool = False) -> Iterator[None]:
-    """The arm of the demonstration; or at rest, with an encoder that fails."""
+    """The arm of the demonstration; or one at rest with an encoder that warns."""
     text = (DEMO / "simulator.toml").read_text("utf-8")
     if in_doubt:
-        text = text[: text.index("[[motion]]")].replace('"first_start"', "0.0")
-        text += REST + DOUBT
+        text = text[: text.index("[[motion]]")] + DOUBT
     (folder / "simulator.toml").write_text(text, "utf-8")
     run = (sys.executable, "-m", "traverse", "simulate", "--config")
-    log = folder / "simulator.log"
-    with rig.program(log, *run, str(folder / "simulator.toml")):
+    with rig.program(folder / "sim.log", *run, str(folder / "simulator.toml")):
         rig.wait_for((folder / "board.pty").exists, "the simulated board")
         yield
-    (folder / "board.pty").unlink(missing_ok=True)
+        (folder / "board.pty").unlink(missing_ok=True)
 
 
-async def picture(page: Page, out: Path, state: str) -> None:
-    """One state in all sizes, dark and light."""
+async def pictures(page: Page, out: Path, state: str) -> None:
+    """One state in all sizes, dark and light, as soon as the banner says so."""
+    await page.locator(".word").get_by_text(state, exact=True).wait_for()
     for theme in ("dark", "light"):
-        for name, (width, height) in SIZES.items():
+        for size, (width, height) in SIZES.items():
             await page.set_viewport_size({"width": width, "height": height})
+            # As on a touch screen: without the names of keys.
+            shown = "none" if size != "desk" else "block"
+            await page.add_style_tag(content=f".key {{ display: {shown} }}")
+            await page.keyboard.press("f")
             await asyncio.sleep(1.0)
-            await page.screenshot(path=out / f"page-{state}-{name}-{theme}.png")
+            name = f"page-{state.lower().replace(' ', '-')}-{size}-{theme}.png"
+            await page.screenshot(path=out / name)
         await page.keyboard.press("d")
-
-
-async def pictures(out: Path, folder: Path, broker: "subprocess.Popen[bytes]") -> None:
-    """Take all pictures."""
 
 
 async def main(folder: Path, out: Path) -> None:
     """Start everything, and bring it into one state after the other."""
     port = rig.free_port()
     shutil.copy(DEMO / "arm.toml", folder)
-
-    async def says(page: Page, word: str) -> None:
-        await page.locator(".word").get_by_text(word).wait_for()
-
-    with rig.mosquitto(folder, port) as broker, simulated(folder):
+    with (
+        rig.mosquitto(folder, port) as broker,
+        contextlib.ExitStack() as simulator,
+    ):
+        simulator.enter_context(simulated(folder))
         with rig.daemon(folder, port):
             async with browser(folder, port) as page:
                 await page.keyboard.press("l")
                 await page.get_by_label("Artefact").fill("bar")
                 await page.get_by_role("button", name="Set").click()
                 await page.wait_for_function("traverse_scene.points.size > 14")
-                await picture(page, out, "ready")
+                await pictures(page, out, "Ready")
                 await page.keyboard.press("s")
-                await says(page, "Scanning")
-                await picture(page, out, "scanning")
+                await pictures(page, out, "Scanning")
                 await page.keyboard.press("s")
+                simulator.close()
+                await pictures(page, out, "Alarm")
+                with simulated(folder, in_doubt=True):
+                    await pictures(page, out, "In doubt")
                 broker.kill()
-                await says(page, "Broker gone")
-                await picture(page, out, "broker-gone")
+                await pictures(page, out, "Broker gone")
 
 
 if __name__ == "__main__":

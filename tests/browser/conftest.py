@@ -21,6 +21,7 @@ from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import Workbench
 from tests.mosquitto import Mosquitto
 from traverse.client.cancel_tasks import cancel_tasks
+from traverse.protocol.messages import Point, Quality
 
 expect.set_options(timeout=20_000)  # a busy machine is no fault
 # There is no graphics card in a container, and no user whom a sandbox could keep apart.
@@ -131,6 +132,16 @@ class PosedDaemon(VirtualDaemon):
                 yield self
             finally:
                 await cancel_tasks([sending])
+
+    async def touch(self, *xyz_mm: float, **fields: Any) -> Point:
+        """Take a point there."""
+        made = self._next_point()
+        fine = {"quality": Quality(ok=True, flags=()), "xyz_mm": xyz_mm}
+        changes = {"time_ns": time.time_ns(), "part_xyz_mm": None, **fine, **fields}
+        point = made.model_copy(update=changes)
+        self.outbox[self.session][point.seq] = point
+        await self.publish(point)
+        return point
 
     async def _send_poses(self) -> None:
         while True:
