@@ -34,14 +34,13 @@ async def test_a_morning_with_the_page(scene: Scene) -> None:
     value = page.locator(".axis .value").first
     await expect(value).to_have_text(re.compile(r"^-?\d+\.\d{3}$"))
     await expect(page.locator(".axis .around").first).to_contain_text("±")
-    shown = await page.evaluate("traverse_scene.points.size")
-    assert shown == 4
+    await page.wait_for_function("traverse_scene.points.size === 4")
     assert await page.evaluate("traverse_scene.arm.children.length") == 15
 
     # It is taken back, by the button this time.
     await page.get_by_role("button", name="Undo").click()
     await expect(rows).to_have_count(3)
-    assert await page.evaluate("traverse_scene.points.size") == 3
+    await page.wait_for_function("traverse_scene.points.size === 3")
     await sounds(scene, "retraction")
     await expect(page.get_by_role("status")).to_contain_text("undoes")
 
