@@ -1,5 +1,7 @@
 """Parts of a recording: its messages, the seconds before it, the file itself."""
 
+import errno
+import shutil
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
@@ -171,9 +173,9 @@ class ManualRecording:
         head: RunHead,
         before: Iterable[Entry],
     ) -> None:
+        check_room(path.parent, section)
         if path.exists():
             raise FileExistsError(f"{path} is there already")
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         self._name = name
         self._section = section
         self._begun_s = time.monotonic()
@@ -215,6 +217,7 @@ class ManualRecording:
         Raises:
             OSError: it cannot be written, or has become too long.
         """
+        check_room(self._writer.path.parent, self._section)
         self._writer.flush(sync=self._section.sync)
         if self._writer.n_bytes > self._section.max_mb << 20:
             raise OSError(f"it is longer than max_mb, {self._section.max_mb} MB")
@@ -227,6 +230,22 @@ class ManualRecording:
     def abandon(self) -> None:
         """Leave it as it is, after a failure."""
         self._writer.abandon()
+
+
+def check_room(folder: Path, section: RecordingSection) -> None:
+    """Leave room on the disk to others, above all the outbox.
+
+    Raises:
+        OSError: there is too little; or the folder cannot be made.
+    """
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    free_mb = shutil.disk_usage(folder).free >> 20
+    if free_mb < section.min_free_mb:
+        raise OSError(
+            errno.ENOSPC,
+            f"only {free_mb} MB are free; min_free_mb of [recording] is "
+            f"{section.min_free_mb}",
+        )
 
 
 def recording_head(

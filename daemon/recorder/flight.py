@@ -9,10 +9,12 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import wraps
 from pathlib import Path
+from typing import Concatenate, ParamSpec
 
 from traverse.daemon.config.schema import RecordingSection
-from traverse.daemon.recorder.file import Recorded
+from traverse.daemon.recorder.file import Recorded, check_room
 from traverse.recording.run_reader import RunReader
 from traverse.recording.run_writer import Entry, RunHead, RunWriter
 
@@ -21,6 +23,8 @@ FOLDER = "flight"
 SEGMENT = "segment-*.mcap"
 KEPT = "flight-*.mcap"
 RETRY_S = 30.0
+
+P = ParamSpec("P")
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,25 +50,54 @@ def reason_of(error: Exception) -> str:
     return str(error) or repr(error)
 
 
+def _guarded(
+    method: Callable[Concatenate["FlightRecorder", P], None],
+) -> Callable[Concatenate["FlightRecorder", P], None]:
+    """Leave the recorder alone where it is off, or for some time after a failure."""
+
+    @wraps(method)
+    def guarded(self: "FlightRecorder", /, *args: P.args, **kwargs: P.kwargs) -> None:
+        if not self.is_enabled or self.retry_s is not None:
+            return
+        try:
+            method(self, *args, **kwargs)
+        except OSError as error:
+            self.abandon()
+            self.retry_s = time.monotonic() + RETRY_S
+            self.notify(RecorderNotification(flight_failed=reason_of(error)))
+
+    return guarded
+
+
 class FlightRecorder:
     """Writes segments, and drops the oldest beyond a time and a size.
+
+    After the disk has refused it, it is left alone for some time. Used by the recorder
+    thread alone.
 
     Args:
         folder: of all recordings; made where it is missing.
         section: of the configuration.
         about: values for the head of every file.
+        notify: called when it fails, when it is tried again, and with kept files.
 
     Attributes:
+        is_enabled: it is configured.
+        retry_s: when it is tried again after a failure; None: it works.
         kept, dropped: files kept after faults, and older ones dropped for them.
         n_bytes: written since the start.
-
-    Raises:
-        OSError: a file cannot be written; from all methods.
     """
 
     def __init__(
-        self, folder: Path, section: RecordingSection, about: Mapping[str, str]
+        self,
+        folder: Path,
+        section: RecordingSection,
+        about: Mapping[str, str],
+        notify: Callable[[RecorderNotification], None],
     ) -> None:
+        self.notify = notify
+        self.is_enabled = section.flight
+        self.retry_s: float | None = None
         self._folder = folder
         self._segments = folder / FOLDER
         self._section = section
@@ -75,28 +108,24 @@ class FlightRecorder:
         self.dropped = 0
         self.n_bytes = 0
 
-    def recover_crashed(self) -> Path | None:
-        """Keep what a daemon left behind that died; else nothing is left of before.
-
-        Returns:
-            The kept file; None where there was nothing to keep.
-        """
+    @_guarded
+    def recover_crashed(self) -> None:
+        """Keep what a daemon left behind that died; else nothing is left of before."""
         self._segments.mkdir(mode=0o700, parents=True, exist_ok=True)
         segments = self._found()
-        path = None
         if segments and not _is_whole(segments[-1]):
-            path = self.keep("crash")
+            self._keep("crash")
         for segment in self._found():
             segment.unlink(missing_ok=True)
-        return path
 
+    @_guarded
     def begin_segment(
         self, at_ns: int, utc_ns: int, files: Mapping[str, bytes]
     ) -> None:
         """The next message is a state; perhaps it begins a new segment."""
         if self._writer is not None and at_ns - self._begun_ns < SEGMENT_NS:
             return
-        self.close()
+        self._close()
         path = self._segments / f"segment-{utc_ns:020d}.mcap"
         head = RunHead({**self._about, "cause": "flight"}, files)
         self._writer, self._begun_ns = RunWriter(path, head), at_ns
@@ -106,32 +135,61 @@ class FlightRecorder:
         """Begin a new one with the next state."""
         self._begun_ns = -SEGMENT_NS
 
+    @_guarded
     def add(self, entry: Entry) -> None:
         """Record a message; those of scans, which can be computed again, are not."""
         if self._writer is not None and entry.topic != "cloud":
             self._writer.add(entry)
             self.n_bytes += len(entry.content)
 
+    @_guarded
     def attach(self, name: str, content: bytes) -> None:
         """Add a file that is in force from now on."""
         if self._writer is not None:
             self._writer.attach(name, content)
 
+    @_guarded
     def flush(self) -> None:
         """Hand all to the operating system, or to the disk."""
+        check_room(self._folder, self._section)
+        self._flush()
+
+    @_guarded
+    def keep(self, why: str) -> None:
+        """Make one file of all segments; the oldest kept one may have to go."""
+        self._flush()
+        self._keep(why)
+
+    @_guarded
+    def close(self) -> None:
+        """Finish the running segment."""
+        self._close()
+
+    def retry(self, now_s: float) -> None:
+        """Use it once more, if it is time; the next state begins a segment."""
+        if self.retry_s is not None and now_s >= self.retry_s:
+            self.retry_s = None
+            self.notify(RecorderNotification(flight_failed=""))
+
+    def abandon(self) -> None:
+        """Leave everything as it is, after a failure."""
+        if self._writer is not None:
+            self._writer.abandon()
+            self._writer = None
+
+    def _flush(self) -> None:
         if self._writer is not None:
             self._writer.flush(sync=self._section.sync)
 
-    def keep(self, why: str) -> Path | None:
-        """Make one file of all segments; the oldest kept one may have to go.
+    def _close(self) -> None:
+        if self._writer is not None:
+            writer, self._writer = self._writer, None
+            writer.close(sync=self._section.sync)
 
-        Returns:
-            Its path; None where there is nothing to keep.
-        """
-        self.flush()
+    def _keep(self, why: str) -> None:
         segments = self._found()
         if not segments:
-            return None
+            return
         now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
         path = self._folder / f"flight-{now}Z-{why}.mcap"
         part = path.with_suffix(".part")
@@ -144,19 +202,7 @@ class FlightRecorder:
         for old in sorted(self._folder.glob(KEPT))[: -self._section.kept]:
             old.unlink(missing_ok=True)
             self.dropped += 1
-        return path
-
-    def close(self) -> None:
-        """Finish the running segment."""
-        if self._writer is not None:
-            writer, self._writer = self._writer, None
-            writer.close(sync=self._section.sync)
-
-    def abandon(self) -> None:
-        """Leave everything as it is, after a failure."""
-        if self._writer is not None:
-            self._writer.abandon()
-            self._writer = None
+        self.notify(RecorderNotification(kept=path))
 
     def _found(self) -> list[Path]:
         return sorted(self._segments.glob(SEGMENT))
@@ -216,56 +262,3 @@ def _join(segments: list[Path], path: Path, about: Mapping[str, str]) -> None:
     if writer is None:
         raise OSError("no segment can be read")
     writer.close(sync=True)
-
-
-class RetryingFlightRecorder:
-    """Leave the flight recorder alone for some time after the disk has refused it.
-
-    Used by the recorder thread alone.
-
-    Args:
-        flight: what writes.
-        is_enabled: as configured.
-        notify: called when it fails, and when it is tried again.
-    """
-
-    def __init__(
-        self,
-        flight: FlightRecorder,
-        *,
-        is_enabled: bool,
-        notify: Callable[[RecorderNotification], None],
-    ) -> None:
-        self._flight = flight
-        self._is_enabled = is_enabled
-        self._notify = notify
-        self._retry_s: float | None = None
-
-    def run(self, act: Callable[[], object]) -> None:
-        """Do something with it, unless it is left alone."""
-        if not self._is_enabled or self._retry_s is not None:
-            return
-        try:
-            act()
-        except OSError as error:
-            self._flight.abandon()
-            self._retry_s = time.monotonic() + RETRY_S
-            self._notify(RecorderNotification(flight_failed=reason_of(error)))
-
-    def keep(self, why: str) -> None:
-        """Keep the last minutes, after a fault."""
-        self.run(lambda: self._notify_kept(self._flight.keep(why)))
-
-    def recover_crashed(self) -> None:
-        """Keep what a daemon left behind that died."""
-        self.run(lambda: self._notify_kept(self._flight.recover_crashed()))
-
-    def retry(self, now_s: float) -> None:
-        """Use it once more, if it is time; the next state begins a segment."""
-        if self._retry_s is not None and now_s >= self._retry_s:
-            self._retry_s = None
-            self._notify(RecorderNotification(flight_failed=""))
-
-    def _notify_kept(self, kept: Path | None) -> None:
-        if kept is not None:
-            self._notify(RecorderNotification(kept=kept))

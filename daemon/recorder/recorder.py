@@ -18,7 +18,7 @@ from traverse.daemon.recorder.file import Recorded
 from traverse.daemon.recorder.flight import RecorderNotification
 from traverse.daemon.recorder.item_queue import RecorderItem, RecorderQueue
 from traverse.daemon.recorder.snapshot import DeviceSnapshot
-from traverse.daemon.recorder.thread import RecorderThread, ThreadJobs
+from traverse.daemon.recorder.thread import RecorderThread
 from traverse.daemon.step_listener import StateSource, StepListener
 from traverse.daemon.store.records import PendingPoint
 from traverse.drivers.base.delivery_maps import delivery_kind
@@ -210,7 +210,6 @@ class Recorder:
         self._steps = steps
         self._events = events
         self._clock = clock
-        self._jobs = ThreadJobs(steps.queue)
         self._failed = ""
         self._n_dropped = 0  # so far reported
         self._thread = RecorderThread(
@@ -220,7 +219,7 @@ class Recorder:
             about=about,
             files=files,
             utc_offset_ns=clock.utc_offset_ns(),
-            notify=self._on_notification,
+            notify=self._handle,
         )
 
     @property
@@ -236,7 +235,7 @@ class Recorder:
             yield
         finally:
             self._steps.is_on = False
-            self._jobs.submit(self._thread.end)
+            self._thread.submit(self._thread.end)
             await asyncio.to_thread(self._thread.join)
 
     # -- recordings with a name -----------------------------------------------
@@ -253,7 +252,7 @@ class Recorder:
         Raises:
             OSError: it cannot be written.
         """
-        path = await self._jobs.run(lambda: self._thread.begin(name, note))
+        path = await self._thread.call(lambda: self._thread.begin(name, note))
         if not self._steps.is_on:
             self._steps.is_on = True
             self._steps.request_state()
@@ -267,7 +266,7 @@ class Recorder:
         Raises:
             OSError: there is none, or its end cannot be written.
         """
-        recorded = await self._jobs.run(self._thread.finish)
+        recorded = await self._thread.call(self._thread.finish)
         self._steps.is_on = self._section.flight
         self._report_stopped(recorded, "as requested", by_itself=False)
         return recorded
@@ -309,10 +308,6 @@ class Recorder:
                 count=n_dropped - self._n_dropped,
             )
             self._n_dropped = n_dropped
-
-    def _on_notification(self, notification: RecorderNotification) -> None:
-        """Called by the thread."""
-        self._jobs.call_on_loop(lambda: self._handle(notification))
 
     def _handle(self, notification: RecorderNotification) -> None:
         reason = notification.flight_failed

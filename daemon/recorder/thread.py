@@ -2,13 +2,11 @@
 
 import asyncio
 import contextlib
-import errno
 import logging
-import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping
-from functools import partial
+from concurrent.futures import Future
 from operator import methodcaller
 from pathlib import Path
 from typing import TypeVar
@@ -24,7 +22,6 @@ from traverse.daemon.recorder.file import (
 from traverse.daemon.recorder.flight import (
     FlightRecorder,
     RecorderNotification,
-    RetryingFlightRecorder,
     reason_of,
 )
 from traverse.daemon.recorder.item_queue import RecorderItem, RecorderQueue
@@ -41,53 +38,6 @@ MAX_SLICE_S, YIELD_S = 0.0005, 0.0001
 T = TypeVar("T")
 
 
-class ThreadJobs:
-    """Give work to the thread, behind everything that is queued already.
-
-    Args:
-        queue: to the thread.
-    """
-
-    def __init__(self, queue: RecorderQueue) -> None:
-        self._queue = queue
-        self._loop = asyncio.get_running_loop()
-
-    def submit(self, job: Callable[[], object]) -> None:
-        """Have the thread call ``job``."""
-        self._queue.put(RecorderItem("job", 0, value=job))
-        self._queue.wake()
-
-    async def run(self, job: Callable[[], T]) -> T:
-        """Have the thread call ``job``; return its result, or raise its exception."""
-        answer: asyncio.Future[T] = self._loop.create_future()
-
-        def execute() -> None:
-            try:
-                result = job()
-            except Exception as error:  # noqa: BLE001 - raised in the caller
-                self.call_on_loop(partial(_set_exception, answer, error))
-            else:
-                self.call_on_loop(lambda: _set_result(answer, result))
-
-        self.submit(execute)
-        return await answer
-
-    def call_on_loop(self, act: Callable[[], object]) -> None:
-        """Call something on the loop; for the thread."""
-        with contextlib.suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(act)
-
-
-def _set_result(answer: asyncio.Future[T], result: T) -> None:
-    if not answer.done():
-        answer.set_result(result)
-
-
-def _set_exception(answer: asyncio.Future[T], error: Exception) -> None:
-    if not answer.done():
-        answer.set_exception(error)
-
-
 class RecorderThread:
     """Take items from the queue and write them to the open recordings.
 
@@ -98,7 +48,7 @@ class RecorderThread:
         about: values for the head of every file.
         files: arm file, configuration and so on, as they are now.
         utc_offset_ns: what to add to host monotonic time.
-        notify: passes a value to the loop.
+        notify: called on the loop.
 
     Attributes:
         heartbeat: the thread's signs of life.
@@ -121,12 +71,10 @@ class RecorderThread:
         self._about = about
         self._files = dict(files)
         self._encoder = RecordingEncoder(utc_offset_ns)
-        self._notify = notify
+        self._on_notification = notify
+        self._loop = asyncio.get_running_loop()
         self._ring = PreTriggerBuffer()
-        self._flight = FlightRecorder(folder, section, about)
-        self._retrying = RetryingFlightRecorder(
-            self._flight, is_enabled=section.flight, notify=notify
-        )
+        self._flight = FlightRecorder(folder, section, about, self._notify)
         self._manual: ManualRecording | None = None
         self._flushed_s = 0.0
         self._ended = False
@@ -156,6 +104,26 @@ class RecorderThread:
         if self._thread.ident is not None:
             self._thread.join()
 
+    def submit(self, job: Callable[[], object]) -> None:
+        """Have the thread call this, behind everything that is queued already."""
+        self._queue.put(RecorderItem("job", 0, value=job))
+        self._queue.wake()
+
+    async def call(self, job: Callable[[], T]) -> T:
+        """Have the thread call this; return its result, or raise its exception."""
+        result: Future[T] = Future()
+
+        def execute() -> None:
+            if not result.set_running_or_notify_cancel():
+                return
+            try:
+                result.set_result(job())
+            except Exception as error:  # noqa: BLE001 - raised in the caller
+                result.set_exception(error)
+
+        self.submit(execute)
+        return await asyncio.wrap_future(result)
+
     # -- jobs of the thread ----------------------------------------------------
 
     def begin(self, name: str, note: str) -> Path:
@@ -164,7 +132,6 @@ class RecorderThread:
         Raises:
             OSError: it cannot be written.
         """
-        self._check_room()
         path = self._folder / f"{name}.mcap"
         head = recording_head(self._about, self._files, name=name, note=note)
         self._manual = ManualRecording(path, name, self._section, head, self._ring)
@@ -193,7 +160,7 @@ class RecorderThread:
 
     def _run(self) -> None:
         try:
-            self._retrying.recover_crashed()
+            self._flight.recover_crashed()
             while not self._ended:
                 self.heartbeat.beat(TURN_S)
                 items = self._queue.take()
@@ -206,7 +173,9 @@ class RecorderThread:
                 now_s = time.monotonic()
                 if now_s - self._flushed_s >= self._section.flush_s:
                     self._flushed_s = now_s
-                    self._flush(now_s)
+                    self._flight.retry(now_s)
+                    self._flight.flush()
+                    self._in_manual(ManualRecording.flush)
             self._close()
         except Exception as error:
             log.exception("fault in the recorder")
@@ -225,7 +194,7 @@ class RecorderThread:
         if item.kind == "job":
             item.value()
         elif item.kind == "keep":
-            self._retrying.keep(item.what)
+            self._flight.keep(item.what)
         else:
             return False
         return True
@@ -236,9 +205,7 @@ class RecorderThread:
         if item.kind == "state":
             self._ring.begin_segment(item.at_ns)
             utc_ns = item.at_ns + self._encoder.utc_offset_ns
-            self._retrying.run(
-                lambda: self._flight.begin_segment(item.at_ns, utc_ns, self._files)
-            )
+            self._flight.begin_segment(item.at_ns, utc_ns, self._files)
         elif isinstance(item.value, Scan) and self._manual is None:
             return  # as a cloud it is for recordings with a name only
         elif item.kind == "gap":
@@ -257,28 +224,14 @@ class RecorderThread:
         self._files = dict(files)
         self._ring.clear()  # what is in it was made with other files
         for name, content in files.items():
-            self._retrying.run(partial(self._flight.attach, name, content))
+            self._flight.attach(name, content)
             self._in_manual(methodcaller("attach", name, content))
         self._flight.end_segment()
 
     def _record(self, entry: Entry) -> None:
         self._ring.add(entry)
-        self._retrying.run(lambda: self._flight.add(entry))
+        self._flight.add(entry)
         self._in_manual(lambda manual: manual.add(entry))
-
-    def _flush(self, now_s: float) -> None:
-        self._retrying.retry(now_s)
-
-        def flush_flight() -> None:
-            self._check_room()
-            self._flight.flush()
-
-        def flush_manual(manual: ManualRecording) -> None:
-            self._check_room()
-            manual.flush()
-
-        self._retrying.run(flush_flight)
-        self._in_manual(flush_manual)
 
     def _in_manual(self, act: Callable[[ManualRecording], object]) -> None:
         if self._manual is None:
@@ -295,19 +248,8 @@ class RecorderThread:
             manual.abandon()
         self._notify(RecorderNotification(stopped=(recorded, reason_of(error))))
 
-    def _check_room(self) -> None:
-        """See that others, above all the outbox, find room on the disk, too."""
-        self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        free_mb = shutil.disk_usage(self._folder).free >> 20
-        if free_mb < self._section.min_free_mb:
-            raise OSError(
-                errno.ENOSPC,
-                f"only {free_mb} MB are free; min_free_mb of [recording] is "
-                f"{self._section.min_free_mb}",
-            )
-
     def _close(self) -> None:
-        self._retrying.run(self._flight.close)
+        self._flight.close()
         if self._manual is not None:
             try:
                 recorded: Recorded | None = self.finish()
@@ -322,3 +264,7 @@ class RecorderThread:
         while not self._ended:
             for item in self._queue.take():
                 self._execute(item)
+
+    def _notify(self, notification: RecorderNotification) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(self._on_notification, notification)
