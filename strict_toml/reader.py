@@ -6,7 +6,7 @@ The only module of the package that knows pydantic; validation errors leave it a
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, Self, TypeVar, cast, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
@@ -38,6 +38,17 @@ class StrictModel(BaseModel):
     def variant(cls, table: object) -> type["StrictModel"]:
         """Say which class a table belongs to; a child with kinds overrides it."""
         return cls
+
+    @classmethod
+    def from_table(cls, table: object) -> Self:
+        """Validate a table by its `variant`; what is one already is passed on.
+
+        Raises:
+            pydantic.ValidationError: with everything that is wrong with it.
+        """
+        if isinstance(table, cls):
+            return table
+        return cast("Self", cls.variant(table).model_validate(table))
 
 
 def read_strict(

@@ -19,7 +19,7 @@ from benchmarks.service.stream import ARM, order_scan
 from benchmarks.tools import rig
 from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
-from traverse.daemon.config.filters import filter_chain, filter_of
+from traverse.daemon.config.filters import FilterSection, filter_chain
 from traverse.kinematics.filters import FilterChain, PointBlock
 from traverse.protocol.messages import Health, Scan
 
@@ -103,7 +103,7 @@ def off_line(n_points: int) -> Iterator[str]:
     """Points per second of each filter, and of all together."""
     chains = [(str(table["kind"]), [table]) for table in TABLES]
     for name, tables in [*chains, ("all together", list(TABLES))]:
-        chain = filter_chain(filter_of(table) for table in tables)
+        chain = filter_chain(FilterSection.from_table(table) for table in tables)
         taken_s, n_kept = _taken_s(chain, n_points)
         yield (
             f"{name:13} {n_points / taken_s / 1e6:7.2f} million points/s, "

@@ -5,6 +5,7 @@ Readings are kept over all turns; the buffer is bounded.
 
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,20 +25,13 @@ CLOCK_RESET_NS = 10_000_000  # beyond, the device's clock has begun afresh
 NEVER_NS, LONG_AGO_NS = 2**62, -(2**62)
 
 
-class _Block:
+class _Block(NamedTuple):
     """EncoderReadings (n, n_joints) of one delivery."""
 
-    __slots__ = ("counts", "numbers", "status", "times_ns")
-
-    def __init__(
-        self,
-        times_ns: Integers,
-        counts: Integers,
-        status: NDArray[np.uint8],
-        numbers: Integers,
-    ) -> None:
-        self.times_ns, self.counts = times_ns, counts
-        self.status, self.numbers = status, numbers
+    times_ns: Integers
+    counts: Integers
+    status: NDArray[np.uint8]
+    numbers: Integers
 
 
 class ReadingBuffer:
@@ -117,10 +111,9 @@ class ReadingBuffer:
             if int(block.times_ns[0].max()) < instant_ns - back_ns:
                 break
         chosen.reverse()
-        times_ns = np.concatenate([block.times_ns for block in chosen])
-        counts = np.concatenate([block.counts for block in chosen])
-        status = np.concatenate([block.status for block in chosen])
-        numbers = np.concatenate([block.numbers for block in chosen])
+        times_ns, counts, status, numbers = map(
+            np.concatenate, zip(*chosen, strict=True)
+        )
         return [
             EncoderReadings(times_ns[:, k], counts[:, k], status[:, k], numbers)
             for k in range(len(self._channels))

@@ -14,6 +14,7 @@ from traverse.daemon.pose.pipeline import Pipeline
 from traverse.drivers.base.values import DeviceAlarm, DeviceFault, DeviceLost, DeviceUp
 
 
+@dataclass(eq=False, kw_only=True)
 class DeviceStateTracker:
     """Track states of devices and report their changes.
 
@@ -26,35 +27,25 @@ class DeviceStateTracker:
         changed: called when a device's state has changed.
     """
 
-    def __init__(
-        self,
-        *,
-        clock: HostClock,
-        devices: JointDevices,
-        pipeline: Pipeline,
-        resampler: Resampler,
-        events: EventLog,
-        changed: Callable[[], None],
-    ) -> None:
-        self._clock = clock
-        self._devices = devices
-        self._pipeline = pipeline
-        self._resampler = resampler
-        self._events = events
-        self._changed = changed
+    clock: HostClock
+    devices: JointDevices
+    pipeline: Pipeline
+    resampler: Resampler
+    events: EventLog
+    changed: Callable[[], None]
 
     def on_up(self, device: Device, up: DeviceUp) -> None:
         """The device answered; it may not be the one of the arm file."""
         name = device.section.id
         device.identity = up.identity
-        device.up_ns = self._clock.monotonic_ns()
+        device.up_ns = self.clock.monotonic_ns()
         device.temperatures_c = ()  # those of before may have changed meanwhile
         device.problems = []
-        if device in self._devices:
-            device.problems = self._pipeline.model.mismatches_with(name, up.identity)
-            self._resampler.on_up(name, up.identity.jitter_ns, restarted=up.restarted)
+        if device in self.devices:
+            device.problems = self.pipeline.model.mismatches_with(name, up.identity)
+            self.resampler.on_up(name, up.identity.jitter_ns, restarted=up.restarted)
         for problem in device.problems:
-            self._events.report(
+            self.events.report(
                 "error",
                 "device.mismatch",
                 problem,
@@ -65,8 +56,8 @@ class DeviceStateTracker:
         device.state = "failed" if device.problems else "ready"
         if up.restarted:
             # Its absolute encoders go on; where the turns are counted is a guess.
-            self._pipeline.restart(name)
-            self._events.report(
+            self.pipeline.restart(name)
+            self.events.report(
                 "warning",
                 "device.restarted",
                 f"{name} has been without power",
@@ -74,7 +65,7 @@ class DeviceStateTracker:
                 remedy="check a known point before measuring on",
             )
         firmware = f", firmware {up.identity.firmware}" if up.identity.firmware else ""
-        self._events.change(
+        self.events.change(
             False,
             "error",
             "device.lost",
@@ -82,16 +73,16 @@ class DeviceStateTracker:
             source=name,
         )
         device.answered.set()
-        self._changed()
+        self.changed()
 
     def on_lost(self, device: Device, lost: DeviceLost) -> None:
         """The device was lost."""
         device.last_loss = lost
-        if device in self._devices:
-            self._resampler.on_lost(device.section.id)
+        if device in self.devices:
+            self.resampler.on_lost(device.section.id)
         if device.state != "starting":
             device.state = "lost"
-            self._events.change(
+            self.events.change(
                 True,
                 "error",
                 "device.lost",
@@ -100,17 +91,17 @@ class DeviceStateTracker:
                 remedy=lost.remedy,
             )
         device.answered.set()
-        self._changed()
+        self.changed()
 
     def on_alarm(self, device: Device, alarm: DeviceAlarm) -> None:
         """A condition of the device begins or ends."""
         source, joint = device.section.id, None
         if alarm.channel is not None:
-            joint = self._pipeline.model.joint_of(source, alarm.channel)
+            joint = self.pipeline.model.joint_of(source, alarm.channel)
             source = f"{source}/{alarm.channel}"
         value = f" (value {alarm.value})" if alarm.value else ""
         text = f"{alarm.text}{value}" if alarm.raised else f"ended: {alarm.text}"
-        self._events.change(
+        self.events.change(
             alarm.raised,
             "error",
             f"alarm.{alarm.code}",
@@ -121,7 +112,7 @@ class DeviceStateTracker:
 
     def on_fault(self, device: Device, fault: DeviceFault) -> None:
         """The driver reports a fault that it survived."""
-        self._events.report(
+        self.events.report(
             "warning",
             f"device.{fault.code}",
             fault.text,
@@ -158,6 +149,7 @@ INCOMPLETE = _LateCondition(
 )
 
 
+@dataclass(eq=False)
 class LateReadingMonitor:
     """Report devices whose readings are late or missing: once when it begins and ends.
 
@@ -167,21 +159,20 @@ class LateReadingMonitor:
         events: where it is reported.
     """
 
-    def __init__(
-        self, resampler: Resampler, clock: HostClock, events: EventLog
-    ) -> None:
-        self._resampler = resampler
-        self._clock = clock
-        self._events = events
+    resampler: Resampler
+    clock: HostClock
+    events: EventLog
+
+    def __post_init__(self) -> None:
         self._seen: Counter[tuple[str, str]] = Counter()
         self._last_ns: dict[tuple[str, str], int] = {}
 
     def check(self) -> None:
         """Check the counters; call it periodically."""
-        now_ns = self._clock.monotonic_ns()
+        now_ns = self.clock.monotonic_ns()
         for condition, counter in (
-            (LATE, self._resampler.late),
-            (INCOMPLETE, self._resampler.incomplete),
+            (LATE, self.resampler.late),
+            (INCOMPLETE, self.resampler.incomplete),
         ):
             for device, count in counter.items():
                 key = (condition.code, device)
@@ -195,11 +186,11 @@ class LateReadingMonitor:
 
     def _report(self, condition: _LateCondition, device: str, *, active: bool) -> None:
         text = condition.begun if active else condition.over
-        self._events.change(
+        self.events.change(
             active,
             "warning",
             condition.code,
-            text.format(device=device, clock=self._resampler.clock),
+            text.format(device=device, clock=self.resampler.clock),
             source=device,
             remedy=condition.remedy if active else "",
         )
@@ -208,6 +199,7 @@ class LateReadingMonitor:
 PATIENCE_NS = 5_000_000_000  # boards report the temperature every 2 s
 
 
+@dataclass(eq=False)
 class TemperatureMonitor:
     """Report that effects of the arm lack the temperature that they need.
 
@@ -216,9 +208,8 @@ class TemperatureMonitor:
         events: where it is reported.
     """
 
-    def __init__(self, clock: HostClock, events: EventLog) -> None:
-        self._clock = clock
-        self._events = events
+    clock: HostClock
+    events: EventLog
 
     def check(self, model: ArmModel, devices: JointDevices) -> None:
         """Check the devices that read the arm; call it with every block."""
@@ -226,14 +217,14 @@ class TemperatureMonitor:
             return
         is_missing = devices.temperature_c is None
         up_ns = max(device.up_ns for device in devices.devices)
-        if is_missing and self._clock.monotonic_ns() - up_ns < PATIENCE_NS:
+        if is_missing and self.clock.monotonic_ns() - up_ns < PATIENCE_NS:
             return  # it has just connected, its first message is on the way
         names = ", ".join(model.devices)
         missing = (
             f"{names} has no temperature for the arm's effects; the reference of "
             f"{model.reference_temperature_c:g} C is taken instead"
         )
-        self._events.change(
+        self.events.change(
             is_missing,
             "error",
             "device.temperature_unknown",

@@ -1,6 +1,7 @@
 """The commands on points, and on the alignment and the probe that they depend on."""
 
 import asyncio
+from dataclasses import dataclass
 from pathlib import Path
 
 from traverse.daemon.acquisition.device import Device
@@ -39,6 +40,7 @@ LATCH_TIMEOUT_S = 2.0
 PROBE_REFUSED = "capture.probe_refused"
 
 
+@dataclass(eq=False)
 class PointCommands:
     """Executes commands that concern points, in order with the edges.
 
@@ -47,25 +49,22 @@ class PointCommands:
         probe_library: the file of probes; None where the configuration names none.
     """
 
-    def __init__(
-        self,
-        measurement: Measurement,
-        probe_library: Path | None = None,
-    ) -> None:
-        self._measurement = measurement
-        self._probe_library = probe_library
-        self._devices = measurement.joint_devices
+    measurement: Measurement
+    probe_library: Path | None = None
+
+    def __post_init__(self) -> None:
+        self._devices = self.measurement.joint_devices
 
     async def take_point(self, args: PointArgs) -> Result:
         """Capture now, one sample or a mean; gives session, seq and id of the point."""
         check_ready(self._devices)
         if (args.samples or 1) > 1 or args.dwell_s is not None:
             mean = self._mean(args)
-            point = await execute(self._measurement, mean)
+            point = await execute(self.measurement, mean)
         elif self._devices.has_simultaneous_latch:
             point = await self._latched_point(self._devices.devices[0])
         else:
-            point = await execute(self._measurement, TakeNow())
+            point = await execute(self.measurement, TakeNow())
         result = {"session": point.session, "seq": point.seq, "id": point.id}
         if point.samples > 1:
             result |= {"samples": point.samples, "spread_mm": point.spread_mm}
@@ -73,7 +72,7 @@ class PointCommands:
 
     async def undo(self, args: UndoArgs) -> Result:
         """Take the last point back; gives the retraction and what it retracts."""
-        retraction = await execute(self._measurement, Undo(args.id))
+        retraction = await execute(self.measurement, Undo(args.id))
         return {
             "session": retraction.session,
             "seq": retraction.seq,
@@ -84,20 +83,20 @@ class PointCommands:
     async def label(self, args: LabelArgs) -> Result:
         """Set the label of the next points."""
         command = SetLabel(args.artefact, args.feature)
-        label = await execute(self._measurement, command)
+        label = await execute(self.measurement, command)
         return {"label": label.model_dump()}
 
     async def begin_session(self, args: SessionArgs) -> Result:
         """Number from 0 again; gives the new session."""
         command = NewSession(args.note or "")
-        return {"session": await execute(self._measurement, command)}
+        return {"session": await execute(self.measurement, command)}
 
     async def align(self, args: AlignArgs) -> Result:
         """Set or clear the alignment; gives which.
 
         Points that were requested before the command keep their alignment.
         """
-        await execute(self._measurement, SetAlignment(args))
+        await execute(self.measurement, SetAlignment(args))
         return {"aligned": args.action != "clear", "name": args.name}
 
     async def confirm_reference(self, args: ReferenceArgs) -> Result:
@@ -107,7 +106,7 @@ class PointCommands:
 
     async def change_probe(self, args: ProbeArgs) -> Result:
         """Measure with a probe of the library; gives its name and the new model."""
-        path = self._probe_library
+        path = self.probe_library
         if path is None:
             raise RequestRefusedError(
                 "command.not_available",
@@ -128,7 +127,7 @@ class PointCommands:
                 "use one of these names, or add the probe to the library",
             )
         try:
-            model = await execute(self._measurement, SetProbe(probe))
+            model = await execute(self.measurement, SetProbe(probe))
         except CaptureRefusedError as error:  # or a fault while the change waited
             raise RequestRefusedError(
                 PROBE_REFUSED, str(error), error.remedy
@@ -140,9 +139,9 @@ class PointCommands:
         }
 
     def _mean(self, args: PointArgs) -> TakeMean:
-        settings = self._measurement.configuration.capture
+        settings = self.measurement.configuration.capture
         dwell_ns = None if args.dwell_s is None else int(args.dwell_s * 1e9)
-        rate_hz = self._measurement.rate_hz
+        rate_hz = self.measurement.rate_hz
         if (
             args.samples is not None
             and args.samples > rate_hz * MAX_AVERAGING_NS * 1e-9
@@ -168,10 +167,10 @@ class PointCommands:
             raise RequestRefusedError(
                 "device.busy", str(error), error.remedy
             ) from error
-        waiting = execute(self._measurement, AwaitLatch(token))
+        waiting = execute(self.measurement, AwaitLatch(token))
         try:
             await asyncio.wait({waiting}, timeout=LATCH_TIMEOUT_S)
-            if token in self._measurement.latches:
+            if token in self.measurement.latches:
                 raise RequestRefusedError(
                     "device.no_answer",
                     f"{device.section.id} did not latch within {LATCH_TIMEOUT_S:g} s",
@@ -180,7 +179,7 @@ class PointCommands:
             return await waiting  # it may have to wait for its turn
         finally:
             if not waiting.done():
-                execute(self._measurement, GiveUpLatch(token))
+                execute(self.measurement, GiveUpLatch(token))
 
 
 def check_ready(devices: JointDevices) -> None:

@@ -7,6 +7,7 @@ rules. If they are refused, the old ones continue.
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 from traverse.daemon.errors import RequestRefusedError, Result
@@ -20,6 +21,7 @@ QUIET_S = 5.0
 LOOK_S = 0.01
 
 
+@dataclass(eq=False, kw_only=True)
 class ConfigurationReloader:
     """Reads the inputs again and puts them into force.
 
@@ -33,24 +35,15 @@ class ConfigurationReloader:
         notifier: notifies the service manager.
     """
 
-    def __init__(
-        self,
-        *,
-        path: Path,
-        embedded: bool,
-        inputs: Inputs,
-        measurement: Measurement,
-        use: Callable[[Inputs], None],
-        events: EventLog,
-        notifier: Notifier,
-    ) -> None:
-        self._path = path
-        self._embedded = embedded
-        self._inputs = inputs
-        self._measurement = measurement
-        self._use = use
-        self._events = events
-        self._notifier = notifier
+    path: Path
+    embedded: bool
+    inputs: Inputs
+    measurement: Measurement
+    use: Callable[[Inputs], None]
+    events: EventLog
+    notifier: Notifier
+
+    def __post_init__(self) -> None:
         self._turn = asyncio.Lock()
 
     async def carry_out(self, args: ReloadArgs) -> Result:
@@ -61,11 +54,11 @@ class ConfigurationReloader:
         """
         del args  # it has none
         async with self._turn:
-            self._notifier.reloading()
+            self.notifier.reloading()
             try:
                 changed = await self._reload()
             except RequestRefusedError as error:
-                self._events.report(
+                self.events.report(
                     "error",
                     error.code,
                     str(error),
@@ -74,9 +67,9 @@ class ConfigurationReloader:
                 )
                 raise
             finally:
-                self._notifier.ready()  # with the new one or with the old one
-        model = self._inputs.model
-        self._events.report(
+                self.notifier.ready()  # with the new one or with the old one
+        model = self.inputs.model
+        self.events.report(
             "info",
             "reload.done",
             f"changed: {', '.join(changed) or 'nothing'}; model {model.digest[:12]}",
@@ -94,25 +87,25 @@ class ConfigurationReloader:
 
     async def _reload(self) -> list[str]:
         try:
-            new = await asyncio.to_thread(read_inputs, self._path, self._embedded)
+            new = await asyncio.to_thread(read_inputs, self.path, self.embedded)
         except StartupError as error:
             text = str(error).partition("\n")[2] or str(error)
             raise RequestRefusedError(
                 "reload.refused", text, "correct the files and reload again"
             ) from error
         try:
-            new = new._replace(model=self._measurement.with_probe(new.model))
+            new = new._replace(model=self.measurement.with_probe(new.model))
         except ValueError as error:
             raise RequestRefusedError(
                 "reload.refused",
                 f"the arm cannot have the probe that is in use: {error}",
                 "correct the arm file, or change the probe first",
             ) from error
-        old = self._inputs
+        old = self.inputs
         fixed = restart_required(old, new)
         fixed += [
             text
-            for device in self._measurement.devices.values()
+            for device in self.measurement.devices.values()
             if device.identity is not None
             for text in new.model.mismatches_with(device.section.id, device.identity)
         ]
@@ -124,15 +117,15 @@ class ConfigurationReloader:
             )
         changed = changes(old, new)
         await self._quiet()
-        self._use(new)  # no `await` since it became quiet: nothing can intervene
-        self._inputs = new
+        self.use(new)  # no `await` since it became quiet: nothing can intervene
+        self.inputs = new
         return changed
 
     async def _quiet(self) -> None:
         """Wait until no point is being taken."""
         try:
             async with asyncio.timeout(QUIET_S):
-                while not self._measurement.is_idle:  # noqa: ASYNC110 - a state, no event
+                while not self.measurement.is_idle:  # noqa: ASYNC110 - a state, no event
                     await asyncio.sleep(LOOK_S)
         except TimeoutError as error:
             raise RequestRefusedError(

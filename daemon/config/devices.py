@@ -66,15 +66,6 @@ def section_class(driver: str) -> type[DeviceSection]:
     return create_model(f"{options.__name__}Section", __base__=bases)
 
 
-def section_of(table: object) -> DeviceSection:
-    """Validate a table for its driver.
-
-    Raises:
-        pydantic.ValidationError: with everything that is wrong with it.
-    """
-    if isinstance(table, DeviceSection):
-        return table
-    return DeviceSection.variant(table).model_validate(table)
-
-
-AnyDevice = Annotated[SerializeAsAny[DeviceSection], BeforeValidator(section_of)]
+AnyDevice = Annotated[
+    SerializeAsAny[DeviceSection], BeforeValidator(DeviceSection.from_table)
+]

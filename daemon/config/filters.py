@@ -111,18 +111,9 @@ def section_class(kind: str) -> type[FilterSection]:
     return create_model(f"{made.__name__}Section", __base__=FilterSection, **keys)
 
 
-def filter_of(table: object) -> FilterSection:
-    """Validate a table for its kind.
-
-    Raises:
-        pydantic.ValidationError: with everything that is wrong with it.
-    """
-    if isinstance(table, FilterSection):
-        return table
-    return FilterSection.variant(table).model_validate(table)
-
-
-AnyFilter = Annotated[SerializeAsAny[FilterSection], BeforeValidator(filter_of)]
+AnyFilter = Annotated[
+    SerializeAsAny[FilterSection], BeforeValidator(FilterSection.from_table)
+]
 
 
 def filter_chain(sections: Iterable[FilterSection]) -> FilterChain:

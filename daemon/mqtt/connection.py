@@ -10,6 +10,7 @@ import logging
 import os
 import random
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import aiomqtt
@@ -75,6 +76,7 @@ UNSUPPORTED_VERSION = (132, 1)  # reason code of MQTT 5, return code of MQTT 3.1
 CONNECTION_FAILURES = (aiomqtt.MqttError, OSError, CredentialsError)
 
 
+@dataclass(eq=False, kw_only=True)
 class BrokerConnection:
     """Keep a connection, send the queue, pass on what is received.
 
@@ -91,25 +93,16 @@ class BrokerConnection:
         state_known: set as soon as the connection is up, or has failed.
     """
 
-    def __init__(
-        self,
-        *,
-        address: BrokerAddress,
-        client_id: str,
-        will: OutgoingMessage,
-        encoding: Encoding,
-        queue: OutgoingQueue,
-        subscription: str,
-        changed: Callable[[bool, str], None],
-    ) -> None:
-        self.address = address
-        self._client_id = client_id
-        self._will = will
-        self._encoding = encoding
-        self._cached_properties = CachedProperties(encoding)
-        self._queue = queue
-        self._subscription = subscription
-        self._changed = changed
+    address: BrokerAddress
+    client_id: str
+    will: OutgoingMessage
+    encoding: Encoding
+    queue: OutgoingQueue
+    subscription: str
+    changed: Callable[[bool, str], None]
+
+    def __post_init__(self) -> None:
+        self._cached_properties = CachedProperties(self.encoding)
         self._version = aiomqtt.ProtocolVersion.V5
         self._access: Credentials | None = None
         self._renewal = asyncio.Event()
@@ -141,16 +134,16 @@ class BrokerConnection:
         Args:
             receive: called with each command; see `CommandSubscriber`.
         """
-        subscriber = CommandSubscriber(self._subscription, receive)
+        subscriber = CommandSubscriber(self.subscription, receive)
         retry_s = FIRST_RETRY_S
         connected_before = False
         last_reason = ""
         while True:
             try:
                 publish_loop = PublishLoop(
-                    self._queue,
+                    self.queue,
                     properties=self._properties,
-                    changed=self._changed,
+                    changed=self.changed,
                     broker=str(self.address),
                 )
                 handlers: Mapping[str, Callable[..., None]] = {
@@ -164,7 +157,7 @@ class BrokerConnection:
                     await subscriber.subscribe(client)
                     self.state = "connected"
                     self.state_known.set()
-                    self._changed(True, f"broker {self.address} connected")
+                    self.changed(True, f"broker {self.address} connected")
                     await self._serve(
                         publish_loop.run(client),
                         client.wait_closed(),
@@ -177,7 +170,7 @@ class BrokerConnection:
                 if self.state == "connected" or reason != last_reason:
                     self.state, last_reason = "lost", reason
                     self.state_known.set()
-                    self._changed(False, f"broker {self.address}: {reason}")
+                    self.changed(False, f"broker {self.address}: {reason}")
             # Jitter prevents a fleet from reconnecting all at once.
             await asyncio.sleep(retry_s * random.uniform(0.5, 1.0))
             retry_s = min(2 * retry_s, LAST_RETRY_S)
@@ -212,8 +205,8 @@ class BrokerConnection:
     def _properties(self, message: OutgoingMessage) -> Properties | None:
         if self._version is not aiomqtt.ProtocolVersion.V5:
             return None
-        encoding = message.encoding or self._encoding
-        if message.correlation is None and encoding == self._encoding:
+        encoding = message.encoding or self.encoding
+        if message.correlation is None and encoding == self.encoding:
             return self._cached_properties
         properties = publish_properties(encoding)
         if message.correlation is not None:
@@ -261,10 +254,10 @@ class BrokerConnection:
             # at the version first would stumble over them.
             properties=connect_properties(MAX_PACKET_BYTES) if is_5 and will else None,
             # A probe must not throw a running daemon of this arm out.
-            identifier=self._client_id if will else f"{self._client_id}-{os.getpid()}",
+            identifier=self.client_id if will else f"{self.client_id}-{os.getpid()}",
             protocol=self._version,
             keepalive=self.address.keepalive_s,
-            will=aiomqtt.Will(self._will.topic, self._will.payload, 1, True)
+            will=aiomqtt.Will(self.will.topic, self.will.payload, 1, True)
             if will
             else None,
             max_payload_bytes=MAX_PACKET_BYTES,

@@ -11,7 +11,7 @@ import re
 import ssl
 import stat
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 from traverse.broker.tls import tls_context
@@ -79,18 +79,8 @@ class Credentials:
 
 def address_of(section: BrokerSection, folder: Path) -> BrokerAddress:
     """The address that a table [broker] gives."""
-    return BrokerAddress(
-        section.host,
-        section.port,
-        section.username,
-        section.password_file,
-        section.keepalive_s,
-        section.tls,
-        section.ca_file,
-        section.certificate_file,
-        section.key_file,
-        folder,
-    )
+    names = {field.name for field in fields(BrokerAddress)} - {"folder"}
+    return BrokerAddress(**section.model_dump(include=names), folder=folder)
 
 
 def credentials_problems(section: BrokerSection, folder: Path) -> Iterator[Problem]:

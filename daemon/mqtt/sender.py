@@ -5,6 +5,7 @@ import contextlib
 import logging
 import time
 from collections.abc import Callable
+from dataclasses import KW_ONLY, dataclass
 
 import aiomqtt
 from paho.mqtt.properties import Properties
@@ -19,6 +20,7 @@ CHECK_S = 1.0
 REFUSED_S = 5.0  # a refused point is tried again: the access list may be corrected
 
 
+@dataclass(eq=False)
 class PublishLoop:
     """Takes messages from the queue whenever the connection has room for them.
 
@@ -32,19 +34,14 @@ class PublishLoop:
         broker: how it is called, for people.
     """
 
-    def __init__(
-        self,
-        queue: OutgoingQueue,
-        *,
-        properties: Callable[[OutgoingMessage], Properties | None],
-        changed: Callable[[bool, str], None],
-        broker: str,
-    ) -> None:
+    queue: OutgoingQueue
+    _: KW_ONLY
+    properties: Callable[[OutgoingMessage], Properties | None]
+    changed: Callable[[bool, str], None]
+    broker: str
+
+    def __post_init__(self) -> None:
         self._client: BrokerClient | None = None
-        self._queue = queue
-        self._properties = properties
-        self._changed = changed
-        self._broker = broker
         self._in_flight: dict[int, tuple[str, OutgoingMessage, float]] = {}
         self._is_sending = False
         self._was_refused = False
@@ -60,7 +57,7 @@ class PublishLoop:
         Raises:
             aiomqtt.MqttError: it did, or the broker does not answer.
         """
-        self._client, queue = client, self._queue
+        self._client, queue = client, self.queue
         try:
             with queue.notifying(self.send):
                 while True:
@@ -81,14 +78,14 @@ class PublishLoop:
         client = self._client
         if client is None or self._is_sending or self._failed.done() or self._resumes_s:
             return
-        several = self._queue.n_waiting > 1
+        several = self.queue.n_waiting > 1
         self._is_sending = True
         try:
             with client.corked() if several else contextlib.nullcontext():
                 while (
                     len(self._in_flight) < client.max_in_flight
                     and not client.is_congested
-                    and (taken := self._queue.next()) is not None
+                    and (taken := self.queue.next()) is not None
                 ):
                     self._send_one(client, *taken)
         except aiomqtt.MqttError as error:
@@ -100,15 +97,15 @@ class PublishLoop:
         self, client: BrokerClient, kind: str, message: OutgoingMessage
     ) -> None:
         try:
-            number = client.send(message, self._properties(message))
+            number = client.send(message, self.properties(message))
         except ValueError as error:
             log.warning("%s: %s; dropped", message.topic, error)
-            self._queue.drop(kind, message)
+            self.queue.drop(kind, message)
             return
         if message.qos:
             self._in_flight[number] = kind, message, time.monotonic()
         else:
-            self._queue.done(kind, message)
+            self.queue.done(kind, message)
 
     def on_acknowledged(self, number: int, refusal: str | None) -> None:
         """The broker has a message, or does not want it."""
@@ -116,23 +113,23 @@ class PublishLoop:
         if answered is None:
             return
         kind, message, _ = answered
-        text = f"broker {self._broker} refuses {message.topic}: {refusal}"
+        text = f"broker {self.broker} refuses {message.topic}: {refusal}"
         if refusal is None:
-            self._queue.done(kind, message)
+            self.queue.done(kind, message)
             if kind == "point" and self._was_refused:
                 self._was_refused = False
-                self._changed(True, f"broker {self._broker} takes points again")
+                self.changed(True, f"broker {self.broker} takes points again")
         elif kind == "point":  # it is kept
             self._resumes_s = time.monotonic() + REFUSED_S
             if not self._was_refused:
                 self._was_refused = True
-                self._changed(False, text)
+                self.changed(False, text)
         elif message.refused is not None:
             log.warning("%s; tried again later", text)
-            self._queue.defer(kind, message)
+            self.queue.defer(kind, message)
         else:
             log.warning("%s; dropped", text)
-            self._queue.drop(kind, message)
+            self.queue.drop(kind, message)
         self.send()
 
     def _check_timeouts(self) -> None:
@@ -143,4 +140,4 @@ class PublishLoop:
         if self._resumes_s and now_s >= self._resumes_s:
             self._resumes_s = 0.0
             self._in_flight.clear()
-            self._queue.take_back()
+            self.queue.take_back()

@@ -1,8 +1,6 @@
 """What the pipeline takes and gives: counts of all joints, blocks of poses."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,21 +78,6 @@ class PoseBlock:
     def rows(self, which: Booleans | slice) -> "PoseBlock":
         """The poses of some of the samples."""
         return replace(self, **{name: getattr(self, name)[which] for name in _ARRAYS})
-
-    def numbered(self, seq: Integers) -> "PoseBlock":
-        """The same poses under other numbers."""
-        return replace(self, seq=seq)
-
-    @classmethod
-    def joined(cls, blocks: Sequence["PoseBlock"]) -> "PoseBlock":
-        """Blocks of one arm, one after the other."""
-        if len(blocks) == 1:
-            return blocks[0]
-        columns: dict[str, Any] = {
-            name: np.concatenate([getattr(block, name) for block in blocks])
-            for name in _ARRAYS
-        }
-        return replace(blocks[-1], **columns)
 
 
 _ARRAYS = (

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from tests.daemon.board_harness import BOARD, Bench
-from tests.daemon.values import SetClock, arm_model, count_samples, latch
+from tests.daemon.values import SetClock, arm_model, count_samples, joined_poses, latch
 from traverse.daemon.pose.pipeline import Pipeline
-from traverse.daemon.pose.poses import PoseBlock
 from traverse.daemon.scans.plan import plan_scan
 from traverse.drivers.base.values import CountSamples, DeviceUp, StreamStarted
 
@@ -88,4 +87,4 @@ def test_blocks_of_one_arm_join_in_order(tmp_path):
     assert isinstance(samples, CountSamples)
     block = pipeline.poses(samples)
     parts = [block.rows(slice(0, 4)), block.rows(slice(4, 10))]
-    assert PoseBlock.joined(parts).xyz_mm.tobytes() == block.xyz_mm.tobytes()
+    assert joined_poses(parts).xyz_mm.tobytes() == block.xyz_mm.tobytes()

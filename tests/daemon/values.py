@@ -1,13 +1,13 @@
 """Clocks, arms and samples that the tests of the daemon share."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from traverse.daemon.clock import HostClock
-from traverse.daemon.config.devices import section_of
+from traverse.daemon.config.devices import DeviceSection
 from traverse.daemon.config.schema import (
     ArmSection,
     CaptureSection,
@@ -110,7 +110,9 @@ def configuration(*devices: str, inputs=None, capture=None, **sections):
     return Configuration(
         arm=ArmSection(file="arm.toml"),
         device=tuple(
-            section_of({"id": name, "driver": "latch-board", "port": "/dev/null"})
+            DeviceSection.from_table(
+                {"id": name, "driver": "latch-board", "port": "/dev/null"}
+            )
             for name in devices
         ),
         capture=CaptureSection(**capture),
@@ -197,3 +199,13 @@ class PoseMaker:
             np.tile([0.0, 0.0, 1.0], (n, 1)),
             np.zeros(n, np.uint32),
         )
+
+
+def joined_poses(blocks: list[PoseBlock]) -> PoseBlock:
+    """Blocks of one arm, one after the other."""
+    columns = {
+        field.name: np.concatenate([getattr(block, field.name) for block in blocks])
+        for field in fields(PoseBlock)
+        if field.name not in ("stream", "received_ns")
+    }
+    return replace(blocks[-1], **columns)

@@ -13,7 +13,7 @@ from traverse.daemon.acquisition.device import open_device
 from traverse.daemon.clock import HostClock
 from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.commands.scans import ScanCommands
-from traverse.daemon.config.devices import section_of
+from traverse.daemon.config.devices import DeviceSection
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.inputs import REFUSED, UNREACHABLE
 from traverse.daemon.measurement import Sinks, build_measurement
@@ -33,7 +33,7 @@ class Bench:
         self.room = True
         self.points, self.scans, self.events, self.live = [], [], [], []
         self.device = open_device(
-            section_of(
+            DeviceSection.from_table(
                 {"id": "base", "driver": "latch-board", "port": str(board.link)}
             ),
             asyncio.get_running_loop(),

@@ -3,7 +3,7 @@
 import pytest
 from pydantic import ValidationError
 
-from traverse.daemon.config.filters import filter_of, flag_bits
+from traverse.daemon.config.filters import FilterSection, flag_bits
 from traverse.daemon.config.schema import ScanSection
 from traverse.kinematics.filters.regions import Box
 from traverse.protocol.messages import QualityFlag
@@ -51,7 +51,7 @@ def test_all_mistakes_are_told_at_once_with_their_places():
 
 def test_a_filter_needs_its_keys():
     with pytest.raises(ValidationError, match="radius_mm"):
-        filter_of({"kind": "sphere", "centre_mm": (0.0, 0.0, 0.0)})
+        FilterSection.from_table({"kind": "sphere", "centre_mm": (0.0, 0.0, 0.0)})
 
 
 def test_flags_have_the_names_of_the_messages():

@@ -17,9 +17,8 @@ from tests.daemon.effect_entries import (
     everything,
 )
 from tests.daemon.pose.test_pipeline import probe_by_hand
-from tests.daemon.values import SetClock, arm_model, count_samples, latch
+from tests.daemon.values import SetClock, arm_model, count_samples, joined_poses, latch
 from traverse.daemon.pose.pipeline import Pipeline
-from traverse.daemon.pose.poses import PoseBlock
 from traverse.protocol.messages import Quality
 
 
@@ -43,7 +42,7 @@ def test_cutting_a_stream_into_blocks_changes_no_bit(full_model, cuts, seed):
         pipeline.poses(count_samples(counts[a:b], first=a), TEMPERATURE_C)
         for a, b in pairwise(sorted({0, *cuts, N}))
     ]
-    joined = PoseBlock.joined(parts)
+    joined = joined_poses(parts)
     for name in ("angles_rad", "xyz_mm", "ijk", "quality"):
         assert getattr(joined, name).tobytes() == getattr(whole, name).tobytes()
 

@@ -7,9 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.daemon.values import MODULI, SetClock, arm_model, count_samples, latch
+from tests.daemon.values import (
+    MODULI,
+    SetClock,
+    arm_model,
+    count_samples,
+    joined_poses,
+    latch,
+)
 from traverse.daemon.pose.pipeline import QUALITY_OF_STATUS, Pipeline
-from traverse.daemon.pose.poses import PoseBlock
 from traverse.protocol.messages import Quality
 
 TURNS = (65536, 1048576, 8388608)  # of the joints
@@ -90,7 +96,7 @@ def test_cutting_a_stream_into_blocks_changes_no_bit(model, cuts, seed):
     parts = [
         pipeline.poses(count_samples(counts[a:b], first=a)) for a, b in pairwise(bounds)
     ]
-    joined = PoseBlock.joined(parts)
+    joined = joined_poses(parts)
     for name in ("seq", "sample_time_ns", "counts", "angles_rad", "xyz_mm", "ijk"):
         assert getattr(joined, name).tobytes() == getattr(whole, name).tobytes()
 

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.daemon.values import PoseMaker, arm_model
-from traverse.daemon.pose.poses import PoseBlock
+from tests.daemon.values import PoseMaker, arm_model, joined_poses
 from traverse.daemon.pose.trajectory import (
     GAP_NS,
     KEPT_NS,
@@ -69,7 +68,7 @@ def test_places_away_are_the_last_before_and_the_first_after(maker):
     instant_ns = START_NS + 25 * PERIOD_NS
     before_mm = path.last_position_beyond_mm(instant_ns, at_mm, 2.0)
     assert before_mm == pytest.approx([23.0] * 3)  # 3.5 mm off; at 24 it is 1.7 mm
-    (whole,) = [PoseBlock.joined(list(path.between(0, START_NS * 2)))]
+    (whole,) = [joined_poses(list(path.between(0, START_NS * 2)))]
     time_ns, after_mm = first_sample_beyond(whole, instant_ns, at_mm, 2.0)
     assert (time_ns, after_mm.tolist()) == (START_NS + 27 * PERIOD_NS, [27.0] * 3)
     assert path.last_position_beyond_mm(instant_ns, at_mm, 100.0) is None

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.daemon.values import PoseMaker, SetClock, arm_model
-from traverse.daemon.config.filters import filter_of, removed_counters
+from traverse.daemon.config.filters import FilterSection, removed_counters
 from traverse.daemon.config.schema import ScanSection
 from traverse.daemon.pose.alignment import ActiveAlignment, Alignment
 from traverse.daemon.scans.plan import ScanPlan
@@ -29,7 +29,8 @@ class Bench:
         self.messages = []
         self.part = ActiveAlignment()
         section = ScanSection(
-            held_wait_s=wait_s, filters=tuple(filter_of(table) for table in filters)
+            held_wait_s=wait_s,
+            filters=tuple(FilterSection.from_table(table) for table in filters),
         )
         self.scanner = Scanner(SetClock(), self.offer, 0.01, section, self.part)
         self.poses = PoseMaker(model, PERIOD_NS, BEGIN_NS)
@@ -262,7 +263,9 @@ def test_daemon_and_off_line_filters_give_the_same_points(model, seed, tables, n
         bench.scanner.take(model, block)
     bench.ended()
     whole = bench.block(range(400))
-    off_line = FilterChain([filter_of(table).create() for table in tables[:n]]).apply(
+    off_line = FilterChain(
+        [FilterSection.from_table(table).create() for table in tables[:n]]
+    ).apply(
         PointBlock(
             whole.seq,
             whole.sample_time_ns,

@@ -8,7 +8,7 @@ import pytest
 from tests.daemon.values import SetClock
 from tests.drivers.taken import until
 from traverse.daemon.acquisition.device import Device
-from traverse.daemon.config.devices import section_of
+from traverse.daemon.config.devices import DeviceSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.system.systemd import Notifier, Watchdog
 from traverse.drivers.base.delivery_queue import DeliveryQueue
@@ -31,7 +31,7 @@ class Bench:
         self.heard.setblocking(False)
         self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         table = {"id": "base", "driver": "latch-board", "port": "/nowhere"}
-        section = section_of(table)
+        section = DeviceSection.from_table(table)
         self.driver = LatchBoardDriver(
             "base",
             section.options,
