@@ -102,7 +102,7 @@ class PointCommands:
     async def confirm_reference(self, args: ReferenceArgs) -> Result:
         """Accept the present positions; gives the devices that were in doubt."""
         check_ready(self._devices)
-        return {"confirmed": await execute(self._measurement, ConfirmReference(args))}
+        return {"confirmed": await execute(self.measurement, ConfirmReference(args))}
 
     async def change_probe(self, args: ProbeArgs) -> Result:
         """Measure with a probe of the library; gives its name and the new model."""
