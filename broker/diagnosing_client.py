@@ -1,4 +1,4 @@
-"""An MQTT client that learns why it was not let in, and ends when it is told to."""
+"""An MQTT client that learns why it was refused, and ends when requested."""
 
 import asyncio
 import logging
@@ -67,7 +67,7 @@ class DiagnosingClient(aiomqtt.Client):
         """Connect.
 
         Raises:
-            aiomqtt.MqttError: there is no connection; what is known stands behind it.
+            aiomqtt.MqttError: there is no connection, with the known reason.
         """
         try:
             return await super().__aenter__()
@@ -84,7 +84,7 @@ class DiagnosingClient(aiomqtt.Client):
         timeout: float | None,  # noqa: ASYNC109 - as aiomqtt declares it
     ) -> T:
         # As aiomqtt's own, but for asyncio.wait_for: up to Python 3.11 that forgets a
-        # cancellation that comes as its work is done, and we would never end.
+        # cancellation that arrives as its work is done, and we would never end.
         timeout_s = self.timeout if timeout is None else timeout
         try:
             async with asyncio.timeout(None if timeout_s == math.inf else timeout_s):

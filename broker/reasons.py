@@ -21,7 +21,7 @@ _NO_WAY = (errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ENETDOWN)
 _NO_TLS = "does it speak TLS on this port? Else correct the port, or use no TLS"
 _SIGN = "have certificate_file signed by an authority that the broker knows"
 _RENEW = "renew certificate_file"
-# What OpenSSL says, in part, and what it means here, of a visitor and its settings.
+# Parts of OpenSSL's messages, and their meaning for a client and its settings.
 _OF_TLS = (
     ("WRONG_VERSION_NUMBER", f"it answers without TLS; {_NO_TLS}"),
     ("RECORD_LAYER_FAILURE", f"it answers without TLS; {_NO_TLS}"),
@@ -29,7 +29,7 @@ _OF_TLS = (
     ("PROTOCOL_VERSION", "it offers no TLS of version 1.2 or newer; update it"),
     (
         "CERTIFICATE_REQUIRED",
-        "it wants a certificate of {who}; give certificate_file and key_file{where}",
+        "it requires a certificate of {who}; give certificate_file and key_file{where}",
     ),
     (
         "CERTIFICATE_EXPIRED",
@@ -42,16 +42,16 @@ _OF_TLS = (
     ("UNKNOWN_CA", f"it does not trust {{who}}'s certificate; {_SIGN}"),
     ("BAD_CERTIFICATE", f"it does not trust {{who}}'s certificate; {_SIGN}"),
 )
-_CUT = "it cuts the connection; does it want a certificate_file that it trusts?"
+_CUT = "it cuts the connection; does it require a certificate_file that it trusts?"
 
 
 @dataclass(frozen=True, slots=True)
 class Wording:
-    """How those who are told call things.
+    """Words of the messages for one kind of client.
 
     Attributes:
-        who: comes to the broker ("this arm").
-        where: its settings stand, after the name of one (" of [broker]").
+        who: the client ("this arm").
+        where: the place of its settings, after the name of one (" of [broker]").
         use_tls: what to do for TLS.
         absent: what to do where no broker is found, after what was found instead.
     """
@@ -79,7 +79,7 @@ class Address(Protocol):
 
     @property
     def ca_file(self) -> object | None:
-        """Certificates that the broker's must come from; None: the system's."""
+        """CA certificates that signed the broker's; None: the system's."""
 
     @property
     def certificate_file(self) -> object | None:
@@ -101,7 +101,7 @@ def reason_code(error: aiomqtt.MqttCodeError) -> int | None:
 
 
 def is_refusal(error: BaseException | None) -> bool:
-    """Whether the broker does not want us, or we do not trust it: waiting is in vain.
+    """Whether the broker refuses us, or is not trusted: waiting is in vain.
 
     One that is just being ended cuts the line in the middle.
     """
@@ -135,7 +135,7 @@ def _known(error: BaseException | None, address: Address, wording: Wording) -> s
         case ConnectionResetError() if address.tls:
             text = f"it cuts the connection; {_NO_TLS}"
         case ConnectionClosedError() if not address.tls:
-            text = f"{error}; does it want TLS? Then {wording.use_tls}"
+            text = f"{error}; does it require TLS? Then {wording.use_tls}"
         case _:
             text = ""
     return text
@@ -155,7 +155,7 @@ def _of_code(error: aiomqtt.MqttCodeError, address: Address, wording: Wording) -
     if address.certificate_file is not None:
         return f"it knows no account for {wording.who}'s certificate; see its accounts"
     return (
-        "it lets nobody in without an account; give username and "
+        "it refuses clients without an account; give username and "
         f"password_file{wording.where}"
     )
 
@@ -177,7 +177,7 @@ def _of_certificate(
     if code in _WRONG_NAME:
         return (
             f"its certificate is not for {address.host!r} ({text}); use a name that "
-            "stands in the certificate, or have it made anew"
+            "is in the certificate, or renew the certificate"
         )
     if code == _EXPIRED:
         return "its certificate has expired, or this computer's clock is wrong"
@@ -187,7 +187,7 @@ def _of_certificate(
         file = f"ca_file{wording.where}"
         signers = "the system's authorities" if address.ca_file is None else file
         return (
-            f"its certificate is signed by nobody in {signers} ({text}); give the "
+            f"its certificate is not signed by any of {signers} ({text}); give the "
             f"certificate of its authority as {file}"
         )
     return f"its certificate cannot be trusted: {text}; have it made anew"

@@ -19,7 +19,7 @@ def tls_context(ca_file: Path | None) -> ssl.SSLContext:
     """How the line to a broker is encrypted; without a certificate of our own.
 
     Args:
-        ca_file: certificates that the broker's must come from; None: the system's.
+        ca_file: CA certificates that signed the broker's; None: the system's.
 
     Raises:
         OSError: the file cannot be read, or holds no certificate.

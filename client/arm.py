@@ -226,7 +226,7 @@ class Arm(ArmCommands):
 
     @property
     def place(self) -> dict[str, int]:
-        """Next numbers by session; give it as ``since`` to go on from here.
+        """Next numbers by session; give it as ``since`` to continue from here.
 
         A point counts when the one after it is requested.
         """

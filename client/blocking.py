@@ -177,7 +177,7 @@ class BlockingArm:
 
     @property
     def place(self) -> dict[str, int]:
-        """Next numbers by session; give it as ``since`` to go on from here."""
+        """Next numbers by session; give it as ``since`` to continue from here."""
         return self._arm.place
 
     @property

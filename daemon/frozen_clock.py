@@ -38,7 +38,7 @@ class FrozenClock(HostClock):
         return self._host
 
     def step(self) -> int:
-        """Go on to the present; gives it."""
+        """Advance to the present; return it."""
         now_ns = self._now_ns = self._host.monotonic_ns()
         if now_ns - self._looked_ns >= LOOK_NS:
             self._looked_ns = now_ns

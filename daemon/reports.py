@@ -164,7 +164,7 @@ class HealthReporter:
 
 
 def _resident_bytes() -> int:
-    """Resident memory; the largest so far where the system does not tell."""
+    """Resident memory; the largest so far where the system does not report it."""
     try:
         pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
     except (OSError, IndexError, ValueError):

@@ -1,7 +1,7 @@
 """Check at the start that devices and broker answer, and report those that do not.
 
-Started by hand, a daemon that lacks one of them says so and ends. As a service it says
-so and begins without; it keeps trying, and what is there is used.
+Started by hand, a daemon that lacks one of them reports it and ends. A service reports
+it and begins without; it keeps trying, and what is there is used.
 """
 
 import asyncio
@@ -41,12 +41,12 @@ async def check_startup(
         keep_trying: begin without what cannot be reached.
 
     Raises:
-        StartupError: something is missing, or does not fit; says all that is.
+        StartupError: something is missing, or does not match; lists all.
     """
     failures = await check_devices(devices)
     reason = await connection.probe()
     if reason is not None:
-        # What is more than its absence comes with a remedy of its own.
+        # What is more than its absence has a remedy of its own.
         remedy = "" if ";" in reason else "; start it, or correct [broker]"
         text = f"broker {connection.address}: {reason}{remedy}"
         failures.append((UNREACHABLE, text))

@@ -39,7 +39,7 @@ class StepListener:
         values: Mapping[str, object],
         state: StateSource,
     ) -> None:
-        """Somebody has requested something."""
+        """A request was executed."""
 
     def related(self, now_ns: int, utc_offset_ns: int) -> None:
         """UTC is so much more than host monotonic time from now on."""

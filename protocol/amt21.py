@@ -8,7 +8,7 @@
 
 An address is any byte whose two low bits are 0, but not 00; 54 as delivered. K1 is
 the odd parity of bits 13, 11 .. 1, K0 that of bits 12, 10 .. 0: a random word passes
-one time in four, so that whoever reads must also ask whether a value is plausible.
+one time in four, so that a reader must also check whether a value is plausible.
 Models of 12 bits send their value times four. Two-wire adapters may echo a request.
 
 The makers' sample code shows no reply to zero set and reset; that there is none, and
@@ -31,22 +31,22 @@ def is_address(number: int) -> bool:
 
 
 def position_request(address: int) -> bytes:
-    """Ask an encoder where its shaft is."""
+    """Request an encoder's position."""
     return _request(address, _POSITION)
 
 
 def turns_request(address: int) -> bytes:
-    """Ask a multi-turn encoder for its whole turns."""
+    """Request a multi-turn encoder's whole turns."""
     return _request(address, _TURNS)
 
 
 def zero_request(address: int) -> bytes:
-    """Let a single-turn encoder call its present position 0; the shaft must rest."""
+    """Make the present position of a single-turn encoder 0; the shaft must rest."""
     return _request(address, _EXTENDED, _ZERO)
 
 
 def reset_request(address: int) -> bytes:
-    """Let an encoder start afresh, as after power-up."""
+    """Restart an encoder, as after power-up."""
     return _request(address, _EXTENDED, _RESET)
 
 
@@ -64,14 +64,14 @@ def turns_of(value: int) -> int:
 
 
 class Reply:
-    """What comes back for one request, fed as it comes; it keeps 3 bytes at most.
+    """The reply to one request, fed as it arrives; it keeps 3 bytes at most.
 
     Args:
         request: the bytes that were sent.
         echoed: the adapter sends them back before the reply.
 
     Attributes:
-        surplus: bytes beyond the reply: the line carries what nobody asked for.
+        surplus: unexpected bytes beyond the reply.
     """
 
     def __init__(self, request: bytes, *, echoed: bool) -> None:
@@ -81,12 +81,12 @@ class Reply:
 
     @property
     def missing(self) -> int:
-        """How many bytes have yet to come."""
+        """How many bytes are still missing."""
         return len(self._echo) + REPLY_BYTES - len(self._heard)
 
     @property
     def begun(self) -> bool:
-        """Something of the reply itself has come, not only an echo."""
+        """Something of the reply itself has arrived, not only an echo."""
         return len(self._heard) > len(self._echo)
 
     @property
@@ -106,12 +106,12 @@ class Reply:
 
 
 def echo_heard(request: bytes, heard: bytes) -> bool | None:
-    """Whether an adapter echoes, judged by all that a request brought.
+    """Whether an adapter echoes, judged by all bytes after a request.
 
-    None where that cannot be said: nothing came, or noise.
+    None where that is unknown: nothing arrived, or noise.
     """
     if heard == request:
-        return True  # and nobody answered
+        return True  # and no answer
     if heard.startswith(request) and len(heard) == len(request) + REPLY_BYTES:
         return (
             True if is_sound(int.from_bytes(heard[-REPLY_BYTES:], "little")) else None

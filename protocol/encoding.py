@@ -68,7 +68,7 @@ def decode(
     """Read a message from a payload.
 
     Args:
-        message_type: what the topic says that it is.
+        message_type: as by the topic.
         payload: from anybody, trusted in nothing.
         encoding: None takes what begins with a brace as JSON, else as MessagePack.
         max_bytes: a longer payload is refused unread.
@@ -191,7 +191,7 @@ def _refuse_constant(constant: str) -> Never:
 
 
 def _check_schema(message_type: type[Message], name: str, values: object) -> None:
-    """A payload of another kind is told in one line, not key by key."""
+    """A payload of another kind is reported in one line, not key by key."""
     expected = message_type.model_fields["schema_"].default
     if not isinstance(values, dict):
         raise MessageError.of(name, type(values).__name__, "a map of keys to values")

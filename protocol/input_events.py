@@ -14,7 +14,7 @@ from dataclasses import dataclass
 SYN, KEY = 0, 1
 """Types: synchronisation; keys and buttons."""
 SYN_REPORT, SYN_DROPPED = 0, 3
-"""Codes of `SYN`: what came together is complete; the kernel's buffer has run over."""
+"""Codes of `SYN`: a group is complete; the kernel's buffer has run over."""
 RELEASED, PRESSED, REPEATED = 0, 1, 2
 """Values of a key."""
 
@@ -24,7 +24,7 @@ EVENT_BYTES = _EVENT.size
 
 @dataclass(frozen=True, slots=True)
 class InputEvent:
-    """One event; its time is of the clock that the device was told to use."""
+    """One event; its time is of the clock that was set for the device."""
 
     time_ns: int
     type: int

@@ -1,4 +1,4 @@
-"""What is wrong with a message, said once for every way of being wrong."""
+"""The mistakes of a message."""
 
 import reprlib
 from dataclasses import dataclass
@@ -7,12 +7,12 @@ from typing import Self
 from pydantic import ValidationError
 
 MAX_PROBLEMS = 20
-"""So many are told of one message; a hostile one could have thousands."""
+"""So many are reported of one message; a hostile one could have thousands."""
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One mistake: where it stands, what was found, what was expected."""
+    """One mistake: its place, what was found, what was expected."""
 
     where: str
     what: str
@@ -62,7 +62,7 @@ class MessageError(ValueError):
 
 
 def _found(kind: str, value: object) -> str:
-    """What stood there, shortened."""
+    """The value there, shortened."""
     if kind == "missing":
         return "nothing"
     if kind == "extra_forbidden":

@@ -10,16 +10,16 @@
 
 P is big-endian: with multi-turn encoders the turns as 16 bits, signed; then the
 position from the highest bit down, 2 bytes up to 14 bits and 3 bytes above, its two
-lowest bits error and warning, which are 0 when there is something to tell. D has its
+lowest bits error and warning, which are 0 when there is something to report. D has its
 bits set when there is; T is signed, in tenths of a degree Celsius. There is no check
 sum: a header and the bits that must be 0 are all that a reply can be known by.
 
 Settings are sent after the four bytes of `UNLOCK`, a millisecond or more between two
 bytes, each of which is echoed: `STOP` and `START` of the continuous mode, in which the
-encoder answers one request again and again by itself, and `continuous`, which says
+encoder repeats one answer by itself, and `continuous`, which states
 which request and how often.
 
-What is said of commands and replies rests on three independent implementations and on
+The bytes of commands and replies rest on three independent implementations and on
 data sheets as they quote them. That bits between position and status are 0, and that a
 reply tells where the shaft was when its request came, is general knowledge and not
 confirmed by the makers' documents.
@@ -91,7 +91,7 @@ class Layout:
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """What a reply with a position says.
+    """The contents of a reply with a position.
 
     Attributes:
         count: Of one turn.
@@ -114,7 +114,7 @@ def position(reply: bytes, request: bytes, layout: Layout) -> Position | None:
     """Read a whole reply; None where it cannot be one.
 
     Args:
-        reply: As many bytes as `Layout.reply_bytes` says.
+        reply: `Layout.reply_bytes` bytes.
         request: One that is answered with a position.
         layout: Of the encoder.
     """
@@ -156,10 +156,10 @@ def continuous(request: bytes, period_us: int, *, autostart: bool = False) -> by
 
 
 class Replies:
-    """Replies that come by themselves, cut out of the bytes by their headers.
+    """Unsolicited replies, cut out of the bytes by their headers.
 
-    A header may also stand inside a reply. So after anything that does not fit, two
-    replies in a row are wanted before one is believed, and the third header after them.
+    A header may also occur inside a reply. So after anything that does not fit, two
+    replies in a row are required before one is valid, and the third header after them.
 
     Args:
         request: That is answered again and again; one whose reply has a header.
@@ -188,7 +188,7 @@ class Replies:
             here = self._position(kept, at)
             if here is not None and not self._in_step:
                 if len(kept) - at <= 2 * self._size:
-                    break  # what follows has yet to come
+                    break  # the rest has yet to arrive
                 self._in_step = (
                     self._position(kept, at + self._size) is not None
                     and kept[at + 2 * self._size] == self._request[0]

@@ -11,7 +11,7 @@ ROOT: Final = "traverse"
 MAX_LEVEL_LENGTH: Final = 64
 MAX_RESPONSE_LENGTH: Final = 256
 MAX_RESPONSE_LEVELS: Final = 4
-"""Below `reply`: the command, and what tells one sender from another."""
+"""Below `reply`: the command, and what distinguishes senders."""
 
 
 _NOT_IN_LEVEL = re.compile(r"[/+#\x00-\x1f\x7f-\x9f]")
@@ -62,7 +62,7 @@ class Topic:
 
 
 def status_topic(arm: str) -> str:
-    """Where an arm's daemon says that it is there."""
+    """The topic of a daemon's status."""
     return _topic(arm, "status")
 
 
@@ -117,7 +117,7 @@ def is_response_topic(topic: str, arm: str, filters: Iterable[str] = ()) -> bool
     """Whether an answer of an arm may go to a topic that a sender has named.
 
     Below `traverse/<arm>/reply/`, or where one of ``filters`` allows it. Anything else
-    would let a sender publish, by the daemon's hand, where he himself may not: as a
+    would allow a sender to publish through the daemon where it may not itself: as a
     command to another arm, say.
     """
     levels = topic.split("/")
@@ -131,7 +131,7 @@ def is_response_topic(topic: str, arm: str, filters: Iterable[str] = ()) -> bool
 
 
 def check_response_filter(topic_filter: str) -> None:
-    """See that a filter of response topics is one, and lets nobody at arms' topics.
+    """Check that a filter of response topics is valid, and excludes arms' topics.
 
     Raises:
         MessageError: it is none, or it does.

@@ -30,7 +30,7 @@ def map_to_bytes(table: Mapping[str, object]) -> bytes:
 
 
 def bytes_to_map(content: bytes) -> dict[str, Any]:
-    """Read a map; lists come as tuples.
+    """Read a map; lists become tuples.
 
     Raises:
         ValueError: It is none.

@@ -88,7 +88,7 @@ def read_recording(path: str | Path) -> Recording:
 
     Args:
         path: An MCAP file. What is torn off at its end is missing in the result, and
-            `tear` says where; chunks are checked by their CRC.
+            `tear` is the place; chunks are checked by their CRC.
 
     Raises:
         FileError: It is no recording, or breaks a rule of its own.

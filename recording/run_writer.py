@@ -42,7 +42,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class RunHead:
-    """What stands at the beginning of a recording.
+    """The head of a recording.
 
     Attributes:
         about: Names and values, all texts: arm, version, kernel, name, note, cause.
@@ -61,7 +61,7 @@ class RunWriter:
 
     Args:
         path: Written anew, for its owner alone.
-        head: What stands at its beginning.
+        head: Its head.
         chunk_bytes: Of a chunk before compression.
 
     Raises:

@@ -11,7 +11,7 @@ from mcap.stream_reader import StreamReader
 
 PROFILE = "traverse"
 """Of the headers of all our files."""
-# Longer records are garbage: memory is asked for only what can be there.
+# Longer records are garbage: memory is requested only for what can be there.
 _LONGEST_RECORD = 1 << 28
 # Whatever garbage does to the decoder of records; what is between records is ours.
 _TORN = (
@@ -27,7 +27,7 @@ _TORN = (
 
 
 class _Whole:
-    """Gives as many bytes as are asked for, or none."""
+    """Return as many bytes as requested, or none."""
 
     def __init__(self, file: IO[bytes], size: int) -> None:
         self._file = file

@@ -125,7 +125,7 @@ def bytes_to_timed_cloud(content: bytes) -> tuple[str, int, NDArray[np.void]]:
 
 
 def log_to_bytes(event: Event) -> bytes:
-    """Write an event; its code stands where a file's name would."""
+    """Write an event; its code is in the place of a file's name."""
     remedy = f"; {event.remedy}" if event.remedy else ""
     times = f" ({event.count} times)" if event.count > 1 else ""
     table = {

@@ -117,7 +117,7 @@ class RecordingWriter:
         self.close()
 
     def _add(self, channel: int, sample_time_ns: int, content: bytes) -> None:
-        # Programs that show recordings want UTC; what came before any sample gets 0.
+        # Programs that show recordings need UTC; items before any sample get 0.
         log_ns = max(self._utc_ns + sample_time_ns - self._host_ns, 0)
         self._writer.add_message(channel, log_ns, content, log_ns)
         self._file.flush()

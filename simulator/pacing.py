@@ -50,7 +50,7 @@ def live_real(
         devices: All of them.
         clock: Time of the simulation.
         script: When the script began.
-        end_s: End of the script, None to go on.
+        end_s: End of the script, None to continue.
         stopped: Whether to end.
     """
     while not stopped():

@@ -35,7 +35,7 @@ def collect(
 ) -> None:
     """Collect the poses of a campaign, guided.
 
-    Says what to touch, and how often.
+    Shows what to touch, and how often.
 
     Where a plan.toml lies beside the campaign (`traverse verify --plan` writes one) it
     is followed step by step, and --each does not count.

@@ -47,7 +47,7 @@ async def find_arms(address: BrokerAddress, patience_s: float) -> list[str]:
 
 
 def _is_online(payload: object) -> bool:
-    """Whether a status says so; one of a later version counts as well."""
+    """Whether a status is online; one of a later version counts as well."""
     try:
         return decode(Status, bytes(payload)).online  # type: ignore[call-overload]  # bytes
     except MessageError:

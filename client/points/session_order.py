@@ -71,7 +71,7 @@ class SessionPoints:
         return found
 
     def give_up(self, to_seq: int, reason: str) -> list[Point | Lost]:
-        """Go on after gaps that cannot be filled: all up to a number.
+        """Continue after gaps that cannot be filled: all up to a number.
 
         Returns:
             What is handed on: the gaps, and the points that are here.
@@ -184,7 +184,7 @@ class SessionSequence:
         return followed
 
     def leave(self, head: SessionPoints) -> None:
-        """The head is complete: go on to the next."""
+        """The head is complete: continue with the next."""
         self._pass(head.session, head.next_seq)
         del self._sessions[head.session]
 

@@ -120,7 +120,7 @@ class ReadingBuffer:
         ]
 
     def _numbered(self, samples: CountSamples) -> Integers:
-        """Numbers that go on from stream to stream."""
+        """Numbers that continue from stream to stream."""
         if samples.stream != self._stream:
             self._stream, self._first_number = samples.stream, self._next_number
         numbers = samples.seq + self._first_number

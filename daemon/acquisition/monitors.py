@@ -55,7 +55,7 @@ class DeviceStateTracker:
         device.reconnects += device.state == "lost"
         device.state = "failed" if device.problems else "ready"
         if up.restarted:
-            # Its absolute encoders go on; where the turns are counted is a guess.
+            # Its absolute encoders continue; their turns are a guess.
             self.pipeline.restart(name)
             self.events.report(
                 "warning",

@@ -1,6 +1,6 @@
 """How many commands are taken: so many in a second, of all and of each kind.
 
-MQTT does not tell who has sent a command, so these hold for all senders together. The
+MQTT does not identify senders, so these hold for all senders together. The
 log of those that are refused is limited likewise.
 """
 
@@ -145,7 +145,7 @@ class RefusalLog:
         self._last_ns = 0
 
     def write(self, text: str) -> None:
-        """A command was refused; says so, or counts it for the next line."""
+        """Log a refused command, or count it for the next line."""
         self._last_ns = self._clock.monotonic_ns()
         if not self._lines.take():
             self._untold += 1
@@ -162,5 +162,5 @@ class RefusalLog:
 
 
 def single_line(text: str) -> str:
-    """A text of anybody's as it may stand in a log."""
+    """Make a foreign text safe for a log."""
     return "".join(c if c.isprintable() else " " for c in text)[:1000]

@@ -67,7 +67,7 @@ class Latencies:
         )
 
     def clear(self) -> None:
-        """Begin again; the totals go on."""
+        """Begin again; the totals continue."""
         self._n = self._largest_ns = 0
         self._told_counts = list(self.total_counts)
 

@@ -129,7 +129,7 @@ class BrokerConnection:
         self._renewal.set()
 
     async def run(self, receive: Callable[[IncomingCommand], float | None]) -> None:
-        """Connect, send and receive; come back after every loss; until cancelled.
+        """Connect, send and receive; reconnect after every loss; until cancelled.
 
         Args:
             receive: called with each command; see `CommandSubscriber`.

@@ -215,7 +215,7 @@ class Capture:
         return self._submit(retraction)
 
     def begin_session(self, note: str = "") -> Session:
-        """Number from 0 again; what the next points are taken on is to be said anew."""
+        """Number from 0 again, without a label."""
         self.label = Label()
         return self._active.begin(note)
 

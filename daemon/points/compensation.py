@@ -39,7 +39,7 @@ class RetractDetector:
     place_mm: Floats | None = None
 
     def add(self, poses: PoseBlock) -> None:
-        """Go on by a block of the stream."""
+        """Process a block of the stream."""
         if self.place_mm is None:
             found = first_sample_beyond(
                 poses, self.from_ns, self.from_mm, self.distance_mm

@@ -179,7 +179,7 @@ class PointController:
             self._pending.settle(now_ns)
 
     def follow(self, poses: PoseBlock) -> None:
-        """Go on by a block of the arm's stream."""
+        """Process a block of the arm's stream."""
         self._making.follow(poses)
 
     # -- requests for points --------------------------------------------------

@@ -178,7 +178,7 @@ class PointEvaluator:
         self._pulls: list[RetractDetector] = []
 
     def follow(self, poses: PoseBlock) -> None:
-        """Go on by a block of the arm's stream."""
+        """Process a block of the arm's stream."""
         for average in self._averages:
             average.add(poses)
         for pull in self._pulls:

@@ -76,7 +76,7 @@ class JointMotionTracker:
 
     @property
     def state(self) -> dict[str, NDArray[Any]]:
-        """What `resume` needs to go on from the last sample; empty before the first."""
+        """State of the last sample for `resume`; empty before the first."""
         if not self._past:
             return {}
         last = self._past[-1]
@@ -88,7 +88,7 @@ class JointMotionTracker:
         }
 
     def resume(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from the `state` of another time; speeds begin anew."""
+        """Continue from the `state` of another time; speeds begin anew."""
         self.forget()
         if state:
             last = _MotionSegment(**state)

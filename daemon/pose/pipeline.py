@@ -86,13 +86,13 @@ class Pipeline:
 
     @property
     def state(self) -> dict[str, object]:
-        """What `resume` needs to go on from the last sample."""
+        """What `resume` needs to continue from the last sample."""
         last, fresh = self._unwrapper.turns
         motion = self._covariates.motion_tracker.state
         return {"turns": last, "fresh": fresh, "motion": motion}
 
     def resume(self, state: Mapping[str, Any]) -> None:
-        """Go on from the `state` of another time, of the same arm."""
+        """Continue from the `state` of another time, of the same arm."""
         self._unwrapper.resume(state["turns"], state["fresh"])
         self._covariates.motion_tracker.resume(state["motion"])
 

@@ -82,7 +82,7 @@ class PersistentFlags:
         return tuple(self._temperatures)
 
     def resume(self, temperatures: Iterable[tuple[int, float]]) -> None:
-        """Go on from the `temperatures` of another time."""
+        """Continue from the `temperatures` of another time."""
         self._temperatures = deque(temperatures)
 
     def on_device_up(self, device: str) -> None:

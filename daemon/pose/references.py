@@ -1,7 +1,7 @@
 """Which devices' positions are only assumed: after a loss of power, or by whole turns.
 
 A device that has been without power may count from another place, unless its encoders
-are absolute. An absolute encoder tells where it is within a turn, not how many turns
+are absolute. An absolute encoder reports its place within a turn, not how many turns
 its joint has made; that matters where the pose is not the same a turn later, and where
 the joint's end stops do not exclude another turn. Until the operator confirms, every
 measurement is flagged `turns_uncertain`.
@@ -54,7 +54,7 @@ class ReferenceMonitor:
     """Knows which devices may count from another place, until the operator confirms.
 
     Args:
-        section: of the configuration; its end stops tell how far joints turn.
+        section: of the configuration; its end stops limit how far joints turn.
         model: the arm.
         clock: the host's.
         events: where doubts are reported.
@@ -145,7 +145,7 @@ class ReferenceMonitor:
         known = self._doubts.get(device)
         if known in (kind, PLACE):
             return
-        if known is not None:  # the alarm says more from now on
+        if known is not None:  # the alarm has more details from now on
             self._events.change(False, "error", CODE, "more is in doubt", source=device)
         self._doubts[device] = kind
         names = self._model.effects.joint_names

@@ -29,7 +29,7 @@ from traverse.protocol.messages.recording_health import RecordingHealth
 
 SOURCE = "recording"
 STATE_NS = 6_000_000_000
-PATIENCE_NS = 3_000_000_000  # a snapshot is taken at a quiet moment, if one comes
+PATIENCE_NS = 3_000_000_000  # a snapshot is taken at a quiet moment, if there is one
 AFTERMATH_NS = 2_000_000_000  # what follows a fault is kept with it
 CALM_NS = 30_000_000_000  # after a file was kept, none is for so long
 FAULTS = ("alarm.", "device.", "outbox.", "daemon.", "watchdog.", "realtime.")
@@ -102,7 +102,7 @@ class StepRecorder(StepListener):
         values: Mapping[str, object],
         state: StateSource,
     ) -> None:
-        """Somebody has requested something."""
+        """A request was executed."""
         self._before_step(now_ns, state)
         self._put(RecorderItem("asked", now_ns, what, dict(values)))
 
@@ -294,7 +294,7 @@ class Recorder:
         )
 
     def poll(self) -> None:
-        """Keep what was before a fault, also while no device delivers; tell losses."""
+        """Store the time before a fault, also without deliveries; report losses."""
         self._steps.keep_if_due(self._clock.running.monotonic_ns())
         n_dropped = self._steps.queue.dropped
         if n_dropped > self._n_dropped:

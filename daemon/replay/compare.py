@@ -151,7 +151,7 @@ class ScanComparison:
         self._begun.add(scan)
 
     def lose(self) -> None:
-        """Something is missing here: scans do not go on as they did then."""
+        """Something is missing here: scans do not continue as recorded."""
         self._begun.clear()
 
     def settle(self) -> int:

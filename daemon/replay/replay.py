@@ -219,7 +219,7 @@ class Replay:
         self._clock.offset_ns = entry.log_ns - table["at_ns"]
 
     def _begin(self, entry: Entry, table: Mapping[str, Any]) -> None:
-        """Go on from a state, where nothing is known of the time before."""
+        """Continue from a state, without knowledge of the time before."""
         if self._measurement is not None:
             return
         self._set_clock(entry, table)

@@ -80,7 +80,7 @@ class Scanner:
         self.chain = filter_chain(settings.filters)
 
     def start(self, plan: ScanPlan, model: ArmModel, session: str) -> None:
-        """Begin; points come as soon as the device streams at the plan's rate."""
+        """Begin; points start when the device streams at the plan's rate."""
         self.stream_started.clear()
         self.plan = plan
         self.session = session

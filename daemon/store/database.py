@@ -77,7 +77,7 @@ def check_version(connection: sqlite3.Connection, name: str) -> bool:
 
 
 def create_tables(connection: sqlite3.Connection, last_number: int) -> None:
-    """Make all tables, whole or not at all; numbers go on after ``last_number``."""
+    """Make all tables, whole or not at all; numbers continue after ``last_number``."""
     connection.execute("BEGIN IMMEDIATE")
     for statement in TABLES.split(";"):
         if statement.strip():

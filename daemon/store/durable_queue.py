@@ -203,7 +203,7 @@ class DurableQueue:
             await self._settled.wait()
 
     def poll(self) -> None:
-        """Go on with what has been put off; call it a few times a second."""
+        """Process deferred work; call it a few times a second."""
         if self.is_open:
             self._acks.flush()
             self.refill()

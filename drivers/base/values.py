@@ -33,7 +33,7 @@ class Identity:
         jitter_ns: how far the instant of a reading may be off, as the driver states.
         absolute: whether its counts are right again after a loss of power; None: it
             depends on the encoders, which it does not know.
-        boot: another text after each loss of power; empty where it cannot tell.
+        boot: another text after each loss of power; empty where unknown.
     """
 
     name: str

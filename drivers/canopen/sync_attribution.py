@@ -75,7 +75,7 @@ class SyncAttribution:
     def expire(self) -> None:
         """Nothing late can arrive any more of those that have answered the last SYNC.
 
-        Of the others no time is long enough: whoever stands still may come back with
+        Of the others no time is long enough: a silent node may return with
         all that is pending.
         """
         self._forget_pending(self._all & ~self.unanswered)

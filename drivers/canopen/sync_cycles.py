@@ -18,7 +18,7 @@ from traverse.drivers.canopen.sync_attribution import SyncAttribution
 from traverse.protocol.canopen import frames as wire
 
 BATCH_WINDOW_NS = 10_000_000  # samples of so long are handed over together
-PAUSE_EVERY = 5  # times ``late_ns`` at least: so much of the time SYNCs go on
+PAUSE_EVERY = 5  # times ``late_ns`` at least: so much of the time SYNCs continue
 
 
 class SyncCycleAssembler:

@@ -44,7 +44,7 @@ class HostSchedule:
         return max(planned_ns, self._earliest_ns)
 
     def take(self, now_ns: int) -> int:
-        """Steps of the schedule that the SYNC which is sent now stands for."""
+        """Steps of the schedule that the present SYNC represents."""
         self._earliest_ns = now_ns + round(CLOSEST * self._period_ns)
         reached = int((now_ns - self._begin_ns) / self._period_ns)
         steps = 1 if reached - self._next < MOST_BEHIND else reached - self._next + 1

@@ -10,7 +10,7 @@ class Fault(Protocol):
     """Reports a fault, as `Driver` does."""
 
     def __call__(self, code: str, text: str, remedy: str, count: int = 1) -> None:
-        """Tell it."""
+        """Report it."""
 
 
 class MicroscribeLosses:

@@ -46,7 +46,7 @@ def connect(
     monotonic_ns: Callable[[], int],
     stopping: Callable[[], bool],
 ) -> ArmConnection:
-    """Sign on, or go on with the session of before if the arm still has it.
+    """Sign on, or continue the earlier session if the arm still has it.
 
     Raises:
         DeviceError: there is no arm, or none that can be read.

@@ -66,7 +66,7 @@ class SampleBlockBuilder:
     ) -> None:
         """Take a sample.
 
-        Where there is no reading its last count stands in for it, at the time at
+        Where there is no reading its last count replaces it, at the time at
         which it was given up.
         """
         given_up = EncoderReading(0, received_ns, STATUS_MISSING)

@@ -1,6 +1,6 @@
-"""Error frames of Linux SocketCAN: what the controller says of the state of its bus.
+"""Error frames of Linux SocketCAN: the controller's report on its bus.
 
-A frame with `ERROR_FLAG` in its identifier comes from the controller and not from the
+A frame with `ERROR_FLAG` in its identifier is from the controller and not from the
 bus; the other bits of the identifier are classes of errors, the data explain them
 (linux/can/error.h).
 """
@@ -15,7 +15,7 @@ _OVERFLOW, _PASSIVE, _ACTIVE = 0x01 | 0x02, 0x10 | 0x20, 0x40
 
 @dataclass(frozen=True, slots=True)
 class BusCondition:
-    """What one error frame says; several can be true at once.
+    """The contents of one error frame; several can be true at once.
 
     Attributes:
         bus_off: the controller has taken itself off the bus.
@@ -23,7 +23,7 @@ class BusCondition:
         passive: error passive: many errors lately.
         active: error active again.
         overflow: frames were lost in the controller.
-        unacknowledged: nobody else on the bus acknowledges what is sent.
+        unacknowledged: no other node on the bus acknowledges what is sent.
         bus_error: a frame was broken.
     """
 
@@ -37,7 +37,7 @@ class BusCondition:
 
 
 def decode_error(can_id: int, data: bytes | bytearray) -> BusCondition:
-    """What an error frame says.
+    """Read an error frame.
 
     Args:
         can_id: with or without `ERROR_FLAG`.

@@ -19,7 +19,7 @@ START, STOP, PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION = 1, 2, 0x80, 0x81
 """NMT commands."""
 
 BOOT_UP, STATE_STOPPED, STATE_OPERATIONAL, STATE_PRE_OPERATIONAL = 0, 4, 5, 0x7F
-"""States in a heartbeat; the first is told once, after power-up or a reset."""
+"""States in a heartbeat; the first is sent once, after power-up or a reset."""
 
 STATES = {
     BOOT_UP: "booting",
@@ -34,7 +34,7 @@ EMERGENCY = struct.Struct("<HB5s")
 
 @dataclass(frozen=True, slots=True)
 class Sync:
-    """The instant at which all nodes latch; the counter is there only if asked for."""
+    """The instant at which all nodes latch; the counter only if requested."""
 
     counter: int | None
 
@@ -72,7 +72,7 @@ class Heartbeat:
 
 @dataclass(frozen=True, slots=True)
 class SdoAnswer:
-    """Eight bytes of a transfer that somebody has begun with a node."""
+    """Eight bytes of a transfer with a node."""
 
     node: int
     data: bytes
@@ -105,7 +105,7 @@ def decode(can_id: int, data: bytes | bytearray) -> Message | None:
 
 
 def identifiers(nodes: Iterable[int]) -> list[int]:
-    """All that these nodes, and whoever sends SYNC, put on the bus."""
+    """All that these nodes, and the source of SYNC, put on the bus."""
     services = (EMCY, TPDO1, SDO_ANSWER, HEARTBEAT)
     return [SYNC, *(service + node for node in nodes for service in services)]
 

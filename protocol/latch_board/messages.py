@@ -1,4 +1,4 @@
-"""What a latching board says, as values."""
+"""Messages of a latching board, as values."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What a latching board is told, as bytes (docs/serial-protocol.md, section 3)."""
+"""Requests to a latching board, as bytes (docs/serial-protocol.md, section 3)."""
 
 import struct
 
@@ -15,7 +15,7 @@ from traverse.protocol.latch_board.numbers import (
 
 
 def hello_request(request: int, flags: int = 0) -> bytes:
-    """Ask who is there; with `FORGET_EDGES`, drop edges not yet acknowledged."""
+    """Request the identity; with `FORGET_EDGES`, drop edges not yet acknowledged."""
     return encode_frame(bytes((HELLO, request, MAJOR, flags)))
 
 
@@ -47,5 +47,5 @@ def latch_request(request: int) -> bytes:
 
 
 def edge_ack(seq: int) -> bytes:
-    """Tell that all edges up to ``seq`` have been received."""
+    """Acknowledge all edges up to ``seq``."""
     return encode_frame(struct.pack("<BI", EDGE_ACK, seq))

@@ -1,4 +1,4 @@
-"""Packets of a MicroScribe (Immersion HCI), 8N1: one byte asks, a packet answers.
+"""Packets of a MicroScribe (Immersion HCI), 8N1: one byte requests a packet.
 
     host -> arm    command, bit 7 clear
     arm -> host    command with bit 7 set
@@ -8,10 +8,10 @@
 
 In a packet only the first byte has bit 7 set: after a lost byte the next packet is
 found by it. There is no check sum, so that a spoilt byte can look like any other:
-whoever reads must also ask whether a count is plausible.
+the reader must also check whether a count is plausible.
 
 The bytes are those that several public programs agree on. Not confirmed by a maker's
-document: that the arm ignores analog inputs when none are asked for.
+document: that the arm ignores analog inputs when none are requested.
 """
 
 from collections import Counter
@@ -39,7 +39,7 @@ class Framing(Enum):
 
 
 def packet_request(*, timer: bool) -> bytes:
-    """Ask for buttons and all encoders, and the timer if wanted."""
+    """Request buttons and all encoders, optionally the timer."""
     return bytes([_ALL_ENCODERS | (_TIMER if timer else 0)])
 
 
@@ -50,11 +50,11 @@ def packet_size(framing: Framing, *, timer: bool) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """What the arm says at one instant.
+    """The arm's state at one instant.
 
     Attributes:
         buttons: bit i set while button i is down.
-        timer: the arm's timer, 0 to 16383; None where it was not asked for.
+        timer: the arm's timer, 0 to 16383; None where it was not requested.
         encoders: 0 to 16383 each.
     """
 
@@ -68,12 +68,12 @@ class PacketDecoder:
 
     Args:
         framing: of the arm.
-        timer: the packets were asked for with their timer.
+        timer: the packets were requested with their timer.
 
     Attributes:
         accepted: whole packets so far.
-        faults: what else came, by name: "broken" packets that another one cut short,
-            "foreign" ones that nobody asked for, "stray" bytes outside of packets.
+        faults: what else arrived, by name: "broken" packets that another one cut short,
+            "foreign" ones without a request, "stray" bytes outside of packets.
     """
 
     def __init__(self, framing: Framing, *, timer: bool) -> None:

@@ -1,4 +1,4 @@
-"""What a MicroScribe says of itself: sign-on, texts, greatest counts, its own geometry.
+"""A MicroScribe's identification: sign-on, texts, greatest counts, its own geometry.
 
     sign-on      C5 "IMMC", again and again until "IMMC" comes back at that baud rate;
                  then "BEGIN", answered by the product's id and a NUL
@@ -10,7 +10,7 @@
 
 Geometry of format "DH0.5" is a table of Craig's (modified) rows: alpha in 1/32768 of a
 half turn, a and d in 1/1000 inch. Encoders count up to their greatest count and then
-go on at 0; a count is a turn by count / (greatest + 1).
+continue at 0; a count is a turn by count / (greatest + 1).
 
 Only generally known, not confirmed by a maker's document:
 - with a comment that contains "Beta" the rotation about y at joint 3 stands behind the
@@ -106,9 +106,9 @@ def fixed_reply(command: int, size: int, data: bytes) -> bytes | None:
 
 
 def maxes_reply(data: bytes) -> Maxes | None:
-    """Greatest counts out of all that came; None if it is no such reply.
+    """Greatest counts out of all received bytes; None if it is no such reply.
 
-    Its size says how packets are framed, so nothing may come behind it.
+    Its size shows how packets are framed, so nothing may follow it.
     """
     body = _after_echo(MAXES, data)
     if body is None or len(body) not in _MAXES_BYTES:
@@ -157,12 +157,12 @@ def kinematics_of(block: bytes, comment: str) -> Kinematics:
 
 
 def motion_request(framing: Framing, delay_ms: int, *, timer: bool) -> bytes:
-    """Ask for a packet whenever any button or any encoder has changed.
+    """Request a packet whenever any button or any encoder has changed.
 
     Args:
         framing: of the arm.
         delay_ms: the arm waits so long between packets.
-        timer: wanted in the packets.
+        timer: requested in the packets.
     """
     any_button, no_analogs = b"\x7f", bytes([0xFF] * 8)
     smallest_step = b"\x00\x01" * framing.n_encoders

@@ -60,7 +60,7 @@ class LatchSource(Protocol):
         """The next change, if any is known yet."""
 
     def take_change(self) -> None:
-        """Go on to the one after it."""
+        """Advance to the one after it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -137,7 +137,7 @@ class Wiring:
         return InputChange(begin_s + script_s, number, event.level)
 
     def take_change(self) -> None:
-        """Go on to the one after it."""
+        """Advance to the one after it."""
         entry = self._upcoming()
         if self._alarms and (entry is None or self._alarms[0].time_s <= entry[0]):
             self._alarms.pop(0)

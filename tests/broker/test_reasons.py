@@ -61,12 +61,12 @@ def alert(number):
         (alert(70), "no TLS of version 1.2 or newer; update it"),
         (alert(116), "certificate of this visitor; give certificate_file and key_file"),
         (alert(116), "key_file of [door]"),
-        (alert(40), "wants a certificate of this visitor"),
+        (alert(40), "requires a certificate of this visitor"),
         (alert(45), "this visitor's certificate has expired; renew"),
         (alert(44), "this visitor's certificate has been revoked; renew"),
         (alert(48), "does not trust this visitor's certificate; have"),
         (alert(42), "does not trust this visitor's certificate; have"),
-        (b"", "it cuts the connection; does it want a certificate_file"),
+        (b"", "it cuts the connection; does it require a certificate_file"),
     ],
 )
 def test_what_openssl_says_is_told_in_a_sentence(answer, words):
@@ -78,7 +78,7 @@ def test_what_openssl_says_is_told_in_a_sentence(answer, words):
 @pytest.mark.parametrize("kind", [ssl.SSLEOFError, ssl.SSLZeroReturnError])
 def test_a_cut_line_is_known_by_its_kind_not_by_words_that_pythons_change(kind):
     error = kind(8, "TLS/SSL connection has been closed (EOF) (_ssl.c:992)")
-    assert "does it want a certificate_file" in told(error)
+    assert "does it require a certificate_file" in told(error)
     assert not is_refusal(error)
 
 
@@ -131,7 +131,7 @@ def test_what_the_network_says_is_found_behind_aiomqtts_sentence(error, words):
 
 
 def test_a_silent_end_may_mean_that_tls_is_wanted():
-    assert "does it want TLS? Then speak TLS" in told(
+    assert "does it require TLS? Then speak TLS" in told(
         ConnectionClosedError(), tls=False
     )
     assert told(ConnectionClosedError()) == "it closes the connection without a word"
