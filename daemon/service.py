@@ -40,6 +40,8 @@ from traverse.daemon.mqtt.connection import BrokerConnection
 from traverse.daemon.mqtt.credentials import address_of
 from traverse.daemon.mqtt.message_publisher import MessagePublisher
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
+from traverse.daemon.mqtt.second_daemon import SecondDaemonWatch
+from traverse.daemon.mqtt.subscriber import IncomingCommand
 from traverse.daemon.points.capture import ActiveSession
 from traverse.daemon.pose.arm_model import log_model
 from traverse.daemon.pose.reference_file import ReferenceFile
@@ -103,6 +105,7 @@ class Service:
     measurement: Measurement
     status: Callable[[bool], Status]
     connection: BrokerConnection
+    others: SecondDaemonWatch
     button_scans: ButtonScans
     scans: ScanCommands
     reloader: ConfigurationReloader
@@ -116,6 +119,13 @@ class Service:
         """Signs of life of the threads that write."""
         stores = (*self.outbox.heartbeats, *self.spool.heartbeats)
         return (*stores, self.recorder.heartbeat)
+
+    def receive(self, incoming: IncomingCommand) -> float:
+        """Take a command, or a status of this arm; see `CommandDispatcher.receive`."""
+        if incoming.topic == topics.status_topic(self.measurement.model.name):
+            self.others.receive(incoming.payload, retained=incoming.retained)
+            return 0.0
+        return self.commands.receive(incoming)
 
     def publish_status(self) -> None:
         """Publish the state now."""
@@ -221,9 +231,17 @@ def compose(
         configuration, model, sinks, step_clock, steps, devices=devices, session=active
     )
 
+    others = SecondDaemonWatch(arm, encoding, clock, events)
+
     def status(online: bool) -> Status:
-        return status_message(
-            measurement, clock, encoding, keeps_points=outbox.is_ready, online=online
+        return others.sending(
+            status_message(
+                measurement,
+                clock,
+                encoding,
+                keeps_points=outbox.is_ready,
+                online=online,
+            )
         )
 
     def broker_changed(connected: bool, text: str) -> None:
@@ -244,8 +262,9 @@ def compose(
         will=publisher.outgoing("status", status(False)),
         encoding=encoding,
         queue=queue,
-        subscription=topics.command_filter(arm),
+        subscriptions=(topics.command_filter(arm), topics.status_topic(arm)),
         changed=broker_changed,
+        least_retry_s=lambda: others.retry_s,
     )
 
     scans = ScanCommands(measurement)
@@ -315,6 +334,7 @@ def compose(
         measurement=measurement,
         status=status,
         connection=connection,
+        others=others,
         button_scans=button_scans,
         scans=scans,
         reloader=reloader,
@@ -371,7 +391,7 @@ async def run(service: Service, *, keep_trying: bool) -> None:
                 await run_unless(stopping, check)
                 if not stopping.is_set():
                     works = (
-                        service.connection.run(service.commands.receive),
+                        service.connection.run(service.receive),
                         _poll_periodically(service),
                         _process_timeouts(service.measurement),
                         service.button_scans.run(service.scans.change_scan),
@@ -471,6 +491,7 @@ async def _poll_periodically(service: Service) -> None:
         service.recorder.poll()
         service.update_status_line()
         service.commands.check_flood_end()
+        service.others.poll()
         if loop.time() >= due_s:
             due_s = loop.time() + period_s
             service.publisher.publish("health", service.health_message(anew=True))

@@ -9,7 +9,7 @@ import contextlib
 import logging
 import os
 import random
-from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -86,8 +86,9 @@ class BrokerConnection:
         will: what the broker publishes when this client vanishes.
         encoding: of the payloads, announced as MQTT 5 content type.
         queue: what is to be sent.
-        subscription: topic filter of the commands.
+        subscriptions: topic filters, see `CommandSubscriber`.
         changed: called when the connection is up (True) or lost (False, reason).
+        least_retry_s: tells how long to stay away after a loss, at least [s].
 
     Attributes:
         state_known: set as soon as the connection is up, or has failed.
@@ -98,8 +99,9 @@ class BrokerConnection:
     will: OutgoingMessage
     encoding: Encoding
     queue: OutgoingQueue
-    subscription: str
+    subscriptions: Sequence[str]
     changed: Callable[[bool, str], None]
+    least_retry_s: Callable[[], float] = lambda: 0.0
 
     def __post_init__(self) -> None:
         self._cached_properties = CachedProperties(self.encoding)
@@ -134,7 +136,7 @@ class BrokerConnection:
         Args:
             receive: called with each command; see `CommandSubscriber`.
         """
-        subscriber = CommandSubscriber(self.subscription, receive)
+        subscriber = CommandSubscriber(self.subscriptions, receive)
         retry_s = FIRST_RETRY_S
         connected_before = False
         last_reason = ""
@@ -172,7 +174,8 @@ class BrokerConnection:
                     self.state_known.set()
                     self.changed(False, f"broker {self.address}: {reason}")
             # Jitter prevents a fleet from reconnecting all at once.
-            await asyncio.sleep(retry_s * random.uniform(0.5, 1.0))
+            pause_s = max(retry_s, self.least_retry_s()) * random.uniform(0.5, 1.0)
+            await asyncio.sleep(pause_s)
             retry_s = min(2 * retry_s, LAST_RETRY_S)
 
     async def _serve(self, *works: Coroutine[Any, Any, None]) -> None:

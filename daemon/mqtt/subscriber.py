@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from paho.mqtt.client import MQTTMessage
@@ -29,15 +29,17 @@ class CommandSubscriber:
     """Subscribe each connection to commands and pass them on.
 
     Args:
-        subscription: topic filter of the commands.
+        subscriptions: topic filters: of the commands, and what else is to be received.
         receive: called with each command; gives the time for which the broker is to
             keep further ones, mostly none [s].
     """
 
     def __init__(
-        self, subscription: str, receive: Callable[[IncomingCommand], float | None]
+        self,
+        subscriptions: Sequence[str],
+        receive: Callable[[IncomingCommand], float | None],
     ) -> None:
-        self._subscription = subscription
+        self._subscriptions = [(topic, 1) for topic in subscriptions]
         self._receive = receive
         self._backoff_until_s = 0.0
         self._flooded = asyncio.Event()
@@ -60,7 +62,7 @@ class CommandSubscriber:
         await self._flooded.wait()
 
     async def _subscribe(self, client: BrokerClient) -> None:
-        for code in await client.subscribe(self._subscription, qos=1):
+        for code in await client.subscribe(self._subscriptions):
             if (code if isinstance(code, int) else code.value) >= REFUSED_SUBSCRIPTION:
                 log.warning(
                     "the broker refuses the subscription to commands (%s); correct its "

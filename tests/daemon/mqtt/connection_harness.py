@@ -26,7 +26,7 @@ class Bench:
             will=OutgoingMessage(STATUS, b"gone", qos=1, retain=True),
             encoding="msgpack",
             queue=self.queue,
-            subscription="traverse/bench-7/cmd/+",
+            subscriptions=("traverse/bench-7/cmd/+",),
             changed=lambda *change: self.changes.append(change),
         )
 

@@ -1,0 +1,73 @@
+"""A status of somebody else's session tells of another daemon of this arm."""
+
+import pytest
+
+from tests.daemon.values import SetClock
+from tests.protocol.message_examples import STATUS
+from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.mqtt.second_daemon import AWAY_S, CODE, SecondDaemonWatch
+from traverse.protocol.encoding import encode
+
+
+class Rig:
+    """A watch of an arm whose own session is `m`."""
+
+    def __init__(self) -> None:
+        self.clock, self.events = SetClock(), []
+        log = EventLog(self.clock, self.events.append)
+        self.watch = SecondDaemonWatch(STATUS.arm, "msgpack", self.clock, log)
+        self.own = self.watch.sending(self.status("m"))
+
+    def status(self, session):
+        return STATUS.model_copy(update={"session": session})
+
+    def hear(self, session, *, retained=False):
+        payload = encode(self.status(session), "msgpack")
+        self.watch.receive(payload, retained=retained)
+
+    def active(self):
+        return [event.active for event in self.events if event.code == CODE]
+
+
+def test_what_was_retained_before_is_of_the_past():
+    rig = Rig()
+    for _ in range(3):
+        rig.hear("a", retained=True)
+    assert rig.active() == []
+    rig.hear("m")
+    assert rig.watch.retry_s == 0.0
+
+
+def test_a_restarted_broker_may_once_have_an_old_status():
+    rig = Rig()
+    rig.hear("m")
+    rig.hear("a", retained=True)
+    assert rig.active() == []
+    rig.hear("a", retained=True)
+    assert rig.active() == [True]
+
+
+def test_own_sessions_are_no_others():
+    rig = Rig()
+    rig.watch.sending(rig.status("n"))
+    rig.hear("n")
+    rig.hear("m")
+    rig.watch.receive(b"no status", retained=False)
+    assert rig.active() == []
+
+
+@pytest.mark.parametrize(("other", "away_s"), [("a", AWAY_S), ("z", 0.0)])
+def test_one_of_the_two_gives_way_until_the_other_is_gone(other, away_s):
+    rig = Rig()
+    rig.hear("m")
+    rig.hear(other)
+    assert rig.active() == [True]
+    assert other in rig.events[0].text
+    assert rig.watch.retry_s == away_s
+    rig.clock.now_ns += 149 * 10**9
+    rig.watch.poll()
+    assert rig.active() == [True]
+    rig.clock.now_ns += 2 * 10**9
+    rig.watch.poll()
+    assert rig.active() == [True, False]
+    assert rig.watch.retry_s == 0.0

@@ -1,0 +1,48 @@
+"""Two daemons of one arm at one broker: both say so, and one gives way."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.end_to_end.measuring import measuring
+from tests.end_to_end.programs import until
+from tests.end_to_end.workbench import REST, Workbench
+from traverse.daemon.mqtt.second_daemon import CODE
+
+pytestmark = pytest.mark.needs("mosquitto")
+
+
+async def test_two_daemons_of_one_arm_are_reported(
+    resting: Workbench, tmp_path: Path
+) -> None:
+    folder = tmp_path / "other"
+    folder.mkdir()
+    other = Workbench(folder, resting.host, resting.port, resting.arm)
+    other.write_simulator(REST)
+    other.write_daemon()
+    async with measuring(resting) as (listener, _, first):
+        with other.simulator() as simulator:
+            await simulator.says("ready base")
+            with other.daemon() as second:
+                await until(
+                    lambda: CODE in first.log and CODE in second.log, "both report it"
+                )
+                event = await listener.event(CODE, active=True)
+                assert f"reports as arm {resting.arm}" in event.text
+                assert "end one of the two" in event.remedy
+                assert await second.stop() == 0
+            assert await simulator.stop() == 0
+
+
+async def test_a_daemon_that_is_started_again_is_not_another_one(
+    resting: Workbench,
+) -> None:
+    async with measuring(resting) as (_, _, daemon):
+        daemon.process.kill()
+        await daemon.ended()
+        with resting.daemon() as again:
+            await until(
+                lambda: "broker" in again.log or "arm" in again.log, "its start"
+            )
+            assert await again.stop() == 0
+            assert CODE not in again.log
