@@ -81,15 +81,15 @@ def probability_of_log(log10_p: float) -> str:
 
 
 def odds(log_factor: float) -> str:
-    """Write a Bayes factor as odds of one to something.
+    """Write a Bayes factor as odds: `40 to 1`.
 
     Args:
         log_factor: Natural logarithm, of the better against the worse.
     """
     decades = log_factor / np.log(10.0)
     if decades < 4.0:
-        return f"1:{np.exp(max(log_factor, 0.0)):.0f}"
-    return f"1:10^{decades:.0f}"
+        return f"{np.exp(max(log_factor, 0.0)):.0f} to 1"
+    return f"10^{decades:.0f} to 1"
 
 
 def _digits(std: float) -> int:

@@ -95,7 +95,7 @@ def test_a_table_is_aligned_and_everything_written(files, tmp_path):
     assert len(values["points"]) == 5
     page = (out / "alignment.html").read_text()
     assert page.count("data:image/png") == 2
-    assert "What it is worth" in page
+    assert "Quality" in page
     again = align(points, "--nominal", nominal, "--std", 0.01, "--json").stdout
     assert json.loads(again)["alignment"] == values["alignment"]
 

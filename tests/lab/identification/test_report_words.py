@@ -46,7 +46,7 @@ def scaleless() -> Identification:
         (2.5, GlobalTest(1e-9, False, False), "2.5 times as large"),
         (2.5, GlobalTest(1e-9, False, False), "p = below 0.0001"),
         (1.1, GlobalTest(0.03, False, False), "By chance 3 % of campaigns"),
-        (0.4, GlobalTest(1e-9, False, False), "smaller than the given noise"),
+        (0.4, GlobalTest(1e-9, False, False), "smaller than the stated noise"),
         (1.0, GlobalTest(0.98, True, True), "tests nothing"),
     ],
 )

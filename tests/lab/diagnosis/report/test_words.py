@@ -121,9 +121,9 @@ def test_the_size_of_a_curve_is_its_range():
 
 
 def test_odds_and_probabilities_never_underflow():
-    assert odds(0.0) == "1:1"
-    assert odds(3.689) == "1:40"
-    assert odds(2000.0) == "1:10^869"
+    assert odds(0.0) == "1 to 1"
+    assert odds(3.689) == "40 to 1"
+    assert odds(2000.0) == "10^869 to 1"
     assert probability_of_log(-2.0) == "0.01"
     assert probability_of_log(-1234.5) == "10^-1234"
 
@@ -153,7 +153,7 @@ def test_rivals_and_aliases_are_told_apart():
     )
     excluded, alias = WORDS.lines("rivals", replace(term, alternatives=rivals))
     assert excluded == (
-        "Cannot be excluded: radial runout twice a turn, joint J3 (evidence 1:40)."
+        "Cannot be excluded: radial runout twice a turn, joint J3 (odds 40 to 1 against it)."
     )
     assert "structural alias): encoder scale, joint J3." in alias
 
