@@ -176,10 +176,7 @@ class _Progress:
 
 def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -> None:
     """Compare two arms at the probe, within a campaign's ranges if there is one."""
-    from traverse.cli.identify.comparison import (  # noqa: PLC0415
-        comparison_lines,
-        comparison_values,
-    )
+    from traverse.cli.identify.comparison import comparison_values  # noqa: PLC0415
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
     from traverse.lab.identification.results.arm_comparison import (  # noqa: PLC0415
         ComparisonError,
@@ -197,9 +194,12 @@ def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -
     except ComparisonError as error:
         refuse("identify", str(error))
     values = comparison_values(files, arms, found)
-    typer.echo(
-        json.dumps(values, indent=1) if as_json else "\n".join(comparison_lines(values))
-    )
+    if as_json:
+        typer.echo(json.dumps(values, indent=1))
+        return
+    from traverse.lab.identification.report.page import comparison_lines  # noqa: PLC0415
+
+    typer.echo("\n".join(comparison_lines(values)))
 
 
 def _campaign(folder: Path, arm: "Arm") -> "Campaign":

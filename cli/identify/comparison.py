@@ -1,4 +1,4 @@
-"""Results of `traverse identify --compare`: plain values, and lines of them."""
+"""What `traverse identify --compare` says, as plain values."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -31,39 +31,6 @@ def comparison_values(
             for zone in found.zones
         },
     }
-
-
-def comparison_lines(values: dict[str, Any]) -> list[str]:
-    """Describe in words how two arms differ."""
-    lines = []
-    for letter, one in zip("AB", values["arms"], strict=True):
-        quality = (
-            "design, not identified"
-            if one["sigma0"] is None
-            else f"identified {one['date']}, sigma0 {one['sigma0']:.3g}, redundancy "
-            f"{one['redundancy']}"
-        )
-        lines.append(f"{letter}: {one['file']}: {one['name']}, {quality}")
-    angles = ", ".join(
-        f"{name} {angle:.4f}" for name, angle in values["largest_at_rad"].items()
-    )
-    x, y, z = values["largest_at_mm"]
-    lines += [
-        f"at the probe, over {values['n_postures']} postures, the arms' own placing "
-        f"taken out ({values['taken_out']['rms_mm']:.4f} mm rms with it):",
-        f"rms {values['rms_mm']:.4f} mm, median {values['median_mm']:.4f} mm, largest "
-        f"{values['largest_mm']:.4f} mm",
-        f"largest at x {x:.1f}, y {y:.1f}, z {z:.1f} mm: {angles} rad",
-    ]
-    lines += [
-        f"{name}: rms {zone['rms_mm']:.4f} mm, largest {zone['largest_mm']:.4f} mm "
-        f"({zone['n_postures']} postures)"
-        for name, zone in values["zones"].items()
-        if zone["n_postures"]
-    ]
-    if any(one["effects"] for one in values["arms"]):
-        lines.append("effects in the arm files were not compared, geometry only")
-    return lines
 
 
 def _provenance(file: Path, arm: "Arm") -> dict[str, Any]:

@@ -14,8 +14,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from traverse.arrays import Floats, Integers
+from traverse.lab.report.binning import Bins
 
 Paint = Callable[[Figure], None]
+# Colour, mark, and label of the legend.
+Look = tuple[str, str, str | None]
 
 BLUE, ORANGE, VERMILION, GREY = "#0072B2", "#E69F00", "#D55E00", "#707070"
 # Nobody sees more dots than that, and the page stays small.
@@ -93,6 +96,21 @@ def symmetric_limit(values: Floats, part: float = 0.999) -> float:
         return 1.0
     limit = 1.15 * float(np.quantile(finite, part))
     return limit if limit > 0.0 else 1.0
+
+
+def draw_means(axes: Axes, bins: Bins, look: Look, factor: float = 1.0) -> None:
+    """Draw means over parts of a range, with two standard errors."""
+    colour, mark, label = look
+    axes.errorbar(
+        bins.centres,
+        factor * bins.means,
+        yerr=2.0 * factor * bins.errors,
+        color=colour,
+        fmt=mark,
+        markersize=2.8,
+        linewidth=0.9,
+        label=label,
+    )
 
 
 def zero_line(axes: Axes) -> None:

@@ -4,6 +4,7 @@ import json
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,7 @@ import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.diagnosis.model.candidate import Candidate
-from traverse.lab.diagnosis.model.outlier_clusters import Cluster
-from traverse.lab.diagnosis.model.result import (
-    Detectable,
-    Diagnosis,
-    Estimate,
-    Step,
-    Term,
-)
+from traverse.lab.diagnosis.model.result import Detectable, Diagnosis, Term
 from traverse.lab.diagnosis.report import plots_of, report_page
 from traverse.lab.diagnosis.report.adapted_arm import (
     arm_with_provenance,
@@ -75,9 +69,9 @@ def write_diagnosis(
 def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
     """Put a diagnosis into the plain values of `diagnosis.json`."""
     lines = sorted(diagnosis.campaign.poses.lines[diagnosis.excluded].tolist())
-    noise = diagnosis.noise
+    noise, ids = diagnosis.noise, [one.id for one in diagnosis.campaign.artefacts]
     unwritten = terms_without_epoch(diagnosis)
-    return {
+    values = {
         "schema": SCHEMA,
         "verdict": diagnosis.verdict,
         "terms": [
@@ -85,51 +79,56 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
             for term in diagnosis.terms
         ],
         "sigma0": {
-            "before": _number(diagnosis.before.sigma0),
-            "after": _number(diagnosis.after.sigma0),
+            "before": diagnosis.before.sigma0,
+            "after": diagnosis.after.sigma0,
         },
         "gap": _gap(diagnosis),
         "excluded": [{"line": line} for line in lines],
         "detectable": detectable_json(diagnosis.detectable),
-        "ledger": [_step(step) for step in diagnosis.ledger],
+        "ledger": [
+            {
+                "effect": step.effect,
+                "held_out_rms_mm": step.held_out.rms_mm,
+                "held_out_chi2": step.held_out.chi2,
+                "sigma0": step.sigma0,
+            }
+            for step in diagnosis.ledger
+        ],
         "vetoed": diagnosis.vetoed,
         "leftovers": [
             {
                 "bank": left.bank.name.lower(),
                 **_identity(left.candidate),
-                "log10_p": _number(left.log10_p),
-                "threshold_log10_p": _number(left.threshold_log10_p),
+                "log10_p": left.log10_p,
+                "threshold_log10_p": left.threshold_log10_p,
             }
             for left in diagnosis.leftovers
         ],
         "noise": {
-            "encoder_rad": list(noise.encoder_rad),
-            "contact_mm": {
-                artefact.id: std
-                for artefact, std in zip(
-                    diagnosis.campaign.artefacts, noise.contact_mm, strict=True
-                )
-            },
-            "serial_share": noise.serial_share,
-            "serial_phi": noise.serial_phi,
+            **asdict(noise),
+            "contact_mm": dict(zip(ids, noise.contact_mm, strict=True)),
         },
         "seed": diagnosis.seed,
     }
+    plain: dict[str, Any] = _plain(values)
+    return plain
 
 
 def detectable_json(detectable: Sequence[Detectable]) -> list[dict[str, Any]]:
     """Put minimal detectable sizes into plain values."""
-    return [
+    values = [
         {
             **_identity(entry.candidate),
             "key": entry.key,
             "minimum": _size(entry.minimum, entry.unit),
             "best": _size(entry.best, entry.unit),
-            "probe_mm": _number(entry.probe_mm),
+            "probe_mm": entry.probe_mm,
             "why": entry.why or None,
         }
         for entry in detectable
     ]
+    plain: list[dict[str, Any]] = _plain(values)
+    return plain
 
 
 def pose_parts(diagnosis: Diagnosis) -> tuple[str, ...]:
@@ -153,19 +152,19 @@ def _identity(candidate: Candidate) -> dict[str, Any]:
 
 
 def _term(term: Term, *, written: bool) -> dict[str, Any]:
-    return {
+    values = {
         "status": term.status,
         **_identity(term.candidate),
         **({} if term.harmonic is None else {"harmonic": term.harmonic}),
-        "parameters": {key: _estimate(e) for key, e in term.estimates.items()},
-        "log_bayes_factor": _number(term.log_bayes_factor),
+        "parameters": {key: asdict(e) for key, e in term.estimates.items()},
+        "log_bayes_factor": term.log_bayes_factor,
         "p_value": 0.0 if term.log10_p < _LEAST_LOG10_P else 10.0**term.log10_p,
-        "log10_p": _number(term.log10_p),
+        "log10_p": term.log10_p,
         "alternatives": [
             {
                 **_identity(one.candidate),
-                "log_bayes_factor": _number(one.log_bayes_factor),
-                "correlation": _number(one.correlation),
+                "log_bayes_factor": one.log_bayes_factor,
+                "correlation": one.correlation,
                 "alias": one.alias,
             }
             for one in term.alternatives
@@ -173,64 +172,43 @@ def _term(term: Term, *, written: bool) -> dict[str, Any]:
         "separate_by": term.separate_by,
         "accepted": term.accepted,
         "in_arm_file": written,
-        **({} if term.cluster is None else {"poses": _cluster(term.cluster)}),
     }
-
-
-def _cluster(place: Cluster) -> dict[str, Any]:
-    return {
-        "low": _number(place.low),
-        "high": _number(place.high),
-        "excluded": place.n_excluded,
-        "all": place.n_poses,
-    }
-
-
-def _estimate(estimate: Estimate) -> dict[str, Any]:
-    def plain(value: float | tuple[float, ...]) -> float | list[float | None] | None:
-        if isinstance(value, tuple):
-            return [_number(one) for one in value]
-        return _number(value)
-
-    return {
-        "value": plain(estimate.value),
-        "std": plain(estimate.std),
-        "unit": estimate.unit,
-    }
+    if term.cluster is not None:
+        values["poses"] = {
+            "low": term.cluster.low,
+            "high": term.cluster.high,
+            "excluded": term.cluster.n_excluded,
+            "all": term.cluster.n_poses,
+        }
+    return values
 
 
 def _gap(diagnosis: Diagnosis) -> dict[str, Any]:
     first, last = diagnosis.ledger[0].held_out, diagnosis.ledger[-1].held_out
     found: dict[str, Any] = {
-        "held_out_rms_mm": {
-            "before": _number(first.rms_mm),
-            "after": _number(last.rms_mm),
-        },
-        "held_out_chi2": {"before": _number(first.chi2), "after": _number(last.chi2)},
-        "closed": None if diagnosis.closed is None else _number(diagnosis.closed),
+        "held_out_rms_mm": {"before": first.rms_mm, "after": last.rms_mm},
+        "held_out_chi2": {"before": first.chi2, "after": last.chi2},
+        "closed": diagnosis.closed,
         "n": last.n,
     }
     if first.mean_distance_mm is not None and last.mean_distance_mm is not None:
         found["held_out_mean_distance_mm"] = {
-            "before": _number(first.mean_distance_mm),
-            "after": _number(last.mean_distance_mm),
+            "before": first.mean_distance_mm,
+            "after": last.mean_distance_mm,
         }
     return found
 
 
-def _step(step: Step) -> dict[str, Any]:
-    return {
-        "effect": step.effect,
-        "held_out_rms_mm": _number(step.held_out.rms_mm),
-        "held_out_chi2": _number(step.held_out.chi2),
-        "sigma0": _number(step.sigma0),
-    }
-
-
 def _size(value: float | None, unit: str) -> dict[str, Any] | None:
-    return None if value is None else {"value": _number(value), "unit": unit}
+    return None if value is None else {"value": value, "unit": unit}
 
 
-def _number(value: float) -> float | None:
-    """JSON has no infinity and no NaN."""
-    return float(value) if math.isfinite(value) else None
+def _plain(value: Any) -> Any:  # noqa: ANN401 - as of json
+    """Put None in place of infinity and NaN, which JSON has not."""
+    if isinstance(value, dict):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return value

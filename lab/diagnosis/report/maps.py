@@ -8,13 +8,14 @@ from matplotlib.figure import Figure
 
 from traverse.arrays import Booleans, Floats
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.diagnosis.report.binning import binned
 from traverse.lab.diagnosis.report.discrepancies import Discrepancies
+from traverse.lab.report.binning import Bins, binned
 from traverse.lab.report.figures import (
     BLUE,
     GREY,
     VERMILION,
     dot_size,
+    draw_means,
     picture,
     symmetric_limit,
     thinned,
@@ -139,16 +140,7 @@ def _paint_joints(
         largest = max(symmetric_limit(bins.means, 1.0) for bins in found)
         factor, unit = shown_unit(largest, "rad")
         for bins, look in zip(found, (_BEFORE, _AFTER), strict=True):
-            axes.errorbar(
-                bins.centres,
-                factor * bins.means,
-                yerr=2.0 * factor * bins.errors,
-                color=look[0],
-                fmt=look[1],
-                markersize=2.6,
-                linewidth=0.8,
-                label=look[2],
-            )
+            draw_means(axes, bins, look, factor)
         axes.set_ylabel(f"{names[joint]} [{unit}]")
         axes.set_xlabel(f"reading of {names[joint]} [degrees]")
         if joint == 0:
@@ -167,16 +159,9 @@ def _paint_conditions(
         for size, look in zip(sizes, (_BEFORE, _AFTER), strict=True):
             bins = binned(values[shown], size[shown] ** 2)
             rms = np.sqrt(bins.means)
-            axes.errorbar(
-                bins.centres,
-                rms,
-                yerr=bins.errors / np.where(rms > 0.0, rms, 1.0),
-                color=look[0],
-                fmt=look[1],
-                markersize=2.6,
-                linewidth=0.8,
-                label=look[2],
-            )
+            # d sqrt(x) = dx / (2 sqrt(x))
+            errors = 0.5 * bins.errors / np.where(rms > 0.0, rms, 1.0)
+            draw_means(axes, Bins(bins.centres, rms, errors), look)
         axes.set_ylim(0.0, None)
         axes.set_xlabel(label)
         if number % _PER_LINE == 0:

@@ -6,15 +6,16 @@ from matplotlib.figure import Figure
 
 from traverse.arrays import Booleans, Floats
 from traverse.lab.diagnosis.model.result import Diagnosis
-from traverse.lab.diagnosis.report.binning import Bins, binned
-from traverse.lab.diagnosis.report.names import candidate_label, step_names
+from traverse.lab.diagnosis.report.names import step_names
 from traverse.lab.diagnosis.report.term_curve import TermCurve
+from traverse.lab.report.binning import binned
 from traverse.lab.report.figures import (
     BLUE,
     GREY,
     ORANGE,
     VERMILION,
     dot_size,
+    draw_means,
     picture,
     symmetric_limit,
     thinned,
@@ -115,7 +116,7 @@ def _paint_term(figure: Figure, curve: TermCurve, shown: Booleans) -> None:
     ):
         _scattered(left, x[dots], factor * values[dots], colour)
         means = binned(x[seen], factor * values[seen], curve.stds[seen])
-        _means(left, means, (colour, mark, label))
+        draw_means(left, means, (colour, mark, label))
     left.set_title("what is left over")
     left.legend(loc="best")
     _scattered(right, x[dots], factor * with_term[dots], GREY)
@@ -138,7 +139,7 @@ def _paint_term(figure: Figure, curve: TermCurve, shown: Booleans) -> None:
         )
     look = (VERMILION, "s", "data, all else modelled")
     means = binned(x[seen], factor * with_term[seen], curve.stds[seen])
-    _means(right, means, look)
+    draw_means(right, means, look)
     right.set_title("the term ± 2 sigma, and what the data say")
     right.legend(loc="best")
 
@@ -154,24 +155,3 @@ def _scattered(axes: Axes, x: Floats, y: Floats, colour: str) -> None:
         alpha=0.25,
         linewidths=0.0,
     )
-
-
-def _means(axes: Axes, found: Bins, look: tuple[str, str, str]) -> None:
-    """Draw means over parts of the range, with two standard errors."""
-    colour, mark, label = look
-    axes.errorbar(
-        found.centres,
-        found.means,
-        yerr=2.0 * found.errors,
-        color=colour,
-        fmt=mark,
-        markersize=3.2,
-        linewidth=1.0,
-        label=label,
-    )
-
-
-def term_caption(diagnosis: Diagnosis, number: int) -> str:
-    """Describe the picture of a term for who cannot see it."""
-    term = diagnosis.terms[number]
-    return f"{candidate_label(term.candidate)}: the data and the term"

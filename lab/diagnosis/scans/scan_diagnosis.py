@@ -31,6 +31,7 @@ from traverse.lab.diagnosis.model.result import (
     Verdict,
 )
 from traverse.lab.diagnosis.model.terms import estimates_of
+from traverse.lab.diagnosis.report.page import WORDS
 from traverse.lab.diagnosis.scans.decimation import Decimation, thinned
 from traverse.lab.diagnosis.scans.harmonics import (
     HarmonicFinding,
@@ -206,25 +207,10 @@ _N_TOLD = 10
 
 def stream_lines(result: StreamDiagnosis) -> list[str]:
     """Tell of the stream in lines for people."""
-    thinning = result.thinning
-    kept = len(thinning.poses)
-    lasting = [one for one in thinning.lasting_s if math.isfinite(one)]
-    lines = [
-        f"{thinning.n_samples} samples at {thinning.rate_hz:.4g} Hz, noise lasts "
-        f"{1e3 * max(lasting):.3g} ms at most: {kept} of them are tested as poses"
-    ]
-    if thinning.is_capped:
-        lines.append(
-            "More samples than that are independent; the rest only counts "
-            "for the harmonics."
-        )
-    if result.harmonics:
-        one = result.harmonics[0]
-        lines.append(
-            f"Largest harmonic that is left in all samples: {one.candidate.name}, "
-            f"{1e6 * _size(one):.2g} ± {1e6 * one.std_rad:.2g} µrad."
-        )
-    return lines
+    lasting_s = [one for one in result.thinning.lasting_s if math.isfinite(one)]
+    largest = result.harmonics[0] if result.harmonics else None
+    size_rad = math.hypot(*largest.amplitudes_rad) if largest else None
+    return WORDS.lines("stream", result.thinning, max(lasting_s), largest, size_rad)
 
 
 def stream_json(result: StreamDiagnosis) -> dict[str, Any]:
@@ -259,8 +245,3 @@ def stream_json(result: StreamDiagnosis) -> dict[str, Any]:
             for one in result.harmonics[:_N_TOLD]
         ],
     }
-
-
-def _size(one: HarmonicFinding) -> float:
-    cos_rad, sin_rad = one.amplitudes_rad
-    return math.hypot(cos_rad, sin_rad)

@@ -69,6 +69,15 @@ def summary_lines(result: Identification, found: UncertaintyMap) -> list[str]:
     return WORDS.lines("summary", result, found, effects_mm)
 
 
+def comparison_lines(values: Mapping[str, Any]) -> list[str]:
+    """Say in lines how two arms differ.
+
+    Args:
+        values: As in the JSON of `traverse identify --compare`.
+    """
+    return WORDS.lines("comparison", values)
+
+
 def write_report(result: Identification, found: UncertaintyMap, path: Path) -> None:
     """Write the page in place of an old one, whole or not at all."""
     write_atomically(path, report_page(result, found))

@@ -6,12 +6,14 @@ from matplotlib.figure import Figure
 
 from traverse.arrays import Floats
 from traverse.lab.identification.results.result import Identification
+from traverse.lab.report.binning import binned
 from traverse.lab.report.figures import (
     BLUE,
     GREY,
     ORANGE,
     VERMILION,
     dot_size,
+    draw_means,
     picture,
     symmetric_limit,
     thinned,
@@ -21,9 +23,6 @@ from traverse.lab.report.quantities import shown_unit
 from traverse.lab.statistics.distributions import equivalent_normal, normal_quantile
 
 _SEED = 2
-_BINS = 24
-# A bin's mean needs this many poses.
-_LEAST_IN_A_BIN = 4
 # With fewer poses means over parts of the range say nothing.
 _LEAST_FOR_MEANS = 40
 _SHOWN_W = 4.0
@@ -129,38 +128,14 @@ def _paint_joints(figure: Figure, result: Identification) -> None:
             alpha=0.4,
             linewidths=0.0,
         )
-        _binned(axes, angles_deg[everyone, k], values[everyone])
+        if np.count_nonzero(np.isfinite(values[everyone])) >= _LEAST_FOR_MEANS:
+            bins = binned(angles_deg[everyone, k], values[everyone])
+            draw_means(axes, bins, (VERMILION, "o", None))
         axes.set_ylim(-factor * limit_rad, factor * limit_rad)
         axes.set_ylabel(f"{name} [{unit}]")
         axes.set_xlabel(f"reading of {name} [degrees]")
     if len(names) % 2:
         grid[-1][1].set_visible(False)
-
-
-def _binned(axes: Axes, angles_deg: Floats, values: Floats) -> None:
-    """Draw means over parts of the range, with two standard errors."""
-    good = np.isfinite(values)
-    angles_deg, values = angles_deg[good], values[good]
-    if len(values) < _LEAST_FOR_MEANS:
-        return
-    n_bins = min(_BINS, len(values) // (2 * _LEAST_IN_A_BIN))
-    edges = np.linspace(angles_deg.min(), angles_deg.max(), n_bins + 1)
-    bins = np.clip(np.searchsorted(edges, angles_deg, side="right") - 1, 0, n_bins - 1)
-    counts = np.bincount(bins, minlength=n_bins)
-    some = counts >= _LEAST_IN_A_BIN
-    safe = np.maximum(counts, 1)
-    means = np.bincount(bins, values, n_bins) / safe
-    squares = np.bincount(bins, (values - means[bins]) ** 2, n_bins)
-    errors = np.sqrt(squares / np.maximum(counts - 1, 1) / safe)
-    axes.errorbar(
-        (0.5 * (edges[1:] + edges[:-1]))[some],
-        means[some],
-        yerr=2.0 * errors[some],
-        color=VERMILION,
-        fmt="o",
-        markersize=2.8,
-        linewidth=1.0,
-    )
 
 
 def _paint_normal(figure: Figure, result: Identification) -> None:

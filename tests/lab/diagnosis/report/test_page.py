@@ -13,8 +13,8 @@ from tests.lab.identification.test_report_page import Page
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.model.result import Estimate
 from traverse.lab.diagnosis.report import plots_of, report_page
-from traverse.lab.diagnosis.report.binning import binned
 from traverse.lab.diagnosis.report.term_curve import term_curve
+from traverse.lab.report.binning import binned
 
 SECTIONS = [
     "verdict",

@@ -153,7 +153,8 @@ def test_rivals_and_aliases_are_told_apart():
     )
     excluded, alias = WORDS.lines("rivals", replace(term, alternatives=rivals))
     assert excluded == (
-        "Cannot be excluded: radial runout twice a turn, joint J3 (odds 40 to 1 against it)."
+        "Cannot be excluded: radial runout twice a turn, joint J3 "
+        "(odds 40 to 1 against it)."
     )
     assert "structural alias): encoder scale, joint J3." in alias
 

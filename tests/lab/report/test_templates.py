@@ -1,0 +1,75 @@
+"""Templates of reports: sentences, pages that escape, values that are missing."""
+
+from pathlib import Path
+
+import pytest
+from jinja2 import UndefinedError
+
+from traverse.lab.report import templates
+from traverse.lab.report.quantities import counted, often, shown_unit
+
+WORDS = """\
+{% macro two(name) %}
+One is
+{{ name }},{# no space before the comma #}
+{% if name %} and more{% endif %}.
+
+  Two is indented
+and goes on.
+{% endmacro %}
+"""
+PAGE = """\
+{% extends "report/frame.jinja" %}
+{% import "report/macros.jinja" as ui %}
+{% block title %}{{ name }}{% endblock %}
+{% block body %}
+{{ ui.paragraphs(words.lines("two", name)) }}
+{{ ui.table([name], [[name]]) }}
+{{ ui.figure(png, name) }}
+{% endblock %}
+"""
+HOSTILE = '<i>"A" & co</i>'
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of templates in place of the lab's, with the lab's frame."""
+    shared = Path(templates.__file__).parent
+    (tmp_path / "report").symlink_to(shared)
+    (tmp_path / "words.jinja").write_text(WORDS)
+    (tmp_path / "page.jinja").write_text(PAGE)
+    monkeypatch.setattr(templates, "_LAB", tmp_path)
+    return tmp_path
+
+
+def test_a_blank_line_ends_a_sentence_and_the_first_line_says_how_far_it_is_indented(
+    folder: Path,
+) -> None:
+    words = templates.Words("words.jinja")
+    assert words.lines("two", "a & b") == [
+        "One is a & b, and more.",
+        "  Two is indented and goes on.",
+    ]
+
+
+def test_a_page_escapes_values_and_the_sentences_made_of_them(folder: Path) -> None:
+    words = templates.Words("words.jinja")
+    text = templates.page("page.jinja", {}, words=words, name=HOSTILE, png=b"\x89")
+    assert "<i>" not in text
+    assert "&#34;A&#34; &amp; co" in text
+    # Title, heading, sentence, head of the table, its cell, description of the picture.
+    assert text.count("&lt;i&gt;") == 6
+
+
+def test_a_value_that_is_missing_is_refused(folder: Path) -> None:
+    words = templates.Words("words.jinja")
+    with pytest.raises(UndefinedError, match="name"):
+        templates.page("page.jinja", {}, words=words, png=b"")
+
+
+def test_numbers_of_things_and_prefixes() -> None:
+    assert [counted(n, "pose") for n in (0, 1, 2)] == ["0 poses", "1 pose", "2 poses"]
+    assert [often(n) for n in (1, 2, 3)] == ["once", "twice", "3 times"]
+    assert shown_unit(0.02, "mm/C") == (1e3, "µm/°C")
+    assert shown_unit(0.0, "rad") == (1.0, "rad")
+    assert shown_unit(1e-15, "mm") == (1e9, "pm")
