@@ -10,7 +10,7 @@ blocks, live, health.
 import asyncio
 import contextlib
 from collections import Counter, deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from traverse.protocol.encoding import Encoding
@@ -21,6 +21,18 @@ MAX_EVENTS = 200
 MAX_RESENT = 200
 MAX_SPOOLED = 100
 MAX_SCAN_BLOCKS = 400
+# In the order of sending; of a kind without a limit only the latest is kept.
+LIMITS: Mapping[str, int | None] = {
+    "status": None,
+    "reply": MAX_REPLIES,
+    "point": MAX_POINTS,
+    "event": MAX_EVENTS,
+    "resend": MAX_RESENT,
+    "spooled": MAX_SPOOLED,
+    "scan": MAX_SCAN_BLOCKS,
+    "live": None,
+    "health": None,
+}
 ON_DISK = frozenset({"point", "spooled"})  # what finds no room is there
 
 
@@ -59,31 +71,10 @@ class OutgoingQueue:
     def __init__(
         self, max_points: int = MAX_POINTS, max_scan_blocks: int = MAX_SCAN_BLOCKS
     ) -> None:
-        self._limits = {
-            "reply": MAX_REPLIES,
-            "point": max_points,
-            "event": MAX_EVENTS,
-            "resend": MAX_RESENT,
-            "spooled": MAX_SPOOLED,
-            "scan": max_scan_blocks,
-        }
-        # In the order of sending; a kind without a limit keeps its latest only.
-        kinds = (
-            "status",
-            "reply",
-            "point",
-            "event",
-            "resend",
-            "spooled",
-            "scan",
-            "live",
-            "health",
-        )
-        self._waiting: dict[str, deque[OutgoingMessage]] = {
-            kind: deque() for kind in kinds
-        }
+        self._limits = {**LIMITS, "point": max_points, "scan": max_scan_blocks}
+        self._waiting: dict[str, deque[OutgoingMessage]] = {k: deque() for k in LIMITS}
         self._on_the_way: dict[str, deque[OutgoingMessage]] = {
-            k: deque() for k in kinds
+            k: deque() for k in LIMITS
         }
         self._emptied = asyncio.Event()
         self.dropped: Counter[str] = Counter()
@@ -93,7 +84,7 @@ class OutgoingQueue:
     @property
     def limit(self) -> int:
         """How many messages may wait, of all kinds that are not thinned."""
-        return sum(self._limits.values())
+        return sum(limit or 0 for limit in self._limits.values())
 
     @property
     def n_waiting(self) -> int:
@@ -107,7 +98,7 @@ class OutgoingQueue:
     def offer(self, kind: str, message: OutgoingMessage) -> bool:
         """Queue a message; False where there was no room and it was dropped."""
         queue = self._waiting[kind]
-        limit = self._limits.get(kind)
+        limit = self._limits[kind]
         if limit is None:
             if queue and kind == "live":
                 self.dropped[kind] += 1  # thinned: a newer pose replaces it
@@ -153,7 +144,7 @@ class OutgoingQueue:
     def take_back(self) -> None:
         """The connection broke: what was on its way is to be sent again, in order."""
         for kind, gone in self._on_the_way.items():
-            if kind in self._limits or not self._waiting[kind]:
+            if self._limits[kind] is not None or not self._waiting[kind]:
                 self._waiting[kind].extendleft(reversed(gone))
             gone.clear()
 

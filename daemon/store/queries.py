@@ -164,10 +164,8 @@ def stored_scan_range(
 ) -> StoredScanRange:
     """What there is of a scan, and of the range of its points, ends included."""
     execute = connection.execute
-    first, last = execute(
-        "SELECT min(seq), max(seq) FROM messages WHERE session = ?", (scan,)
-    ).fetchone()
-    if first is None:
+    held = stored_range(connection, scan, from_seq, to_seq)
+    if held.first_seq is None or held.last_seq is None:
         return StoredScanRange()
     ((session,),) = execute("SELECT note FROM sessions WHERE session = ?", (scan,))
     # The block before may reach into the range: only it has its length.
@@ -175,28 +173,21 @@ def stored_scan_range(
     ((before,),) = execute(
         "SELECT max(seq) FROM messages WHERE session = ? AND seq <= ?", (scan, from_seq)
     )
-    if before is not None and _end_of(connection, scan, before) > from_seq:
-        from_block = before
-    ((blocks,),) = execute(
-        "SELECT count(*) FROM messages WHERE session = ? AND seq BETWEEN ? AND ?",
-        (scan, from_block, to_seq),
-    )
-    block = _block(connection, scan, last)
-    end = last + len(block.dtime_ns)
+    if before is not None:  # one without points has a number all the same
+        n_points = len(_block(connection, scan, before).dtime_ns)
+        if before + max(1, n_points) > from_seq:
+            from_block = before
+    last = _block(connection, scan, held.last_seq)
+    end = last.seq + len(last.dtime_ns)
     return StoredScanRange(
         session,
         from_block,
-        blocks,
-        first,
-        end - 1 if end > first else None,
-        last,
-        block.total,
+        stored_range(connection, scan, from_block, to_seq).points,
+        held.first_seq,
+        end - 1 if end > held.first_seq else None,
+        last.seq,
+        last.total,
     )
-
-
-def _end_of(connection: sqlite3.Connection, scan: str, seq: int) -> int:
-    """The number after the last point of a block; after itself where it has none."""
-    return seq + max(1, len(_block(connection, scan, seq).dtime_ns))
 
 
 def _block(connection: sqlite3.Connection, scan: str, seq: int) -> Scan:

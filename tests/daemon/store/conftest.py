@@ -1,7 +1,8 @@
-"""A database of an outbox, as several files of tests want it."""
+"""A database of an outbox, and an outbox on the loop."""
 
 import pytest
 
+from tests.daemon.store.outbox_harness import OutboxOnLoop
 from traverse.daemon.store.database import MessageDatabase
 
 
@@ -15,3 +16,10 @@ def store(path):
     opened = MessageDatabase(path)
     yield opened
     opened.close()
+
+
+@pytest.fixture
+async def bench(tmp_path):
+    bench = OutboxOnLoop(tmp_path)
+    async with bench.outbox.running():
+        yield bench

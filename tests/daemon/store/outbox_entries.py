@@ -38,6 +38,24 @@ def rows(path):
         connection.close()
 
 
+TABLES = ("messages", "room")
+
+
+def fill_disk(path, *tables):
+    """Refuse rows of these tables, or of all, until `make_room`."""
+    for table in tables or TABLES:
+        execute(
+            path,
+            f"CREATE TRIGGER {table}_full BEFORE INSERT ON {table} "
+            "BEGIN SELECT RAISE(FAIL, 'database or disk is full'); END",
+        )
+
+
+def make_room(path):
+    for table in TABLES:
+        execute(path, f"DROP TRIGGER IF EXISTS {table}_full")
+
+
 def execute(path, text, *values):
     connection = sqlite3.connect(path)
     try:

@@ -1,20 +1,11 @@
 """The outbox on the event loop, with its thread and a real database."""
 
-import pytest
-
 from tests.daemon.store.outbox_entries import rows
 from tests.daemon.store.outbox_harness import OutboxOnLoop, numbers
 from tests.end_to_end.programs import until
 from tests.protocol.message_examples import POINT
 from traverse.daemon.mqtt.outgoing_queue import MAX_POINTS
 from traverse.daemon.store.forwarder import BATCH
-
-
-@pytest.fixture
-async def bench(tmp_path):
-    bench = OutboxOnLoop(tmp_path)
-    async with bench.outbox.running():
-        yield bench
 
 
 async def test_a_point_is_on_the_disk_before_anybody_hears_of_it(bench):

@@ -9,13 +9,6 @@ from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.store.forwarder import MAX_RANGES
 
 
-@pytest.fixture
-async def bench(tmp_path):
-    bench = OutboxOnLoop(tmp_path)
-    async with bench.outbox.running():
-        yield bench
-
-
 async def test_a_range_is_sent_again_with_the_same_bytes_behind_new_ones(bench):
     await bench.take_all(6)
     bench.send()

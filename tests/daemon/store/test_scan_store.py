@@ -3,17 +3,12 @@
 import contextlib
 import sqlite3
 
-from tests.daemon.store.outbox_entries import execute, rows
+from tests.daemon.store.outbox_entries import fill_disk, make_room, rows
 from tests.daemon.store.scan_store_harness import POINTS, Bench, block
 from tests.end_to_end.programs import until
 from traverse.daemon.config.schema import ScanSection
 from traverse.daemon.mqtt.outgoing_queue import MAX_SPOOLED
 from traverse.daemon.store.scan_store import MAX_WAITING
-
-FULL = (
-    "CREATE TRIGGER full BEFORE INSERT ON {0} "
-    "BEGIN SELECT RAISE(FAIL, 'database or disk is full'); END"
-)
 
 
 async def test_a_live_scan_touches_no_disk(tmp_path):
@@ -117,16 +112,14 @@ async def test_what_the_disk_refuses_is_sent_all_the_same(tmp_path):
     async with bench.spool.running():
         await bench.offer(0)
         assert bench.send() == [("scan", 0)]
-        execute(bench.path, FULL.format("messages"))
-        execute(bench.path, FULL.format("room").replace("full", "full_too", 1))
+        fill_disk(bench.path)
         await bench.offer(1, 2)
         await until(bench.codes, "an event")
         await bench.offer(3)
         assert bench.send() == [("scan", 1), ("scan", 2), ("scan", 3)]
         assert bench.spool.health().state == "failed"
         assert bench.codes() == [("scan.spool_failed", True)]
-        execute(bench.path, "DROP TRIGGER full")
-        execute(bench.path, "DROP TRIGGER full_too")
+        make_room(bench.path)
         await until(lambda: len(bench.codes()) == 2, "it is over")
         await bench.offer(4)
         assert await bench.send_all(1) == [("scan", 4)]
@@ -138,8 +131,7 @@ async def test_what_neither_disk_nor_queue_takes_is_taken_back(tmp_path):
     bench = Bench(tmp_path)
     async with bench.spool.running():
         await bench.offer(*range(MAX_SPOOLED))
-        execute(bench.path, FULL.format("messages"))
-        execute(bench.path, FULL.format("room").replace("full", "full_too", 1))
+        fill_disk(bench.path)
         await bench.offer(MAX_SPOOLED)
         assert bench.taken_back == [("scan", POINTS)]
         assert bench.spool.counters["dropped"] == 1

@@ -7,28 +7,15 @@ import threading
 
 import pytest
 
-from tests.daemon.store.outbox_entries import execute, rows
+from tests.daemon.store.outbox_entries import execute, fill_disk, make_room, rows
 from tests.daemon.store.outbox_harness import OutboxOnLoop, numbers
 from tests.end_to_end.programs import until
 from traverse.daemon.store.records import StoreRefusedError
 
-FULL = (
-    "CREATE TRIGGER {0}_full BEFORE INSERT ON {0} "
-    "BEGIN SELECT RAISE(FAIL, 'database or disk is full'); END"
-)
-
-
-@pytest.fixture
-async def bench(tmp_path):
-    bench = OutboxOnLoop(tmp_path)
-    async with bench.outbox.running():
-        yield bench
-
 
 async def test_a_commit_that_fails_gives_the_numbers_back(bench):
     await bench.take_all(2)
-    for table in ("messages", "room"):
-        execute(bench.path, FULL.format(table))
+    fill_disk(bench.path)
     keepings = await bench.take_all(3)
     assert all("database or disk is full" in k.trouble.text for k in keepings)
     assert bench.session.next_seq == 2
@@ -36,8 +23,7 @@ async def test_a_commit_that_fails_gives_the_numbers_back(bench):
     assert bench.codes(True) == ["outbox.failed"]
     assert (bench.statuses, bench.outbox.health().state) == ([False], "failed")
     assert [k.trouble is None for k in await bench.take_all(1)] == [False]
-    for table in ("messages", "room"):
-        execute(bench.path, f"DROP TRIGGER {table}_full")
+    make_room(bench.path)
     await until(lambda: bench.outbox.is_ready, "it goes on by itself")
     assert bench.codes(False) == ["outbox.failed"]
     (keeping,) = await bench.take_all(1)
@@ -48,11 +34,11 @@ async def test_a_commit_that_fails_gives_the_numbers_back(bench):
 async def test_points_behind_a_failed_one_fail_until_the_loop_has_heard(bench):
     """Numbers must not follow on numbers that nobody has."""
     await bench.take_all(1)
-    execute(bench.path, FULL.format("messages"))
+    fill_disk(bench.path, "messages")
     first, has_failed = bench.take(), threading.Event()
     bench.outbox._writer.query(lambda store: has_failed.set(), lambda _: None)
     assert has_failed.wait(20.0)  # and the loop stands: it has not heard of it
-    execute(bench.path, "DROP TRIGGER messages_full")
+    make_room(bench.path)
     second = bench.take()
     await until(lambda: second.is_settled, "both are settled")
     assert (first.point.seq, second.point.seq) == (1, 2)
