@@ -42,6 +42,10 @@ class Store:
         self._life = cursor.lastrowid
         self._database.commit()
 
+    def close(self) -> None:
+        """Close the file."""
+        self._database.close()
+
     def place(self) -> dict[str, int]:
         """Where to go on, the newest session last."""
         rows = self._database.execute("SELECT session, next_seq FROM place")
@@ -76,9 +80,16 @@ class Store:
 
 async def main(arm_name: str, broker: str, path: Path) -> None:
     """Follow the arm until told to end."""
-    store = Store(path)
     ended = asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ended.set)
+    with contextlib.closing(Store(path)) as store:
+        await follow(arm_name, broker, store, ended)
+
+
+async def follow(
+    arm_name: str, broker: str, store: Store, ended: asyncio.Event
+) -> None:
+    """Store what arrives until the end."""
     arm = Arm(arm_name, broker, since=store.place(), patience_s=3600.0)
     async with arm:
         reader = arm.points_and_losses()

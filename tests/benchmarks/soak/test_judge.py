@@ -41,8 +41,8 @@ class Run:
 
     def judge(self):
         shutil.copy(ARM, self.folder / "arm.toml")
-        store = Store(self.folder / "store.db")
-        store.put(self.received, self.figures)
+        with closing(Store(self.folder / "store.db")) as store:
+            store.put(self.received, self.figures)
         outbox = self.folder / "outbox.db"
         with closing(sqlite3.connect(outbox)) as database, database:
             database.execute("CREATE TABLE messages (number INTEGER, payload BLOB)")
