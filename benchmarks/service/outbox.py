@@ -61,7 +61,7 @@ class Rig:
         if keeping is None:
             raise RuntimeError("the outbox has no room")
         session.add(point)
-        keeping.roll_back = lambda: session.roll_back(point)
+        keeping.on_roll_back(lambda: session.roll_back(point))
         return keeping
 
     async def safe(self, keeping: PendingPoint) -> None:

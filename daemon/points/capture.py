@@ -225,7 +225,7 @@ class Capture:
         if write is None:
             raise CaptureRefusedError(*QUEUE_FULL)
         session.add(point)
-        write.roll_back = lambda: session.roll_back(point)
+        write.on_roll_back(lambda: session.roll_back(point))
 
         def on_settled() -> None:
             if write.trouble is None:

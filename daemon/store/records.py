@@ -166,13 +166,12 @@ class PendingWrite:
     Attributes:
         is_settled: it is on the disk, or it is not and never will be.
         trouble: why it is not.
-        roll_back: called if the write fails, before anybody is notified of that.
     """
 
     def __init__(self) -> None:
         self.is_settled = False
         self.trouble: StorageError | None = None
-        self.roll_back: Callable[[], object] = lambda: None
+        self._undo: list[Callable[[], object]] = []
         self._acts: list[Callable[[], object]] = []
 
     def settle(self, trouble: StorageError | None = None) -> None:
@@ -181,6 +180,15 @@ class PendingWrite:
         self.is_settled = True
         for act in self._acts:
             act()
+
+    def roll_back(self) -> None:
+        """Take back what depends on it, before anybody is notified that it failed."""
+        for act in self._undo:
+            act()
+
+    def on_roll_back(self, act: Callable[[], object]) -> None:
+        """Have something called if the write fails."""
+        self._undo.append(act)
 
     def on_settled(self, act: Callable[[], object]) -> None:
         """Have something called as soon as it is; at once if it is already."""

@@ -50,7 +50,7 @@ class OutboxOnLoop:
         keeping = self.outbox.put_point(point, session.begun_ns, session.note)
         if keeping is not None:
             session.add(point)
-            keeping.roll_back = lambda: session.roll_back(point)
+            keeping.on_roll_back(lambda: session.roll_back(point))
         return keeping
 
     async def resend(self, **args):
