@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm, read_arm
-from traverse.simulator.arm.encoder import EncoderSet
 from traverse.simulator.arm.inverse import Reach
-from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
+from traverse.simulator.arm.truth import Deviations, EncoderSet, TrueArm, true_arm
 from traverse.simulator.config import SimulatorConfig
-from traverse.simulator.devices.disturbed_line import ON_THE_WIRE, SPEECHLESS
+from traverse.simulator.devices.serial_line import ON_THE_WIRE, SPEECHLESS
 from traverse.simulator.devices.table import DeviceTable
 from traverse.simulator.effects import (
     FaultyArm,

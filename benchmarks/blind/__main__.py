@@ -13,9 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.blind.outcomes import Line, run
-from benchmarks.blind.scenarios import FULL, QUICK
-from benchmarks.blind.store import append, missing, stored
+from benchmarks.blind.outcomes import FULL, QUICK, Line, append, missing, run, stored
 from benchmarks.blind.table import HEADER, rows
 
 _MOST_WRONG = 30

@@ -34,7 +34,7 @@ from traverse.lab.identification.solve.adjustment import adjust
 from traverse.lab.identification.solve.iterative_adjustment import Options
 from traverse.simulator.campaigns import Campaign as Columns
 from traverse.simulator.campaigns import NoiseTable, PoseSet, draw_noise
-from traverse.simulator.campaigns.blind.hidden import Hidden, played
+from traverse.simulator.campaigns.blind.poses import Hidden, played
 
 # Beyond so many plausible sizes nobody would believe an effect.
 MOST_PLAUSIBLE = 30.0

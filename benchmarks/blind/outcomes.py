@@ -1,18 +1,76 @@
-"""One run of the blind test, as a line of a file."""
+"""The blind test's scenarios, what came of each of their rounds, and the file of it."""
 
+import json
 import time
 import traceback
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from benchmarks.blind.baselines import BASELINES
-from benchmarks.blind.round import Case, find, gap_of, hide
-from benchmarks.blind.scenarios import SCENARIOS
+from benchmarks.blind.round import Case, Scenario, find, gap_of, hide
 from benchmarks.blind.score import Identity, TrueTerm, scored
-from benchmarks.proofs.campaigns import demo_arm
+from benchmarks.proofs.conditions import demo_arm
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.diagnosis.model.result import Diagnosis
+
+# The campaign states a noise that is too small by this.
+_TOO_SMALL = 1.0 / 1.4
+_SERIAL_SHARE = 0.3
+
+# Every scenario has a stream of its own, but those with blunders: they are compared
+# with the same effects in the same noise without them.
+CLEAN = (
+    Scenario("clean, noise known", stream=1),
+    Scenario("clean, noise 1.4 x stated", stated_factor=_TOO_SMALL, stream=2),
+    Scenario("clean, noise serial", serial_share=_SERIAL_SHARE, stream=3),
+)
+ONE = tuple(
+    Scenario(f"one at {size}", 1, size, stream=10 + size) for size in (6, 8, 10, 14, 20)
+)
+TWO = tuple(
+    Scenario(f"two at {size}", 2, size, stream=40 + size) for size in (6, 8, 10, 14)
+)
+THREE = Scenario("three at 10", 3, 10, stream=70)
+BLUNDERS = tuple(
+    Scenario(f"one at 8, {share:.0%} blunders", 1, 8, blunder_share=share, stream=18)
+    for share in (0.02, 0.05)
+)
+OUTSIDE = tuple(
+    Scenario(f"outside at {size}", 1, size, outside=True, stream=80 + size)
+    for size in (10, 15)
+)
+
+SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
+    {s.name: s for s in (*CLEAN, *ONE, *TWO, THREE, *BLUNDERS, *OUTSIDE)}
+)
+
+# Runs of each in `make blind`, 200 in all.
+QUICK: Mapping[str, int] = MappingProxyType(
+    {
+        **dict.fromkeys((s.name for s in CLEAN), 20),
+        **dict.fromkeys((s.name for s in ONE), 14),
+        **dict.fromkeys((s.name for s in TWO), 8),
+        THREE.name: 2,
+        **dict.fromkeys((s.name for s in BLUNDERS), 8),
+        **dict.fromkeys((s.name for s in OUTSIDE), 10),
+    }
+)
+# What it takes until the interval of a rate is as narrow as its figure deserves.
+FULL: Mapping[str, int] = MappingProxyType(
+    {
+        **dict.fromkeys((s.name for s in CLEAN), 400),
+        **dict.fromkeys((s.name for s in ONE), 300),
+        **dict.fromkeys((s.name for s in TWO), 150),
+        THREE.name: 100,
+        **dict.fromkeys((s.name for s in BLUNDERS), 300),
+        **dict.fromkeys((s.name for s in OUTSIDE), 200),
+    }
+)
+
 
 Line = dict[str, Any]
 
@@ -93,3 +151,39 @@ def _all_of(names: tuple[Identity, ...], truths: tuple[TrueTerm, ...]) -> bool:
     return len(names) == len(truths) and all(
         any(name in truth.names for name in names) for truth in truths
     )
+
+
+def stored(path: Path) -> list[Line]:
+    """Read the lines; one that was cut off in the middle of writing is left out."""
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8") as file:
+        return [json.loads(text) for text in file if text.endswith("\n")]
+
+
+def append(path: Path, line: Line) -> None:
+    """Add a line; half a line that an interruption left at the end goes."""
+    text = json.dumps(line, allow_nan=False) + "\n"
+    with path.open("a+b") as file:
+        file.seek(0)
+        whole = file.read().rfind(b"\n") + 1
+        file.truncate(whole)
+        file.write(text.encode())
+
+
+def missing(
+    lines: Iterable[Line], wanted: Mapping[str, int], first_seed: int = 0
+) -> Iterator[tuple[str, int]]:
+    """List the runs that are still to be made: scenario by scenario, in turns.
+
+    Args:
+        lines: Of runs that were made.
+        wanted: Runs of each scenario.
+        first_seed: Of each.
+    """
+    done = {(line["scenario"], line["seed"]) for line in lines}
+    for number in range(max(wanted.values(), default=0)):
+        for scenario, count in wanted.items():
+            run = (scenario, first_seed + number)
+            if number < count and run not in done:
+                yield run

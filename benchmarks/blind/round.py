@@ -24,8 +24,13 @@ from traverse.simulator.campaigns import (
     draw_noise,
 )
 from traverse.simulator.campaigns.blind.effects import EFFECT_KINDS, HiddenEffect
-from traverse.simulator.campaigns.blind.hidden import Hidden, drawn, drawn_round, played
-from traverse.simulator.campaigns.blind.poses import pose_set
+from traverse.simulator.campaigns.blind.poses import (
+    Hidden,
+    drawn,
+    drawn_round,
+    played,
+    pose_set,
+)
 
 _TAG = 0x626C696E
 # Between the seeds of the noise of two streams.

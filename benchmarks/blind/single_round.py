@@ -10,7 +10,7 @@ import typer
 from benchmarks.blind.round import Case, Scenario, find, hide
 from benchmarks.blind.score import scored
 from benchmarks.blind.words import hidden_table, round_json, round_lines
-from benchmarks.proofs.campaigns import demo_arm
+from benchmarks.proofs.conditions import demo_arm
 from traverse.kinematics.arm_file.arm import Arm, read_arm
 from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.diagnosis.report.files import write_diagnosis

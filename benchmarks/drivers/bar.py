@@ -20,8 +20,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from benchmarks.drivers.bar_devices import BY_NAME, Make
-from benchmarks.drivers.bar_simulator import DISTANCE_MM, Stage, staged
+from benchmarks.drivers.bar_devices import BY_NAME, DISTANCE_MM, Make, Stage, staged
 from benchmarks.tools.virtual_time import (
     FIRST_NS,
     Cable,

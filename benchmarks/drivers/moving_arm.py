@@ -32,7 +32,7 @@ from traverse.simulator.devices.amt21 import Amt21Table, SimulatedAmt21Line
 from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.pacing import MonotonicClock, live_real
 from traverse.simulator.scenario.course import ClimateTable, Course
-from traverse.simulator.scenario.faults import fault_from_table
+from traverse.simulator.scenario.faults import Fault
 from traverse.simulator.scenario.script import Script
 from traverse.simulator.scenario.wiring import ScriptClock, ScriptedCounts
 from traverse.simulator.truth_log import TruthLog
@@ -119,7 +119,7 @@ def moving(
         ScriptedCounts(course, arm.encoders[0]),
         script,
         clock,
-        tuple(fault_from_table(fault) for fault in (late, *faults)),
+        tuple(Fault.from_table(fault) for fault in (late, *faults)),
         (1, 0),
         TruthLog(None, course, clock),
         ClimateTable(),

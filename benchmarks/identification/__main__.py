@@ -26,7 +26,7 @@ import numpy as np
 
 from benchmarks.identification.peers import DensePeer
 from benchmarks.identification.problem import large_campaign, problem
-from benchmarks.proofs.campaigns import demo_arm
+from benchmarks.proofs.conditions import demo_arm
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.campaign.campaign import Campaign

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.proofs.campaigns import demo_arm
+from benchmarks.proofs.conditions import demo_arm
 from benchmarks.tools.handover import campaign_from_simulation
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.geometry import geometry_from_arm

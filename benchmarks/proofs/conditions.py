@@ -4,13 +4,43 @@
 length. The figures scatter with the postures, so the median of several sets counts.
 """
 
+from pathlib import Path
+
 import numpy as np
 
-from benchmarks.proofs.campaigns import demo_arm
+import traverse.cli
 from benchmarks.tools.handover import campaign_from_simulation
-from traverse.kinematics.arm_file.arm import Arm, Effect, effect_from_table
+from traverse.kinematics.arm_file.arm import Arm, Effect, effect_from_table, read_arm
 from traverse.lab.identification.identify import Options, identify
-from traverse.simulator.campaigns import CampaignSpec, simulate_campaign
+from traverse.simulator.campaigns import (
+    CampaignSpec,
+    PoseSet,
+    make_poses,
+    simulate_campaign,
+)
+from traverse.simulator.campaigns.spec import NoiseTable
+
+
+def demo_arm() -> Arm:
+    """Read the arm of the demonstration: seven joints, about a metre long."""
+    return read_arm(Path(traverse.cli.__file__).parent / "demo_data" / "arm.toml")
+
+
+def mix_poses(
+    mix: str, n_poses: int, seed: int, travel: str = "wide", arm: Arm | None = None
+) -> PoseSet:
+    """Make exact contacts of a mix of artefacts."""
+    spec = CampaignSpec.model_validate(
+        {
+            "mix": mix,
+            "n_poses": n_poses,
+            "travel": travel,
+            "noise": NoiseTable(),
+            "conditions": {"columns": ("direction",)},
+        }
+    )
+    return make_poses(arm or demo_arm(), spec, seed)
+
 
 # As derived beforehand, by another program, for an arm and places that are not known:
 # the pattern is to be compared, not the figures.

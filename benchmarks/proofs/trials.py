@@ -1,16 +1,241 @@
-"""One simulated campaign identified and judged by the truth."""
+"""One simulated campaign identified and judged by the truth.
 
-from dataclasses import dataclass
+What any correct identification must predict, whatever its datum: distances.
+
+The distance of the ball between two postures does not depend on where the base
+stands, nor on how parameters share a shift. What was estimated is compared with the
+simulator's own matrices, whitened with the covariance that the identification states;
+derivatives of distances are differences of distances, not the adjustment's own.
+"""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.proofs.campaigns import mix_poses
-from benchmarks.proofs.invariants import distance_errors
-from benchmarks.proofs.planted import PlantedNoise
+from benchmarks.proofs.conditions import mix_poses
 from benchmarks.tools.handover import campaign_from_simulation
+from traverse.arrays import Floats
+from traverse.kinematics.model.forward import probe_centre
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.identification.equations.network import Station
+from traverse.lab.identification.equations.parameters import ArmValues
+from traverse.lab.identification.equations.station_equations import (
+    WhiteRows,
+    white_rows,
+)
 from traverse.lab.identification.identify import Options, identify
-from traverse.simulator.campaigns import draw_noise
+from traverse.lab.identification.results.result import Identification
+from traverse.lab.identification.solve.adjustment import certified
+from traverse.simulator.arm.physics import probe_pose
+from traverse.simulator.campaigns import PoseSet, SimulatedCampaign, draw_noise
 from traverse.simulator.campaigns.spec import NoiseTable
+
+# More than there are parameters, so that every combination of them is looked at.
+N_PAIRS = 60
+_DIFFERENCE = 1e-3  # of a parameter's plausible deviation
+_NEAREST_MM = 100.0
+_LEAST_SIZE = 1e-7  # of the largest: smaller ones are rounding
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DistanceErrors:
+    """Predicted less true distances.
+
+    Attributes:
+        errors_mm: (n_pairs,); without a length, of distances in units of their mean.
+        chi_square: Of the errors, whitened by the stated cofactors and sigma0 = 1.
+        degrees: Of freedom.
+        foreseen: Chi-square of the errors that follow from foreseen steps, or NaN.
+    """
+
+    errors_mm: Floats
+    chi_square: float
+    degrees: int
+    foreseen: float
+
+
+def distance_errors(
+    result: Identification,
+    poses: PoseSet,
+    seed: int,
+    *,
+    has_scale: bool = True,
+    steps: Floats | None = None,
+) -> DistanceErrors:
+    """Compare predicted distances between random posture pairs with the truth.
+
+    Args:
+        result: What was identified.
+        poses: Where the true arm and its limits are.
+        seed: Of the posture pairs.
+        has_scale: Whether the campaign has a length; else shapes are compared.
+        steps: By which the free parameters are foreseen to be off, (n_free,).
+    """
+    rng = np.random.default_rng([seed, 0x696E76])
+    least, largest = poses.limits_rad.T
+    turns_rad = rng.uniform(least, largest, (4 * N_PAIRS, len(least)))
+    # The direction of a short distance, and so its error, is not linear in the steps.
+    apart_mm = _distances(probe_pose(poses.truth.mechanism, turns_rad)[0])
+    far = np.flatnonzero(apart_mm >= _NEAREST_MM)[:N_PAIRS]
+    turns_rad = turns_rad.reshape(-1, 2, len(least))[far].reshape(-1, len(least))
+    angles_rad = turns_rad + poses.truth.zeros_rad
+    true_mm = _distances(probe_pose(poses.truth.mechanism, turns_rad)[0])
+    adjustment = result.adjustment
+    parameters, estimate = adjustment.network.parameters, adjustment.state.arm
+
+    def predicted_mm(values: ArmValues) -> Floats:
+        return _distances(probe_centre(values.geometry, angles_rad))
+
+    slopes = np.empty((N_PAIRS, parameters.n_free))
+    for at, tolerance in enumerate(parameters.free_tolerances):
+        step = np.zeros(parameters.n_free)
+        step[at] = _DIFFERENCE * tolerance
+        ahead = predicted_mm(parameters.moved(estimate, step))
+        behind = predicted_mm(parameters.moved(estimate, -step))
+        slopes[:, at] = (ahead - behind) / (2.0 * step[at])
+    found_mm = predicted_mm(estimate)
+    errors_mm = found_mm - true_mm
+    if not has_scale:
+        mean_mm = float(true_mm.mean())
+        errors_mm = mean_mm * (np.log(found_mm) - np.log(true_mm))
+        slopes = mean_mm * slopes / found_mm[:, np.newaxis]
+        errors_mm = errors_mm - errors_mm.mean()
+        slopes = slopes - slopes.mean(axis=0)
+    spread = slopes @ adjustment.split.inverse
+    left, sizes, _ = np.linalg.svd(spread, full_matrices=False)
+    seen = sizes > _LEAST_SIZE * np.max(sizes, initial=0.0)
+    white = (left.T @ errors_mm)[seen] / sizes[seen]
+    foreseen = np.nan
+    if steps is not None:
+        expected = (left.T @ (slopes @ steps))[seen] / sizes[seen]
+        foreseen = float(expected @ expected)
+    return DistanceErrors(errors_mm, float(white @ white), len(white), foreseen)
+
+
+def _distances(centres_mm: Floats) -> Floats:
+    """Distances of consecutive pairs, (n / 2,)."""
+    distances: Floats = np.linalg.norm(centres_mm[::2] - centres_mm[1::2], axis=1)
+    return distances
+
+
+# Below this part of the largest, a singular value of scaled columns is zero.
+_RANK = 1e-9
+_LENGTHS = ("distance_mm", "radius_mm")
+_SILENCE = NoiseTable(encoder_rad=0.0, contact_mm=0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Foreseen:
+    """What must come out of a campaign.
+
+    Attributes:
+        sum_of_squares: Weighted.
+        steps: By which free parameters are off, (n_free,).
+    """
+
+    sum_of_squares: float
+    steps: Floats
+
+
+class PlantedNoise:
+    """The equations of a set of poses at the truth.
+
+    Attributes:
+        redundancy: Equations and certificates less the rank of their unknowns.
+    """
+
+    def __init__(self, poses: PoseSet, noise: NoiseTable) -> None:
+        campaign = _without_errors(poses, noise)
+        options = Options(n_suggestions=0, snooping=False)
+        adjustment = identify(campaign, poses.arm, options).adjustment
+        self._network, self._state = adjustment.network, adjustment.state
+        self._rows: list[list[WhiteRows]] = []
+        blocks = []
+        at, width = 0, sum(len(s.scales) for s in self._network.stations)
+        for station, unknowns in zip(
+            self._network.stations, self._state.unknowns, strict=True
+        ):
+            rows = list(white_rows(self._network, station, self._state.arm, unknowns))
+            self._rows.append(rows)
+            own = slice(at, at + len(station.scales))
+            blocks += [_wide(r.by_unknowns, r.by_parameters, own, width) for r in rows]
+            said = certified(self._network, station, self._state.arm, unknowns)
+            n_own = len(station.scales)
+            blocks.append(_wide(said[:, :n_own], said[:, n_own:-1], own, width))
+            at += n_own
+        columns = np.vstack(blocks)
+        sizes = np.linalg.norm(columns, axis=0)
+        sizes = np.where(sizes > 0.0, sizes, 1.0)
+        left, values, right = np.linalg.svd(columns / sizes, full_matrices=False)
+        seen = values > _RANK * values[0]
+        self._explained = left[:, seen]
+        self._to_steps = (right[seen].T / values[seen] / sizes[:, np.newaxis])[width:]
+        self.redundancy = int(np.subtract(*self._explained.shape))
+
+    def foreseen(self, drawn: SimulatedCampaign) -> Foreseen:
+        """Foresee what comes out of a campaign with these poses.
+
+        Where there is no length, steps change the scale too, as happens to be least.
+        """
+        campaign = campaign_from_simulation(drawn.campaign)
+        errors = np.concatenate(
+            [
+                self._errors(at, station, drawn, campaign)
+                for at, station in enumerate(self._network.stations)
+            ]
+        )
+        explained = errors @ self._explained
+        return Foreseen(
+            float(errors @ errors - explained @ explained),
+            -self._to_steps @ explained,
+        )
+
+    def _errors(
+        self, at: int, station: Station, drawn: SimulatedCampaign, campaign: Campaign
+    ) -> Floats:
+        """Whitened errors of a station's touches, then of its certificate."""
+        by_reading = drawn.truth.encoder_noise_rad / self._network.noise.encoder_rad
+        found = []
+        for rows in self._rows[at]:
+            poses = station.poses[rows.part]
+            of_readings = np.einsum("nij,nj->ni", rows.by_readings, by_reading[poses])
+            shifts_mm = drawn.truth.contact_noise_mm[poses]
+            of_contacts = np.einsum("nij,nj->ni", rows.by_centre, shifts_mm)
+            found.append((of_readings + of_contacts).ravel())
+        # Lengths as they are, less what the campaign says of them.
+        said = campaign.artefacts[station.index].certificate(
+            self._state.unknowns[at], station.touches
+        )
+        return np.concatenate([*found, said.misclosures_mm / said.std_mm])
+
+
+def _without_errors(poses: PoseSet, noise: NoiseTable) -> Campaign:
+    """Make the campaign of readings and certificates that are right."""
+    campaign = campaign_from_simulation(draw_noise(poses, 0, _SILENCE).campaign)
+    artefacts = []
+    for artefact, placed in zip(campaign.artefacts, poses.artefacts, strict=True):
+        true_mm = {
+            key: getattr(placed.artefact, key)
+            for key in _LENGTHS
+            if getattr(artefact, key, None) is not None
+        }
+        artefacts.append(artefact.model_copy(update=true_mm))
+    return replace(
+        campaign,
+        artefacts=tuple(artefacts),
+        encoder_rad=noise.encoder_rad,
+        contact_mm=noise.contact_mm,
+    )
+
+
+def _wide(by_unknowns: Floats, by_parameters: Floats, own: slice, width: int) -> Floats:
+    """Put derivatives of one station into columns of all unknowns."""
+    n_free = by_parameters.shape[-1]
+    rows = np.zeros((by_parameters.size // n_free, width + n_free))
+    rows[:, own] = by_unknowns.reshape(len(rows), own.stop - own.start)
+    rows[:, width:] = by_parameters.reshape(len(rows), n_free)
+    return rows
+
 
 # Poses of a campaign. "everything" has 15 artefacts: with fewer than 40 poses each
 # a sphere of a bar hardly controls its own contacts.

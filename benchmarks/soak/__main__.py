@@ -19,8 +19,7 @@ from pathlib import Path
 
 from benchmarks.soak import disk
 from benchmarks.soak.bench import Bench
-from benchmarks.soak.judge import Verdict, judge, outbox_points, stored
-from benchmarks.soak.measuring import Span
+from benchmarks.soak.judge import Span, Verdict, judge, outbox_points, stored
 from benchmarks.soak.outages import Outages
 from benchmarks.tools.rounds import load
 

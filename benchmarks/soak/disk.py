@@ -7,8 +7,7 @@ import subprocess
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
-from benchmarks.soak.bench import ARM
-from benchmarks.soak.programs import Kept
+from benchmarks.soak.bench import ARM, Kept
 from traverse.client import Arm, CommandRefused, NoAnswerError
 from traverse.client.feeds import Feed
 from traverse.protocol.messages import Event

@@ -5,8 +5,7 @@ import random
 from collections import Counter
 from collections.abc import Awaitable, Callable
 
-from benchmarks.soak.bench import Bench
-from benchmarks.soak.programs import Kept
+from benchmarks.soak.bench import Bench, Kept
 from benchmarks.tools.network import Network
 
 KINDS = ("daemon", "broker", "board", "network", "consumers_network", "consumer")

@@ -17,17 +17,16 @@ from traverse.simulator.campaigns.campaign import (
     Truth,
 )
 from traverse.simulator.campaigns.drawing import draw_noise, simulate_campaign
-from traverse.simulator.campaigns.mixes import MIXES
-from traverse.simulator.campaigns.pose_set import PlacedArtefact, PoseSet
+from traverse.simulator.campaigns.pose_set import PlacedArtefact, PoseSet, with_effects
 from traverse.simulator.campaigns.poses import make_poses
 from traverse.simulator.campaigns.siting import UnreachableError
 from traverse.simulator.campaigns.spec import (
+    MIXES,
     CampaignFile,
     CampaignSpec,
     ConditionTable,
     NoiseTable,
 )
-from traverse.simulator.campaigns.with_effects import with_effects
 from traverse.simulator.campaigns.writing import true_arm_file, write_campaign
 
 __all__ = [

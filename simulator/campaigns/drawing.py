@@ -5,7 +5,6 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.campaigns.artefacts.artefact import Table
-from traverse.simulator.campaigns.blunders import spoilt_poses
 from traverse.simulator.campaigns.campaign import (
     Campaign,
     SimulatedCampaign,
@@ -17,6 +16,7 @@ from traverse.simulator.campaigns.noise import (
     contact_stds,
     encoder_stds,
     serial_noise,
+    spoilt_poses,
 )
 from traverse.simulator.campaigns.pose_set import PoseSet
 from traverse.simulator.campaigns.poses import make_poses

@@ -1,10 +1,183 @@
-"""Random errors of readings and contacts, white or serially correlated."""
+"""Random errors of readings and contacts, white or serially correlated, and blunders.
+
+Spoilt poses: displaced contacts, encoders that jumped, wrong labels.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from traverse.arrays import Floats
+from traverse.arrays import Floats, Indices
+from traverse.simulator.arm.physics import probe_rates
+from traverse.simulator.campaigns.campaign import Blunder, Names
 from traverse.simulator.campaigns.pose_set import PoseSet
-from traverse.simulator.campaigns.spec import NoiseTable
+from traverse.simulator.campaigns.spec import BlunderKind, NoiseTable
+
+LEAST_LEVER = 0.3  # of the longest: a joint that jumps must be felt at the contact
+
+
+@dataclass(frozen=True, slots=True)
+class PosesWithOutliers:
+    """What blunders change.
+
+    Attributes:
+        blunders: In the order of rows.
+        shifts_mm: (n, 3) of the contact.
+        jumps_rad: (n, n_joints) of the readings.
+        artefact: (n,) ids as written.
+        feature: (n,) names as written.
+    """
+
+    blunders: tuple[Blunder, ...]
+    shifts_mm: Floats
+    jumps_rad: Floats
+    artefact: Names
+    feature: Names
+
+
+def spoilt_poses(
+    poses: PoseSet, noise: NoiseTable, rng: np.random.Generator
+) -> PosesWithOutliers:
+    """Draw blunders; a share of 0 leaves everything right.
+
+    The size is in standard deviations of the misclosure along the normal, in a seat
+    along the direction that is disturbed: sqrt(contact^2 + |d' J stds|^2), with J the
+    derivative of the ball's centre by the readings.
+    """
+    artefact, feature = _labels(poses)
+    n_joints = poses.truth.mechanism.n_joints
+    shifts_mm = np.zeros((poses.n_poses, 3))
+    jumps_rad = np.zeros((poses.n_poses, n_joints))
+    others = _confusable(poses)
+    rows = rng.permutation(_spoilable(poses, noise, others))
+    rows = rows[: round(noise.blunder_share * poses.n_poses)]
+    blunders = []
+    for row in np.sort(rows).tolist():
+        kinds = [
+            kind
+            for kind in noise.blunder_kinds
+            if kind != "label" or others[poses.artefact_index[row]]
+        ]
+        kind: BlunderKind = kinds[int(rng.integers(len(kinds)))]
+        if kind == "label":
+            was = f"{artefact[row]}/{feature[row]}"
+            artefact[row], feature[row] = _mistaken(poses, row, others, rng)
+            blunders.append(Blunder(row, kind, np.nan, "", was))
+            continue
+        disturbance = _Disturbance(poses, noise, row)
+        if kind == "contact":
+            shifts_mm[row] = disturbance.shift_mm(rng)
+            size_mm = float(np.linalg.norm(shifts_mm[row]))
+            blunders.append(Blunder(row, kind, size_mm, "mm", ""))
+        else:
+            joint, jump_rad = disturbance.jump(rng)
+            jumps_rad[row, joint] = jump_rad
+            name = poses.arm.joints[joint].name
+            blunders.append(Blunder(row, kind, jump_rad, "rad", name))
+    return PosesWithOutliers(tuple(blunders), shifts_mm, jumps_rad, artefact, feature)
+
+
+def _labels(poses: PoseSet) -> tuple[Names, Names]:
+    """Right ids (n,) and feature names (n,)."""
+    ids = np.array([placed.artefact.id for placed in poses.artefacts])
+    longest = max(
+        len(name) for placed in poses.artefacts for name in placed.artefact.features
+    )
+    feature = np.empty(poses.n_poses, dtype=f"<U{max(longest, 1)}")
+    for number, placed in enumerate(poses.artefacts):
+        rows = poses.artefact_index == number
+        names = np.array(placed.artefact.features)
+        feature[rows] = names[poses.feature_index[rows]]
+    return ids[poses.artefact_index], feature
+
+
+def _confusable(poses: PoseSet) -> list[list[tuple[int, int]]]:
+    """By artefact, the (artefact, feature) with which one of its own may be confused.
+
+    Another feature of the same artefact or, where it has one only, another artefact
+    of the same kind.
+    """
+    kinds = [placed.artefact.kind for placed in poses.artefacts]
+    others = []
+    for number, placed in enumerate(poses.artefacts):
+        n_features = len(placed.artefact.features)
+        if n_features > 1:
+            others.append([(number, feature) for feature in range(n_features)])
+        else:
+            alike = np.flatnonzero(np.array(kinds) == kinds[number]).tolist()
+            others.append([(other, 0) for other in alike if other != number])
+    return others
+
+
+def _spoilable(
+    poses: PoseSet, noise: NoiseTable, others: list[list[tuple[int, int]]]
+) -> Indices:
+    """Rows that one of the kinds of blunder can befall."""
+    if set(noise.blunder_kinds) != {"label"}:
+        return np.arange(poses.n_poses)
+    confusable = np.array([bool(labels) for labels in others])
+    return np.flatnonzero(confusable[poses.artefact_index])
+
+
+def _mistaken(
+    poses: PoseSet,
+    row: int,
+    others: list[list[tuple[int, int]]],
+    rng: np.random.Generator,
+) -> tuple[str, str]:
+    """A wrong id and feature name for a row."""
+    right = (int(poses.artefact_index[row]), int(poses.feature_index[row]))
+    wrong = [labels for labels in others[right[0]] if labels != right]
+    number, feature = wrong[int(rng.integers(len(wrong)))]
+    artefact = poses.artefacts[number].artefact
+    return artefact.id, artefact.features[feature]
+
+
+class _Disturbance:
+    """What it takes to disturb a row by a number of standard deviations."""
+
+    def __init__(self, poses: PoseSet, noise: NoiseTable, row: int) -> None:
+        mechanism = poses.truth.mechanism
+        one: Indices = np.array([row])
+        self._levers_mm = probe_rates(mechanism, poses.turns_rad[one])[2][0]
+        self._towards = poses.towards[row]
+        self._contact_mm = float(contact_stds(noise, poses)[row])
+        self._stds_rad = encoder_stds(noise, mechanism.n_joints)
+        self._sigma = noise.blunder_sigma
+
+    def shift_mm(self, rng: np.random.Generator) -> Floats:
+        """A displacement (3,) along the normal, either way, or in any direction."""
+        direction = rng.standard_normal(3)
+        if not np.isnan(self._towards[0]):
+            direction = np.sign(direction[0]) * self._towards
+        direction = direction / np.linalg.norm(direction)
+        shift: Floats = self._sigma * self._std_mm(direction) * direction
+        return shift
+
+    def jump(self, rng: np.random.Generator) -> tuple[int, float]:
+        """A joint and how far its reading jumps."""
+        seated = np.isnan(self._towards[0])
+        levers_mm = (
+            np.linalg.norm(self._levers_mm, axis=0)
+            if seated
+            else np.abs(self._towards @ self._levers_mm)
+        )
+        felt = np.flatnonzero(levers_mm >= LEAST_LEVER * np.max(levers_mm))
+        # A jump that moves the ball mostly along a curved surface would have to be so
+        # large that it is not the misclosure it was meant to be.
+        straight = levers_mm[felt] / np.linalg.norm(self._levers_mm[:, felt], axis=0)
+        felt = felt[straight >= min(LEAST_LEVER, float(np.max(straight)))]
+        joint = int(felt[rng.integers(len(felt))])
+        direction = (
+            self._levers_mm[:, joint] / levers_mm[joint] if seated else self._towards
+        )
+        size_rad = self._sigma * self._std_mm(direction) / float(levers_mm[joint])
+        return joint, size_rad * float(rng.choice((-1.0, 1.0)))
+
+    def _std_mm(self, direction: Floats) -> float:
+        """Standard deviation of the misclosure along a direction (3,)."""
+        by_joint_mm = (direction @ self._levers_mm) * self._stds_rad
+        return float(np.hypot(self._contact_mm, np.linalg.norm(by_joint_mm)))
 
 
 def encoder_stds(noise: NoiseTable, n_joints: int) -> Floats:

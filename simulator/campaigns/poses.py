@@ -9,16 +9,22 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
 from traverse.simulator.campaigns.artefacts import Artefact
-from traverse.simulator.campaigns.artefacts.artefact import REFERENCE_C, Contacts
+from traverse.simulator.campaigns.artefacts.artefact import (
+    REFERENCE_C,
+    Contacts,
+    Touches,
+)
 from traverse.simulator.campaigns.conditions import Conditions, drawn_conditions
-from traverse.simulator.campaigns.fitting import misfits, spec_artefacts
-from traverse.simulator.campaigns.pose_set import PlacedArtefact, PoseSet
-from traverse.simulator.campaigns.postures import reaching_postures
-from traverse.simulator.campaigns.siting import UnreachableError, place_artefacts
+from traverse.simulator.campaigns.pose_set import PlacedArtefact, PoseSet, with_effects
+from traverse.simulator.campaigns.postures import reaching_postures, travel_limits
+from traverse.simulator.campaigns.siting import (
+    UnreachableError,
+    misfits,
+    place_artefacts,
+    spec_artefacts,
+)
 from traverse.simulator.campaigns.spec import CampaignSpec
 from traverse.simulator.campaigns.streams import stream
-from traverse.simulator.campaigns.travel import travel_limits
-from traverse.simulator.campaigns.with_effects import with_effects
 from traverse.simulator.effects.faulty_arm import faulty_arm
 from traverse.strict_toml.problems import FileError
 
@@ -146,10 +152,12 @@ class _Touching:
             here = np.flatnonzero(self.artefact_index[rows] == number)
             warmer_c = self.conditions.temperature_c[rows[here]] - REFERENCE_C
             contacts = placed.artefact.contacts(
-                rng,
-                self.feature_index[rows[here]],
-                self.truth.radius_mm,
-                1.0 + placed.artefact.thermal_growth_per_c * warmer_c,
+                Touches(
+                    rng,
+                    self.feature_index[rows[here]],
+                    self.truth.radius_mm,
+                    1.0 + placed.artefact.thermal_growth_per_c * warmer_c,
+                )
             )
             centres_mm[here] = placed.placement.points_mm(contacts.centres_mm)
             towards[here] = placed.placement.directions(contacts.towards)

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from traverse.simulator.arm.encoder import EncoderSet
-from traverse.simulator.devices.kinds import KINDS, class_named
-from traverse.simulator.devices.table import DeviceTable
+from traverse.simulator.arm.truth import EncoderSet
+from traverse.simulator.devices.table import KINDS, DeviceTable, class_named
 from traverse.simulator.scenario.course import ClimateTable
 from traverse.simulator.scenario.faults import EncoderFault, Fault
 from traverse.simulator.scenario.script import Script, ScriptEvent

@@ -16,8 +16,7 @@ import numpy as np
 from pydantic import Field
 
 from traverse.simulator.devices.device import DeviceContext
-from traverse.simulator.devices.disturbed_line import DisturbedLine
-from traverse.simulator.devices.serial_line import LineTiming, SerialLine
+from traverse.simulator.devices.serial_line import DisturbedLine, LineTiming, SerialLine
 from traverse.simulator.devices.table import DeviceTable
 
 

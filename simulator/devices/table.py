@@ -1,21 +1,73 @@
-"""`[[device]]` of the simulator's configuration: what all kinds of devices share."""
+"""`[[device]]` of the simulator's configuration: the kinds, and what all share.
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, ClassVar
+A new kind is one file in this folder and one line here. Names instead of classes, so
+that a kind which needs an optional package is imported only where it is asked for.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import (
     BeforeValidator,
-    ConfigDict,
     Field,
     SerializeAsAny,
-    field_validator,
 )
 
-from traverse.simulator.devices.kinds import DEFAULT, KINDS, class_named
-from traverse.strict_toml.reader import StrictModel
+from traverse.simulator.kind_table import KindTable
 
 
-class DeviceTable(StrictModel):
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """Where a kind is found, as "module:Class".
+
+    Attributes:
+        table: A child of `DeviceTable`: its keys of the configuration.
+        device: A `SimulatedDevice`, made from its table and a `Mounting`.
+    """
+
+    table: str
+    device: str
+
+
+def class_named(name: str) -> type[Any]:
+    """Import a class by its name, "module:Class"."""
+    module, _, found = name.partition(":")
+    named: type[Any] = getattr(import_module(module), found)
+    return named
+
+
+DEFAULT = "latch-board"
+KINDS = {
+    "latch-board": Kind(
+        "traverse.simulator.devices.latch_board.device:LatchBoardTable",
+        "traverse.simulator.devices.latch_board.device:SimulatedLatchBoard",
+    ),
+    "canopen": Kind(
+        "traverse.simulator.devices.canopen.table:CanOpenTable",
+        "traverse.simulator.devices.canopen.device:CanOpenBus",
+    ),
+    "amt21": Kind(
+        "traverse.simulator.devices.amt21:Amt21Table",
+        "traverse.simulator.devices.amt21:SimulatedAmt21Line",
+    ),
+    "microscribe": Kind(
+        "traverse.simulator.devices.microscribe.device:MicroscribeTable",
+        "traverse.simulator.devices.microscribe.device:SimulatedMicroscribe",
+    ),
+    "modbus": Kind(
+        "traverse.simulator.devices.modbus:ModbusTable",
+        "traverse.simulator.devices.modbus:SimulatedModbusLine",
+    ),
+    "rls": Kind(
+        "traverse.simulator.devices.rls:RlsTable",
+        "traverse.simulator.devices.rls:SimulatedRls",
+    ),
+}
+
+
+class DeviceTable(KindTable):
     """What every device has; each kind adds its own keys.
 
     Attributes:
@@ -27,6 +79,8 @@ class DeviceTable(StrictModel):
         encoder_turns: Turns after which the counts wrap.
     """
 
+    FAMILY = "device"
+    KINDS = KINDS
     FAULTS: ClassVar[frozenset[str]] = frozenset()
     BY_CHANNEL: ClassVar[bool] = False
     MOST_CHANNELS: ClassVar[int] = 32
@@ -36,11 +90,10 @@ class DeviceTable(StrictModel):
     encoder_turns: int = Field(default=1, ge=1)
 
     @classmethod
-    def variant(cls, table: object) -> "type[DeviceTable]":
-        """Select the class of a table by its kind."""
-        name = table.get("kind", DEFAULT) if isinstance(table, Mapping) else None
-        kind = KINDS.get(str(name))
-        return UnknownDevice if kind is None else class_named(kind.table)
+    def class_of(cls, kind: str) -> type[Self]:
+        """Import the class of a kind."""
+        found: type[Self] = class_named(cls.KINDS[kind].table)
+        return found
 
     def channel_problems(
         self, counts_per_turn: Sequence[int]
@@ -57,25 +110,6 @@ class DeviceTable(StrictModel):
         yield from ()
 
 
-class UnknownDevice(DeviceTable):
-    """What is of no known kind: refused for that alone, not for its other keys."""
-
-    model_config = ConfigDict(extra="ignore")
-
-    @field_validator("kind")
-    @classmethod
-    def _refuse(cls, kind: str) -> str:
-        known = ", ".join(sorted(KINDS))
-        raise ValueError(f"unknown kind of device '{kind}'; known: {known}")
-
-
-def device_from_table(table: object) -> DeviceTable:
-    """Make a table of the class of its kind."""
-    return (
-        table
-        if isinstance(table, DeviceTable)
-        else DeviceTable.variant(table).model_validate(table)
-    )
-
-
-AnyDevice = Annotated[SerializeAsAny[DeviceTable], BeforeValidator(device_from_table)]
+AnyDevice = Annotated[
+    SerializeAsAny[DeviceTable], BeforeValidator(DeviceTable.from_table)
+]

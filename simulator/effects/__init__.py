@@ -5,14 +5,6 @@ really is. The corrections of an arm file go the other way; nothing is shared wi
 but the table of an `[[effects]]` entry.
 """
 
-from traverse.simulator.effects.extra import (
-    Bump,
-    CrossCoupling,
-    CubicError,
-    JumpInAngle,
-    Sawtooth,
-    SquareOfTemperature,
-)
 from traverse.simulator.effects.fault import BodyFault, Fault, ReadingFault, TouchFault
 from traverse.simulator.effects.faulty_arm import FaultyArm, MissedContactError
 from traverse.simulator.effects.from_arm import (
@@ -20,7 +12,15 @@ from traverse.simulator.effects.from_arm import (
     faults_from_effects,
     on_true_axes,
 )
-from traverse.simulator.effects.surroundings import Surroundings
+from traverse.simulator.effects.posture import Surroundings
+from traverse.simulator.effects.reading_faults import (
+    Bump,
+    CrossCoupling,
+    CubicError,
+    JumpInAngle,
+    Sawtooth,
+    SquareOfTemperature,
+)
 
 __all__ = [
     "BodyFault",

@@ -6,8 +6,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.simulator.effects.fault import BodyFault
-from traverse.simulator.effects.posture import Posture
-from traverse.simulator.effects.yielding import Deflection
+from traverse.simulator.effects.posture import Deflection, Posture
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,9 +7,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 from traverse.arrays import Floats
-from traverse.simulator.effects.posture import Build, Posture
-from traverse.simulator.effects.surroundings import Surroundings
-from traverse.simulator.effects.yielding import Deflection
+from traverse.simulator.effects.posture import Build, Deflection, Posture, Surroundings
 
 
 @dataclass(frozen=True, slots=True)

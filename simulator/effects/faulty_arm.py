@@ -16,9 +16,14 @@ from traverse.simulator.effects.fault import (
     Touch,
     TouchFault,
 )
-from traverse.simulator.effects.posture import Build, Posture, build_of
-from traverse.simulator.effects.surroundings import Surroundings
-from traverse.simulator.effects.yielding import deflected_motion, no_yielding
+from traverse.simulator.effects.posture import (
+    Build,
+    Posture,
+    Surroundings,
+    build_of,
+    deflected_motion,
+    no_yielding,
+)
 
 N_LOOKS = 12  # for a reading; each look is 1e-3 of the last one off, or better
 SAME_RAD = 1e-15

@@ -1,14 +1,21 @@
 """From entries of `[[effects]]` to faults."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect
-from traverse.simulator.effects.empirical_fault import OF_ARM, OF_JOINT
+from traverse.simulator.effects import body_faults, reading_faults, touch_faults
 from traverse.simulator.effects.fault import Fault
-from traverse.simulator.effects.makers import MAKERS, EffectEntry, covariate_of
+from traverse.simulator.effects.reading_faults import (
+    OF_ARM,
+    OF_JOINT,
+    CurvedError,
+    natural_slopes,
+)
 from traverse.strict_toml.problems import FileError, Problem
 
 TIMED = {"encoder_drift", "count_slip", "base_drift", "base_step"}
@@ -18,6 +25,109 @@ POINTING = {
     "axis_runout": ("cos_mm", "sin_mm"),
 }
 OF_STANDARDS = "artefact_length"
+
+
+@dataclass(frozen=True, slots=True)
+class EffectEntry:
+    """An effect of an arm file with what it refers to.
+
+    Attributes:
+        values: Of the keys of its kind.
+        joints: Which ones, from 0; all where it names none.
+        joint: Which one; -1 where it names none.
+        reference_c: Of the arm.
+        epoch_utc_s: Since 1970; 0 where it has none.
+        names: Of the arm's joints.
+    """
+
+    values: Mapping[str, Any]
+    joints: slice
+    joint: int
+    reference_c: float
+    epoch_utc_s: float
+    names: tuple[str, ...]
+
+    def __getitem__(self, key: str) -> Any:  # noqa: ANN401 - a number of some type
+        return self.values[key]
+
+    def array(self, key: str) -> Floats:
+        """The vector of a key."""
+        return np.array(self.values[key], dtype=np.float64)
+
+
+def covariate_of(entry: EffectEntry) -> tuple[str, int] | None:
+    """Column and joint (-1 for none) of an empirical effect."""
+    name = str(entry.values["covariate"])
+    if name in OF_ARM:
+        return name, -1
+    for number, joint in enumerate(entry.names):
+        if name.startswith(joint) and name.removeprefix(joint) in OF_JOINT:
+            return name.removeprefix(joint), number
+    return None
+
+
+def _curve(entry: EffectEntry) -> Fault:
+    found = covariate_of(entry)
+    if found is None:
+        raise ValueError(f"'{entry.values['covariate']}' is no column of a campaign")
+    knots, values_rad = entry.array("knots"), entry.array("values_rad")
+    slopes = natural_slopes(knots, values_rad)
+    return CurvedError(entry.joints, *found, knots, values_rad, slopes)
+
+
+def _wave(entry: EffectEntry) -> Fault:
+    v = entry.values
+    order = v.get("order", 1)
+    return reading_faults.WavyDisc(entry.joints, order, v["cos_rad"], v["sin_rad"])
+
+
+MAKERS: Mapping[str, Callable[[EffectEntry], Fault]] = {
+    "encoder_eccentricity": _wave,
+    "encoder_harmonic": _wave,
+    "transmission_error": lambda e: reading_faults.ToothedDrive(
+        e.joints, e["cycles"], e["cos_rad"], e["sin_rad"]
+    ),
+    "encoder_scale": lambda e: reading_faults.LongTape(e.joints, e["scale_ppm"]),
+    "encoder_temperature": lambda e: reading_faults.WarmHead(
+        e.joints, e["rate_rad_c"], e.reference_c
+    ),
+    "encoder_drift": lambda e: reading_faults.CreepingZero(
+        e.joints, e["rate_rad_s"], e.epoch_utc_s
+    ),
+    "count_slip": lambda e: reading_faults.LostCounts(
+        e.joints, e["step_rad"], e["at_s"], e.epoch_utc_s
+    ),
+    "encoder_latency": lambda e: reading_faults.LateReading(e.joints, e["latency_s"]),
+    "backlash": lambda e: reading_faults.Play(e.joints, e["half_width_rad"]),
+    "empirical": _curve,
+    "joint_compliance": lambda e: body_faults.SoftJoint(
+        e.joint, e["compliance_rad_nm"]
+    ),
+    "bearing_compliance": lambda e: body_faults.SoftBearing(
+        e.joint, e["compliance_rad_nm"]
+    ),
+    "mount_compliance": lambda e: body_faults.SoftMount(e["compliance_rad_nm"]),
+    "thermal_expansion": lambda e: body_faults.WarmElements(
+        e.joints, e["expansion_per_c"], e.reference_c
+    ),
+    "axis_wobble": lambda e: body_faults.WanderingAxis(
+        e.joint, True, e["order"], e.array("cos_rad"), e.array("sin_rad")
+    ),
+    "axis_runout": lambda e: body_faults.WanderingAxis(
+        e.joint, False, e["order"], e.array("cos_mm"), e.array("sin_mm")
+    ),
+    "base_drift": lambda e: body_faults.CreepingBase(
+        e.array("rate_mm_s"), e.epoch_utc_s
+    ),
+    "base_step": lambda e: body_faults.KnockedBase(
+        e.array("step_mm"), e["at_s"], e.epoch_utc_s
+    ),
+    "probe_radius": lambda e: touch_faults.LargerBall(e["radius_error_mm"]),
+    "probe_lobing": lambda e: touch_faults.ThreeSeats(
+        e["amplitude_mm"], e["phase_rad"]
+    ),
+    "stylus_bending": lambda e: touch_faults.SoftStylus(e["compliance_mm_n"]),
+}
 
 
 def faults_from_effects(

@@ -1,17 +1,17 @@
 """Motions that the virtual arm can be scripted to do: one file each."""
 
-from traverse.simulator.motions.ball_bar import BallBar
 from traverse.simulator.motions.cone import Cone
-from traverse.simulator.motions.motion import KINDS, AnyMotion, Motion
-from traverse.simulator.motions.plane import Plane
-from traverse.simulator.motions.replay import ReplayMotion
-from traverse.simulator.motions.rest import RestMotion
-from traverse.simulator.motions.sphere import Sphere
-from traverse.simulator.motions.sweep import Sweep
+from traverse.simulator.motions.motion import (
+    AnyMotion,
+    Motion,
+    ReplayMotion,
+    RestMotion,
+)
+from traverse.simulator.motions.surfaces import BallBar, Plane, Sphere, Sweep
 
-__all__ = ["KINDS", "AnyMotion", "Motion", "ReplayMotion"]
+__all__ = ["AnyMotion", "Motion", "ReplayMotion"]
 
-KINDS.update(
+Motion.KINDS.update(
     {
         "rest": RestMotion,
         "cone": Cone,

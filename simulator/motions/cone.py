@@ -8,8 +8,8 @@ from traverse.simulator.arm.inverse import TOLERANCE_MM
 from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.arm.trajectory import spline_pieces
 from traverse.simulator.motions.motion import Direction, Motion, Vector
-from traverse.simulator.motions.spread import unit
 from traverse.simulator.motions.stage import CourseBuilder, UnreachableError
+from traverse.simulator.motions.surfaces import unit
 from traverse.simulator.motions.touching import hard_approach
 from traverse.simulator.scenario.script import ScriptEvent
 

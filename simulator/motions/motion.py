@@ -1,18 +1,18 @@
-"""What all motions of a configuration have in common."""
+"""What all motions of a configuration have in common, and those that touch nothing."""
 
-from collections.abc import Mapping
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import (
     AfterValidator,
     BeforeValidator,
-    ConfigDict,
+    Field,
     SerializeAsAny,
-    field_validator,
 )
 
+from traverse.simulator.kind_table import KindTable
 from traverse.simulator.motions.stage import CourseBuilder
-from traverse.strict_toml.reader import StrictModel
+from traverse.simulator.scenario.recorded_counts import read_recording
+from traverse.simulator.scenario.script import ScriptEvent
 
 Vector = tuple[float, float, float]
 
@@ -24,44 +24,42 @@ def _pointing(direction: Vector) -> Vector:
 
 
 Direction = Annotated[Vector, AfterValidator(_pointing)]
-KINDS: dict[
-    str, type["Motion"]
-] = {}  # filled by traverse.simulator.motions, the only table
 
 
-class Motion(StrictModel):
-    """A motion; every kind is a class of its own in a file of its own."""
+class Motion(KindTable):
+    """A motion; every kind is a class of its own."""
 
-    kind: str
-
-    @classmethod
-    def variant(cls, table: object) -> "type[Motion]":
-        """Select the class of a table by its kind."""
-        kind = table.get("kind") if isinstance(table, Mapping) else None
-        return KINDS.get(str(kind), UnknownMotion)
+    FAMILY = "motion"
+    KINDS: ClassVar[dict[str, type["Motion"]]] = {}  # filled by the package
 
     def play(self, stage: CourseBuilder) -> None:
         """Append this motion to the course."""
         raise NotImplementedError(self.kind)
 
 
-class UnknownMotion(Motion):
-    """What is of no known kind: refused for that alone, not for its other keys."""
-
-    model_config = ConfigDict(extra="ignore")
-
-    @field_validator("kind")
-    @classmethod
-    def _refuse(cls, kind: str) -> str:
-        known = ", ".join(sorted(KINDS))
-        raise ValueError(f"unknown kind of motion '{kind}'; known: {known}")
+AnyMotion = Annotated[SerializeAsAny[Motion], BeforeValidator(Motion.from_table)]
 
 
-def motion_from_table(table: object) -> Motion:
-    """Make a motion of the class of its kind."""
-    if isinstance(table, Motion):
-        return table
-    return Motion.variant(table).model_validate(table)
+class RestMotion(Motion):
+    """Hold still for a time."""
+
+    duration_s: float = Field(gt=0.0)
+
+    def play(self, stage: CourseBuilder) -> None:
+        """Append this motion to the course."""
+        stage.rest(self.duration_s)
 
 
-AnyMotion = Annotated[SerializeAsAny[Motion], BeforeValidator(motion_from_table)]
+class ReplayMotion(Motion):
+    """Play the counts of a CSV file; the inputs change as in its columns."""
+
+    file: str
+
+    def play(self, stage: CourseBuilder) -> None:
+        """Append this motion to the course: its duration, and its inputs."""
+        recording = read_recording(stage.folder / self.file)
+        stage.events += [
+            ScriptEvent(time_s, name, level)
+            for time_s, name, level in recording.input_changes()
+        ]
+        stage.rest(recording.duration_s)

@@ -1,52 +1,34 @@
 """Faults on request: of the line, of an encoder, of the whole board."""
 
 import math
-from collections.abc import Iterable, Mapping
-from typing import Annotated
+from collections.abc import Iterable
+from typing import Annotated, ClassVar
 
 from pydantic import (
     BeforeValidator,
-    ConfigDict,
     Field,
     SerializeAsAny,
-    field_validator,
 )
 
-from traverse.strict_toml.reader import StrictModel
+from traverse.simulator.kind_table import KindTable
 
 
-class Fault(StrictModel):
+class Fault(KindTable):
     """A fault; `at_s` counts from the start of the script.
 
     Without `duration_s` a fault lasts, without `device` it is of all devices.
     """
 
-    kind: str
+    FAMILY = "fault"
+    KINDS: ClassVar[dict[str, type["Fault"]]] = {}
+
     device: str | None = None
     at_s: float = Field(default=0.0, ge=0.0)
     duration_s: float = Field(default=math.inf, gt=0.0, allow_inf_nan=True)
 
-    @classmethod
-    def variant(cls, table: object) -> "type[Fault]":
-        """Select the class of a table by its kind."""
-        kind = table.get("kind") if isinstance(table, Mapping) else None
-        return FAULTS.get(str(kind), UnknownFault)
-
     def lasts(self, script_s: float) -> bool:
         """Whether it is there at a time of the script."""
         return self.at_s <= script_s < self.at_s + self.duration_s
-
-
-class UnknownFault(Fault):
-    """What is of no known kind: refused for that alone, not for its other keys."""
-
-    model_config = ConfigDict(extra="ignore")
-
-    @field_validator("kind")
-    @classmethod
-    def _refuse(cls, kind: str) -> str:
-        known = ", ".join(sorted(FAULTS))
-        raise ValueError(f"unknown kind of fault '{kind}'; known: {known}")
 
 
 class LineFault(Fault):
@@ -122,36 +104,27 @@ class EmcyFault(Fault):
     warnings: int = Field(default=0, ge=0, le=0xFFFF)
 
 
-FAULTS: dict[str, type[Fault]] = {
-    "lost": LineFault,
-    "corrupted": LineFault,
-    "repeated": LineFault,
-    "garbage": LineFault,
-    "cut": LineFault,
-    "check": LineFault,
-    "late": LateFault,
-    "stuck": EncoderFault,
-    "jump": JumpFault,
-    "status": StatusFault,
-    "gone": BoardFault,
-    "silent": SpeakerFault,
-    "reset": SpeakerFault,
-    "emcy": EmcyFault,
-    "duplicate": SpeakerFault,
-    "bus_off": BoardFault,
-}
-
-
-def fault_from_table(table: object) -> Fault:
-    """Make a fault of the class of its kind."""
-    return (
-        table
-        if isinstance(table, Fault)
-        else Fault.variant(table).model_validate(table)
-    )
-
-
-AnyFault = Annotated[SerializeAsAny[Fault], BeforeValidator(fault_from_table)]
+Fault.KINDS.update(
+    {
+        "lost": LineFault,
+        "corrupted": LineFault,
+        "repeated": LineFault,
+        "garbage": LineFault,
+        "cut": LineFault,
+        "check": LineFault,
+        "late": LateFault,
+        "stuck": EncoderFault,
+        "jump": JumpFault,
+        "status": StatusFault,
+        "gone": BoardFault,
+        "silent": SpeakerFault,
+        "reset": SpeakerFault,
+        "emcy": EmcyFault,
+        "duplicate": SpeakerFault,
+        "bus_off": BoardFault,
+    }
+)
+AnyFault = Annotated[SerializeAsAny[Fault], BeforeValidator(Fault.from_table)]
 
 
 def of_device(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.arrays import Booleans, Floats, Integers
-from traverse.simulator.arm.encoder import EncoderSet
+from traverse.simulator.arm.truth import EncoderSet
 from traverse.simulator.scenario.course import Course
 from traverse.simulator.scenario.faults import EncoderFault, JumpFault, StatusFault
 from traverse.simulator.scenario.script import Script, ScriptEvent

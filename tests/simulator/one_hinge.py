@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from traverse.simulator.arm.encoder import EncoderSet
 from traverse.simulator.arm.trajectory import Trajectory, rest_pieces
+from traverse.simulator.arm.truth import EncoderSet
 from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.scenario.course import ClimateTable
-from traverse.simulator.scenario.faults import fault_from_table
+from traverse.simulator.scenario.faults import Fault
 from traverse.simulator.scenario.script import Script
 from traverse.simulator.scenario.wiring import ScriptClock
 
@@ -51,7 +51,7 @@ def mounted(folder: Path, table, *faults, n_channels=2, per_turn=65536, events=(
     per_turns = np.full(n_channels, per_turn)
     moduli = per_turns * table.encoder_turns
     resting = Trajectory(np.array([0.0, 3600.0]), rest_pieces(np.zeros(n_channels)))
-    found = tuple(fault_from_table(fault) for fault in faults)
+    found = tuple(Fault.from_table(fault) for fault in faults)
     assert all(fault.kind in table.FAULTS for fault in found)
     return DeviceContext(
         folder,

@@ -1,12 +1,13 @@
 """Artefacts that campaigns touch: one file each."""
 
-from traverse.simulator.campaigns.artefacts.artefact import KINDS, AnyArtefact, Artefact
-from traverse.simulator.campaigns.artefacts.ball_bar import BallBar
-from traverse.simulator.campaigns.artefacts.cone import Cone
-from traverse.simulator.campaigns.artefacts.parallel_planes import ParallelPlanes
-from traverse.simulator.campaigns.artefacts.plane import Plane
-from traverse.simulator.campaigns.artefacts.points import Points
-from traverse.simulator.campaigns.artefacts.sphere import Sphere
+from traverse.simulator.campaigns.artefacts.artefact import AnyArtefact, Artefact
+from traverse.simulator.campaigns.artefacts.seats import Cone, Points
+from traverse.simulator.campaigns.artefacts.surfaces import (
+    BallBar,
+    ParallelPlanes,
+    Plane,
+    Sphere,
+)
 
 __all__ = [
     "AnyArtefact",
@@ -19,7 +20,7 @@ __all__ = [
     "Sphere",
 ]
 
-KINDS.update(
+Artefact.KINDS.update(
     {
         "cone": Cone,
         "ball_bar": BallBar,

@@ -1,28 +1,63 @@
-"""What all artefacts have in common."""
+"""What all artefacts have in common, and where one stands."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import (
     BeforeValidator,
-    ConfigDict,
     Field,
     SerializeAsAny,
-    field_validator,
 )
 
 from traverse.arrays import Floats, Indices
-from traverse.simulator.campaigns.artefacts.placement import Placement
-from traverse.strict_toml.reader import StrictModel
+from traverse.simulator.kind_table import KindTable
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """A rigid motion.
+
+    Attributes:
+        rotation: (3, 3) its columns are the artefact's axes in the arm's system.
+        position_mm: (3,) the artefact's origin in the arm's system.
+    """
+
+    rotation: Floats
+    position_mm: Floats
+
+    def points_mm(self, own_mm: Floats) -> Floats:
+        """Points (n, 3) of the artefact in the arm's system."""
+        return own_mm @ self.rotation.T + self.position_mm
+
+    def directions(self, own: Floats) -> Floats:
+        """Directions (n, 3) of the artefact in the arm's system."""
+        return own @ self.rotation.T
+
+
+def drawn_rotation(rng: np.random.Generator) -> Floats:
+    """A rotation (3, 3), all alike probable: the axes of a random frame, righted."""
+    frame, triangle = np.linalg.qr(rng.standard_normal((3, 3)))
+    frame = frame * np.sign(np.diag(triangle))
+    if np.linalg.det(frame) < 0.0:
+        frame[:, 2] = -frame[:, 2]
+    rotation: Floats = frame
+    return rotation
+
+
+def drawn_directions(
+    rng: np.random.Generator, n_directions: int, opening_rad: float
+) -> Floats:
+    """Unit vectors (n, 3), even over the cap of that opening about the third axis."""
+    heights = rng.uniform(np.cos(opening_rad), 1.0, n_directions)
+    around = rng.uniform(-np.pi, np.pi, n_directions)
+    radii = np.sqrt(np.maximum(0.0, 1.0 - heights**2))
+    return np.stack([radii * np.cos(around), radii * np.sin(around), heights], axis=1)
+
 
 Table = dict[str, Any]  # an artefact in campaign.toml or truth.json
 
 REFERENCE_C = 20.0  # where the standards have their lengths
-KINDS: dict[
-    str, type["Artefact"]
-] = {}  # filled by traverse.simulator.campaigns.artefacts
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +74,30 @@ class Contacts:
     towards: Floats
 
 
-class Artefact(StrictModel):
-    """An artefact; every kind is a class of its own in a file of its own.
+@dataclass(frozen=True, slots=True)
+class Touches:
+    """Contacts that are asked for.
+
+    Attributes:
+        rng: Draws where it is touched.
+        features: (n,) which part is touched, index into the artefact's `features`.
+        ball_mm: Radius of the ball.
+        growths: (n,) lengths at the time of the contact over those at 20 C.
+    """
+
+    rng: np.random.Generator
+    features: Indices
+    ball_mm: float
+    growths: Floats
+
+    @property
+    def n(self) -> int:
+        """How many."""
+        return len(self.features)
+
+
+class Artefact(KindTable):
+    """An artefact; every kind is a class of its own.
 
     Attributes:
         kind: Its name in campaign files.
@@ -49,16 +106,12 @@ class Artefact(StrictModel):
         contact_mm: Noise of its contacts; absent: that of the campaign.
     """
 
-    kind: str
+    FAMILY = "artefact"
+    KINDS: ClassVar[dict[str, type["Artefact"]]] = {}  # filled by the package
+
     id: str = Field(pattern=r"^[A-Za-z0-9_.+-]+$", min_length=1)
     n_poses: int = Field(ge=1)
     contact_mm: float | None = Field(default=None, ge=0.0)
-
-    @classmethod
-    def variant(cls, table: object) -> "type[Artefact]":
-        """Select the class of a table by its kind."""
-        kind = table.get("kind") if isinstance(table, Mapping) else None
-        return KINDS.get(str(kind), UnknownArtefact)
 
     @property
     def features(self) -> tuple[str, ...]:
@@ -79,52 +132,41 @@ class Artefact(StrictModel):
         """State why a ball of this radius does not fit."""
         return None
 
-    def contacts(
-        self,
-        rng: np.random.Generator,
-        features: Indices,
-        ball_mm: float,
-        growths: Floats,
-    ) -> Contacts:
-        """Draw contacts in the artefact's own coordinates.
-
-        Args:
-            rng: Draws where it is touched.
-            features: (n,) which part is touched, index into `features`.
-            ball_mm: Radius of the ball.
-            growths: (n,) lengths at the time of the contact over those at 20 C.
-        """
+    def contacts(self, touches: Touches) -> Contacts:
+        """Draw contacts in the artefact's own coordinates."""
         raise NotImplementedError(self.kind)
 
     def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
-        """Its statement in a campaign; the errors of standards are drawn."""
-        raise NotImplementedError(self.kind)
+        """Its statement in a campaign, here none; errors of standards are drawn."""
+        return {}
 
     def true_table(self, placement: Placement) -> Table:
         """What is true of it at 20 C, in the arm's system."""
         raise NotImplementedError(self.kind)
 
 
-class UnknownArtefact(Artefact):
-    """What is of no known kind: refused for that alone, not for its other keys."""
-
-    model_config = ConfigDict(extra="ignore")
-
-    @field_validator("kind")
-    @classmethod
-    def _refuse(cls, kind: str) -> str:
-        known = ", ".join(sorted(KINDS))
-        raise ValueError(f"unknown kind of artefact '{kind}'; known: {known}")
+AnyArtefact = Annotated[SerializeAsAny[Artefact], BeforeValidator(Artefact.from_table)]
 
 
-def artefact_from_table(table: object) -> Artefact:
-    """Make an artefact of the class of its kind."""
-    if isinstance(table, Artefact):
-        return table
-    return Artefact.variant(table).model_validate(table)
+class Standard(Artefact):
+    """An artefact with a certificate.
 
+    Attributes:
+        expansion_per_c: Of all its lengths.
+    """
 
-AnyArtefact = Annotated[SerializeAsAny[Artefact], BeforeValidator(artefact_from_table)]
+    expansion_per_c: float = 0.0
+
+    @property
+    def thermal_growth_per_c(self) -> float:
+        """By how much its lengths grow."""
+        return self.expansion_per_c
+
+    @property
+    def stated_expansion(self) -> Table:
+        """The key of the expansion, where there is any."""
+        stated = {"expansion_per_c": self.expansion_per_c}
+        return stated if self.expansion_per_c else {}
 
 
 def stated_length(
@@ -135,11 +177,6 @@ def stated_length(
     if std_mm > 0.0:
         table[f"{key}_std_mm"] = std_mm
     return table
-
-
-def stated_expansion(expansion_per_c: float) -> Table:
-    """The key of the expansion, where there is any."""
-    return {"expansion_per_c": expansion_per_c} if expansion_per_c else {}
 
 
 def no_directions(n_contacts: int) -> Floats:

@@ -11,7 +11,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.simulator.arm.physics import Mechanism, probe_pose
 from traverse.simulator.campaigns.artefacts import Cone, Sphere
-from traverse.simulator.campaigns.artefacts.placement import Placement
+from traverse.simulator.campaigns.artefacts.artefact import Placement
 from traverse.simulator.campaigns.dense.spec import ScanTable
 from traverse.simulator.campaigns.postures import reaching_postures, shifted_postures
 from traverse.simulator.campaigns.siting import UnreachableError

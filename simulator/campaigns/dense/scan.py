@@ -18,12 +18,10 @@ from traverse.simulator.campaigns.dense.motion import (
     refused,
 )
 from traverse.simulator.campaigns.dense.spec import DenseFile, dense_misfits
-from traverse.simulator.campaigns.fitting import misfits
 from traverse.simulator.campaigns.noise import encoder_stds, serial_noise
-from traverse.simulator.campaigns.postures import shifted_postures
-from traverse.simulator.campaigns.siting import place_artefacts
+from traverse.simulator.campaigns.postures import shifted_postures, travel_limits
+from traverse.simulator.campaigns.siting import misfits, place_artefacts
 from traverse.simulator.campaigns.streams import stream
-from traverse.simulator.campaigns.travel import travel_limits
 from traverse.simulator.effects import (
     FaultyArm,
     Surroundings,

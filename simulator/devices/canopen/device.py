@@ -6,13 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from traverse.simulator.devices.canopen.can_line import CanLine, LibraryLine
-from traverse.simulator.devices.canopen.loop_network import LoopNetwork
+from traverse.simulator.devices.canopen.can_line import (
+    CanLine,
+    LibraryLine,
+    LoopNetwork,
+)
 from traverse.simulator.devices.canopen.node import CanOpenEncoder, EncoderData
 from traverse.simulator.devices.canopen.slcan_adapter import SlcanAdapter
 from traverse.simulator.devices.canopen.table import CanOpenTable
 from traverse.simulator.devices.device import DeviceContext
-from traverse.simulator.devices.disturbed_line import DisturbedLine
+from traverse.simulator.devices.serial_line import DisturbedLine
 from traverse.simulator.scenario.faults import EmcyFault
 
 NMT, SYNC, LSS = 0x000, 0x080, 0x7E5

@@ -7,15 +7,48 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from traverse.simulator.devices.device import DeviceContext
-from traverse.simulator.devices.disturbed_line import DisturbedLine
+from traverse.simulator.devices.device import DeviceContext, DeviceObserver
 from traverse.simulator.devices.latch_board import wire
 from traverse.simulator.devices.latch_board.board import Board
-from traverse.simulator.devices.latch_board.drops import DropCounter
-from traverse.simulator.devices.latch_board.tick_counter import TickCounter
+from traverse.simulator.devices.latch_board.sampler import TickCounter
 from traverse.simulator.devices.pty_port import PtyPort
+from traverse.simulator.devices.serial_line import DisturbedLine
 from traverse.simulator.devices.table import DeviceTable
 from traverse.simulator.scenario.signals import LatchedEdge, OutgoingFrame
+
+
+class DropCounter:
+    """Notes each time that samples are dropped, from the first to the last in a row.
+
+    Args:
+        device: Whose.
+        notes: Where it is written when it is over.
+    """
+
+    def __init__(self, device: str, notes: DeviceObserver) -> None:
+        self._device, self._notes = device, notes
+        self._lived_s = self._stood_s = 0.0
+        self._begun_s = self._cause_s = 0.0
+        self._n = 0
+
+    def live(self, now_s: float) -> None:
+        """The program has reached the board."""
+        self._stood_s, self._lived_s = now_s - self._lived_s, now_s
+
+    def count(self, n_dropped: int) -> None:
+        """Samples have been sent, so many of them dropped."""
+        if n_dropped and not self._n:
+            self._begun_s, self._cause_s = self._lived_s, self._stood_s
+        self._n += n_dropped
+        if not n_dropped:
+            self.finish()
+
+    def finish(self) -> None:
+        """Write what there is to write."""
+        if self._n:
+            self._notes.dropped(self._device, self._n, self._begun_s, self._cause_s)
+            self._n = 0
+
 
 FIRMWARE = (1, 0, 0)
 PIECE_S, PIECE_WAIT_S = 0.1, 0.02

@@ -1,18 +1,150 @@
-"""Latches encoders: for the stream, for LATCH, for edges."""
+"""Latches encoders: for the stream, for LATCH, for edges of the inputs."""
+
+import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from traverse.arrays import Floats, Integers
 from traverse.simulator.devices.latch_board import wire
-from traverse.simulator.devices.latch_board.inputs import InputLevels
-from traverse.simulator.devices.latch_board.stream import Stream
-from traverse.simulator.devices.latch_board.tick_counter import TickCounter
 from traverse.simulator.scenario.signals import (
     InputChange,
     LatchedEdge,
     LatchSource,
     OutgoingFrame,
 )
+
+ROUNDING = 1e-6  # of a tick: `at` of `time_s` must be the same tick again
+
+
+@dataclass(frozen=True, slots=True)
+class TickCounter:
+    """A counter in the units of true time.
+
+    Ticks are whole numbers without wrap here, 0 at power-up; `shown` is what a frame
+    carries.
+
+    Attributes:
+        rate_hz: What the board believes.
+        error_ppm: By how much its quartz runs fast.
+        first_ticks: What the counter shows at power-up.
+        power_up_s: True time of power-up.
+    """
+
+    rate_hz: int
+    error_ppm: float
+    first_ticks: int
+    power_up_s: float
+
+    def at(self, time_s: float) -> int:
+        """Ticks that have passed at a time."""
+        return math.floor((time_s - self.power_up_s) * self._true_rate_hz + ROUNDING)
+
+    def time_s(self, ticks: int) -> float:
+        """True time of a tick."""
+        return self.power_up_s + ticks / self._true_rate_hz
+
+    def times_s(self, ticks: Integers) -> Floats:
+        """True times (n,) of ticks (n,)."""
+        return self.power_up_s + ticks / self._true_rate_hz
+
+    def shown(self, ticks: int) -> int:
+        """What the 32-bit counter shows."""
+        return (self.first_ticks + ticks) & 0xFFFFFFFF
+
+    @property
+    def _true_rate_hz(self) -> float:
+        return self.rate_hz * (1.0 + 1e-6 * self.error_ppm)
+
+
+class InputLevels:
+    """Levels as they are, and as they are known to have held.
+
+    Attributes:
+        levels: Bit i set where input i is active.
+    """
+
+    def __init__(self) -> None:
+        self.levels = 0
+        self._reported = 0
+        self._watched: dict[int, tuple[float, LatchedEdge]] = {}
+
+    def change(self, input_number: int, level: int) -> bool:
+        """Take a new level; True where an edge begins that must be latched."""
+        bit = 1 << input_number
+        self.levels = self.levels & ~bit | bit * level
+        if self._watched.pop(input_number, None) is not None:
+            return False  # back at the old level before the new one had held
+        return bool(self._reported & bit) != bool(level)
+
+    def watch(self, edge: LatchedEdge, held_at_s: float) -> None:
+        """Wait whether an edge that was latched holds until a time."""
+        self._watched[edge.input_number] = (held_at_s, edge)
+
+    def next_held_s(self) -> float:
+        """When the next edge has held; infinity if none is watched."""
+        times_s = (held_at_s for held_at_s, _ in self._watched.values())
+        return min(times_s, default=float("inf"))
+
+    def take_held(self, now_s: float) -> list[LatchedEdge]:
+        """Give the edges that have held, in order of time."""
+        held = [edge for at_s, edge in self._watched.values() if at_s <= now_s]
+        for edge in held:
+            del self._watched[edge.input_number]
+            self._reported ^= 1 << edge.input_number
+        return sorted(held, key=lambda edge: edge.time_s)
+
+
+@dataclass(slots=True)
+class Stream:
+    """A running stream; sample k is at first + round(k tick_rate 1000 / rate).
+
+    Attributes:
+        request: Of its START.
+        rate_millihz: Requested.
+        tick_rate_hz: Of the board.
+        first_tick: Of sample 0.
+        next_seq: Of the next sample, without wrap.
+    """
+
+    request: int
+    rate_millihz: int
+    tick_rate_hz: int
+    first_tick: int
+    next_seq: int = 0
+
+    def next_tick(self) -> int:
+        """Tick of the next sample."""
+        return self.first_tick + self._offset(self.next_seq)
+
+    def take_until(self, tick: int) -> tuple[Integers, Integers]:
+        """Take the samples up to and including a tick.
+
+        From round(k a / b) <= d follows k <= (b (2 d + 1) - 1) // (2 a).
+
+        Returns:
+            Sequence numbers and ticks (n,), both without wrap.
+        """
+        elapsed = tick - self.first_tick
+        span = 1000 * self.tick_rate_hz
+        last_seq = (self.rate_millihz * (2 * elapsed + 1) - 1) // (2 * span)
+        first_seq = self.next_seq
+        seqs = np.arange(first_seq, max(last_seq + 1, first_seq), dtype=np.int64)
+        self.next_seq = first_seq + len(seqs)
+        return seqs, self.first_tick + self._offsets(first_seq, len(seqs))
+
+    def _offset(self, seq: int) -> int:
+        return int(self._offsets(seq, 1)[0])
+
+    def _offsets(self, first_seq: int, n_samples: int) -> Integers:
+        # After rate_millihz samples exactly 1000 tick_rate_hz ticks have passed;
+        # counting from there keeps the products below 2^63 for ever.
+        span = 1000 * self.tick_rate_hz
+        rounds, rest = divmod(first_seq, self.rate_millihz)
+        seqs = rest + np.arange(n_samples, dtype=np.int64)
+        twice = 2 * seqs * span + self.rate_millihz
+        return rounds * span + twice // (2 * self.rate_millihz)
+
 
 STREAM, ON_REQUEST = 0, 1  # causes of a sample
 

@@ -7,12 +7,11 @@ import pytest
 
 from benchmarks.blind.detectable_sizes import noise_free_campaign, ruler
 from benchmarks.blind.round import Scenario, hide
-from benchmarks.proofs.campaigns import demo_arm
+from benchmarks.proofs.conditions import demo_arm
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted
 from traverse.simulator.campaigns.blind.effects import EFFECT_KINDS
-from traverse.simulator.campaigns.blind.hidden import drawn, played
-from traverse.simulator.campaigns.blind.poses import pose_set
+from traverse.simulator.campaigns.blind.poses import drawn, played, pose_set
 
 POSE_SEED = 1
 

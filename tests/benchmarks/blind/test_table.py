@@ -5,8 +5,7 @@ import json
 import pytest
 
 from benchmarks.blind.__main__ import main
-from benchmarks.blind.scenarios import FULL, QUICK, SCENARIOS
-from benchmarks.blind.store import append, missing, stored
+from benchmarks.blind.outcomes import FULL, QUICK, SCENARIOS, append, missing, stored
 from benchmarks.blind.table import rows
 
 GOOD = {

@@ -8,8 +8,7 @@ from contextlib import closing
 import pytest
 
 from benchmarks.soak.consumer import Store
-from benchmarks.soak.judge import judge
-from benchmarks.soak.measuring import Span
+from benchmarks.soak.judge import Span, judge
 from benchmarks.tools.rig import ARM
 from tests.protocol.message_examples import POINT
 from traverse.protocol.encoding import encode

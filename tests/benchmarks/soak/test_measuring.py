@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.soak.measuring import Work, measuring_s
+from benchmarks.soak.judge import Work, measuring_s
 
 
 def work(*, measuring_s=80.0, starts=10, sessions=9):

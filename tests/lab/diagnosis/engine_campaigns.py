@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from benchmarks.blind.detectable_sizes import SizeScale, noise_free_campaign, ruler
-from benchmarks.proofs.campaigns import demo_arm
+from benchmarks.proofs.conditions import demo_arm
 from benchmarks.tools.handover import campaign_from_simulation
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.diagnose import DiagnosisOptions
@@ -20,8 +20,13 @@ from traverse.simulator.campaigns import (
     draw_noise,
     make_poses,
 )
-from traverse.simulator.campaigns.blind.hidden import Hidden, drawn, played
-from traverse.simulator.campaigns.blind.poses import campaign_spec, weighed
+from traverse.simulator.campaigns.blind.poses import (
+    Hidden,
+    campaign_spec,
+    drawn,
+    played,
+    weighed,
+)
 
 SEED = 1
 OPTIONS = DiagnosisOptions(seed=SEED, n_draws=200)

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from benchmarks.proofs.campaigns import demo_arm, mix_poses
-from benchmarks.proofs.invariants import distance_errors
-from benchmarks.proofs.planted import PlantedNoise
+from benchmarks.proofs.conditions import demo_arm, mix_poses
+from benchmarks.proofs.trials import PlantedNoise, distance_errors
 from benchmarks.tools.handover import campaign_from_simulation
 from traverse.lab.identification.identify import Options, identify
 from traverse.simulator.campaigns import draw_noise

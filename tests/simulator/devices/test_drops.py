@@ -1,7 +1,7 @@
 """When samples are dropped, and why."""
 
 from tests.simulator.one_hinge import Notebook
-from traverse.simulator.devices.latch_board.drops import DropCounter
+from traverse.simulator.devices.latch_board.device import DropCounter
 
 
 def test_drops_in_a_row_are_one_note_with_what_came_before_them():

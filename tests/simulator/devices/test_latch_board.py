@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from traverse.simulator.devices.latch_board.board import Board
-from traverse.simulator.devices.latch_board.tick_counter import TickCounter
+from traverse.simulator.devices.latch_board.sampler import TickCounter
 from traverse.simulator.devices.latch_board.wire import Identity
 from traverse.simulator.scenario.signals import AlarmChange, InputChange
 

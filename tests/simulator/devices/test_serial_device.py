@@ -10,9 +10,8 @@ import pytest
 from tests.simulator.devices.host_side import heard, hosts_of, opened
 from tests.simulator.one_hinge import mounted
 from traverse.simulator.devices.device import make_device
-from traverse.simulator.devices.kinds import KINDS, class_named
 from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
-from traverse.simulator.devices.table import DeviceTable
+from traverse.simulator.devices.table import KINDS, DeviceTable, class_named
 from traverse.simulator.pacing import MonotonicClock, live_real
 
 

@@ -17,8 +17,7 @@ from traverse.simulator.effects import (
     Sawtooth,
     SquareOfTemperature,
 )
-from traverse.simulator.effects.posture import Posture
-from traverse.simulator.effects.yielding import Deflection
+from traverse.simulator.effects.posture import Deflection, Posture
 
 RIGID = make_poses(heavy_arm(), spec_of(Cone(id="cone", n_poses=5)), seed=9)
 SECOND = slice(1, 2)

@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from traverse.simulator.arm.encoder import EncoderSet
 from traverse.simulator.arm.physics import Mechanism
 from traverse.simulator.arm.trajectory import Trajectory, move_pieces
-from traverse.simulator.devices.disturbed_line import DisturbedLine
+from traverse.simulator.arm.truth import EncoderSet
+from traverse.simulator.devices.serial_line import DisturbedLine
 from traverse.simulator.effects import FaultyArm
 from traverse.simulator.effects.posture import Build
 from traverse.simulator.scenario.course import ClimateTable, Course
-from traverse.simulator.scenario.faults import fault_from_table
+from traverse.simulator.scenario.faults import Fault
 from traverse.simulator.scenario.script import Script
 from traverse.simulator.scenario.signals import AlarmChange
 from traverse.simulator.scenario.wiring import ScriptClock, ScriptedCounts, Wiring
@@ -17,7 +17,7 @@ FRAME = bytes(range(1, 50)) + b"\0"
 
 
 def line(seed=1, **table):
-    return DisturbedLine((fault_from_table(table),), seed)
+    return DisturbedLine((Fault.from_table(table),), seed)
 
 
 @pytest.mark.parametrize("kind", ["lost", "corrupted", "repeated", "garbage"])
@@ -83,7 +83,7 @@ def wiring(*faults, begin_s=0.0):
         script,
         ScriptClock(begin_s),
         inputs=["button"],
-        faults=[fault_from_table(fault) for fault in faults],
+        faults=[Fault.from_table(fault) for fault in faults],
         moduli=encoders.moduli,
         seed=(1, 0),
     )

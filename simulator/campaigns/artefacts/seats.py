@@ -1,24 +1,45 @@
-"""Points of known coordinates, in the arm's system or in one of their own."""
+"""Artefacts in which the ball is seated: a cone, and points of known coordinates."""
 
 from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
-from traverse.arrays import Floats, Indices
+from traverse.arrays import Floats
 from traverse.simulator.campaigns.artefacts.artefact import (
     Artefact,
     Contacts,
+    Placement,
+    Standard,
     Table,
+    Touches,
     no_directions,
-    stated_expansion,
 )
-from traverse.simulator.campaigns.artefacts.placement import Placement
+
+
+class Cone(Artefact):
+    """A seat for the ball."""
+
+    kind: Literal["cone"] = "cone"
+
+    @property
+    def is_fixed(self) -> bool:
+        """A seat is a seat."""
+        return True
+
+    def contacts(self, touches: Touches) -> Contacts:
+        """The seat, as often as requested."""
+        return Contacts(np.zeros((touches.n, 3)), no_directions(touches.n))
+
+    def true_table(self, placement: Placement) -> Table:
+        """Where the seated ball's centre is."""
+        return {"point_mm": placement.position_mm.tolist()}
+
 
 PLASTIC = 1.2207440846057596  # root of x^4 = x + 1: its powers spread points evenly
 
 
-class Points(Artefact):
+class Points(Standard):
     """Seats for the ball, spread over a cube; they expand about its middle.
 
     Attributes:
@@ -27,7 +48,6 @@ class Points(Artefact):
         frame: In which system their coordinates are known.
         scale: Length in the arm's system over length in their own.
         points_std_mm: Of each coordinate that the campaign states.
-        expansion_per_c: Of all distances.
     """
 
     kind: Literal["points"] = "points"
@@ -36,7 +56,6 @@ class Points(Artefact):
     frame: Literal["arm", "own", "own_scaled"] = "own"
     scale: float = Field(default=1.0, gt=0.0)
     points_std_mm: float = Field(default=0.0, ge=0.0)
-    expansion_per_c: float = 0.0
 
     @property
     def features(self) -> tuple[str, ...]:
@@ -47,11 +66,6 @@ class Points(Artefact):
     def is_fixed(self) -> bool:
         """A seat is a seat."""
         return True
-
-    @property
-    def thermal_growth_per_c(self) -> float:
-        """By how much their distances grow."""
-        return self.expansion_per_c
 
     @property
     def own_mm(self) -> Floats:
@@ -75,16 +89,12 @@ class Points(Artefact):
             )
         return None
 
-    def contacts(
-        self,
-        rng: np.random.Generator,
-        features: Indices,
-        ball_mm: float,
-        growths: Floats,
-    ) -> Contacts:
+    def contacts(self, touches: Touches) -> Contacts:
         """The seats."""
-        centres_mm = self.scale * self.own_mm[features] * growths[:, None]
-        return Contacts(centres_mm, no_directions(len(features)))
+        centres_mm = (
+            self.scale * self.own_mm[touches.features] * touches.growths[:, None]
+        )
+        return Contacts(centres_mm, no_directions(touches.n))
 
     def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
         """Their coordinates, as the certificate has them."""
@@ -95,7 +105,7 @@ class Points(Artefact):
         table: Table = {"frame": self.frame}
         if self.points_std_mm > 0.0:
             table["points_std_mm"] = self.points_std_mm
-        table |= stated_expansion(self.expansion_per_c)
+        table |= self.stated_expansion
         table["points_mm"] = dict(zip(self.features, known_mm.tolist(), strict=True))
         return table
 

@@ -1,0 +1,65 @@
+"""Tables of a configuration whose `kind` says which other keys they have."""
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any, ClassVar, Self, TypeVar
+
+from pydantic import ConfigDict, create_model, field_validator
+
+from traverse.strict_toml.reader import StrictModel
+
+T = TypeVar("T", bound="KindTable")
+
+
+class KindTable(StrictModel):
+    """Base of a family of tables; every kind is a child of the family's class.
+
+    Attributes:
+        FAMILY: What a table is of, for messages.
+        KINDS: By kind, what `class_of` makes a class of.
+    """
+
+    FAMILY: ClassVar[str]
+    KINDS: ClassVar[dict[str, Any]]
+
+    kind: str
+
+    @classmethod
+    def class_of(cls, kind: str) -> type[Self]:
+        """The class of a kind that exists."""
+        found: type[Self] = cls.KINDS[kind]
+        return found
+
+    @classmethod
+    def variant(cls, table: object) -> type[Self]:
+        """Say the class of a table by its kind."""
+        default = cls.model_fields["kind"].default
+        kind = table.get("kind", default) if isinstance(table, Mapping) else None
+        return cls.class_of(str(kind)) if str(kind) in cls.KINDS else _unknown(cls)
+
+    @classmethod
+    def from_table(cls, table: object) -> Self:
+        """Make a table of the class that its kind asks for."""
+        if isinstance(table, cls):
+            return table
+        return cls.variant(table).model_validate(table)
+
+
+class _UnknownKind(KindTable):
+    """Of no known kind: refused for that alone, not for its other keys."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    @field_validator("kind")
+    @classmethod
+    def _refuse(cls, kind: str) -> str:
+        known = ", ".join(sorted(cls.KINDS))
+        raise ValueError(f"unknown kind of {cls.FAMILY} '{kind}'; known: {known}")
+
+
+@cache
+def _unknown(family: type[T]) -> type[T]:
+    if issubclass(family, _UnknownKind):
+        return family
+    bases: tuple[type[Any], ...] = (family, _UnknownKind)
+    return create_model(f"Unknown{family.__name__}", __base__=bases)
