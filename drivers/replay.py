@@ -5,7 +5,7 @@ changed. A latch cannot be requested: points on command are made from the stream
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,6 @@ import numpy as np
 from pydantic import Field
 
 from traverse.drivers.base.delivery_maps import delivery_from_map
-from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.values import (
@@ -60,17 +59,10 @@ class ReplayDriver(Driver):
     options: ReplayOptions
     options_class = ReplayOptions
 
-    def __init__(
-        self,
-        device: str,
-        options: ReplayOptions,
-        delivery_queue: DeliveryQueue,
-        *,
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
-        super().__init__(device, options, delivery_queue, monotonic_ns=monotonic_ns)
+    def _prepare(self) -> None:
+        options = self.options
         self._path = Path(options.file)
-        self._source = options.source or device
+        self._source = options.source or self.device
         self._speed = options.speed
         self._repeat = options.repeat
         self._reader: RunReader | None = None

@@ -6,13 +6,10 @@ when the request arrives is general knowledge, and not confirmed, as is that the
 of a multi-turn encoder change where its position passes 0.
 """
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from traverse.drivers.amt21.line import Amt21Line, TimedValue
 from traverse.drivers.amt21.options import Amt21Options
-from traverse.drivers.base.delivery_queue import DeliveryQueue
-from traverse.drivers.io.ports import SERIAL_PORTS, BytePort, PortAccess
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
 from traverse.drivers.polling.polled_driver import PolledDriver
 from traverse.protocol import amt21
@@ -31,37 +28,22 @@ TURNS_UNSTEADY = ReadError(
 )
 
 
-class Amt21Driver(PolledDriver):
+class Amt21Driver(PolledDriver[Amt21Line]):
     """Encoders on one line; channel i is the one with address i of ``addresses``."""
 
     options: Amt21Options
     options_class = Amt21Options
 
-    def __init__(
-        self,
-        device: str,
-        options: Amt21Options,
-        delivery_queue: DeliveryQueue,
-        *,
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
-        ports: PortAccess = SERIAL_PORTS,
-    ) -> None:
-        super().__init__(
-            device, options, delivery_queue, monotonic_ns=monotonic_ns, ports=ports
-        )
-        self._addresses = options.addresses
-        self._bits = options.bits
-        self._turns = options.turns
-        self._port: BytePort | None = None
-        self._line: Amt21Line | None = None
-        self._turns_checked_ns = [0] * len(options.addresses)
-        self._unrequested_before = 0
+    def _prepare(self) -> None:
+        self._addresses = self.options.addresses
+        self._bits = self.options.bits
+        self._turns = self.options.turns
+        self._turns_checked_ns = [0] * len(self._addresses)
 
     def _open(self) -> tuple[str, Sequence[PolledChannel]]:
         options = self.options
-        self._port = self._ports.open(options.port, options.baud_rate, self._wake_read)
         self._line = Amt21Line(
-            self._port,
+            self._ports.open(options.port, options.baud_rate, self._wake_read),
             self._now_ns,
             options.answer_timeout_s,
             echoed=options.echo == "yes",
@@ -82,20 +64,9 @@ class Amt21Driver(PolledDriver):
             for address in self._addresses
         ]
 
-    def _disconnect(self) -> None:
-        if self._line is not None:
-            self._unrequested_before += self._line.unrequested_bytes
-            self._line = None
-        if self._port is not None:
-            self._port.close()
-            self._port = None
-
     def _cycle_is_valid(self) -> bool:
-        line = self._open_line()
+        line = self._open_line
         sound = line.take_validity()
-        self._counters["stray_bytes"] = (
-            self._unrequested_before + line.unrequested_bytes
-        )
         self._counters["exchange_us"] = round(line.exchange_ns * 1e-3)
         self._counters["longest_exchange_us"] = round(line.longest_ns * 1e-3)
         self._counters["echoed"] = int(line.echoed)
@@ -165,9 +136,4 @@ class Amt21Driver(PolledDriver):
 
     def _ask(self, channel: int, request: bytes) -> TimedValue | ReadError:
         patient = not self._channels[channel].missing
-        return self._open_line().ask(request, patient=patient)
-
-    def _open_line(self) -> Amt21Line:
-        if self._line is None:
-            raise RuntimeError(f"the line of {self.device} is not open")
-        return self._line
+        return self._open_line.ask(request, patient=patient)

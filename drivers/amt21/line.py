@@ -80,6 +80,10 @@ class Amt21Line:
         self._disturbed = False
         self._missed = False
 
+    def close_port(self) -> None:
+        """Close the port."""
+        self._port.close()
+
     def find_echo(self, addresses: Sequence[int]) -> None:
         """Find out whether the adapter echoes.
 

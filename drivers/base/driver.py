@@ -83,6 +83,7 @@ class Driver(ABC):
         self.thread = threading.Thread(
             target=self._run, name=f"driver-{device}", daemon=True
         )
+        self._prepare()
 
     def start(self) -> None:
         """Begin to connect; the outcome is delivered, as is everything later."""
@@ -141,6 +142,9 @@ class Driver(ABC):
 
     def acknowledge(self, token: int) -> None:  # noqa: B027 - few devices keep edges
         """Acknowledge the edge ``token`` to the device."""
+
+    def _prepare(self) -> None:  # noqa: B027 - some have no state of their own
+        """Begin with the state of this kind of driver; called by the constructor."""
 
     @abstractmethod
     def _connect(self) -> None:

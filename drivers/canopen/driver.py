@@ -11,9 +11,7 @@ mapped anew (`drivers/canopen/node.py`), warning bit 5 and the makers' own bits
 """
 
 import time
-from collections.abc import Callable
 
-from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import ASK_S, Driver
 from traverse.drivers.base.values import DeviceUp, StreamStarted
 from traverse.drivers.canopen.discovery import (
@@ -42,17 +40,9 @@ class CanOpenDriver(Driver):
     options: CanOpenOptions
     options_class = CanOpenOptions
 
-    def __init__(
-        self,
-        device: str,
-        options: CanOpenOptions,
-        delivery_queue: DeliveryQueue,
-        *,
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
-        super().__init__(device, options, delivery_queue, monotonic_ns=monotonic_ns)
+    def _prepare(self) -> None:
         # The thread's own.
-        self._conditions = Conditions(device, delivery_queue.put)
+        self._conditions = Conditions(self.device, self._delivery_queue.put)
         self._first = True
         self._stream = 0
         self._begin_anew()

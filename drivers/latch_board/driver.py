@@ -1,10 +1,8 @@
 """Driver of a latching controller board on a serial line (docs/serial-protocol.md)."""
 
-import time
 from collections import deque
 from collections.abc import Callable
 
-from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import (
     DeviceError,
@@ -43,16 +41,8 @@ class LatchBoardDriver(Driver):
     options: LatchBoardOptions
     options_class = LatchBoardOptions
 
-    def __init__(
-        self,
-        device: str,
-        options: LatchBoardOptions,
-        delivery_queue: DeliveryQueue,
-        *,
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
-        super().__init__(device, options, delivery_queue, monotonic_ns=monotonic_ns)
-        self._path = options.port
+    def _prepare(self) -> None:
+        self._path = self.options.port
         self._latches: deque[int] = deque()
         self._latch_token = 0
         self._edges = EdgeSequencer()

@@ -9,24 +9,19 @@ again, so it must be there when it is switched on.
 """
 
 import contextlib
-import time
-from collections.abc import Callable
 
-from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import DeviceError, DeviceUp, StreamStarted
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.microscribe.identification import MicroscribeIdentification
 from traverse.drivers.microscribe.line import TimedPacket
-from traverse.drivers.microscribe.loss_reports import MicroscribeLosses
 from traverse.drivers.microscribe.motion_report import MotionReport
 from traverse.drivers.microscribe.options import MicroscribeOptions
-from traverse.drivers.microscribe.packets import SampleBlock
 from traverse.drivers.microscribe.pedals import PedalDebouncer, PendingPedalEdges
 from traverse.drivers.microscribe.session import MicroscribeSession, connect
 from traverse.drivers.polling.alarms import ReadErrorLog
 from traverse.drivers.polling.channel import IMPLAUSIBLE
-from traverse.drivers.polling.sampling import SampleSchedule
+from traverse.drivers.polling.sampling import SampleBlockBuilder, SampleSchedule
 
 PEDAL_HZ = 100.0  # a press is seen in two packets; least rate of requests
 SILENCE_NS = 500_000_000
@@ -39,15 +34,8 @@ class MicroscribeDriver(Driver):
     options: MicroscribeOptions
     options_class = MicroscribeOptions
 
-    def __init__(
-        self,
-        device: str,
-        options: MicroscribeOptions,
-        delivery_queue: DeliveryQueue,
-        *,
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
-        super().__init__(device, options, delivery_queue, monotonic_ns=monotonic_ns)
+    def _prepare(self) -> None:
+        options = self.options
         self._path = options.port
         self._by_motion = options.report == "motion"
         # The thread's own.
@@ -55,10 +43,13 @@ class MicroscribeDriver(Driver):
         self._port: SerialPort | None = None
         self._session: MicroscribeSession | None = None
         self._pedals = PedalDebouncer(options.debounce_ms * 1_000_000)
-        self._edges = PendingPedalEdges(device, delivery_queue.put)
-        self._read_errors = ReadErrorLog(device, delivery_queue.put, self._counters)
-        self._losses = MicroscribeLosses(self._fault, self._counters)
-        self._block = SampleBlock(device)
+        self._edges = PendingPedalEdges(self.device, self._delivery_queue.put)
+        self._read_errors = ReadErrorLog(
+            self.device, self._delivery_queue.put, self._counters
+        )
+        # Not yet reported: of the stream, of pedals, packets of this line.
+        self._lost_samples = self._lost_edges = self._rejected = 0
+        self._block = SampleBlockBuilder(self.device)
         self._last_counts: tuple[int, ...] = ()
         self._stream = 0
         self._next_seq = 0
@@ -92,7 +83,7 @@ class MicroscribeDriver(Driver):
         # Not earlier: if that fails, the next try has to report the restart.
         self._arm = opened.arm
         self._pedals.begin(session.first)
-        self._losses.begin()
+        self._rejected = 0
         self._streams_begun = 0  # the requested stream is to be started again
         self._answered_ns = self._now_ns()
 
@@ -143,7 +134,7 @@ class MicroscribeDriver(Driver):
             self._deliver_block()
         if now_ns - self._told_ns >= TELL_NS:
             self._told_ns = now_ns
-            self._losses.report(session, self._path)
+            self._report_losses(session)
             self._read_errors.raise_if_all_missing(session.channels)
             self._read_errors.report(session.channels, now_ns)
         self._report_counters()
@@ -154,6 +145,36 @@ class MicroscribeDriver(Driver):
                 "while it is switched on",
             )
         return not self._stopping and self._streams_begun == self._streams_requested
+
+    def _report_losses(self, session: MicroscribeSession) -> None:
+        line, faults = session.line, session.decoder.faults
+        self._counters["bytes_stray"] = line.unrequested_bytes + faults["stray"]
+        self._counters["packets_old"] = line.old
+        self._counters["clock_steps"] = session.clock_steps
+        if rejected := faults["broken"] + faults["foreign"] - self._rejected:
+            self._rejected += rejected
+            self._fault(
+                "frames_rejected",
+                f"{rejected} broken packets on {self._path}",
+                "check cable, shielding and baud rate",
+                rejected,
+            )
+        if edges := self._lost_edges:
+            self._lost_edges = 0
+            self._fault(
+                "edges_lost",
+                f"{edges} pedal edges were lost because nobody takes them",
+                "the daemon is overloaded; repeat the last points",
+                edges,
+            )
+        if lost := self._lost_samples:
+            self._lost_samples = 0
+            self._fault(
+                "samples_lost",
+                f"{lost} samples lost between {session.arm.name} and host",
+                "lower the rate, or check cable and adapter",
+                lost,
+            )
 
     def _poll(self, session: MicroscribeSession, rate_hz: float) -> None:
         """Request packets, of which every so many is a sample of the stream."""
@@ -221,9 +242,9 @@ class MicroscribeDriver(Driver):
             certain = reported and sample.counts == self._last_counts
             self._last_counts = sample.counts
             for edge in self._pedals.detect_edges(sample, certain=certain):
-                self._losses.edges += self._edges.add(edge)
+                self._lost_edges += self._edges.add(edge)
         if seq is not None:
-            self._losses.samples += max(0, seq - self._next_seq)
+            self._lost_samples += max(0, seq - self._next_seq)
             self._next_seq = seq + 1
             self._counters["samples_received"] += 1
             self._block.add(seq, sample)

@@ -1,4 +1,4 @@
-"""Packets of a MicroScribe as samples: their time, their counts, gathered in blocks.
+"""The time of a MicroScribe's packets.
 
 A packet is latched after its request has left and before its answer begins; how much
 of that is time on the line is known, the rest is taken to be the same both ways. The
@@ -8,39 +8,12 @@ as expected is left alone.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-import numpy as np
-
-from traverse.drivers.base.values import CountSamples
 from traverse.drivers.microscribe.line import TimedPacket
 from traverse.drivers.timing.device_clock import DeviceClock
 
-BLOCK_NS = 10_000_000
 EARLY_NS = 5_000_000  # latched so long before its request: an answer to an earlier one
 MAX_TIMER_ERROR = 0.2
-
-
-@dataclass(frozen=True, slots=True)
-class PacketSample:
-    """The contents of a packet, converted for all drivers.
-
-    Attributes:
-        ticks: the arm's timer, unwrapped; the time again where it is not used.
-        status: by channel, bits ``STATUS_*``; where missing, the last count is kept.
-    """
-
-    time_ns: int
-    received_ns: int
-    ticks: int
-    buttons: int
-    counts: tuple[int, ...]
-    status: tuple[int, ...]
-
-    @property
-    def complete(self) -> bool:
-        """Every count is valid."""
-        return not any(self.status)
 
 
 class PacketClock:
@@ -98,44 +71,3 @@ def timer_runs(heard: Sequence[TimedPacket], rate_hz: float, wrap: int) -> bool:
     elapsed_s = (last.begun_ns - first.begun_ns) * 1e-9
     ticks = ((last.packet.timer or 0) - (first.packet.timer or 0)) % wrap
     return abs(ticks - elapsed_s * rate_hz) <= MAX_TIMER_ERROR * elapsed_s * rate_hz + 2
-
-
-class SampleBlock:
-    """Samples that wait to be delivered together.
-
-    Args:
-        device: id in the configuration.
-    """
-
-    def __init__(self, device: str) -> None:
-        self._device = device
-        self._waiting: list[tuple[int, PacketSample]] = []
-
-    def add(self, seq: int, sample: PacketSample) -> None:
-        """Take a sample with its number."""
-        self._waiting.append((seq, sample))
-
-    def is_due(self, now_ns: int) -> bool:
-        """Whether the oldest has waited long enough."""
-        return bool(self._waiting) and (
-            now_ns - self._waiting[0][1].time_ns >= BLOCK_NS
-        )
-
-    def take(self, stream: int) -> CountSamples | None:
-        """All of them as a block of ``stream``, and begin anew."""
-        if not self._waiting:
-            return None
-        seq = [number for number, _ in self._waiting]
-        samples = [sample for _, sample in self._waiting]
-        self._waiting.clear()
-        return CountSamples(
-            self._device,
-            stream,
-            seq=np.array(seq, dtype=np.int64),
-            device_ticks=np.array([s.ticks for s in samples], dtype=np.int64),
-            received_ns=samples[-1].received_ns,
-            sample_time_ns=np.array([s.time_ns for s in samples], dtype=np.int64),
-            inputs=np.array([s.buttons for s in samples], dtype=np.uint8),
-            counts=np.array([s.counts for s in samples], dtype=np.uint32),
-            status=np.array([s.status for s in samples], dtype=np.uint8),
-        )

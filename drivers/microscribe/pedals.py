@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from traverse.drivers.base.values import LatchedCounts
-from traverse.drivers.microscribe.packets import PacketSample
+from traverse.drivers.polling.sampling import PolledSample
 from traverse.protocol.microscribe.packets import N_BUTTONS
 
 MAX_WAITING = 64
@@ -23,7 +23,7 @@ class PedalEdge:
 
     number: int
     down: bool
-    first: PacketSample
+    first: PolledSample
 
 
 class PedalDebouncer:
@@ -36,7 +36,7 @@ class PedalDebouncer:
     def __init__(self, debounce_ns: int) -> None:
         self._debounce_ns = debounce_ns
         self._levels = 0
-        self._first: dict[int, PacketSample] = {}
+        self._first: dict[int, PolledSample] = {}
         self._until_ns: dict[int, int] = {}
 
     @property
@@ -44,26 +44,26 @@ class PedalDebouncer:
         """A change waits for the next packet."""
         return bool(self._first)
 
-    def begin(self, sample: PacketSample) -> None:
+    def begin(self, sample: PolledSample) -> None:
         """Take the levels of a sample; what changed before it is no edge."""
-        self._levels = sample.buttons
+        self._levels = sample.inputs
         self._first.clear()
         self._until_ns.clear()
 
     def detect_edges(
-        self, sample: PacketSample, *, certain: bool = False
+        self, sample: PolledSample, *, certain: bool = False
     ) -> list[PedalEdge]:
         """The edges that a packet confirms, or shows beyond doubt."""
         edges = []
         for number in range(N_BUTTONS):
             bit = 1 << number
-            if not (self._levels ^ sample.buttons) & bit:
+            if not (self._levels ^ sample.inputs) & bit:
                 self._first.pop(number, None)
             elif number in self._first or certain:
                 first = self._first.pop(number, sample)
                 self._levels ^= bit
                 self._until_ns[number] = first.time_ns + self._debounce_ns
-                edges.append(PedalEdge(number, bool(sample.buttons & bit), first))
+                edges.append(PedalEdge(number, bool(sample.inputs & bit), first))
             elif sample.time_ns >= self._until_ns.get(number, sample.time_ns):
                 self._first[number] = sample
         return edges

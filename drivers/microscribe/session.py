@@ -11,8 +11,9 @@ from traverse.drivers.microscribe.identification import (
     read_identification,
 )
 from traverse.drivers.microscribe.line import PACKET_S, MicroscribeLine, TimedPacket
-from traverse.drivers.microscribe.packets import PacketClock, PacketSample, timer_runs
+from traverse.drivers.microscribe.packets import PacketClock, timer_runs
 from traverse.drivers.polling.channel import IMPLAUSIBLE, EncoderReading, PolledChannel
+from traverse.drivers.polling.sampling import PolledSample
 from traverse.protocol.microscribe.packets import N_BUTTONS, PacketDecoder
 
 BAUD_RATES = (115200, 57600, 38400, 19200, 9600, 28800, 14400)
@@ -189,7 +190,7 @@ class MicroscribeSession:
         """Request a packet; None if none arrives."""
         return self.line.packet(self.decoder, self._clock.is_old)
 
-    def sample_of(self, heard: TimedPacket) -> tuple[PacketSample, list[int]]:
+    def sample_of(self, heard: TimedPacket) -> tuple[PolledSample, list[int]]:
         """A packet as a sample, and the channels whose counts cannot be."""
         ticks, time_ns = self._clock.time_of(heard)
         status, implausible = [], []
@@ -200,7 +201,7 @@ class MicroscribeSession:
             status.append(STATUS_MISSING if miss else 0)
             if miss is IMPLAUSIBLE:
                 implausible.append(number)
-        sample = PacketSample(
+        sample = PolledSample(
             time_ns,
             heard.received_ns,
             ticks,

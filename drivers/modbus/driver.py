@@ -6,14 +6,11 @@ renew their position only every few milliseconds. Which registers say what is to
 the configuration: there is no standard.
 """
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from pymodbus.exceptions import ModbusException
 
-from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import STATUS_ERROR, STATUS_WARNING
-from traverse.drivers.io.ports import SERIAL_PORTS, BytePort, PortAccess
 from traverse.drivers.modbus.line import ModbusClient
 from traverse.drivers.modbus.options import CONDITIONS, ModbusOptions
 from traverse.drivers.polling.alarms import ConditionAlarms
@@ -37,32 +34,19 @@ SHIFTED = ReadError(
 )
 
 
-class ModbusDriver(PolledDriver):
+class ModbusDriver(PolledDriver[ModbusClient]):
     """Encoders on one line; channel i is encoder i of ``encoders``."""
 
     options: ModbusOptions
     options_class = ModbusOptions
 
-    def __init__(
-        self,
-        device: str,
-        options: ModbusOptions,
-        delivery_queue: DeliveryQueue,
-        *,
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
-        ports: PortAccess = SERIAL_PORTS,
-    ) -> None:
-        super().__init__(
-            device, options, delivery_queue, monotonic_ns=monotonic_ns, ports=ports
-        )
+    def _prepare(self) -> None:
+        options = self.options
         self._encoders = options.encoders
         self._registers = [encoder.registers for encoder in self._encoders]
         self._timeout_s = options.answer_timeout_s
-        self._port: BytePort | None = None
-        self._client: ModbusClient | None = None
         self._doubted_until_ns = [0] * len(self._encoders)
         self._longest_ns = 0
-        self._unrequested_before = 0
         self._asks_status = [
             n for n, e in enumerate(self._encoders) if e.status_register is not None
         ]
@@ -71,22 +55,24 @@ class ModbusDriver(PolledDriver):
         self._status_due_ns = 0
         self._status_turn = 0
         self._flags = [0] * len(self._encoders)
-        self._status = ConditionAlarms(device, delivery_queue.put, CONDITIONS)
+        self._status = ConditionAlarms(
+            self.device, self._delivery_queue.put, CONDITIONS
+        )
         self._names = {
             n: f"encoder {encoder.address}" for n, encoder in enumerate(self._encoders)
         }
 
     def _open(self) -> tuple[str, Sequence[PolledChannel]]:
         options = self.options
-        self._port = self._ports.open(
+        port = self._ports.open(
             options.port,
             options.baud_rate,
             self._wake_read,
             parity=options.parity_letter,
             stop_bits=options.stop_bits,
         )
-        self._client = ModbusClient(
-            self._port,
+        self._line = ModbusClient(
+            port,
             self._now_ns,
             self._pass,
             timeout_s=self._timeout_s,
@@ -101,14 +87,6 @@ class ModbusDriver(PolledDriver):
             for n, e in enumerate(self._encoders)
         ]
 
-    def _disconnect(self) -> None:
-        if self._client is not None:
-            self._unrequested_before += self._client.unrequested_bytes
-            self._client = None
-        if self._port is not None:
-            self._port.close()
-            self._port = None
-
     def _read_channel(self, channel: int) -> EncoderReading | ReadError:
         encoder, registers = self._encoders[channel], self._registers[channel]
         said = self._ask(channel, encoder.function, registers.first, registers.words)
@@ -118,15 +96,11 @@ class ModbusDriver(PolledDriver):
         return EncoderReading(registers.count(words), time_ns, self._flags[channel])
 
     def _cycle_is_valid(self) -> bool:
-        client = self._open_client()
         now_ns = self._now_ns()
         if self._asks_status and self._status_ns and now_ns >= self._status_due_ns:
             self._status_due_ns = now_ns + self._status_ns
             self._status_turn = (self._status_turn + 1) % len(self._asks_status)
             self._ask_status(self._asks_status[self._status_turn])
-        self._counters["stray_bytes"] = (
-            self._unrequested_before + client.unrequested_bytes
-        )
         self._counters["longest_exchange_us"] = round(self._longest_ns * 1e-3)
         self._status.report(self._names, now_ns)
         return True
@@ -150,7 +124,7 @@ class ModbusDriver(PolledDriver):
         self, channel: int, function: int, first: int, n_words: int
     ) -> tuple[list[int], int] | ReadError:
         """Registers of an encoder, and the middle of the exchange."""
-        client = self._open_client()
+        client = self._open_line
         read = client.read_input_registers
         if function == 3:
             read = client.read_holding_registers
@@ -190,9 +164,4 @@ class ModbusDriver(PolledDriver):
         """Wait for a time, even where something wakes this thread."""
         until_ns = self._now_ns() + round(seconds * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0:
-            self._wait_for(self._wake_read, left_ns * 1e-9)
-
-    def _open_client(self) -> ModbusClient:
-        if self._client is None:
-            raise RuntimeError(f"the line of {self.device} is not open")
-        return self._client
+            self._ports.wait_for_wake(self._wake_read, left_ns * 1e-9)

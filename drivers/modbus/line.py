@@ -18,7 +18,7 @@ class ModbusClient(ModbusBaseSyncClient):
     """One line with Modbus RTU devices.
 
     Args:
-        port: open port; closed by its owner.
+        port: open port; `close_port` closes it.
         monotonic_ns: the host's clock.
         let_pass: waits so many seconds.
         timeout_s: within which a reply is whole; may be changed.
@@ -62,7 +62,11 @@ class ModbusClient(ModbusBaseSyncClient):
         return True
 
     def close(self) -> None:
-        """The port's owner closes it."""
+        """The client may be closed; the port stays open until `close_port`."""
+
+    def close_port(self) -> None:
+        """Close the port."""
+        self._port.close()
 
     def send(self, request: bytes, addr: tuple[str, int] | None = None) -> int:
         """Send a frame, after what silence belongs between two of them."""

@@ -11,6 +11,7 @@ from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
 from statistics import median
+from typing import Generic, Protocol, TypeVar
 
 from pydantic import Field
 
@@ -21,7 +22,11 @@ from traverse.drivers.base.values import DeviceUp, Identity, StreamStarted
 from traverse.drivers.io.ports import SERIAL_PORTS, PortAccess
 from traverse.drivers.polling.alarms import ReadErrorLog
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
-from traverse.drivers.polling.sampling import SampleBlockBuilder, SampleSchedule
+from traverse.drivers.polling.sampling import (
+    SampleBlockBuilder,
+    SampleSchedule,
+    sample_of_readings,
+)
 
 FIRST_CYCLES = 8  # to get acquainted, and to learn how long a cycle takes
 LENGTHS = 256  # of polling, that are stored
@@ -49,10 +54,24 @@ class PolledOptions(DriverOptions):
     max_speed_rad_s: float = Field(default=20.0, ge=1.0, le=1000.0)
 
 
-class PolledDriver(Driver):
+class PolledLine(Protocol):
+    """The line or lines to the encoders of a driver."""
+
+    @property
+    def unrequested_bytes(self) -> int:
+        """Bytes that nobody had asked for."""
+
+    def close_port(self) -> None:
+        """Close the ports."""
+
+
+LineT = TypeVar("LineT", bound=PolledLine)
+
+
+class PolledDriver(Driver, Generic[LineT]):
     """A device whose channels are read one after the other.
 
-    A child overrides `_open`, `_read_channel` and `_disconnect`.
+    A child overrides `_open`, which sets `_line`, and `_read_channel`.
 
     Args:
         device: id in the configuration.
@@ -75,8 +94,9 @@ class PolledDriver(Driver):
     ) -> None:
         super().__init__(device, options, delivery_queue, monotonic_ns=monotonic_ns)
         self._ports = ports
-        self._wait_for = ports.wait_for_wake
         # The thread's own.
+        self._line: LineT | None = None
+        self._unrequested_before = 0  # on lines that were lost
         self._channels: Sequence[PolledChannel] = ()
         self._reached_hz = 0.0
         self._stream = 0
@@ -107,7 +127,23 @@ class PolledDriver(Driver):
         """Called after each cycle; False makes all of its readings missing."""
         return True
 
+    def _wait(self, seconds: float) -> None:
+        """Let time pass until there is something to do."""
+        self._ports.wait_for_wake(self._wake_read, seconds)
+
     # -- in the reader thread -------------------------------------------------
+
+    @property
+    def _open_line(self) -> LineT:
+        if self._line is None:
+            raise RuntimeError(f"the line of {self.device} is not open")
+        return self._line
+
+    def _disconnect(self) -> None:
+        line, self._line = self._line, None
+        if line is not None:
+            self._unrequested_before += line.unrequested_bytes
+            line.close_port()
 
     def _connect(self) -> None:
         name, self._channels = self._open()
@@ -148,7 +184,7 @@ class PolledDriver(Driver):
                 self._streams_begun = wanted
                 self._begin_stream(self._rate_hz)
             if self._schedule is None:
-                self._wait_for(self._wake_read, IDLE_S)
+                self._wait(IDLE_S)
                 self._cycle()
             else:
                 self._serve_stream(self._schedule)
@@ -176,7 +212,7 @@ class PolledDriver(Driver):
     def _serve_stream(self, schedule: SampleSchedule) -> None:
         left_ns = schedule.next_ns - self._now_ns()
         if left_ns > 0:
-            self._wait_for(self._wake_read, left_ns * 1e-9)
+            self._wait(left_ns * 1e-9)
             return  # perhaps woken early, for another stream or the end
         seq, instant_ns, skipped = schedule.take(self._now_ns())
         if skipped:
@@ -190,7 +226,7 @@ class PolledDriver(Driver):
         self._counters["samples_received"] += 1
         now_ns = self._now_ns()
         counts = [channel.count for channel in self._channels]
-        self._block.add(seq, instant_ns, readings, counts, now_ns)
+        self._block.add(seq, sample_of_readings(instant_ns, readings, counts, now_ns))
         if self._block.is_due(now_ns):
             self._deliver_block()
 
@@ -201,6 +237,8 @@ class PolledDriver(Driver):
             for number, channel in enumerate(self._channels)
         ]
         sound = self._cycle_is_valid()
+        unrequested = self._open_line.unrequested_bytes
+        self._counters["stray_bytes"] = self._unrequested_before + unrequested
         return [
             self._judged(number, answer if sound or answer is None else DISTURBED)
             for number, answer in enumerate(answers)

@@ -1,6 +1,7 @@
 """Samples of a polled stream: when they are due, and gathered into blocks."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -40,8 +41,53 @@ class SampleSchedule:
         return self._begin_ns + round(number * self._period_ns)
 
 
+@dataclass(frozen=True, slots=True)
+class PolledSample:
+    """Counts of all channels, read one after the other or in one packet.
+
+    Attributes:
+        ticks: the device's timer, unwrapped; the time again where it has none.
+        inputs: levels as bits.
+        status: by channel, bits ``STATUS_*``; where missing the last count stands.
+        skew_ns: by channel, from ``time_ns`` to its reading; None: all at one instant.
+    """
+
+    time_ns: int
+    received_ns: int
+    ticks: int
+    inputs: int
+    counts: tuple[int, ...]
+    status: tuple[int, ...]
+    skew_ns: tuple[int, ...] | None = None
+
+    @property
+    def complete(self) -> bool:
+        """Every count is one to be believed."""
+        return not any(self.status)
+
+
+def sample_of_readings(
+    instant_ns: int,
+    readings: Sequence[EncoderReading | None],
+    last_counts: Sequence[int],
+    received_ns: int,
+) -> PolledSample:
+    """Bring readings of one cycle together.
+
+    Where there is no reading its last count stands in for it, at the time at which it
+    was given up.
+    """
+    given_up = EncoderReading(0, received_ns, STATUS_MISSING)
+    read = [reading or given_up for reading in readings]
+    skew_ns = tuple(min(r.time_ns - instant_ns, MAX_SKEW_NS) for r in read)
+    status = tuple(r.status for r in read)
+    return PolledSample(
+        instant_ns, received_ns, instant_ns, 0, tuple(last_counts), status, skew_ns
+    )
+
+
 class SampleBlockBuilder:
-    """Rows of samples that wait to be delivered together.
+    """Samples that wait to be delivered together.
 
     Args:
         device: id in the configuration.
@@ -49,60 +95,33 @@ class SampleBlockBuilder:
 
     def __init__(self, device: str) -> None:
         self._device = device
-        self._seq: list[int] = []
-        self._instants_ns: list[int] = []
-        self._counts: list[Sequence[int]] = []
-        self._status: list[Sequence[int]] = []
-        self._skew_ns: list[Sequence[int]] = []
-        self._received_ns = 0
+        self._waiting: list[tuple[int, PolledSample]] = []
 
-    def add(
-        self,
-        seq: int,
-        instant_ns: int,
-        readings: Sequence[EncoderReading | None],
-        last_counts: Sequence[int],
-        received_ns: int,
-    ) -> None:
-        """Take a sample.
-
-        Where there is no reading its last count replaces it, at the time at
-        which it was given up.
-        """
-        given_up = EncoderReading(0, received_ns, STATUS_MISSING)
-        read = [reading or given_up for reading in readings]
-        self._seq.append(seq)
-        self._instants_ns.append(instant_ns)
-        self._counts.append(last_counts)
-        self._status.append([reading.status for reading in read])
-        self._skew_ns.append(
-            [min(reading.time_ns - instant_ns, MAX_SKEW_NS) for reading in read]
-        )
-        self._received_ns = received_ns
+    def add(self, seq: int, sample: PolledSample) -> None:
+        """Take a sample with its number."""
+        self._waiting.append((seq, sample))
 
     def is_due(self, now_ns: int) -> bool:
         """Whether the oldest sample has waited long enough."""
-        return bool(self._seq) and now_ns - self._instants_ns[0] >= BLOCK_NS
+        return bool(self._waiting) and now_ns - self._waiting[0][1].time_ns >= BLOCK_NS
 
     def take(self, stream: int) -> CountSamples | None:
         """All of them as a block of ``stream``, and begin anew."""
-        if not self._seq:
+        if not self._waiting:
             return None
-        n = len(self._seq)
-        instants_ns = np.array(self._instants_ns, dtype=np.int64)
-        samples = CountSamples(
+        seq = [number for number, _ in self._waiting]
+        samples = [sample for _, sample in self._waiting]
+        self._waiting.clear()
+        skews_ns = [s.skew_ns for s in samples if s.skew_ns is not None]
+        return CountSamples(
             self._device,
             stream,
-            seq=np.array(self._seq, dtype=np.int64),
-            device_ticks=instants_ns,
-            received_ns=self._received_ns,
-            sample_time_ns=instants_ns,
-            inputs=np.zeros(n, dtype=np.uint8),
-            counts=np.array(self._counts, dtype=np.uint32),
-            status=np.array(self._status, dtype=np.uint8),
-            skew_ns=np.array(self._skew_ns, dtype=np.int32),
+            seq=np.array(seq, dtype=np.int64),
+            device_ticks=np.array([s.ticks for s in samples], dtype=np.int64),
+            received_ns=samples[-1].received_ns,
+            sample_time_ns=np.array([s.time_ns for s in samples], dtype=np.int64),
+            inputs=np.array([s.inputs for s in samples], dtype=np.uint8),
+            counts=np.array([s.counts for s in samples], dtype=np.uint32),
+            status=np.array([s.status for s in samples], dtype=np.uint8),
+            skew_ns=np.array(skews_ns, dtype=np.int32) if skews_ns else None,
         )
-        for rows in (self._seq, self._instants_ns, self._counts, self._status):
-            rows.clear()
-        self._skew_ns.clear()
-        return samples

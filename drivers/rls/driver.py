@@ -9,17 +9,15 @@ joint can have reached.
 """
 
 import contextlib
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
-from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_WARNING,
     DeviceError,
     DeviceTemperatures,
 )
-from traverse.drivers.io.ports import SERIAL_PORTS, BytePort, PortAccess
+from traverse.drivers.io.ports import BytePort
 from traverse.drivers.polling.alarms import ConditionAlarms
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
 from traverse.drivers.polling.polled_driver import PolledDriver
@@ -31,34 +29,22 @@ from traverse.protocol import rls
 LISTEN_S = 0.02  # so long it must be quiet before the first request
 
 
-class RlsDriver(PolledDriver):
+class RlsDriver(PolledDriver[RlsLineGroup]):
     """Encoders on ports of their own; channel i is the one on port i."""
 
     options: RlsOptions
     options_class = RlsOptions
 
-    def __init__(
-        self,
-        device: str,
-        options: RlsOptions,
-        delivery_queue: DeliveryQueue,
-        *,
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
-        ports: PortAccess = SERIAL_PORTS,
-    ) -> None:
-        super().__init__(
-            device, options, delivery_queue, monotonic_ns=monotonic_ns, ports=ports
-        )
+    def _prepare(self) -> None:
+        options = self.options
         self._continuous = options.mode == "continuous"
         self._request = rls.DETAILED if options.detailed else rls.POSITION
         n_ports = len(options.ports)
         self._temperature_ns = round(options.temperature_period_s * 1e9 / n_ports)
-        if self._continuous:
-            self._wait_for = self._listen_until
-        self._line_group: RlsLineGroup | None = None
         self._in_hand: set[int] = set()
-        self._unrequested_before = 0
-        self._status = ConditionAlarms(device, delivery_queue.put, CONDITIONS)
+        self._status = ConditionAlarms(
+            self.device, self._delivery_queue.put, CONDITIONS
+        )
         self._names = {n: f"encoder on {path}" for n, path in enumerate(options.ports)}
         self._temperatures_c: list[float | None] = [None] * n_ports
         self._temperature_due_ns = 0
@@ -68,7 +54,7 @@ class RlsDriver(PolledDriver):
 
     def _open(self) -> tuple[str, Sequence[PolledChannel]]:
         options, layout = self.options, self.options.layout
-        group = self._line_group = RlsLineGroup(
+        group = self._line = RlsLineGroup(
             self._opened(),
             layout,
             options.baud_rate,
@@ -116,20 +102,16 @@ class RlsDriver(PolledDriver):
         return ports
 
     def _disconnect(self) -> None:
-        group, self._line_group = self._line_group, None
-        if group is None:
-            return
-        if self._continuous and self._stopping:
+        if self._line is not None and self._continuous and self._stopping:
             with contextlib.suppress(DeviceError):
                 for number in self._names:
-                    group.send_setting(number, rls.STOP)
-        self._unrequested_before += group.unrequested_bytes
-        group.close()
+                    self._line.send_setting(number, rls.STOP)
+        super()._disconnect()
 
     # -- reading --------------------------------------------------------------
 
     def _read_channel(self, channel: int) -> EncoderReading | ReadError:
-        group = self._open_bank()
+        group = self._open_line
         if self._continuous:
             answer = self._latest_reply(group, channel)
         else:
@@ -142,18 +124,15 @@ class RlsDriver(PolledDriver):
         )
 
     def _cycle_is_valid(self) -> bool:
-        group = self._open_bank()
         self._in_hand.clear()
-        self._counters["stray_bytes"] = (
-            self._unrequested_before + group.unrequested_bytes
-        )
-        self._counters["longest_exchange_us"] = round(group.longest_ns * 1e-3)
+        longest_ns = self._open_line.longest_ns
+        self._counters["longest_exchange_us"] = round(longest_ns * 1e-3)
         self._status.report(self._names, self._now_ns())
         return True
 
     def _jitter_ns(self) -> int:
         """How far the instant of a reading may be off: by half of an exchange."""
-        group = self._open_bank()
+        group = self._open_line
         return group.reply_ns // 2 if self._continuous else group.usual_ns // 2
 
     def _ask_all(self, group: RlsLineGroup) -> None:
@@ -170,10 +149,12 @@ class RlsDriver(PolledDriver):
         group.exchange(requests, missing)
         self._in_hand = set(due)
 
-    def _listen_until(self, wake_fd: int, seconds: float) -> None:
-        """Wait for the next instant, in the continuous mode."""
-        del wake_fd  # the bank has it
-        self._open_bank().listen(seconds)
+    def _wait(self, seconds: float) -> None:
+        """In the continuous mode encoders are heard meanwhile."""
+        if self._continuous:
+            self._open_line.listen(seconds)
+        else:
+            super()._wait(seconds)
 
     def _latest_reply(
         self, group: RlsLineGroup, channel: int
@@ -208,8 +189,3 @@ class RlsDriver(PolledDriver):
             temperatures_c = tuple(self._temperatures_c)
             self._delivery_queue.put(DeviceTemperatures(self.device, temperatures_c))
         return EncoderReading(count, answer.time_ns, status)
-
-    def _open_bank(self) -> RlsLineGroup:
-        if self._line_group is None:
-            raise RuntimeError(f"the lines of {self.device} are not open")
-        return self._line_group

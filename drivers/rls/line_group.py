@@ -16,7 +16,7 @@ class RlsLineGroup:
     """All lines of a device, from opening the ports to losing one.
 
     Args:
-        ports: open ports; `close` closes them.
+        ports: open ports; `close_port` closes them.
         layout: of the encoders.
         baud_rate: of the ports.
         timeout_s: within which a reply arrives.
@@ -74,7 +74,7 @@ class RlsLineGroup:
         """Time on the wire of an unsolicited reply."""
         return self.lines[0].reply_duration_ns
 
-    def close(self) -> None:
+    def close_port(self) -> None:
         """Close the ports."""
         for line in self.lines:
             line.port.close()

@@ -6,8 +6,6 @@ from hypothesis import strategies as st
 from traverse.drivers.microscribe.line import TimedPacket
 from traverse.drivers.microscribe.packets import (
     PacketClock,
-    PacketSample,
-    SampleBlock,
     timer_runs,
 )
 from traverse.drivers.microscribe.pedals import (
@@ -15,6 +13,7 @@ from traverse.drivers.microscribe.pedals import (
     PedalDebouncer,
     PendingPedalEdges,
 )
+from traverse.drivers.polling.sampling import PolledSample, SampleBlockBuilder
 from traverse.protocol.microscribe.packets import Packet
 
 MS = 1_000_000
@@ -88,8 +87,8 @@ def test_a_timer_is_judged_by_how_far_it_went(rate_hz, runs):
     assert timer_runs(seen, 1000.0, 16384) is runs
 
 
-def sample(number: int, buttons: int) -> PacketSample:
-    return PacketSample(
+def sample(number: int, buttons: int) -> PolledSample:
+    return PolledSample(
         number * 10 * MS, number * 10 * MS, number, buttons, (number,), (0,)
     )
 
@@ -153,7 +152,7 @@ def test_edges_wait_for_room_and_the_oldest_go_first():
 
 
 def test_samples_are_gathered_into_blocks():
-    block = SampleBlock("ms")
+    block = SampleBlockBuilder("ms")
     assert block.take(1) is None
     block.add(3, sample(1, 0))
     assert not block.is_due(15 * MS)

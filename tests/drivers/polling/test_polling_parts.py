@@ -19,6 +19,7 @@ from traverse.drivers.polling.sampling import (
     BLOCK_NS,
     SampleBlockBuilder,
     SampleSchedule,
+    sample_of_readings,
 )
 
 TURN = 16384
@@ -112,7 +113,7 @@ def test_a_block_has_the_instants_of_its_readings():
     block = SampleBlockBuilder("arm")
     assert block.take(1) is None
     readings = [EncoderReading(7, 1_000_300, STATUS_WARNING), None]
-    block.add(4, 1_000_000, readings, [7, 99], received_ns=1_000_900)
+    block.add(4, sample_of_readings(1_000_000, readings, [7, 99], 1_000_900))
     assert not block.is_due(1_000_000 + BLOCK_NS - 1)
     assert block.is_due(1_000_000 + BLOCK_NS)
     samples = block.take(3)
