@@ -70,7 +70,7 @@ async def _record(
 
     async with Arm(arm, broker) as there:
         start = RecordArgs(action="start", name=name, note=note or None)
-        begun = await there.result(start)
+        begun = await there.execute(start)
         typer.echo(f"recording {begun['file']}", err=quiet)
         ended = asyncio.Event()
         loop = asyncio.get_running_loop()
@@ -81,7 +81,7 @@ async def _record(
                 await ended.wait()
         except TimeoutError:
             pass  # so long it was to be
-        return dict(await there.result(RecordArgs(action="stop")))
+        return dict(await there.execute(RecordArgs(action="stop")))
 
 
 def _told(recorded: Mapping[str, Any]) -> str:

@@ -11,7 +11,7 @@ from traverse.client.errors import (
 )
 from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.points.session_order import Lost
-from traverse.client.results import HeldSession, Resent, ResentScan, StartedScan
+from traverse.client.results import Resent, ResentScan, StartedScan, StoredSession
 
 __all__ = [
     "Arm",
@@ -21,10 +21,10 @@ __all__ = [
     "ClientError",
     "CommandRefused",
     "Counters",
-    "HeldSession",
     "Lost",
     "NoAnswerError",
     "Resent",
     "ResentScan",
     "StartedScan",
+    "StoredSession",
 ]

@@ -148,11 +148,11 @@ class Arm(ArmCommands):
         broker: "host", "host:port", "mqtts://host:port", or a BrokerAddress.
         since: where points begin: "now"; "session", with all of the arm's present
             session; "beginning", with all that the arm's outbox holds; or next numbers
-            by session as `place` gives them, the newest session last.
-        place_file: where the consumer's place is kept; where this file is there it
+            by session as `cursor` gives them, the newest session last.
+        cursor_file: where the consumer's cursor is kept; where this file is there it
             counts instead of ``since``.
-        patience_s: so long the first connection may take.
-        answer_s: so long the answer to a command may take.
+        connect_timeout_s: so long the first connection may take.
+        reply_timeout_s: so long the answer to a command may take.
         max_waiting: so many points may wait for their reader.
     """
 
@@ -162,25 +162,25 @@ class Arm(ArmCommands):
         broker: str | BrokerAddress = "localhost",
         *,
         since: Literal["now", "session", "beginning"] | Mapping[str, int] = "now",
-        place_file: Path | str | None = None,
-        patience_s: float = 10.0,
-        answer_s: float = 10.0,
+        cursor_file: Path | str | None = None,
+        connect_timeout_s: float = 10.0,
+        reply_timeout_s: float = 10.0,
         max_waiting: int = 1000,
     ) -> None:
         self.name = name
-        self._place_file = None if place_file is None else Path(place_file)
-        self._patience_s = patience_s
-        self._answer_s = answer_s
-        place: Mapping[str, int] | None = None
-        if self._place_file is not None:
-            place = read_cursor(self._place_file, name)
-        is_whole = place is None and since == "session"
-        if place is None and since not in ("now", "session"):
-            place = {} if isinstance(since, str) else since
+        self._cursor_file = None if cursor_file is None else Path(cursor_file)
+        self._connect_timeout_s = connect_timeout_s
+        self._reply_timeout_s = reply_timeout_s
+        cursor: Mapping[str, int] | None = None
+        if self._cursor_file is not None:
+            cursor = read_cursor(self._cursor_file, name)
+        is_whole = cursor is None and since == "session"
+        if cursor is None and since not in ("now", "session"):
+            cursor = {} if isinstance(since, str) else since
         address = BrokerAddress.parse(broker) if isinstance(broker, str) else broker
         self._link = ReconnectingConnection(address)
         self._requests = CommandClient(name, self._link)
-        self._order = ReorderBuffer(place, is_whole=is_whole)
+        self._order = ReorderBuffer(cursor, is_whole=is_whole)
         self._stream = PointStream(
             self._order, self._link, self._requests, max(2, max_waiting)
         )
@@ -192,12 +192,12 @@ class Arm(ArmCommands):
         self._run(self._link.run(self._inbox))
         self._run(self._stream.follow())
         try:
-            await self._link.wait_first(self._patience_s)
+            await self._link.wait_first(self._connect_timeout_s)
         except BaseException:
             await self._end()
             raise
-        if self._place_file is not None:
-            self._run(self._save_cursor_periodically(self._place_file))
+        if self._cursor_file is not None:
+            self._run(self._save_cursor_periodically(self._cursor_file))
         try:
             async with asyncio.timeout(BEGIN_S):
                 status = await self._inbox.statuses.first(BEGIN_S)
@@ -216,8 +216,8 @@ class Arm(ArmCommands):
         if error is None:
             self._stream.commit_current()
         await self._end()
-        if self._place_file is not None:
-            write_cursor(self._place_file, self.name, self._stream.place)
+        if self._cursor_file is not None:
+            write_cursor(self._cursor_file, self.name, self._stream.cursor)
 
     @property
     def is_connected(self) -> bool:
@@ -225,12 +225,12 @@ class Arm(ArmCommands):
         return self._link.is_connected
 
     @property
-    def place(self) -> dict[str, int]:
-        """Next numbers by session; give it as ``since`` to continue from here.
+    def cursor(self) -> dict[str, int]:
+        """Next numbers by session; give it as ``since`` to go on from here.
 
         A point counts when the one after it is requested.
         """
-        return self._stream.place
+        return self._stream.cursor
 
     @property
     def counters(self) -> Counters:
@@ -239,7 +239,7 @@ class Arm(ArmCommands):
             connections=self._link.connections,
             points=self._order.n_taken,
             duplicates=self._order.duplicates,
-            asked_again=self._order.asked,
+            resend_requested=self._order.asked,
             lost=self._stream.lost,
             undecodable=self._inbox.undecodable,
         )
@@ -304,7 +304,7 @@ class Arm(ArmCommands):
         Raises:
             TimeoutError: it has never published it at this broker.
         """
-        return await self._inbox.statuses.first(self._answer_s)
+        return await self._inbox.statuses.first(self._reply_timeout_s)
 
     async def health(self) -> Health:
         """The daemon's latest figures.
@@ -312,19 +312,23 @@ class Arm(ArmCommands):
         Raises:
             TimeoutError: it has never published it at this broker.
         """
-        return await self._inbox.healths.first(self._answer_s)
+        return await self._inbox.healths.first(self._reply_timeout_s)
 
-    async def result(self, args: Args, *, longer_s: float = 0.0) -> Mapping[str, Any]:
+    async def execute(
+        self, args: Args, *, extra_timeout_s: float = 0.0
+    ) -> Mapping[str, Any]:
         """Execute any command; return its result."""
-        return await self._requests.result(args, self._answer_s + longer_s)
+        return await self._requests.result(
+            args, self._reply_timeout_s + extra_timeout_s
+        )
 
     async def _save_cursor_periodically(self, path: Path) -> None:
         kept: dict[str, int] | None = None
         while True:
-            place = self._stream.place
-            if place != kept and self._order.has_begun:
-                await asyncio.to_thread(write_cursor, path, self.name, place)
-                kept = place
+            cursor = self._stream.cursor
+            if cursor != kept and self._order.has_begun:
+                await asyncio.to_thread(write_cursor, path, self.name, cursor)
+                kept = cursor
             await asyncio.sleep(CURSOR_PERIOD_S)
 
     def _run(self, work: Coroutine[Any, Any, None]) -> None:

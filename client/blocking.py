@@ -21,7 +21,7 @@ from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.errors import Counters
 from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.points.session_order import Lost
-from traverse.client.results import HeldSession, Resent, ResentScan
+from traverse.client.results import Resent, ResentScan, StoredSession
 from traverse.protocol.messages import Args, Event, Health, Live, Point, Scan, Status
 from traverse.protocol.messages.scan import ScanMode
 
@@ -80,7 +80,7 @@ class AsyncSource(Generic[T]):
         self._items = items
         self._waiting: Future[T] | None = None
 
-    def next(self, quiet_s: float | None) -> T:
+    def next(self, idle_timeout_s: float | None) -> T:
         """Wait for the next one.
 
         Raises:
@@ -89,7 +89,7 @@ class AsyncSource(Generic[T]):
         """
         waiting = self._waiting = self._waiting or self._loop.submit(self._next())
         try:
-            return waiting.result(quiet_s)
+            return waiting.result(idle_timeout_s)
         finally:
             if waiting.done():
                 self._waiting = None
@@ -103,19 +103,19 @@ class TimedIterator(Generic[T]):
 
     Args:
         source: of the items.
-        quiet_s: iteration ends when nothing has arrived for so long; None: never.
+        idle_timeout_s: iteration ends after so long without an item; None: never.
     """
 
-    def __init__(self, source: AsyncSource[T], quiet_s: float | None) -> None:
+    def __init__(self, source: AsyncSource[T], idle_timeout_s: float | None) -> None:
         self._source = source
-        self._quiet_s = quiet_s
+        self._idle_timeout_s = idle_timeout_s
 
     def __iter__(self) -> Self:
         return self
 
     def __next__(self) -> T:
         try:
-            return self._source.next(self._quiet_s)
+            return self._source.next(self._idle_timeout_s)
         except (TimeoutError, StopAsyncIteration):
             raise StopIteration from None
 
@@ -124,9 +124,9 @@ class ArmOptions(TypedDict, total=False):
     """Options of `Arm`, which explains them."""
 
     since: Literal["now", "session", "beginning"] | Mapping[str, int]
-    place_file: Path | str | None
-    patience_s: float
-    answer_s: float
+    cursor_file: Path | str | None
+    connect_timeout_s: float
+    reply_timeout_s: float
     max_waiting: int
 
 
@@ -135,7 +135,7 @@ class BlockingArm:
 
     A thread of its own runs the loop that an `Arm` lives on; every method does what
     that of `Arm` does, and waits for it. Iterators end when nothing has arrived for
-    ``quiet_s``, or never.
+    ``idle_timeout_s``, or never.
 
     Args:
         name, broker, options: as of `Arm`.
@@ -176,9 +176,9 @@ class BlockingArm:
             loop.close()
 
     @property
-    def place(self) -> dict[str, int]:
-        """Next numbers by session; give it as ``since`` to continue from here."""
-        return self._arm.place
+    def cursor(self) -> dict[str, int]:
+        """Next numbers by session; give it as ``since`` to go on from here."""
+        return self._arm.cursor
 
     @property
     def counters(self) -> Counters:
@@ -190,32 +190,32 @@ class BlockingArm:
         """Whether there is a connection to the broker."""
         return self._arm.is_connected
 
-    def points(self, quiet_s: float | None = None) -> Iterator[Point]:
+    def points(self, idle_timeout_s: float | None = None) -> Iterator[Point]:
         """Points and retractions in order, none twice."""
-        for item in self.points_and_losses(quiet_s):
+        for item in self.points_and_losses(idle_timeout_s):
             if isinstance(item, Point):
                 yield item
 
     def points_and_losses(
-        self, quiet_s: float | None = None
+        self, idle_timeout_s: float | None = None
     ) -> TimedIterator[Point | Lost]:
         """As `points`, with a `Lost` in the place of what cannot be had any more."""
         self._running()
         if self._points is None:
             raise RuntimeError("the arm was never opened")
-        return TimedIterator(self._points, quiet_s)
+        return TimedIterator(self._points, idle_timeout_s)
 
-    def events(self, quiet_s: float | None = None) -> TimedIterator[Event]:
+    def events(self, idle_timeout_s: float | None = None) -> TimedIterator[Event]:
         """Events from now on."""
-        return self._items(_call_in_loop(self._arm.events), quiet_s)
+        return self._items(_call_in_loop(self._arm.events), idle_timeout_s)
 
-    def live(self, quiet_s: float | None = None) -> TimedIterator[Live]:
+    def live(self, idle_timeout_s: float | None = None) -> TimedIterator[Live]:
         """The latest pose, again and again."""
-        return self._items(_call_in_loop(self._arm.live), quiet_s)
+        return self._items(_call_in_loop(self._arm.live), idle_timeout_s)
 
-    def scans(self, quiet_s: float | None = None) -> TimedIterator[Scan]:
+    def scans(self, idle_timeout_s: float | None = None) -> TimedIterator[Scan]:
         """Blocks of all scans from now on, by any client."""
-        return self._items(self._arm.scans(), quiet_s)
+        return self._items(self._arm.scans(), idle_timeout_s)
 
     @contextlib.contextmanager
     def scan(
@@ -227,7 +227,7 @@ class BlockingArm:
         normal: Iterable[float] | None = None,
         offset_mm: float = 0.0,
         held: bool = False,
-        quiet_s: float | None = None,
+        idle_timeout_s: float | None = None,
     ) -> Iterator[TimedIterator[Scan]]:
         """A scan that runs while a `with` does; gives its blocks."""
         loop = self._running()
@@ -241,7 +241,7 @@ class BlockingArm:
         )
         loop.run(blocks.__aenter__())
         try:
-            yield TimedIterator(AsyncSource(loop, blocks), quiet_s)
+            yield TimedIterator(AsyncSource(loop, blocks), idle_timeout_s)
         finally:
             loop.run(blocks.__aexit__(None, None, None))
 
@@ -294,7 +294,7 @@ class BlockingArm:
         """Number from 0 again; gives the new session."""
         return self._do(self._arm.new_session(note))
 
-    def sessions(self) -> tuple[HeldSession, ...]:
+    def sessions(self) -> tuple[StoredSession, ...]:
         """Sessions that the arm's outbox holds, oldest first."""
         return self._do(self._arm.sessions())
 
@@ -310,15 +310,17 @@ class BlockingArm:
         """Have blocks of a scan sent again, to everybody who follows the scans."""
         return self._do(self._arm.resend_scan(scan, from_seq, to_seq))
 
-    def result(self, args: Args) -> Mapping[str, Any]:
+    def execute(self, args: Args) -> Mapping[str, Any]:
         """Execute any command; return its result."""
-        return self._do(self._arm.result(args))
+        return self._do(self._arm.execute(args))
 
     def _items(
-        self, opening: Coroutine[Any, Any, AsyncIterator[T]], quiet_s: float | None
+        self,
+        opening: Coroutine[Any, Any, AsyncIterator[T]],
+        idle_timeout_s: float | None,
     ) -> TimedIterator[T]:
         loop = self._running()
-        return TimedIterator(AsyncSource(loop, loop.run(opening)), quiet_s)
+        return TimedIterator(AsyncSource(loop, loop.run(opening)), idle_timeout_s)
 
     def _do(self, work: Coroutine[Any, Any, T]) -> T:
         try:

@@ -8,10 +8,10 @@ from traverse.client.errors import NoAnswerError
 from traverse.client.points.index import PointIndex
 from traverse.client.results import (
     CapturedPoint,
-    HeldSession,
     Resent,
     ResentScan,
     StartedScan,
+    StoredSession,
 )
 from traverse.protocol.messages import (
     AlignArgs,
@@ -42,12 +42,14 @@ class ArmCommands(ABC):
     """
 
     @abstractmethod
-    async def result(self, args: Args, *, longer_s: float = 0.0) -> Mapping[str, Any]:
+    async def execute(
+        self, args: Args, *, extra_timeout_s: float = 0.0
+    ) -> Mapping[str, Any]:
         """Execute a command; return its result.
 
         Args:
             args: of the command.
-            longer_s: so much longer than usual it may take.
+            extra_timeout_s: so much longer than usual it may take.
         """
 
     @property
@@ -67,7 +69,7 @@ class ArmCommands(ABC):
         given = {"samples": samples, "dwell_s": dwell_s}
         args = PointArgs.model_validate({k: v for k, v in given.items() if v})
         longest_s = dwell_s or (MEAN_S if (samples or 1) > 1 else 0.0)
-        return await self._point(await self.result(args, longer_s=longest_s))
+        return await self._point(await self.execute(args, extra_timeout_s=longest_s))
 
     async def undo(self, point_id: str | None = None) -> Point:
         """Take the last point back; gives the retraction, which is a point too.
@@ -76,17 +78,17 @@ class ArmCommands(ABC):
             point_id: if given, it must be that point.
         """
         args = UndoArgs() if point_id is None else UndoArgs(id=point_id)
-        return await self._point(await self.result(args))
+        return await self._point(await self.execute(args))
 
     async def label(
         self, artefact: str | None = None, feature: str | None = None
     ) -> None:
         """Set the label of the next points; without arguments: none."""
-        await self.result(LabelArgs(artefact=artefact, feature=feature))
+        await self.execute(LabelArgs(artefact=artefact, feature=feature))
 
     async def probe(self, name: str) -> str:
         """Change the probe; gives the digest of the arm with it."""
-        return str((await self.result(ProbeArgs(name=name)))["model"])
+        return str((await self.execute(ProbeArgs(name=name)))["model"])
 
     async def confirm_reference(
         self, at_xyz_mm: Vector | None = None, tolerance_mm: float = 1.0
@@ -104,11 +106,11 @@ class ArmCommands(ABC):
         args = ReferenceArgs(
             action="confirm", at_xyz_mm=at_xyz_mm, tolerance_mm=tolerance_mm
         )
-        return list((await self.result(args))["confirmed"])
+        return list((await self.execute(args))["confirmed"])
 
     async def reload(self) -> str:
         """Have arm file and configuration read again; gives the arm's digest."""
-        return str((await self.result(ReloadArgs()))["model"])
+        return str((await self.execute(ReloadArgs()))["model"])
 
     async def align(
         self,
@@ -134,16 +136,16 @@ class ArmCommands(ABC):
             translation_mm=_vector(translation_mm),
             scale=float(scale),
         )
-        await self.result(args)
+        await self.execute(args)
 
     async def clear_alignment(self) -> None:
         """Points have no part coordinates any more."""
-        await self.result(AlignArgs(action="clear"))
+        await self.execute(AlignArgs(action="clear"))
 
     async def new_session(self, note: str | None = None) -> str:
         """Number from 0 again; gives the new session."""
         args = SessionArgs(action="new", note=note)
-        return str((await self.result(args))["session"])
+        return str((await self.execute(args))["session"])
 
     async def start_scan(
         self,
@@ -165,15 +167,15 @@ class ArmCommands(ABC):
             offset_mm=offset_mm,
             held=held,
         )
-        return StartedScan.read(await self.result(args))
+        return StartedScan.read(await self.execute(args))
 
     async def stop_scan(self) -> None:
         """End the running scan, if there is one."""
-        await self.result(ScanArgs(action="stop"))
+        await self.execute(ScanArgs(action="stop"))
 
-    async def sessions(self) -> tuple[HeldSession, ...]:
+    async def sessions(self) -> tuple[StoredSession, ...]:
         """Sessions that the arm's outbox holds, oldest first."""
-        return HeldSession.read_all(await self.result(ResendArgs()))
+        return StoredSession.read_all(await self.execute(ResendArgs()))
 
     async def resend(
         self, session: str, from_seq: int = 0, to_seq: int | None = None
@@ -183,7 +185,7 @@ class ArmCommands(ABC):
         What was missed is requested automatically: `points` needs no help.
         """
         args = ResendArgs(session=session, from_seq=from_seq, to_seq=to_seq)
-        return Resent.read(await self.result(args))
+        return Resent.read(await self.execute(args))
 
     async def resend_scan(
         self, scan: str, from_seq: int = 0, to_seq: int | None = None
@@ -193,7 +195,7 @@ class ArmCommands(ABC):
         The arm has them where its configuration delivers scans completely.
         """
         args = ResendArgs(scan=scan, from_seq=from_seq, to_seq=to_seq)
-        return ResentScan.read(await self.result(args))
+        return ResentScan.read(await self.execute(args))
 
     async def _point(self, result: Mapping[str, Any]) -> Point:
         """The point named in an answer; requested again where it does not arrive."""

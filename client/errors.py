@@ -46,7 +46,7 @@ class Counters:
         connections: number of connections to the broker.
         points: all received points.
         duplicates: repeated points that were left out.
-        asked_again: points that were requested again.
+        resend_requested: points that were requested again.
         lost: points that could not be had any more.
         undecodable: messages that could not be understood.
     """
@@ -54,6 +54,6 @@ class Counters:
     connections: int
     points: int
     duplicates: int
-    asked_again: int
+    resend_requested: int
     lost: int
     undecodable: int

@@ -1,28 +1,47 @@
-"""What commands give back, typed."""
+"""Typed results of commands."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Self
+from typing import Annotated, Any, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from traverse.protocol.message_error import MessageError
+from traverse.protocol.messages.fields import MAX_TIME_NS, Count
 
 
-@dataclass(frozen=True, slots=True)
-class CapturedPoint:
-    """Which point a command has made."""
+def _time(value: object) -> object:
+    """Nanoseconds as JSON has them: more digits than its numbers have."""
+    is_digits = isinstance(value, str) and value.isascii() and value.isdigit()
+    return int(str(value)) if is_digits else value
 
-    session: str
-    seq: int
-    id: str
+
+class CommandResult(BaseModel):
+    """What a command has brought; keys of a newer daemon are left out."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="ignore")
 
     @classmethod
-    def read(cls, result: Mapping[str, Any]) -> Self:
-        """From the answer to `point` or `undo`."""
-        return cls(_text(result, "session"), _count(result, "seq"), _text(result, "id"))
+    def read(cls, result: object) -> Self:
+        """From the result in a reply.
+
+        Raises:
+            MessageError: it is no such result; all its mistakes.
+        """
+        try:
+            return cls.model_validate(result)
+        except ValidationError as error:
+            raise MessageError.from_validation("result", error) from error
 
 
-@dataclass(frozen=True, slots=True)
-class HeldSession:
+class CapturedPoint(CommandResult):
+    """Which point the command `point` or `undo` has made."""
+
+    session: str
+    seq: Count
+    id: str
+
+
+class StoredSession(CommandResult):
     """A session that the arm's outbox holds points of.
 
     Attributes:
@@ -31,88 +50,52 @@ class HeldSession:
     """
 
     session: str
-    begun_ns: int
-    first_seq: int | None
-    last_seq: int | None
-
-    @classmethod
-    def read(cls, result: Mapping[str, Any]) -> Self:
-        """From one element of the list of sessions."""
-        return cls(
-            _text(result, "session"),
-            _time(result, "begun_ns"),
-            _count_or_none(result, "first_seq"),
-            _count_or_none(result, "last_seq"),
-        )
+    begun_ns: Annotated[int, Field(ge=0, le=MAX_TIME_NS), BeforeValidator(_time)]
+    first_seq: Count | None = None
+    last_seq: Count | None = None
 
     @classmethod
     def read_all(cls, result: Mapping[str, Any]) -> "tuple[Self, ...]":
-        """From the answer to `resend` without a session, oldest first."""
+        """From the result of `resend` without a session, oldest first."""
         found = result.get("sessions")
         if not isinstance(found, list | tuple):
             raise MessageError.of("result.sessions", repr(found)[:80], "a list")
         return tuple(cls.read(one) for one in found)
 
 
-@dataclass(frozen=True, slots=True)
-class Resent:
+class Resent(CommandResult):
     """What the arm will send again, and what its outbox holds of the session.
 
     Attributes:
-        points: so many will follow.
+        points: so many will be sent.
         first_seq, last_seq: the numbers held; None where none is.
     """
 
     session: str
-    points: int
-    first_seq: int | None
-    last_seq: int | None
-
-    @classmethod
-    def read(cls, result: Mapping[str, Any]) -> Self:
-        """From the answer to `resend` with a session."""
-        return cls(
-            _text(result, "session"),
-            _count(result, "points"),
-            _count_or_none(result, "first_seq"),
-            _count_or_none(result, "last_seq"),
-        )
+    points: Count
+    first_seq: Count | None = None
+    last_seq: Count | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class ResentScan:
+class ResentScan(CommandResult):
     """What the arm will send again of a scan, and what it holds of it.
 
     Attributes:
         session: in which it was made; None where the arm holds nothing of it.
-        blocks: so many will follow.
+        blocks: so many will be sent.
         first_seq, last_seq: points held; None where none is.
         total: points of the scan; None before its end, or where that is not held.
     """
 
     scan: str
-    session: str | None
-    blocks: int
-    first_seq: int | None
-    last_seq: int | None
-    total: int | None
-
-    @classmethod
-    def read(cls, result: Mapping[str, Any]) -> Self:
-        """From the answer to `resend` with a scan."""
-        session = result.get("session")
-        return cls(
-            _text(result, "scan"),
-            None if session is None else _text(result, "session"),
-            _count(result, "blocks"),
-            _count_or_none(result, "first_seq"),
-            _count_or_none(result, "last_seq"),
-            _count_or_none(result, "total"),
-        )
+    session: str | None = None
+    blocks: Count
+    first_seq: Count | None = None
+    last_seq: Count | None = None
+    total: Count | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class StartedScan:
+class StartedScan(CommandResult):
     """A scan that has begun.
 
     Attributes:
@@ -121,43 +104,4 @@ class StartedScan:
     """
 
     scan: str
-    rate_hz: float | None
-
-    @classmethod
-    def read(cls, result: Mapping[str, Any]) -> Self:
-        """From the answer to `scan` start."""
-        rate_hz = result.get("rate_hz")
-        if rate_hz is not None and not isinstance(rate_hz, int | float):
-            raise MessageError.of("result.rate_hz", repr(rate_hz)[:80], "a number")
-        return cls(_text(result, "scan"), rate_hz)
-
-
-def _text(result: Mapping[str, Any], name: str) -> str:
-    value = result.get(name)
-    if not isinstance(value, str):
-        raise MessageError.of(f"result.{name}", repr(value)[:80], "a text")
-    return value
-
-
-def _count(result: Mapping[str, Any], name: str) -> int:
-    value = _count_or_none(result, name)
-    if value is None:
-        raise MessageError.of(f"result.{name}", "null", "an integer from 0")
-    return value
-
-
-def _count_or_none(result: Mapping[str, Any], name: str) -> int | None:
-    value = result.get(name)
-    if value is None:
-        return None
-    if type(value) is not int or value < 0:
-        raise MessageError.of(f"result.{name}", repr(value)[:80], "an integer from 0")
-    return value
-
-
-def _time(result: Mapping[str, Any], name: str) -> int:
-    """Nanoseconds, which need more digits than JSON's numbers have."""
-    value = result.get(name)
-    if isinstance(value, str) and value.isascii() and value.isdigit():
-        return int(value)
-    return _count(result, name)
+    rate_hz: float | None = None

@@ -10,7 +10,7 @@ from traverse import Arm, Lost
 
 
 async def main(arm_name: str, broker: str, place: str) -> None:
-    async with Arm(arm_name, broker, place_file=place) as arm:
+    async with Arm(arm_name, broker, cursor_file=place) as arm:
         async for item in arm.points_and_losses():
             if isinstance(item, Lost):
                 print(f"lost: {item.from_seq} to {item.to_seq}: {item.reason}")

@@ -16,5 +16,5 @@ with BlockingArm(arm_name, broker) as arm:
         sys.exit(f"{refused.text}: {refused.remedy}")
     xyz_mm = np.array([point.xyz_mm for point in taken])
     print("mean", xyz_mm.mean(axis=0).round(3), "mm")
-    for point in arm.points(quiet_s=1.0):  # until nobody has touched for a second
+    for point in arm.points(idle_timeout_s=1.0):  # until a second without a point
         print(point.seq, point.xyz_mm, point.quality.ok)

@@ -52,7 +52,7 @@ async def cut_often(port: int) -> dict[str, float]:
         "points": len(found),
         "cuts": network.cuts,
         "connections": counters.connections,
-        "asked_again": counters.asked_again,
+        "resend_requested": counters.resend_requested,
         "duplicates": counters.duplicates,
         "lost": counters.lost,
         "seconds": time.perf_counter() - begun_s,

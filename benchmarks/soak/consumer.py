@@ -90,7 +90,7 @@ async def follow(
     arm_name: str, broker: str, store: Store, ended: asyncio.Event
 ) -> None:
     """Store what arrives until the end."""
-    arm = Arm(arm_name, broker, since=store.place(), patience_s=3600.0)
+    arm = Arm(arm_name, broker, since=store.place(), connect_timeout_s=3600.0)
     async with arm:
         reader = arm.points_and_losses()
         ending = asyncio.create_task(ended.wait())

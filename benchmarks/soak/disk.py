@@ -141,4 +141,4 @@ async def _told(events: Feed[Event], *, active: bool) -> None:
 
 def arm_for(port: int) -> Arm:
     """A client that only commands."""
-    return Arm(ARM, f"127.0.0.1:{port}", answer_s=5.0)
+    return Arm(ARM, f"127.0.0.1:{port}", reply_timeout_s=5.0)

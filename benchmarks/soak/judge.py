@@ -182,7 +182,7 @@ def judge(folder: Path, outbox: Path, lives: list[str], span: Span) -> Verdict:
             "edges acknowledged": len(edges),
             "points in the outbox": len(points),
             "points in the store": len(received),
-            "points asked for again": figures["asked_again"],
+            "points asked for again": figures["resend_requested"],
             "duplicates removed": figures["duplicates"],
             "consumer's connections": figures["connections"],
             "acknowledged and lost": len(lost) + len(pointless),

@@ -27,5 +27,5 @@ def send_alignment(values: Mapping[str, Any], arm: str, broker: BrokerAddress) -
 
 
 async def _send(args: AlignArgs, broker: BrokerAddress, arm: str) -> None:
-    async with Arm(arm, broker, patience_s=PATIENCE_S) as there:
-        await there.result(args)
+    async with Arm(arm, broker, connect_timeout_s=PATIENCE_S) as there:
+        await there.execute(args)

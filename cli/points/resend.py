@@ -81,8 +81,8 @@ async def _answer(
 ) -> dict[str, Any]:
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
 
-    async with Arm(arm, address, patience_s=PATIENCE_S) as there:
-        return dict(await there.result(args))
+    async with Arm(arm, address, connect_timeout_s=PATIENCE_S) as there:
+        return dict(await there.execute(args))
 
 
 def _lines(answer: dict[str, Any]) -> list[str]:

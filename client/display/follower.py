@@ -55,7 +55,7 @@ class Follower:
                         self.name,
                         self.broker,
                         since=since,
-                        patience_s=PATIENCE_S,
+                        connect_timeout_s=PATIENCE_S,
                     ) as arm,
                     asyncio.TaskGroup() as tasks,
                 ):
@@ -79,7 +79,7 @@ class Follower:
                 self.sight.take_link(False, str(group.exceptions[0]))
             finally:
                 if self._arm is not None:
-                    since = self._arm.place or since
+                    since = self._arm.cursor or since
                 self._arm = None
             await asyncio.sleep(AGAIN_S)
 

@@ -9,7 +9,7 @@ from traverse.client.errors import ClientError, CommandRefused
 from traverse.client.mqtt.connection import ReconnectingConnection
 from traverse.client.points.reorder_buffer import ReorderBuffer, ResendRequest
 from traverse.client.requests import CommandClient
-from traverse.client.results import HeldSession, Resent
+from traverse.client.results import Resent, StoredSession
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import ResendArgs
 
@@ -116,7 +116,7 @@ class GapFiller:
     async def _carry_out(self, ask: ResendRequest, arrival_s: float) -> None:
         if ask.session is None:
             result = await self._requests.result(ResendArgs(), ASK_S)
-            self._order.listed(HeldSession.read_all(result))
+            self._order.listed(StoredSession.read_all(result))
             self._arrived.notify()
             return
         args = ResendArgs(session=ask.session, from_seq=ask.from_seq, to_seq=ask.to_seq)

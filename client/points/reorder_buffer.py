@@ -20,7 +20,7 @@ from traverse.client.points.session_order import (
     Lost,
     SessionSequence,
 )
-from traverse.client.results import HeldSession, Resent
+from traverse.client.results import Resent, StoredSession
 from traverse.protocol.messages import Point
 
 BATCH = 500
@@ -215,7 +215,7 @@ class ReorderBuffer:
         )
         self._hand_on()
 
-    def listed(self, sessions: Sequence[HeldSession]) -> None:
+    def listed(self, sessions: Sequence[StoredSession]) -> None:
         """The outbox has reported which sessions it holds, oldest first."""
         lowest = {name: min(held) for name, held in self._unknown_sessions.items()}
         self._sessions.list(sessions, lowest, is_old=self.needs_session_list)

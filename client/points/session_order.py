@@ -4,7 +4,7 @@ from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from traverse.client.results import HeldSession
+from traverse.client.results import StoredSession
 from traverse.protocol.messages import Point
 
 
@@ -146,7 +146,7 @@ class SessionSequence:
             self._sessions[session] = SessionPoints(session, 0, next_seq)
 
     def list(
-        self, held: Sequence[HeldSession], lowest: Mapping[str, int], *, is_old: bool
+        self, held: Sequence[StoredSession], lowest: Mapping[str, int], *, is_old: bool
     ) -> None:
         """The outbox has reported which sessions it holds, oldest first.
 
@@ -188,7 +188,7 @@ class SessionSequence:
         self._pass(head.session, head.next_seq)
         del self._sessions[head.session]
 
-    def _begin(self, held: Sequence[HeldSession], lowest: Mapping[str, int]) -> None:
+    def _begin(self, held: Sequence[StoredSession], lowest: Mapping[str, int]) -> None:
         """Set where following begins: earlier points are past."""
         names = [one.session for one in held]
         if self._since is None:
@@ -209,7 +209,7 @@ class SessionSequence:
             newest, next_seq = list(self._since.items())[-1]
             self._sessions[newest] = SessionPoints(newest, 0, next_seq)
 
-    def _note(self, one: HeldSession) -> None:
+    def _note(self, one: StoredSession) -> None:
         if one.session in self._past:
             return
         followed = self._sessions.get(one.session)

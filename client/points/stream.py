@@ -71,7 +71,7 @@ class PointStream:
         return len(self._order.ready)
 
     @property
-    def place(self) -> dict[str, int]:
+    def cursor(self) -> dict[str, int]:
         """Next numbers of the sessions: what the reader is done with does not count.
 
         A reader is done with a point when it requests the next one.

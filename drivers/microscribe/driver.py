@@ -163,7 +163,7 @@ class MicroscribeDriver(Driver):
             self._lost_edges = 0
             self._fault(
                 "edges_lost",
-                f"{edges} pedal edges were lost because nobody takes them",
+                f"{edges} pedal edges were lost because they are not processed",
                 "the daemon is overloaded; repeat the last points",
                 edges,
             )

@@ -43,10 +43,10 @@ def test_points_are_captured_and_read(
     with BlockingArm(virtual.arm, broker) as arm:
         first = arm.capture()
         undone = arm.undo()
-        assert list(arm.points(quiet_s=0.05)) == [first, undone]
+        assert list(arm.points(idle_timeout_s=0.05)) == [first, undone]
         third = arm.capture()
-        assert next(arm.points(quiet_s=QUIET_S)) == third
-        assert arm.place == {virtual.session: 2}  # the third is in hand yet
+        assert next(arm.points(idle_timeout_s=QUIET_S)) == third
+        assert arm.cursor == {virtual.session: 2}  # the third is in hand yet
         assert arm.counters.lost == 0
         assert arm.is_connected
         assert arm.status().session == virtual.session
@@ -102,13 +102,13 @@ def test_events_live_poses_and_scans_can_be_iterated(
             elsewhere(virtual.publish(LIVE))
             found = next(poses, None)
         assert found == LIVE
-        with arm.scan(rate_hz=100.0, quiet_s=QUIET_S) as blocks:
+        with arm.scan(rate_hz=100.0, idle_timeout_s=QUIET_S) as blocks:
             block = SCAN.model_copy(update={"seq": 0, "last": True, "total": 3})
             elsewhere(virtual.publish(block))
             assert list(blocks) == [block]
 
 
 def test_a_broker_that_is_not_there_is_told_and_no_thread_is_left() -> None:
-    arm = BlockingArm("bench-7", f"localhost:{free_port()}", patience_s=0.1)
+    arm = BlockingArm("bench-7", f"localhost:{free_port()}", connect_timeout_s=0.1)
     with pytest.raises(BrokerUnreachableError), arm:
         pass

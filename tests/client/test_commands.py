@@ -103,7 +103,7 @@ async def test_a_command_is_answered_over_a_reconnection_and_carried_out_once(
 async def test_a_capture_is_not_repeated_to_a_daemon_that_was_started_anew(
     virtual: VirtualDaemon, broker: str
 ) -> None:
-    async with Arm(virtual.arm, broker, answer_s=2.0) as arm:
+    async with Arm(virtual.arm, broker, reply_timeout_s=2.0) as arm:
         virtual.is_deaf = True
         async with virtual.running():
             await until(lambda: virtual.session != "")
@@ -122,7 +122,7 @@ async def test_a_capture_is_not_repeated_to_a_daemon_that_was_started_anew(
 async def test_an_arm_that_is_not_there_is_told(
     virtual: VirtualDaemon, broker: str
 ) -> None:
-    async with Arm(virtual.arm, broker, answer_s=0.2) as arm:
+    async with Arm(virtual.arm, broker, reply_timeout_s=0.2) as arm:
         with pytest.raises(NoAnswerError, match="check the name"):
             await arm.label("ball")
         async with virtual.running():

@@ -22,7 +22,7 @@ async def test_what_comes_again_is_left_out_and_gaps_are_counted() -> None:
         return feed
 
     async def start() -> StartedScan:
-        return StartedScan(SCAN.scan, 100.0)
+        return StartedScan(scan=SCAN.scan, rate_hz=100.0)
 
     async def stop() -> None:
         raise AssertionError("it has ended by itself")
@@ -40,4 +40,4 @@ async def test_what_comes_again_is_left_out_and_gaps_are_counted() -> None:
 def test_the_answer_about_a_scan_that_is_not_held_is_read() -> None:
     nothing = {"session": None, "first_seq": None, "last_seq": None, "total": None}
     found = ResentScan.read({"scan": "s", "blocks": 0, **nothing})
-    assert found == ResentScan("s", None, 0, None, None, None)
+    assert found == ResentScan(scan="s", blocks=0)

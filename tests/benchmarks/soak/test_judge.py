@@ -34,7 +34,12 @@ class Run:
         self.received = list(self.held)
         self.pressed = [one for one in self.held if one.trigger == "button"]
         self.told = ["b-6"]
-        self.figures = {"asked_again": 2, "duplicates": 1, "lost": 0, "connections": 3}
+        self.figures = {
+            "resend_requested": 2,
+            "duplicates": 1,
+            "lost": 0,
+            "connections": 3,
+        }
         self.pace_s = 0.7
         self.notes = []
 

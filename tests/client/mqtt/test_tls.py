@@ -105,7 +105,7 @@ async def reason(address: BrokerAddress) -> str:
     with pytest.raises(BrokerUnreachableError) as of_finding:
         await find_arms(address, 0.1)
     with pytest.raises(BrokerUnreachableError) as of_arm:
-        async with Arm("bench-7", address, patience_s=PATIENCE_S):
+        async with Arm("bench-7", address, connect_timeout_s=PATIENCE_S):
             pass
     assert SECRET not in str(of_arm.value)
     assert str(of_arm.value) == str(of_finding.value)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.protocol.message_examples import POINT
 from traverse.client.points.reorder_buffer import UNKNOWN, ReorderBuffer, ResendRequest
 from traverse.client.points.session_order import FORGOTTEN, Lost
-from traverse.client.results import HeldSession, Resent
+from traverse.client.results import Resent, StoredSession
 from traverse.protocol.messages import Point
 
 ROOM = 10_000
@@ -42,7 +42,7 @@ class Outbox:
         held = self.sessions[session]
         self.sessions[session] = range(min(below, held.stop), held.stop)
 
-    def listed(self) -> list[HeldSession]:
+    def listed(self) -> list[StoredSession]:
         return [self._held(one) for one in self.sessions]
 
     def answer(self, ask: ResendRequest) -> tuple[Resent, list[Point]]:
@@ -50,12 +50,15 @@ class Outbox:
         held = self.sessions.get(session, range(0))
         sent = [point(session, i) for i in held if ask.from_seq <= i <= ask.to_seq]
         first, last = (held[0], held[-1]) if held else (None, None)
-        return Resent(session, len(sent), first, last), sent
+        held = Resent(session=session, points=len(sent), first_seq=first, last_seq=last)
+        return held, sent
 
-    def _held(self, session: str) -> HeldSession:
+    def _held(self, session: str) -> StoredSession:
         held = self.sessions[session]
         first, last = (held[0], held[-1]) if held else (None, None)
-        return HeldSession(session, int(session[1:]), first, last)
+        return StoredSession(
+            session=session, begun_ns=int(session[1:]), first_seq=first, last_seq=last
+        )
 
 
 def settle(order: ReorderBuffer, outbox: Outbox, lose: Callable[[], bool]) -> None:

@@ -65,7 +65,7 @@ async def test_what_a_broker_forgot_is_asked_for(
         await virtual.take(1)
         assert await read(arm, 6) == virtual.points
         assert virtual.resends[-1] == (virtual.session, 2, 4)
-        assert arm.counters.asked_again == 3
+        assert arm.counters.resend_requested == 3
 
 
 async def test_the_tail_of_a_session_comes_before_the_next_session(
@@ -120,21 +120,21 @@ async def test_a_place_file_goes_on_where_the_reader_stopped(
     file = tmp_path / "place.json"
     async with virtual.running():
         await virtual.take(3)
-        async with Arm(virtual.arm, broker, place_file=file) as arm:
+        async with Arm(virtual.arm, broker, cursor_file=file) as arm:
             await virtual.take(4)
             await read(arm, 2)
         await virtual.take(1)
-        async with Arm(virtual.arm, broker, place_file=file) as arm:
+        async with Arm(virtual.arm, broker, cursor_file=file) as arm:
             assert await read(arm, 3) == virtual.points[5:]
         with pytest.raises(RuntimeError, match="while reading"):
-            await read_and_fail(virtual, Arm(virtual.arm, broker, place_file=file))
-        async with Arm(virtual.arm, broker, place_file=file) as arm:
+            await read_and_fail(virtual, Arm(virtual.arm, broker, cursor_file=file))
+        async with Arm(virtual.arm, broker, cursor_file=file) as arm:
             assert await read(arm, 1) == virtual.points[-1:]
     with pytest.raises(MessageError, match="give it its own file"):
-        Arm("another", broker, place_file=file)
+        Arm("another", broker, cursor_file=file)
     file.write_text(json.dumps({"schema": "traverse/place/1", "arm": "x"}))
     with pytest.raises(MessageError, match="sessions"):
-        Arm("x", broker, place_file=file)
+        Arm("x", broker, cursor_file=file)
 
 
 async def read_and_fail(virtual: VirtualDaemon, arm: Arm) -> None:
@@ -191,7 +191,7 @@ async def test_a_broker_killed_and_started_again_loses_nothing(
 
 async def test_a_broker_that_is_not_there_is_told_with_a_remedy() -> None:
     port = free_port()
-    arm = Arm("bench-7", f"localhost:{port}", patience_s=0.3)
+    arm = Arm("bench-7", f"localhost:{port}", connect_timeout_s=0.3)
     with pytest.raises(BrokerUnreachableError, match=f"localhost:{port}.*start it"):
         async with arm:
             pass
@@ -201,7 +201,7 @@ async def test_a_wrong_password_is_told(
     make_mosquitto: Callable[[dict[str, str]], Mosquitto],
 ) -> None:
     broker = make_mosquitto({"reader": "right"})
-    arm = Arm("bench-7", f"localhost:{broker.port}", patience_s=1.0)
+    arm = Arm("bench-7", f"localhost:{broker.port}", connect_timeout_s=1.0)
     with pytest.raises(BrokerUnreachableError, match="without an account"):
         async with arm:
             pass
