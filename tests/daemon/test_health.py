@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.daemon.board_harness import BOARD, Bench
-from tests.daemon.values import arm_model, count_samples, latch
+from tests.daemon.board_harness import BOARD
+from tests.daemon.values import count_samples, latch
 from tests.protocol.message_examples import HEALTH
 from traverse.drivers.base.values import (
     DeviceCounters,
@@ -15,13 +15,6 @@ from traverse.drivers.base.values import (
 from traverse.protocol.encoding import decode, encode
 from traverse.protocol.messages import Health
 from traverse.protocol.messages.health import LATENCIES
-
-
-@pytest.fixture
-async def bench(tmp_path):
-    bench = Bench(arm_model(tmp_path))
-    yield bench
-    bench.device.driver.close()
 
 
 async def test_health_tells_figures_and_takes_them_anew_each_time(bench):

@@ -3,20 +3,12 @@
 import asyncio
 
 import numpy as np
-import pytest
 
-from tests.daemon.board_harness import BOARD, Bench
+from tests.daemon.board_harness import BOARD
 from tests.daemon.values import SetClock, arm_model, count_samples, joined_poses, latch
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.scans.plan import plan_scan
 from traverse.drivers.base.values import CountSamples, DeviceUp, StreamStarted
-
-
-@pytest.fixture
-async def bench(tmp_path):
-    bench = Bench(arm_model(tmp_path))
-    yield bench
-    bench.device.driver.close()
 
 
 async def test_a_pressed_button_makes_a_point_and_two_events(bench):

@@ -4,18 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from tests.daemon.board_harness import BOARD, Bench
-from tests.daemon.values import arm_model
+from tests.daemon.board_harness import BOARD
 from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.config.schema import CaptureSection
 from traverse.drivers.base.values import DeviceUp
-
-
-@pytest.fixture
-async def bench(tmp_path):
-    bench = Bench(arm_model(tmp_path))
-    yield bench
-    bench.device.driver.close()
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """What is told of a device and its state, and what it may measure meanwhile."""
 
 import numpy as np
-import pytest
 
 from tests.daemon.board_harness import BOARD, OTHER_BOARD, Bench
 from tests.daemon.values import ARM, arm_model, count_samples, latch
@@ -11,13 +10,6 @@ from traverse.drivers.base.values import (
     DeviceTemperatures,
     DeviceUp,
 )
-
-
-@pytest.fixture
-async def bench(tmp_path):
-    bench = Bench(arm_model(tmp_path))
-    yield bench
-    bench.device.driver.close()
 
 
 async def test_a_board_that_does_not_fit_measures_nothing(bench):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.daemon.arm_harness import ArmBench, edge
+from tests.daemon.arm_harness import edge
 from tests.daemon.two_devices import BEGIN_NS
 from traverse.daemon.errors import CaptureRefusedError, RequestRefusedError
 from traverse.drivers.base.values import DeviceLost
@@ -13,12 +13,9 @@ from traverse.protocol.messages import LabelArgs, PointArgs, SessionArgs, UndoAr
 
 
 @pytest.fixture
-async def bench(tmp_path):
-    bench = ArmBench(tmp_path)
-    bench.up()
-    bench.stream(0, 40)
-    yield bench
-    bench.close()
+async def bench(arm_bench):
+    arm_bench.stream(0, 40)
+    return arm_bench
 
 
 def press(bench, at, token=0):

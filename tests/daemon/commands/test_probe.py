@@ -109,12 +109,9 @@ def test_what_is_known_of_a_probe_goes_with_it(tmp_path):
 
 
 @pytest.fixture
-async def bench(tmp_path):
-    bench = ArmBench(tmp_path)
-    bench.up()
-    bench.stream(0, 40)
-    yield bench
-    bench.close()
+async def bench(arm_bench):
+    arm_bench.stream(0, 40)
+    return arm_bench
 
 
 def requests(bench, path):

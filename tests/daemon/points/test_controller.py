@@ -18,11 +18,8 @@ EDGE_NS = BEGIN_NS + 123_456_789
 
 
 @pytest.fixture
-async def bench(tmp_path):
-    bench = ArmBench(tmp_path)
-    bench.up()
-    yield bench
-    bench.close()
+async def bench(arm_bench):
+    return arm_bench
 
 
 def true_place_mm(model, time_ns):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.daemon.board_harness import BOARD, Bench
-from tests.daemon.values import arm_model, count_samples, latch
+from tests.daemon.board_harness import BOARD
+from tests.daemon.values import count_samples, latch
 from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.pose.alignment import ActiveAlignment, requested_alignment
 from traverse.drivers.base.values import DeviceUp
@@ -32,11 +32,9 @@ def test_a_quarter_turn_about_z_by_hand():
 
 
 @pytest.fixture
-async def bench(tmp_path):
-    bench = Bench(arm_model(tmp_path))
+async def bench(bench):
     bench.take(DeviceUp("base", BOARD, False))
-    yield bench
-    bench.device.driver.close()
+    return bench
 
 
 async def test_points_and_live_poses_have_them_while_it_is_set(bench):

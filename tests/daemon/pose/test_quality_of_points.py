@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.daemon.board_harness import BOARD, Bench
-from tests.daemon.values import arm_model, count_samples, latch
+from tests.daemon.board_harness import BOARD
+from tests.daemon.values import count_samples, latch
 from traverse.daemon.config.schema import EndStopSection, QualitySection
 from traverse.drivers.base.values import DeviceUp
 
@@ -12,11 +12,9 @@ TURN = 65536  # of J1, on channel 2
 
 
 @pytest.fixture
-async def bench(tmp_path):
-    bench = Bench(arm_model(tmp_path))
+async def bench(bench):
     bench.take(DeviceUp("base", BOARD, False))
-    yield bench
-    bench.device.driver.close()
+    return bench
 
 
 def limit(bench, **keys):

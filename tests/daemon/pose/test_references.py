@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.daemon.board_harness import BOARD, Bench
+from tests.daemon.board_harness import BOARD
 from tests.daemon.values import ARM, SetClock, arm_model, count_samples, latch
 from traverse.daemon.config.schema import EndStopSection, QualitySection
 from traverse.daemon.errors import CaptureRefusedError
@@ -178,13 +178,6 @@ def test_a_full_disk_does_not_stop_measuring(tmp_path, caplog):
     memory.add({"base": "a"})
     memory.close()
     assert "have to be confirmed again" in caplog.text
-
-
-@pytest.fixture
-async def bench(tmp_path):
-    bench = Bench(arm_model(tmp_path))
-    yield bench
-    bench.device.driver.close()
 
 
 async def test_points_and_poses_are_flagged_until_confirmed(bench):

@@ -79,11 +79,8 @@ def test_interpolation_adds_what_it_may_have_left(tmp_path):
 
 
 @pytest.fixture
-async def bench(tmp_path):
-    bench = ArmBench(tmp_path)
-    bench.up()
-    yield bench
-    bench.close()
+async def bench(arm_bench):
+    return arm_bench
 
 
 async def test_points_and_live_poses_carry_it(bench):
