@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from traverse.daemon.acquisition.device import Device, open_device, running_drivers
-from traverse.daemon.clock import HostClock
+from traverse.daemon.clock import FrozenClock, HostClock
 from traverse.daemon.commands.dispatcher import CommandDispatcher
 from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.commands.recording import record
@@ -25,7 +25,6 @@ from traverse.daemon.commands.resend import ResendCommands
 from traverse.daemon.commands.scans import ButtonScans, ScanCommands
 from traverse.daemon.config.schema import Action, BrokerSection, Configuration
 from traverse.daemon.executor import stop_scan
-from traverse.daemon.frozen_clock import FrozenClock
 from traverse.daemon.inputs import REFUSED, Inputs, StartupError
 from traverse.daemon.measurement import Measurement, Sinks, build_measurement
 from traverse.daemon.monitoring.events import EventLog

@@ -4,7 +4,7 @@ import numpy as np
 
 from tests.daemon.recorder.recorded_runs import IDENTITIES
 from tests.daemon.values import SetClock
-from traverse.daemon.frozen_clock import JITTER_NS, LOOK_NS, FrozenClock
+from traverse.daemon.clock import JITTER_NS, LOOK_NS, FrozenClock
 from traverse.daemon.recorder.file import PreTriggerBuffer
 from traverse.daemon.recorder.item_queue import RecorderItem, RecorderQueue
 from traverse.daemon.recorder.snapshot import WARM_UP_NS, DeviceSnapshot
