@@ -23,10 +23,11 @@ amt21 = typer.Typer(
 
 Port = Annotated[str, typer.Option("--port", help="Serial port of the adapter.")]
 Baud = Annotated[
-    int, typer.Option("--baud-rate", min=9600, max=2_000_000, help="Of the line.")
+    int,
+    typer.Option("--baud-rate", min=9600, max=2_000_000, help="Baud rate of the line."),
 ]
 Address = Annotated[
-    str, typer.Option("--address", help="Of the encoder, as 0x54 or 84.")
+    str, typer.Option("--address", help="Address of the encoder, as 0x54 or 84.")
 ]
 Timeout = Annotated[
     float,

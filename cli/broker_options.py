@@ -22,7 +22,9 @@ class BrokerOptions:
     broker: Annotated[
         str, typer.Option(help="MQTT broker: host, host:port or mqtts://host:port.")
     ] = "localhost"
-    username: Annotated[str | None, typer.Option(help="For the broker.")] = None
+    username: Annotated[str | None, typer.Option(help="User name at the broker.")] = (
+        None
+    )
     password_file: Annotated[
         Path | None, typer.Option(help="File with the broker's password.")
     ] = None
@@ -31,7 +33,7 @@ class BrokerOptions:
         typer.Option(help="CA certificates that signed the broker's certificate."),
     ] = None
     client_certificate: Annotated[
-        Path | None, typer.Option(help="Shown to the broker, PEM.")
+        Path | None, typer.Option(help="Client certificate, PEM.")
     ] = None
     client_key: Annotated[
         Path | None, typer.Option(help="Key of that certificate, PEM.")

@@ -22,10 +22,12 @@ Interface = Annotated[
     str, typer.Option("--interface", help="Of python-can: socketcan, slcan, ...")
 ]
 Channel = Annotated[
-    str, typer.Option("--channel", help="Of the interface: can0, /dev/ttyACM0, ...")
+    str,
+    typer.Option("--channel", help="Channel of the interface: can0, /dev/ttyACM0, ..."),
 ]
 BitRate = Annotated[
-    int, typer.Option("--bitrate", min=10_000, max=1_000_000, help="Of the bus.")
+    int,
+    typer.Option("--bitrate", min=10_000, max=1_000_000, help="Bit rate of the bus."),
 ]
 Timeout = Annotated[
     float,
@@ -70,14 +72,12 @@ def preset(
     node: Annotated[
         int, typer.Option("--node", min=1, max=127, help="Number of the encoder.")
     ],
-    value: Annotated[
-        int, typer.Option("--value", min=0, help="What its position shall be, counts.")
-    ],
+    value: Annotated[int, typer.Option("--value", min=0, help="New position, counts.")],
     interface: Interface = "socketcan",
     bitrate: BitRate = 1_000_000,
     timeout_s: Timeout = 0.5,
     store: Annotated[
-        bool, typer.Option("--store", help="Keep it in the encoder for ever.")
+        bool, typer.Option("--store", help="Store it in the encoder permanently.")
     ] = False,
     yes: Annotated[
         bool, typer.Option("--yes", help="Do not ask for confirmation.")

@@ -100,15 +100,17 @@ def scan(
 @with_broker
 def label(
     artefact: Annotated[
-        str | None, typer.Argument(help="What is touched; nothing ends the label.")
+        str | None, typer.Argument(help="Touched artefact; without it the label ends.")
     ] = None,
-    feature: Annotated[str | None, typer.Argument(help="Which part of it.")] = None,
+    feature: Annotated[
+        str | None, typer.Argument(help="Touched feature of it.")
+    ] = None,
     *,
     arm: ArmName = None,
     as_json: AsJson = False,
     broker: BrokerOptions,
 ) -> None:
-    """Say what the next points are taken on.
+    """Set the label of the next points.
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
@@ -122,7 +124,7 @@ def label(
 def session(
     *,
     arm: ArmName = None,
-    note: Annotated[str | None, typer.Option(help="Kept with the session.")] = None,
+    note: Annotated[str | None, typer.Option(help="Note for the session.")] = None,
     as_json: AsJson = False,
     broker: BrokerOptions,
 ) -> None:
@@ -180,7 +182,7 @@ def confirm(
     """Accept the positions of the encoders after a loss of power.
 
     Before, bring the arm to its reference and touch a point that you know: only you can
-    tell that the encoders count from where they did. With --at the daemon compares.
+    verify that the encoders still count from there. With --at the daemon compares.
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """

@@ -43,14 +43,15 @@ def demo(
     ] = None,
     broker: Annotated[
         str | None,
-        typer.Option(help="This MQTT broker, host or host:port, in place of an own."),
+        typer.Option(help="MQTT broker, host or host:port; without it one is started."),
     ] = None,
     rate_hz: Annotated[
         float,
         typer.Option("--rate", min=1.0, max=10_000.0, help="Rate of the scan in Hz."),
     ] = 1000.0,
     page: Annotated[
-        bool, typer.Option(help="The page in a browser, too, if its extra is there.")
+        bool,
+        typer.Option(help="Open the page in a browser too, if its extra is installed."),
     ] = True,
 ) -> None:
     """Watch a simulated arm measure a bar, a sphere and a cone.

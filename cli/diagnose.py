@@ -31,7 +31,7 @@ def diagnose(
     ] = None,
     seed: Annotated[
         int,
-        typer.Option(min=0, help="Of the split into poses and of the thresholds."),
+        typer.Option(min=0, help="Seed of the held-out split and of the thresholds."),
     ] = 1,
     accept: Annotated[
         bool, typer.Option("--accept", help="Write the adapted arm to ARM itself.")

@@ -30,7 +30,7 @@ def page(
         8080
     ),
     token_file: Annotated[
-        Path | None, typer.Option(help="File with the token that visitors must know.")
+        Path | None, typer.Option(help="File with the token for access.")
     ] = None,
     certificate: Annotated[
         Path | None, typer.Option(help="Certificate of this page, PEM.")
@@ -40,7 +40,7 @@ def page(
 ) -> None:
     """Show an arm in a browser, and take points there.
 
-    Knows the arm through MQTT alone, so it runs on any machine. Listens on this machine
+    Uses MQTT alone, so it runs on any machine. Listens on this machine
     only; with another --host it requires --token-file, --certificate and --key, and
     refuses to start without. Exit status 2: an option was refused; 3: the broker could
     not be reached, or no arm was found there.

@@ -17,15 +17,15 @@ REFUSED, UNREACHABLE = 2, 3
 
 @with_broker
 def record(
-    name: Annotated[str, typer.Argument(help="Of the recording, a new one.")],
+    name: Annotated[str, typer.Argument(help="New name for the recording.")],
     *,
     arm: Annotated[str, typer.Option(help="Name of the arm.")],
     broker: BrokerOptions,
     seconds: Annotated[
         float | None,
-        typer.Option(min=0.1, help="How long; else until Ctrl-C."),
+        typer.Option(min=0.1, help="Duration; else until Ctrl-C."),
     ] = None,
-    note: Annotated[str, typer.Option(help="Kept in the recording.")] = "",
+    note: Annotated[str, typer.Option(help="Note for the recording.")] = "",
     as_json: Annotated[
         bool, typer.Option("--json", help="Report as JSON at the end.")
     ] = False,

@@ -44,7 +44,7 @@ def run(
         ),
     ] = LogFormat.AUTO,
     log_level: Annotated[
-        LogLevel, typer.Option("--log-level", help="The least that is logged.")
+        LogLevel, typer.Option("--log-level", help="Lowest level that is logged.")
     ] = LogLevel.INFO,
 ) -> None:
     """Measure: read the encoders, publish points over MQTT.

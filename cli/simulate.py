@@ -7,9 +7,11 @@ import typer
 
 
 def simulate(
-    config: Annotated[Path, typer.Option("--config", help="What to simulate (TOML).")],
+    config: Annotated[
+        Path, typer.Option("--config", help="The simulator's configuration, TOML.")
+    ],
 ) -> None:
-    """Put virtual devices of a virtual arm on ptys and CAN.
+    """Simulate the devices of a virtual arm on ptys and CAN.
 
     Prints a line "ready <device> <path>" for each. Ends on SIGTERM or Ctrl-C, or at the
     end of its script if configured. Exit status 2: the configuration

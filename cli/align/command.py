@@ -63,7 +63,7 @@ def align(
             help="Alignment of the first station, to be joined to a leapfrog."
         ),
     ] = None,
-    name: Annotated[str | None, typer.Option(help="What to call it.")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the alignment.")] = None,
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit status 1 where anything is flagged.")
     ] = False,

@@ -17,7 +17,7 @@ Counts = Annotated[
 ]
 Signs = Annotated[
     str | None,
-    typer.Option(help="Which way the encoders count: 1 or -1 for each joint: 1,-1,..."),
+    typer.Option(help="Sense of the encoders: 1 or -1 for each joint: 1,-1,..."),
 ]
 Device = Annotated[
     str, typer.Option(help="Device of the encoders, channels counted from 0.")
@@ -44,7 +44,9 @@ ToolRpy = Annotated[
 ]
 Radius = Annotated[
     float,
-    typer.Option("--radius-mm", min=0.0, help="Of the ball; 0 for a point probe."),
+    typer.Option(
+        "--radius-mm", min=0.0, help="Radius of the ball; 0 for a point probe."
+    ),
 ]
 Switching = Annotated[
     bool, typer.Option("--switching", help="A switching probe, not a hard one.")

@@ -49,7 +49,7 @@ def daily_check(
     ] = False,
     new_base: Annotated[
         str | None,
-        typer.Option(help="Why the charts begin anew with this check, in words."),
+        typer.Option(help="Start new charts with this check, for this reason."),
     ] = None,
     acceptance: Annotated[
         Path | None, typer.Option(help="certificate.json of the last acceptance.")

@@ -27,7 +27,7 @@ def export(
         typer.Option(help="File to write (campaign: folder); else SOURCE's name."),
     ] = None,
     kind: Annotated[
-        str, typer.Option(help="What of a recording: points, or scans.")
+        str, typer.Option(help="Part of a recording: points, or scans.")
     ] = "points",
     coordinates: Annotated[
         str, typer.Option(help="centre (of the ball), surface, or part.")
@@ -60,7 +60,7 @@ def export(
 ) -> None:
     """Turn points, or the scans of a recording, into a file.
 
-    Points that were taken back are left out unless --retracted is given. The file
+    Retracted points are left out unless --retracted is given. The file
     appears whole or not at all. Exit status 2: a file or an option was refused.
     """
     from traverse.cli.export.campaign import (  # noqa: PLC0415

@@ -62,7 +62,8 @@ def arm_file(
         str, typer.Option(help="Its id in the daemon's configuration.")
     ] = "microscribe",
     radius_mm: Annotated[
-        float, typer.Option("--radius-mm", min=0.0, help="Of the ball; 0 for a point.")
+        float,
+        typer.Option("--radius-mm", min=0.0, help="Radius of the ball; 0 for a point."),
     ] = 0.0,
     force: Annotated[
         bool, typer.Option("--force", help="Replace files that exist.")

@@ -21,13 +21,13 @@ ConfigOption = Annotated[
     typer.Option("--config", help="The daemon's configuration, beside its state."),
 ]
 
-points = typer.Typer(help="Points that a daemon keeps on disk.", no_args_is_help=True)
+points = typer.Typer(help="Points on a daemon's disk.", no_args_is_help=True)
 points.command("resend")(resend)
 
 
 @points.callback()
 def _group() -> None:
-    """Points that a daemon keeps on disk."""
+    """Points on a daemon's disk."""
 
 
 @points.command("list")
@@ -86,7 +86,7 @@ def export(
         bool, typer.Option("--json", help="With --out: report as JSON.")
     ] = False,
 ) -> None:
-    """Write points with all that is known of them; retractions are rows, too.
+    """Write points with all their values; retractions are rows too.
 
     Exit status 1: some could not be read; 2: the file cannot be read or written.
     """

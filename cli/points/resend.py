@@ -27,7 +27,8 @@ ToOption = Annotated[
 @with_broker
 def resend(
     session: Annotated[
-        str | None, typer.Argument(help="Of the points; without it, list sessions.")
+        str | None,
+        typer.Argument(help="Session of the points; without it, list sessions."),
     ] = None,
     *,
     scan: Annotated[

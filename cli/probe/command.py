@@ -44,7 +44,7 @@ def pivot(
         typer.Option("--limit-mm", min=0.0, help="A larger change needs confirmation."),
     ] = 0.05,
     write: Annotated[
-        bool, typer.Option("--write", help="Put what was found into the library.")
+        bool, typer.Option("--write", help="Write the result into the library.")
     ] = False,
     yes: Annotated[
         bool,
