@@ -23,6 +23,7 @@ from traverse.drivers.base.values import (
     STATUS_LATE,
     STATUS_MISSING,
     STATUS_STALE,
+    STATUS_TIME_UNCERTAIN,
     STATUS_WARNING,
     CountSamples,
     LatchedCounts,
@@ -43,6 +44,7 @@ def _quality_of_status() -> Bits:
         | ((status & STATUS_STALE) != 0) * QualityFlag.STALE
         | ((status & STATUS_MISSING) != 0) * QualityFlag.INCOMPLETE
         | ((status & STATUS_INTERPOLATED) != 0) * QualityFlag.INTERPOLATED
+        | ((status & STATUS_TIME_UNCERTAIN) != 0) * QualityFlag.TIME_UNCERTAIN
     )
     return np.asarray(quality, dtype=np.uint32)
 

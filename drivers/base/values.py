@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from traverse.arrays import Booleans, Floats, Integers
 
 STATUS_ERROR, STATUS_WARNING, STATUS_LATE, STATUS_STALE = 1, 2, 4, 8
-STATUS_MISSING, STATUS_INTERPOLATED = 16, 32
+STATUS_MISSING, STATUS_INTERPOLATED, STATUS_TIME_UNCERTAIN = 16, 32, 64
 """Bits of a channel's status; missing: no answer, the count is the last known one.
 
 A driver does not set `STATUS_INTERPOLATED`, nor any bit that is not listed here.

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sized
 import numpy as np
 
 from traverse.drivers.base.values import (
+    STATUS_TIME_UNCERTAIN,
     STATUS_WARNING,
     CountSamples,
     DeviceError,
@@ -131,7 +132,7 @@ class LatchBoardSession:
                 np.minimum(clock.to_ns_array(ticks), received_ns),
                 block.inputs[rows],
                 block.counts[rows],
-                _STATUS_ARRAY[block.status[rows]],
+                _STATUS_ARRAY[block.status[rows]] | self._time_status,
             )
         )
 
@@ -172,7 +173,19 @@ class LatchBoardSession:
         self._edges.begin_at(heartbeat.next_edge_seq - heartbeat.edges_back)
         counters["board_tx_dropped"] = heartbeat.tx_dropped
         counters["board_rx_rejected"] = heartbeat.rx_rejected
+        if (steps := clock.steps - counters["clock_steps"]) > 0:
+            self._fault(
+                "clock_stepped",
+                "the board's counter, or the host's, has jumped; times of samples and "
+                "points are uncertain for half a second",
+                "check the board's power; take the last points again",
+                steps,
+            )
         counters["clock_steps"] = clock.steps
+
+    @property
+    def _time_status(self) -> np.uint8:
+        return np.uint8(STATUS_TIME_UNCERTAIN if self._clock.is_uncertain else 0)
 
     def _deliver_latch(
         self,
@@ -193,7 +206,10 @@ class LatchBoardSession:
                 received_ns,
                 min(self._clock.to_ns(ticks), received_ns),
                 latch.counts,
-                tuple(bytes(latch.status).translate(_STATUS_BYTES)),
+                tuple(
+                    int(self._time_status) | status
+                    for status in bytes(latch.status).translate(_STATUS_BYTES)
+                ),
             )
         )
 

@@ -53,6 +53,11 @@ class DeviceClock:
         self._restart(0, 0)
 
     @property
+    def is_uncertain(self) -> bool:
+        """Whether it started afresh, and half a second has not passed since."""
+        return bool(self.steps) and not self._bins
+
+    @property
     def rate_error_ppm(self) -> float:
         """How much faster than nominal the device's counter runs."""
         return -self._slope * 1e6

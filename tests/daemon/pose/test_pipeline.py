@@ -152,3 +152,4 @@ def test_every_status_byte_has_its_quality():
         assert ("late" in flags) == bool(status & 4)
         assert ("stale" in flags) == bool(status & 8)
         assert ("incomplete" in flags) == bool(status & 16)
+        assert ("time_uncertain" in flags) == bool(status & 64)

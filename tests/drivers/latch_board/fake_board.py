@@ -81,6 +81,12 @@ class FakeBoard(PtyPeer):
             self.edges.clear()
             self._boot_ns, self._last_ticks = time.monotonic_ns(), 0
 
+    def jump(self, seconds: float) -> None:
+        """The counter is ahead by so much from now on, and power was not lost."""
+        with self._lock:
+            self._boot_ns -= int(seconds * 1e9)
+            self._last_ticks = self.ticks()
+
     # -- what tests do --------------------------------------------------------
 
     def ticks(self) -> int:

@@ -16,6 +16,7 @@ from tests.drivers.taken import Taken
 from tests.protocol.latch_board_frames import framed
 from traverse.drivers.base.registry import driver_class
 from traverse.drivers.base.values import (
+    STATUS_TIME_UNCERTAIN,
     CountSamples,
     DeviceAlarm,
     DeviceCounters,
@@ -67,6 +68,30 @@ async def test_repeated_samples_are_taken_once(rig):
         await taken.until(lambda: 4 in taken.seqs(), "the last sample")
     assert taken.seqs() == [0, 1, 2, 3, 4]
     assert taken.of(DeviceFault) == []
+
+
+async def test_times_are_uncertain_while_a_clock_that_jumped_is_learned_anew(rig):
+    with rig.driver:
+        taken = await streaming(rig)
+
+        def statuses():
+            return [int(row[0]) for b in taken.of(CountSamples) for row in b.status]
+
+        rig.emit(5)
+        await taken.until(lambda: len(taken.seqs()) >= 5, "5 samples")
+        assert set(statuses()) == {0}
+        rig.board.jump(30.0)
+        rig.emit(2)
+        await taken.until(lambda: len(taken.seqs()) >= 7, "samples after it")
+        assert statuses()[-1] == STATUS_TIME_UNCERTAIN
+
+        def is_over():
+            rig.emit(1)
+            return statuses()[-1] == 0
+
+        await taken.until(is_over, "its clock is known")
+        codes = [fault.code for fault in taken.of(DeviceFault)]
+        assert codes == ["clock_stepped"]
 
 
 async def test_who_the_board_is_and_what_it_tells_by_itself(rig):
