@@ -1,21 +1,18 @@
 """Control charts as pictures: PNG and HTML, and as characters for a terminal."""
 
-import io
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from traverse.arrays import Integers
 from traverse.lab.daily_check.control_chart import EWMA_LIMIT, ChartPoint
 from traverse.lab.daily_check.report import DailyCheckReport, FigureChart
-from traverse.lab.report.figures import BLUE, GREY, ORANGE, VERMILION
+from traverse.lab.report.figures import BLUE, GREY, ORANGE, VERMILION, picture
 from traverse.lab.report.templates import page
 from traverse.strict_toml.writing import write_atomically
 
-DPI = 110
 ROWS = 9
 SHOWN = 60
 _UM = 1000.0
@@ -23,14 +20,17 @@ _UM = 1000.0
 
 def chart_png(report: DailyCheckReport) -> bytes:
     """All charts as a picture: values with limits, moving ranges, weighted means."""
-    figure = Figure(figsize=(11.0, 2.6 * len(report.charts)), layout="constrained")
-    FigureCanvasAgg(figure)
+    height_mm = 66.0 * len(report.charts)
+    return picture(280.0, height_mm, lambda figure: _paint_charts(figure, report))
+
+
+def _paint_charts(figure: Figure, report: DailyCheckReport) -> None:
     axes = figure.subplots(len(report.charts), 3, squeeze=False, width_ratios=[2, 1, 1])
     for row, chart in zip(axes, report.charts, strict=True):
         numbers = np.arange(1, len(chart.points) + 1)
         _paint_values(row[0], chart, numbers)
         _paint(row[1], numbers, [p.moving_range for p in chart.points], chart)
-        row[1].set_title("moving range / sigma", fontsize=8)
+        row[1].set_title("moving range / sigma")
         _paint(
             row[2],
             numbers,
@@ -40,22 +40,17 @@ def chart_png(report: DailyCheckReport) -> bytes:
         row[2].axhline(EWMA_LIMIT, color=VERMILION, linewidth=0.8)
         if not chart.kind.positive:
             row[2].axhline(-EWMA_LIMIT, color=VERMILION, linewidth=0.8)
-        row[2].set_title("EWMA / sigma", fontsize=8)
+        row[2].set_title("EWMA / sigma")
     for cell in axes[-1]:
-        cell.set_xlabel("check", fontsize=8)
-    for cell in axes.flat:
-        cell.tick_params(labelsize=7)
-    file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=DPI)
-    return file.getvalue()
+        cell.set_xlabel("check")
 
 
 def write_charts(report: DailyCheckReport, folder: Path) -> list[str]:
     """Write chart.png and chart.html; gives their names."""
     folder.mkdir(parents=True, exist_ok=True)
-    picture = chart_png(report)
-    (folder / "chart.png").write_bytes(picture)
-    text = page("daily_check/chart.jinja", {}, report=report, picture=picture)
+    png = chart_png(report)
+    (folder / "chart.png").write_bytes(png)
+    text = page("daily_check/chart.jinja", {}, report=report, picture=png)
     write_atomically(folder / "chart.html", text)
     return ["chart.png", "chart.html"]
 
@@ -110,7 +105,7 @@ def _paint_values(cell: Axes, chart: FigureChart, numbers: Integers) -> None:
     cell.set_ylim(
         min([*values, *ends]) - 0.1 * span, max([*values, *ends]) + 0.1 * span
     )
-    cell.set_title(f"{chart.kind.name} [um]", fontsize=8)
+    cell.set_title(f"{chart.kind.name} [um]")
 
 
 def _paint(

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from tests.client.virtual_daemon import VirtualDaemon
+from tests.lab.report.pages import Page
 from tests.protocol.message_examples import POINT
 from traverse.cli.__main__ import app
 from traverse.kinematics.arm_file.arm import read_arm
@@ -94,6 +95,7 @@ def test_a_table_is_aligned_and_everything_written(files, tmp_path):
     assert values["redundancy"] == 9
     assert len(values["points"]) == 5
     page = (out / "alignment.html").read_text()
+    Page(page).check_is_self_contained()
     assert page.count("data:image/png") == 2
     assert "Quality" in page
     again = align(points, "--nominal", nominal, "--std", 0.01, "--json").stdout

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.docs.pages import CHECKOUT
+from tests.lab.report.pages import Page
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.acceptance.certificate.check import certificate_problems
 from traverse.lab.acceptance.certificate.files import write_certificate
@@ -84,6 +85,7 @@ def test_everything_is_there_and_agrees(made, written):
 
 def test_page_and_document_say_every_figure(made, written):
     page = (written / "certificate.html").read_text()
+    Page(page).check_is_self_contained()
     values = made.values
     for figure in values["figures"]:
         assert figure["name"] in page

@@ -15,6 +15,7 @@ from tests.lab.measurements import (
     on_a_ball,
     touches,
 )
+from tests.lab.report.pages import Page
 from traverse.lab.daily_check.chart_pictures import (
     chart_lines,
     chart_png,
@@ -176,8 +177,10 @@ def test_pictures_are_made_of_short_and_long_histories(tmp_path):
         report = report_of(checks)
         assert chart_png(report).startswith(b"\x89PNG")
     assert write_charts(report, tmp_path) == ["chart.png", "chart.html"]
-    page = (tmp_path / "chart.html").read_text()
-    assert "OUT OF CONTROL" in page
+    page = Page((tmp_path / "chart.html").read_text())
+    page.check_is_self_contained()
+    assert len(page.pictures) == 1
+    assert "OUT OF CONTROL" in page.text
     lines = chart_lines(report.charts[0])
     assert {len(line) for line in lines} == {len(lines[0])}
     assert lines[0].rstrip("|")[-1] == "X"
