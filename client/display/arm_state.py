@@ -5,8 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from traverse.arrays import Integers
 from traverse.client.display.figures import flag_words
 from traverse.protocol.messages import (
     REMARKS,
@@ -98,7 +98,7 @@ class ArmSight:
     shown_session: str | None = None
     alarms: dict[tuple[str, str], Event] = field(default_factory=dict)
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=MAX_EVENTS))
-    coverage: NDArray[np.int64] | None = None
+    coverage: Integers | None = None
     scan: ScanProgress | None = None
     label: Label | None = None
     probe: str = ""
