@@ -97,7 +97,9 @@ def export(
             wanted = Wanted(to, kind, coordinate, session, filters, template, retracted)
             report = write_file(source, path, wanted)
             said = file_words(source, report)
-    except (ValueError, OSError) as error:
+    except OSError as error:
+        refuse("export", _reason(error, out or source))
+    except ValueError as error:
         refuse("export", str(error))
     except ModuleNotFoundError as error:
         told = missing_library("export", error)
@@ -109,3 +111,9 @@ def export(
         typer.echo(json.dumps(report, indent=1))
     else:
         typer.echo("\n".join(said), err=True)
+
+
+def _reason(error: OSError, place: Path) -> str:
+    if not place.parent.is_dir():
+        return f"{place.parent}: there is no such folder; make it first"
+    return f"{place}: {error.strerror or error}; check the path"

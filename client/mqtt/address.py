@@ -56,6 +56,13 @@ class BrokerAddress:
             ValueError: it is none of these.
         """
         parts = urlsplit(text if "://" in text else f"mqtt://{text}")
+        try:
+            port = parts.port
+        except ValueError:
+            raise ValueError(
+                f"broker {text!r}: its port is no number from 0 to 65535; expected "
+                "host, host:port or mqtts://host:port"
+            ) from None
         if parts.scheme not in SCHEMES or not parts.hostname or parts.path.strip("/"):
             raise ValueError(
                 f"broker {text!r}; expected host, host:port, mqtt://host:port or "
@@ -66,7 +73,7 @@ class BrokerAddress:
                 "a user's name in the broker's address; expected it as `username`, and "
                 "the password as `password_file`"
             )
-        return cls(parts.hostname, parts.port, tls=SCHEMES[parts.scheme])
+        return cls(parts.hostname, port, tls=SCHEMES[parts.scheme])
 
     def __str__(self) -> str:
         return f"{self.host}:{self.tcp_port}"

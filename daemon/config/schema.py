@@ -15,8 +15,8 @@ from traverse.daemon.config.filters import AnyFilter, flag_bits
 from traverse.protocol import topics
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages.point import Compensation
-from traverse.strict_toml.problems import Problem
-from traverse.strict_toml.reader import StrictModel, read_strict
+from traverse.strict_toml.problems import FileError, Problem, toml_table, toml_text
+from traverse.strict_toml.reader import StrictModel, parse_strict
 
 TLS_PORT = 8883
 
@@ -301,7 +301,19 @@ def read_configuration(path: Path) -> Configuration:
     Raises:
         FileError: with everything that is wrong with it.
     """
-    return read_strict(path, Configuration, _cross_check)
+    text = toml_text(path)
+    kind = toml_table(text, str(path)).get("schema")
+    if isinstance(kind, str):
+        wanted = (
+            "a daemon's configuration, which names the arm file as `file` in [arm]"
+            if kind.startswith("traverse/arm/")
+            else "a daemon's configuration, which has no key `schema`"
+        )
+        raise FileError(
+            str(path),
+            [Problem("schema", f"this is a file {kind!r}; expected {wanted}")],
+        )
+    return parse_strict(text, str(path), Configuration, _cross_check)
 
 
 def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:

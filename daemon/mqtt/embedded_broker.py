@@ -34,6 +34,16 @@ async def embedded_broker(port: int) -> AsyncIterator[int]:
         BrokerStartError: the port is taken, or the extra `demo` is not installed.
     """
     number = port or free_port()
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, number))
+        except OSError as error:
+            raise BrokerStartError(
+                f"the embedded broker cannot listen on {HOST}:{number}: "
+                f"{error.strerror}. Another broker may be there: use it, without "
+                "--embedded-broker, or choose another with --embedded-port"
+            ) from error
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "traverse.daemon.mqtt.embedded_broker", str(number)),
         stdin=subprocess.PIPE,
