@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from traverse.cli.options import Json
+
 if TYPE_CHECKING:
     from traverse.drivers.amt21.line import Amt21Line
 
@@ -36,9 +38,6 @@ Timeout = Annotated[
     ),
 ]
 Yes = Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")]
-Json = Annotated[
-    bool, typer.Option("--json", help="Report as JSON on standard output.")
-]
 
 
 @amt21.command()

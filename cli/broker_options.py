@@ -1,14 +1,12 @@
 """Options of commands that go to a broker, and the address that they make."""
 
-import functools
-import inspect
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.cli.options import with_options
 from traverse.cli.refusals import refuse
 
 if TYPE_CHECKING:
@@ -58,23 +56,4 @@ class BrokerOptions:
         return address
 
 
-def with_broker(command: Callable[..., None]) -> Callable[..., None]:
-    """Put the options in the place of a command's parameter `broker`."""
-    ours = inspect.signature(BrokerOptions).parameters
-    own = inspect.signature(command, eval_str=True)
-    parameters = [
-        parameter
-        for name, one in own.parameters.items()
-        for parameter in (ours.values() if name == "broker" else (one,))
-    ]
-
-    @functools.wraps(command)
-    def called(**given: Any) -> None:  # noqa: ANN401 - options of all kinds
-        options = BrokerOptions(**{name: given.pop(name) for name in ours})
-        command(**given, broker=options)
-
-    # What typer reads.
-    called.__annotations__ = {one.name: one.annotation for one in parameters}
-    signature = own.replace(parameters=parameters)
-    called.__signature__ = signature  # type: ignore[attr-defined]  # of PEP 362
-    return called
+with_broker = with_options("broker", BrokerOptions)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from traverse.cli.options import Json
+
 if TYPE_CHECKING:
     from traverse.drivers.canopen.commissioning import Commissioning, FoundNode
 
@@ -34,10 +36,6 @@ Timeout = Annotated[
     typer.Option(
         "--timeout", min=0.01, max=10.0, help="Time limit of an answer in seconds."
     ),
-]
-
-Json = Annotated[
-    bool, typer.Option("--json", help="Report as JSON on standard output.")
 ]
 
 

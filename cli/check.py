@@ -8,14 +8,14 @@ from typing import Annotated
 
 import typer
 
+from traverse.cli.options import Json
+
 
 def check(
     file: Annotated[
         Path, typer.Argument(help="An arm file, a configuration, a campaign, ...")
     ],
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Report as JSON on standard output.")
-    ] = False,
+    as_json: Json = False,
 ) -> None:
     """Check the files of an arm, a daemon or a campaign.
 

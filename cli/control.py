@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
-from traverse.cli.refusals import REFUSED, refuse
+from traverse.cli.refusals import client_errors, refuse
 
 if TYPE_CHECKING:
     from traverse.client.arm import Arm
     from traverse.protocol.messages import Point
     from traverse.protocol.messages.scan import ScanMode
 
-UNREACHABLE = 3
 FIND_S = 2.0
 
 ArmName = Annotated[
@@ -208,7 +207,6 @@ def _send(
 ) -> Any:  # noqa: ANN401 - what the command gives
     """Have an arm do something; ends the program where it does not."""
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
-    from traverse.client.errors import ClientError, CommandRefused  # noqa: PLC0415
     from traverse.client.mqtt.discovery import find_arms  # noqa: PLC0415
 
     address = broker.address(command)
@@ -224,14 +222,8 @@ def _send(
         async with Arm(arm, address) as there:
             return await act(there)
 
-    try:
+    with client_errors(command):
         return asyncio.run(run())
-    except CommandRefused as error:
-        typer.echo(f"traverse {command}: {error}", err=True)
-        raise typer.Exit(REFUSED) from error
-    except ClientError as error:
-        typer.echo(f"traverse {command}: {error}", err=True)
-        raise typer.Exit(UNREACHABLE) from error
 
 
 def _place(text: str) -> tuple[float, float, float]:

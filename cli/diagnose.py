@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.cli.options import Json
 from traverse.cli.refusals import refusals, refuse
 
 if TYPE_CHECKING:
@@ -48,9 +49,7 @@ def diagnose(
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit status 1 if anything is missing.")
     ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Report as JSON on standard output.")
-    ] = False,
+    as_json: Json = False,
     plan: Annotated[
         bool,
         typer.Option(

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.refusals import client_errors
 
 if TYPE_CHECKING:
     from traverse.client.mqtt.address import BrokerAddress
-
-REFUSED, UNREACHABLE = 2, 3
 
 
 @with_broker
@@ -35,22 +34,11 @@ def record(
     The file begins some seconds before the command, where the flight recorder is on.
     Exit status 2: the daemon refuses; 3: it or the broker could not be reached.
     """
-    from traverse.client.errors import ClientError, CommandRefused  # noqa: PLC0415 - quick help
-
     address = broker.address("record")
-    try:
+    with client_errors("record"):
         recorded = asyncio.run(
             _record(name, arm, address, seconds, note, quiet=as_json)
         )
-    except CommandRefused as error:
-        typer.echo(f"traverse record: {error}", err=True)
-        raise typer.Exit(REFUSED) from error
-    except ValueError as error:
-        typer.echo(f"traverse record: {error}", err=True)
-        raise typer.Exit(REFUSED) from error
-    except ClientError as error:
-        typer.echo(f"traverse record: {error}", err=True)
-        raise typer.Exit(UNREACHABLE) from error
     typer.echo(json.dumps(recorded) if as_json else _told(recorded))
 
 

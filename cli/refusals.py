@@ -6,7 +6,7 @@ from typing import NoReturn
 
 import typer
 
-REFUSED = 2
+REFUSED, UNREACHABLE = 2, 3
 
 _EXTRAS = {
     "serial": "daemon",
@@ -57,6 +57,20 @@ def refuse(command: str, text: str) -> NoReturn:
     """End a command with a sentence about what was wrong."""
     typer.echo(f"traverse {command}: {text}", err=True)
     raise typer.Exit(REFUSED)
+
+
+@contextmanager
+def client_errors(command: str) -> Iterator[None]:
+    """End with exit status 2 where the arm refuses, 3 where it is not reached."""
+    from traverse.client.errors import ClientError, CommandRefused  # noqa: PLC0415
+
+    try:
+        yield
+    except (CommandRefused, ValueError) as error:
+        refuse(command, str(error))
+    except ClientError as error:
+        typer.echo(f"traverse {command}: {error}", err=True)
+        raise typer.Exit(UNREACHABLE) from error
 
 
 @contextmanager

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from traverse.cli.options import Json
 from traverse.cli.refusals import refusals, refuse
 
 if TYPE_CHECKING:
@@ -46,9 +47,7 @@ def verify(
     check: Annotated[
         Path | None, typer.Option(help="Check a certificate instead.")
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Report as JSON on standard output.")
-    ] = False,
+    as_json: Json = False,
 ) -> None:
     """Decide on conformity by the figures of a standard.
 

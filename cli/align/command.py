@@ -8,12 +8,13 @@ import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.control import clear_alignment
-from traverse.cli.refusals import refusals, refuse
+from traverse.cli.options import Json
+from traverse.cli.refusals import client_errors, refusals, refuse
 
 if TYPE_CHECKING:
     from traverse.client.mqtt.address import BrokerAddress
 
-NO, UNREACHABLE = 1, 3
+NO = 1
 COMMAND = "align"
 
 
@@ -71,9 +72,7 @@ def align(
         Path | None,
         typer.Option("--out", "-o", help="Folder for alignment.json and .html."),
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Report as JSON on standard output.")
-    ] = False,
+    as_json: Json = False,
     send: Annotated[
         bool, typer.Option("--send", help="Have the daemon use it from now on.")
     ] = False,
@@ -182,13 +181,7 @@ def _tell(values: dict[str, Any], out: Path | None, *, as_json: bool) -> None:
 
 def _send(values: dict[str, Any], arm: str, broker: "BrokerAddress") -> None:
     from traverse.cli.align.sending import send_alignment  # noqa: PLC0415
-    from traverse.client.errors import ClientError, CommandRefused  # noqa: PLC0415
 
-    try:
+    with client_errors(COMMAND):
         send_alignment(values, arm, broker)
-    except (CommandRefused, ValueError) as error:
-        refuse(COMMAND, str(error))
-    except ClientError as error:
-        typer.echo(f"traverse {COMMAND}: {error}", err=True)
-        raise typer.Exit(UNREACHABLE) from error
     typer.echo(f"{arm} uses it from now on", err=True)

@@ -7,19 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.arm.options import (
-    Counts,
-    Device,
-    Name,
-    Out,
-    PostureDeg,
-    PostureRad,
-    Radius,
-    Signs,
-    Switching,
-    ToolRpy,
-    ToolXyz,
-)
+from traverse.cli.arm.options import ArmOptions, Out
+from traverse.cli.options import Json, with_options
 from traverse.cli.refusals import refusals
 
 if TYPE_CHECKING:
@@ -29,10 +18,6 @@ arm = typer.Typer(
     help="Arm files: show one, or make one of a DH table or URDF.",
     no_args_is_help=True,
 )
-
-Json = Annotated[
-    bool, typer.Option("--json", help="Report as JSON on standard output.")
-]
 
 
 class Convention(StrEnum):
@@ -84,6 +69,7 @@ def show(
 
 
 @arm.command("from-dh")
+@with_options("options", ArmOptions)
 def from_dh(
     table: Annotated[Path, typer.Argument(help="The table: CSV, or TOML (.toml).")],
     out: Out,
@@ -98,22 +84,13 @@ def from_dh(
     angles: Annotated[
         Angles | None, typer.Option(help="Unit of columns named alpha, theta, base.")
     ] = None,
-    name: Name = None,
-    posture_rad: PostureRad = None,
-    posture_deg: PostureDeg = None,
-    counts_per_turn: Counts = None,
-    signs: Signs = None,
-    device: Device = "base",
+    options: ArmOptions,
     base_xyz_mm: Annotated[
         str | None, typer.Option(help="The first frame in the arm's system: x,y,z.")
     ] = None,
     base_rpy_rad: Annotated[
         str | None, typer.Option(help="Its attitude there: roll,pitch,yaw.")
     ] = None,
-    tool_xyz_mm: ToolXyz = None,
-    tool_rpy_rad: ToolRpy = None,
-    radius_mm: Radius = 0.0,
-    switching: Switching = False,
     as_json: Json = False,
 ) -> None:
     """Make an arm file of a Denavit-Hartenberg table.
@@ -121,28 +98,16 @@ def from_dh(
     Columns: a_mm, d_mm, alpha_rad and optionally theta_rad (the offset at a reading of
     zero), base_rad, name, counts_per_turn, sign, source; _m and _deg also.
     """
-    from traverse.cli.arm.making import ArmOptions, arm_from_dh_file  # noqa: PLC0415
+    from traverse.cli.arm.making import arm_from_dh_file  # noqa: PLC0415
     from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415 - keeps --help quick
-    from traverse.kinematics.importers.arm_values import ProbeParts  # noqa: PLC0415
     from traverse.kinematics.importers.dh_rows import Units  # noqa: PLC0415
 
-    wishes = ArmOptions(
-        name=name,
-        counts_per_turn=counts_per_turn,
-        signs=signs,
-        device=device,
-        posture_rad=posture_rad,
-        posture_deg=posture_deg,
-        tool_xyz_mm=tool_xyz_mm,
-        tool_rpy_rad=tool_rpy_rad,
-        probe=ProbeParts(radius_mm, "switching" if switching else "hard"),
-    )
     units = Units(lengths and lengths.value, angles and angles.value)
     with refusals("arm"):
         made = arm_from_dh_file(
             table,
             units,
-            wishes,
+            options,
             convention=convention and convention.value,
             base_xyz_mm=base_xyz_mm,
             base_rpy_rad=base_rpy_rad,
@@ -152,6 +117,7 @@ def from_dh(
 
 
 @arm.command("from-urdf")
+@with_options("options", ArmOptions)
 def from_urdf(
     file: Annotated[Path, typer.Argument(help="The robot description, plain URDF.")],
     out: Out,
@@ -162,16 +128,7 @@ def from_urdf(
     tip: Annotated[
         str | None, typer.Option(help="Link with the probe; default the only end.")
     ] = None,
-    name: Name = None,
-    posture_rad: PostureRad = None,
-    posture_deg: PostureDeg = None,
-    counts_per_turn: Counts = None,
-    signs: Signs = None,
-    device: Device = "base",
-    tool_xyz_mm: ToolXyz = None,
-    tool_rpy_rad: ToolRpy = None,
-    radius_mm: Radius = 0.0,
-    switching: Switching = False,
+    options: ArmOptions,
     as_json: Json = False,
 ) -> None:
     """Make an arm file of a robot description (URDF).
@@ -179,23 +136,11 @@ def from_urdf(
     Revolute and continuous joints become joints, fixed ones are merged, masses go
     along. The shank is the tip's z axis unless --tool-rpy-rad turns it.
     """
-    from traverse.cli.arm.making import ArmOptions, arm_from_urdf_file  # noqa: PLC0415
+    from traverse.cli.arm.making import arm_from_urdf_file  # noqa: PLC0415
     from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415 - keeps --help quick
-    from traverse.kinematics.importers.arm_values import ProbeParts  # noqa: PLC0415
 
-    wishes = ArmOptions(
-        name=name,
-        counts_per_turn=counts_per_turn,
-        signs=signs,
-        device=device,
-        posture_rad=posture_rad,
-        posture_deg=posture_deg,
-        tool_xyz_mm=tool_xyz_mm,
-        tool_rpy_rad=tool_rpy_rad,
-        probe=ProbeParts(radius_mm, "switching" if switching else "hard"),
-    )
     with refusals("arm"):
-        made = arm_from_urdf_file(file, root, tip, wishes)
+        made = arm_from_urdf_file(file, root, tip, options)
         write_arm(out, made)
     _tell_made(out, made, as_json=as_json)
 

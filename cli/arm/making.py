@@ -1,13 +1,12 @@
 """Arms from tables and descriptions: files and options in, an arm's values out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.cli.arm.options import integers_of, numbers_of, posture_of
+from traverse.cli.arm.options import ArmOptions, integers_of, numbers_of, posture_of
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.importers.arm_values import (
     JointParts,
@@ -26,21 +25,6 @@ from traverse.kinematics.importers.urdf import Body, arm_from_chain, transform
 from traverse.kinematics.importers.urdf_chain import chain_of
 from traverse.kinematics.importers.urdf_file import read_urdf
 from traverse.strict_toml.problems import FileError, Problem
-
-
-@dataclass(frozen=True, slots=True)
-class ArmOptions:
-    """The options of both commands; None where not given."""
-
-    name: str | None
-    counts_per_turn: str | None
-    signs: str | None
-    device: str
-    posture_rad: str | None
-    posture_deg: str | None
-    tool_xyz_mm: str | None
-    tool_rpy_rad: str | None
-    probe: ProbeParts
 
 
 def arm_from_dh_file(
@@ -70,7 +54,7 @@ def arm_from_dh_file(
         tool=_placed("tool", file.tool, wishes.tool_xyz_mm, wishes.tool_rpy_rad),
     )
     posture_rad = posture_of(
-        wishes.posture_rad, wishes.posture_deg, [row.base_rad for row in rows]
+        wishes.base_posture_rad, wishes.base_posture_deg, [row.base_rad for row in rows]
     )
     joints = _joints(
         path,
@@ -85,7 +69,7 @@ def arm_from_dh_file(
         wishes.name or file.name or path.stem,
         geometry_from_dh(table, np.array(posture_rad)),
         joints,
-        wishes.probe,
+        _probe(wishes),
         str(path),
     )
 
@@ -102,7 +86,9 @@ def arm_from_urdf_file(
     robot = read_urdf(path)
     chain = chain_of(robot, root, tip)
     count = sum(joint.axis is not None for joint in chain)
-    posture_rad = posture_of(wishes.posture_rad, wishes.posture_deg, [0.0] * count)
+    posture_rad = posture_of(
+        wishes.base_posture_rad, wishes.base_posture_deg, [0.0] * count
+    )
     tool = _placed("tool", None, wishes.tool_xyz_mm, wishes.tool_rpy_rad)
     arm = arm_from_chain(chain, tool, np.array(posture_rad))
     nothing = [None] * count
@@ -119,9 +105,13 @@ def arm_from_urdf_file(
         wishes.name or robot.name or path.stem,
         arm.geometry,
         joints,
-        wishes.probe,
+        _probe(wishes),
         str(path),
     )
+
+
+def _probe(wishes: ArmOptions) -> ProbeParts:
+    return ProbeParts(wishes.radius_mm, "switching" if wishes.switching else "hard")
 
 
 def _convention(path: Path, file: DHFile, wished: str | None) -> Convention:

@@ -2,55 +2,54 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 Out = Annotated[Path, typer.Option("--out", "-o", help="The arm file to write.")]
-Name = Annotated[str | None, typer.Option(help="Name of the arm.")]
-Counts = Annotated[
-    str | None,
-    typer.Option(
-        "--counts-per-turn", help="Of the encoders: one number, or one a joint: 1,2,..."
-    ),
-]
-Signs = Annotated[
-    str | None,
-    typer.Option(help="Sense of the encoders: 1 or -1 for each joint: 1,-1,..."),
-]
-Device = Annotated[
-    str, typer.Option(help="Device of the encoders, channels counted from 0.")
-]
-PostureRad = Annotated[
-    str | None,
-    typer.Option(
-        "--base-posture-rad", help="Readings in the base posture; default zeros."
-    ),
-]
-PostureDeg = Annotated[
-    str | None, typer.Option("--base-posture-deg", help="The same in degrees.")
-]
-ToolXyz = Annotated[
-    str | None,
-    typer.Option("--tool-xyz-mm", help="The ball's centre in the last frame: x,y,z."),
-]
-ToolRpy = Annotated[
-    str | None,
-    typer.Option(
-        "--tool-rpy-rad",
-        help="Turns the last frame's z axis into the shank: roll,pitch,yaw.",
-    ),
-]
-Radius = Annotated[
-    float,
-    typer.Option(
-        "--radius-mm", min=0.0, help="Radius of the ball; 0 for a point probe."
-    ),
-]
-Switching = Annotated[
-    bool, typer.Option("--switching", help="A switching probe, not a hard one.")
-]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmOptions:
+    """Options of the commands that make an arm file, in the order of `--help`."""
+
+    name: Annotated[str | None, typer.Option(help="Name of the arm.")] = None
+    base_posture_rad: Annotated[
+        str | None, typer.Option(help="Readings in the base posture; default zeros.")
+    ] = None
+    base_posture_deg: Annotated[
+        str | None, typer.Option(help="The same in degrees.")
+    ] = None
+    counts_per_turn: Annotated[
+        str | None,
+        typer.Option(help="Of the encoders: one number, or one a joint: 1,2,..."),
+    ] = None
+    signs: Annotated[
+        str | None,
+        typer.Option(help="Sense of the encoders: 1 or -1 for each joint: 1,-1,..."),
+    ] = None
+    device: Annotated[
+        str, typer.Option(help="Device of the encoders, channels counted from 0.")
+    ] = "base"
+    tool_xyz_mm: Annotated[
+        str | None, typer.Option(help="The ball's centre in the last frame: x,y,z.")
+    ] = None
+    tool_rpy_rad: Annotated[
+        str | None,
+        typer.Option(
+            help="Turns the last frame's z axis into the shank: roll,pitch,yaw."
+        ),
+    ] = None
+    radius_mm: Annotated[
+        float,
+        typer.Option(min=0.0, help="Radius of the ball; 0 for a point probe."),
+    ] = 0.0
+    switching: Annotated[
+        bool, typer.Option("--switching", help="A switching probe, not a hard one.")
+    ] = False
+
 
 # In mm or rad: nothing of an arm is larger, and sums stay finite.
 _LARGEST = 1e9

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.options import Json
 from traverse.cli.refusals import refusals, refuse
 
 if TYPE_CHECKING:
@@ -61,9 +62,7 @@ def daily_check(
         Path | None, typer.Option("--out", "-o", help="Folder for chart.png, .html.")
     ] = None,
     broker: BrokerOptions,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Report as JSON on standard output.")
-    ] = False,
+    as_json: Json = False,
 ) -> None:
     """Check the arm with a cone and a sphere; show the trend.
 

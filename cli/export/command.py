@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from traverse.cli.options import Json
 from traverse.cli.refusals import REFUSED, missing_library, refuse
 
 KINDS = ("points", "scans")
@@ -54,9 +55,7 @@ def export(
         bool,
         typer.Option("--retracted", help="Retracted points and retractions, too."),
     ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Report as JSON on standard output.")
-    ] = False,
+    as_json: Json = False,
 ) -> None:
     """Turn points, or the scans of a recording, into a file.
 

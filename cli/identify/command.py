@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.cli.options import Json
 from traverse.cli.refusals import refusals, refuse
 
 if TYPE_CHECKING:
@@ -47,9 +48,7 @@ def identify(
         bool,
         typer.Option("--strict", help="Exit status 1 if anything is undetermined."),
     ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Report as JSON on standard output.")
-    ] = False,
+    as_json: Json = False,
     compare: Annotated[
         tuple[Path, Path] | None,
         typer.Option(

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from traverse.cli.options import Json
 from traverse.cli.refusals import refusals, refuse
 
 UNREACHABLE = 3
@@ -68,9 +69,7 @@ def arm_file(
     force: Annotated[
         bool, typer.Option("--force", help="Replace files that exist.")
     ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Report as JSON on standard output.")
-    ] = False,
+    as_json: Json = False,
 ) -> None:
     """Write an arm file and, beside it, `traverse.toml` to measure with at once.
 

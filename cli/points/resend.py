@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
-from traverse.cli.refusals import refuse
+from traverse.cli.refusals import client_errors, refuse
 
 if TYPE_CHECKING:
     from traverse.client.mqtt.address import BrokerAddress
     from traverse.protocol.messages import ResendArgs
 
-NO, UNREACHABLE = 1, 3
+NO = 1
 PATIENCE_S = 3.0
 LAST = 2**53 - 1
 COMMAND = "points resend"
@@ -49,10 +49,6 @@ def resend(
     Exit status 1: it has none of them; 2: refused; 3: daemon or broker could
     not be reached.
     """
-    from traverse.client.errors import (  # noqa: PLC0415 - keeps --help quick
-        ClientError,
-        CommandRefused,
-    )
     from traverse.protocol.messages import ResendArgs  # noqa: PLC0415
 
     try:
@@ -64,13 +60,8 @@ def resend(
             "session, or an option is invalid",
         )
     address = broker.address(COMMAND)
-    try:
+    with client_errors(COMMAND):
         answer = asyncio.run(_answer(address, arm, args))
-    except CommandRefused as error:
-        refuse(COMMAND, str(error))
-    except ClientError as error:
-        typer.echo(f"traverse {COMMAND}: {error}", err=True)
-        raise typer.Exit(UNREACHABLE) from error
     typer.echo(json.dumps(answer) if as_json else "\n".join(_lines(answer)))
     asked = "points" if session is not None else "blocks" if scan is not None else ""
     if asked and not answer[asked]:

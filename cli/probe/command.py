@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.control import use_probe
+from traverse.cli.options import Json
 from traverse.cli.refusals import refusals, refuse
 
 if TYPE_CHECKING:
@@ -50,9 +51,7 @@ def pivot(
         bool,
         typer.Option("--yes", help="Do not ask for confirmation beyond the limit."),
     ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Report as JSON on standard output.")
-    ] = False,
+    as_json: Json = False,
 ) -> None:
     """Find a probe's vector from poses with its ball in a cone.
 

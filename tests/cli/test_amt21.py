@@ -9,6 +9,7 @@ from tests.drivers.amt21.fake_encoders import FakeEncoder, FakeLine, PtyEncoders
 from traverse.cli.__main__ import app
 
 runner = CliRunner()
+PATIENCE = ("--timeout", "0.1")  # a busy machine answers late
 
 
 @pytest.fixture(params=[False, True], ids=["no echo", "echo"])
@@ -28,7 +29,7 @@ def told(encoders, *arguments, **more):
 
 
 def test_a_scan_lists_who_answers(encoders):
-    ran = told(encoders, "scan", "--json")
+    ran = told(encoders, "scan", "--json", *PATIENCE)
     assert ran.exit_code == 0, ran.output
     report = json.loads(ran.output)
     assert report["echo"] is encoders.line.echo
@@ -41,12 +42,11 @@ def test_a_scan_lists_who_answers(encoders):
 
 @pytest.mark.parametrize(("name", "code"), [("zero", "5E"), ("reset", "75")])
 def test_maintenance_is_asked_for_before_it_is_done(encoders, name, code):
-    patience = ("--timeout", "0.1")  # a busy machine answers late
-    ran = told(encoders, name, "--address", "0x54", *patience, input="n\n")
+    ran = told(encoders, name, "--address", "0x54", *PATIENCE, input="n\n")
     assert ran.exit_code == 1
     assert "is at 1234" in ran.output
     assert 0x56 not in encoders.line.heard
-    ran = told(encoders, name, "--address", "84", "--yes", "--json", *patience)
+    ran = told(encoders, name, "--address", "84", "--yes", "--json", *PATIENCE)
     assert ran.exit_code == 0, ran.output
     report = json.loads(ran.stdout)
     assert (report["address"], report["before"]) == (84, 1234)

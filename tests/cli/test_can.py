@@ -23,7 +23,7 @@ def nodes(caplog: pytest.LogCaptureFixture) -> Iterator[FakeNodes]:
 def told(nodes: FakeNodes, *arguments: str, answer: str = "") -> Result:
     where = ["--interface", "virtual", "--channel", nodes.channel]
     return CliRunner().invoke(
-        app, ["can", *arguments, *where, "--timeout", "0.2"], input=answer
+        app, ["can", *arguments, *where, "--timeout", "0.5"], input=answer
     )
 
 
