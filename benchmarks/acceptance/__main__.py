@@ -8,7 +8,6 @@ their limit: it is drawn within three standard uncertainties of the true figure.
 """
 
 import argparse
-import json
 import os
 import time
 from collections.abc import Iterator, Sequence
@@ -29,6 +28,7 @@ from benchmarks.acceptance.arms import (
     limits_of,
     tested_arm,
 )
+from benchmarks.tools.rounds import write_json
 from traverse.arrays import Floats
 from traverse.lab.acceptance.conformity.figure import decision_of
 
@@ -54,9 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     report["again"] = again(given.first)
     print(f"{given.arms} arms in {time.monotonic() - begun_s:.0f} s")
     _print(report)
-    if given.out:
-        given.out.parent.mkdir(parents=True, exist_ok=True)
-        given.out.write_text(json.dumps(report, indent=1) + "\n", "utf-8")
+    write_json(given.out, report)
     if given.pictures:
         from benchmarks.acceptance.pictures import paint  # noqa: PLC0415 - heavy
 

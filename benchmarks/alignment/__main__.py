@@ -7,7 +7,6 @@ computation: many measurements with equal errors, fitted by singular values (Kab
 """
 
 import argparse
-import json
 import os
 import time
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ import numpy as np
 
 from benchmarks.alignment.degenerate import NO_FLAG, REFUSED, degenerate
 from benchmarks.alignment.point_distributions import Outcome, outcome
+from benchmarks.tools.rounds import write_json
 from traverse.arrays import Floats
 
 N_DEGENERATE = 200
@@ -48,9 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     }
     print(f"{given.dispositions} dispositions in {time.monotonic() - begun_s:.0f} s")
     _print(report)
-    if given.out:
-        given.out.parent.mkdir(parents=True, exist_ok=True)
-        given.out.write_text(json.dumps(report, indent=1) + "\n", "utf-8")
+    write_json(given.out, report)
     if given.pictures:
         from benchmarks.alignment.pictures import paint  # noqa: PLC0415 - heavy
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from benchmarks.fleet.daemons import run_daemons
 from benchmarks.fleet.tally import Cost, Fleet, Group, Run, Sent, cost_of, tally
 from benchmarks.tools import rig
-from benchmarks.tools.rounds import load
+from benchmarks.tools.rounds import load, write_json
 
 CONSUMERS = 3
 SETTLE_S = 1.5
@@ -105,10 +105,7 @@ def main(arguments: Sequence[str]) -> int:
                 run_daemons(place, int(text), options.rate, options.seconds, group)
             )
             print(rows[-1].lines(), flush=True)
-    if options.out is not None:
-        options.out.parent.mkdir(parents=True, exist_ok=True)
-        text = json.dumps([asdict(row) for row in rows], indent=1)
-        options.out.write_text(text + "\n", "utf-8")
+    write_json(options.out, [asdict(row) for row in rows])
     return int(any(row.missing or row.doubled for row in rows))
 
 

@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import json
 import statistics
 import sys
 import tempfile
@@ -16,7 +15,7 @@ import numpy as np
 
 from benchmarks.service.stream import follow_scan
 from benchmarks.tools import rig
-from benchmarks.tools.rounds import load
+from benchmarks.tools.rounds import load, write_json
 from traverse.kinematics.arm_file.arm import (
     Arm,
     Identification,
@@ -223,10 +222,8 @@ def main(seconds: float, path: Path | None) -> None:
         for line in streams(Path(folder), seconds, shares):
             print(line, flush=True)
     print(load())
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        values = {"load": before, "blocks_s": blocks_s, "shares": shares}
-        path.write_text(json.dumps(values, indent=1))
+    values = {"load": before, "blocks_s": blocks_s, "shares": shares}
+    write_json(path, values)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.tools import rig
-from benchmarks.tools.rounds import load
+from benchmarks.tools.rounds import load, write_json
 from traverse.client import Arm
 from traverse.protocol.messages import Scan
 
@@ -175,10 +175,8 @@ def main(minutes: float, path: Path | None) -> int:
     )
     for fault in found:
         print(f"FAULT: {fault}")
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figures = {"sizes": [asdict(one) for one in sizes], "scan": asdict(followed)}
-        path.write_text(json.dumps(figures, indent=1))
+    figures = {"sizes": [asdict(one) for one in sizes], "scan": asdict(followed)}
+    write_json(path, figures)
     return 1 if found else 0
 
 

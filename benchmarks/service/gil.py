@@ -6,7 +6,6 @@ is the system's wake-up and the wait for the lock that the main thread holds or 
 """
 
 import contextlib
-import json
 import os
 import select
 import subprocess
@@ -24,7 +23,7 @@ from benchmarks.path.plain_loop import PlainLoop
 from benchmarks.path.whole import LIKE_A_LINE, Timing, scanner
 from benchmarks.service.effects import SETS, arm_with, block_of
 from benchmarks.tools.rig import ARM
-from benchmarks.tools.rounds import load
+from benchmarks.tools.rounds import load, write_json
 from traverse.daemon.clock import HostClock
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.daemon.pose.pipeline import Pipeline
@@ -179,9 +178,7 @@ def main(path: Path | None) -> None:
             f"longest {ranges[2][1]:6.0f} us ({ranges[2][0]:.0f} to {ranges[2][2]:.0f})"
         )
     print(load())
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(found, indent=1))
+    write_json(path, found)
 
 
 if __name__ == "__main__":

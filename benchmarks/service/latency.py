@@ -9,7 +9,6 @@ takes on the same disk in the same round.
 """
 
 import contextlib
-import json
 import shutil
 import sys
 import tempfile
@@ -25,7 +24,7 @@ import numpy as np
 from benchmarks.tools import rig
 from benchmarks.tools.disk import syncs_ns
 from benchmarks.tools.raw_mqtt import RawClient
-from benchmarks.tools.rounds import load
+from benchmarks.tools.rounds import load, write_json
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Command, ScanArgs
 from traverse.protocol.topics import command_topic
@@ -200,9 +199,7 @@ def main(path: Path | None) -> None:
     before = load()
     found = [latency(*rates_hz, ROUNDS, SECONDS) for rates_hz in RATES_HZ]
     print(load())
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps({"load": before, "latency": found}, indent=1))
+    write_json(path, {"load": before, "latency": found})
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ stream, its house) is measured first and taken off.
 The board sends no edge again: one that finds no room in the daemon is a point lost.
 """
 
-import json
 import os
 import sys
 import tempfile
@@ -24,7 +23,7 @@ from benchmarks.service.latency import ARM, edge_board, figures
 from benchmarks.tools import rig
 from benchmarks.tools.disk import syncs_ns
 from benchmarks.tools.raw_mqtt import RawClient
-from benchmarks.tools.rounds import load
+from benchmarks.tools.rounds import load, write_json
 
 RATES_HZ = (100.0, 300.0, 1000.0)
 ROUNDS = 3
@@ -153,9 +152,7 @@ def main(path: Path | None, seconds: float) -> None:
                     taken = take(folder, port, rate_hz, seconds, idle)
                     print(taken.line(), flush=True)
                     found.append(asdict(taken))
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(found, indent=1))
+    write_json(path, found)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ the recording is replayed.
 """
 
 import asyncio
-import json
 import logging
 import statistics
 import subprocess
@@ -21,7 +20,7 @@ import aiomqtt
 
 from benchmarks.service.stream import ARM, order_scan
 from benchmarks.tools import rig
-from benchmarks.tools.rounds import load
+from benchmarks.tools.rounds import load, write_json
 from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
 from traverse.daemon.replay.replay import Replay
@@ -204,9 +203,7 @@ def main(seconds: float, file: Path | None) -> None:
         f"{found.points_of_scans} points of the scan the same to the last bit"
     )
     print(load())
-    if file is not None:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(json.dumps({"load": before, **asdict(found)}, indent=1))
+    write_json(file, {"load": before, **asdict(found)})
 
 
 if __name__ == "__main__":

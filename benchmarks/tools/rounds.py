@@ -10,6 +10,7 @@ that becomes busy between them would decide the ratio; its file format is used, 
 """
 
 import gc
+import json
 import os
 import statistics
 import time
@@ -123,6 +124,13 @@ def one_core() -> None:
 def load() -> str:
     """How busy the machine is."""
     return f"load {os.getloadavg()[0]:.2f} on {os.cpu_count()} cores"
+
+
+def write_json(path: Path | None, values: object) -> None:
+    """Keep figures in a file, where one is named."""
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(values, indent=1) + "\n", "utf-8")
 
 
 def write(tables: Sequence[Table], path: Path) -> None:

@@ -15,10 +15,13 @@ from traverse.drivers.base.values import DeviceError, DeviceUp, StreamStarted
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.microscribe.identification import MicroscribeIdentification
 from traverse.drivers.microscribe.line import TimedPacket
-from traverse.drivers.microscribe.motion_report import MotionReport
 from traverse.drivers.microscribe.options import MicroscribeOptions
 from traverse.drivers.microscribe.pedals import PedalDebouncer, PendingPedalEdges
-from traverse.drivers.microscribe.session import MicroscribeSession, connect
+from traverse.drivers.microscribe.session import (
+    MicroscribeSession,
+    MotionReport,
+    connect,
+)
 from traverse.drivers.polling.alarms import ReadErrorLog
 from traverse.drivers.polling.channel import IMPLAUSIBLE
 from traverse.drivers.polling.sampling import SampleBlockBuilder, SampleSchedule

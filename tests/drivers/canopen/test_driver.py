@@ -2,7 +2,6 @@
 
 import asyncio
 import itertools
-from collections.abc import AsyncIterator
 
 import pytest
 
@@ -17,19 +16,6 @@ from traverse.drivers.base.values import (
     DeviceUp,
     StreamStarted,
 )
-
-
-@pytest.fixture(autouse=True)
-def quiet_library(caplog: pytest.LogCaptureFixture) -> None:
-    """The library logs each abort that we asked for on purpose."""
-    caplog.set_level("CRITICAL", logger="canopen")
-
-
-@pytest.fixture
-async def rig() -> AsyncIterator[CanRig]:
-    made = CanRig(DeliveryQueue(asyncio.get_running_loop()))
-    yield made
-    made.close()
 
 
 class TestCanOpen(DriverContract, StreamContract):

@@ -1,7 +1,6 @@
 """Nodes that go, change or complain, a bus that is off, noise."""
 
 import asyncio
-from collections.abc import AsyncIterator
 from random import Random
 
 import pytest
@@ -27,19 +26,6 @@ from traverse.drivers.base.values import (
     DeviceLost,
     DeviceUp,
 )
-
-
-@pytest.fixture(autouse=True)
-def quiet_library(caplog: pytest.LogCaptureFixture) -> None:
-    """The library logs each abort that we asked for on purpose."""
-    caplog.set_level("CRITICAL", logger="canopen")
-
-
-@pytest.fixture
-async def rig() -> AsyncIterator[CanRig]:
-    made = CanRig(DeliveryQueue(asyncio.get_running_loop()))
-    yield made
-    made.close()
 
 
 async def test_a_lost_node_is_told_and_set_up_again_when_it_is_back(rig: CanRig):
