@@ -1,7 +1,6 @@
 """A scan of one's own: started, its blocks followed, ended."""
 
 from collections.abc import Awaitable, Callable
-from types import TracebackType
 from typing import Self
 
 from traverse.client.feeds import Feed
@@ -51,12 +50,7 @@ class ScanBlocks:
         self._scan = await self._start()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         self._feed = None
         if not self._has_ended:
             await self._stop()

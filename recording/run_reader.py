@@ -4,7 +4,6 @@ import hashlib
 from collections.abc import Iterator
 from os import fstat
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
@@ -73,12 +72,7 @@ class RunReader:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.close()
 
     def _next(self) -> Entry | None:

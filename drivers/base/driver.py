@@ -14,7 +14,6 @@ import time
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable
-from types import TracebackType
 from typing import ClassVar, Self
 
 from traverse.drivers.base.delivery_queue import DeliveryQueue
@@ -114,12 +113,7 @@ class Driver(ABC):
         self.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.close()
 
     def request_stream(self, rate_hz: float) -> None:

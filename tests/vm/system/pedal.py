@@ -4,7 +4,6 @@ import asyncio
 import fcntl
 import os
 import struct
-from types import TracebackType
 from typing import Self
 
 from tests.vm.system import unit
@@ -39,12 +38,7 @@ class Pedal:
         assert os.path.exists(PORT), f"udev has made no {PORT}"
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         os.close(self._fd)
 
     async def press(self) -> None:
