@@ -21,27 +21,27 @@ from benchmarks.tools import rig
 DEMO = Path(__file__).parent.parent.parent / "cli" / "demo_data"
 DESK, TABLET, PHONE = (1440, 900), (820, 1180), (390, 844)
 SIZES = {"desk": DESK, "tablet": TABLET, "phone": PHONE}
-# Encoder 2 warns as long as the picture takes.
-DOUBT = """\
+LONGEST_MS = 120_000
+# Powered up anew, so that its encoders may count from another place; later without
+# power, after the pictures of that.
+POWER_LOSS = """\
 [[motion]]
 kind = "rest"
 duration_s = 1000.0
 
 [[fault]]
-kind = "status"
-channel = 2
-bits = 2
-at_s = 0.5
+kind = "silent"
+at_s = 60.0
 duration_s = 1000.0
 """
 
 
 @contextlib.contextmanager
-def simulated(folder: Path, *, in_doubt: bool = False) -> Iterator[None]:
-    """The arm of the demonstration; or one at rest with an encoder that warns."""
+def simulated(folder: Path, *, loses_power: bool = False) -> Iterator[None]:
+    """The arm of the demonstration; or one at rest that loses power."""
     text = (DEMO / "simulator.toml").read_text("utf-8")
-    if in_doubt:
-        text = text[: text.index("[[motion]]")] + DOUBT
+    if loses_power:
+        text = text[: text.index("[[motion]]")] + POWER_LOSS
     (folder / "simulator.toml").write_text(text, "utf-8")
     run = (sys.executable, "-m", "traverse", "simulate", "--config")
     with rig.program(folder / "sim.log", *run, str(folder / "simulator.toml")):
@@ -50,19 +50,19 @@ def simulated(folder: Path, *, in_doubt: bool = False) -> Iterator[None]:
         (folder / "board.pty").unlink(missing_ok=True)
 
 
-async def pictures(page: Page, out: Path, state: str) -> None:
-    """One state in all sizes, dark and light, as soon as the banner says so."""
-    await page.locator(".word").get_by_text(state, exact=True).wait_for()
+async def pictures(page: Page, out: Path, word: str, state: str) -> None:
+    """One state in all sizes, dark and light, as soon as the banner says the word."""
+    said = page.locator(".word").get_by_text(word, exact=True)
+    await said.wait_for(timeout=LONGEST_MS)
     for theme in ("dark", "light"):
         for size, (width, height) in SIZES.items():
             await page.set_viewport_size({"width": width, "height": height})
             # As on a touch screen: without the names of keys.
             shown = "none" if size != "desk" else "block"
-            await page.add_style_tag(content=f".key {{ display: {shown} }}")
+            await page.add_style_tag(content=f".key {{ display: {shown} !important }}")
             await page.keyboard.press("f")
             await asyncio.sleep(1.0)
-            name = f"page-{state.lower().replace(' ', '-')}-{size}-{theme}.png"
-            await page.screenshot(path=out / name)
+            await page.screenshot(path=out / f"page-{state}-{size}-{theme}.png")
         await page.keyboard.press("d")
 
 
@@ -81,18 +81,19 @@ async def main(folder: Path, out: Path) -> None:
                 await page.get_by_label("Artefact").fill("bar")
                 await page.get_by_role("button", name="Set").click()
                 await page.wait_for_function("traverse_scene.points.size > 14")
-                await pictures(page, out, "Ready")
+                await pictures(page, out, "Ready", "ready")
                 await page.keyboard.press("s")
-                await pictures(page, out, "Scanning")
+                await pictures(page, out, "Scanning", "scanning")
                 await page.keyboard.press("s")
                 simulator.close()
-                await pictures(page, out, "Alarm")
-                with simulated(folder, in_doubt=True):
-                    await pictures(page, out, "In doubt")
-                broker.kill()
-                await pictures(page, out, "Broker gone")
+                with simulated(folder, loses_power=True):
+                    await pictures(page, out, "In doubt", "in-doubt")
+                    await pictures(page, out, "Alarm", "power-lost")
+                    broker.kill()
+                    await pictures(page, out, "Broker gone", "broker-gone")
 
 
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as temporary:
-        asyncio.run(main(Path(temporary), Path(sys.argv[1])))
+    OUT = Path(sys.argv[1]).resolve()
+    with tempfile.TemporaryDirectory() as temporary, contextlib.chdir(temporary):
+        asyncio.run(main(Path(), OUT))  # no picture shows a path of this machine

@@ -11,6 +11,7 @@ from traverse.protocol.messages import Event
 Level = Literal["good", "busy", "warning", "bad"]
 GRAVEST_FIRST: tuple[Level, ...] = ("bad", "warning", "busy")
 UNSENT_WARNING = 100
+TURNS_UNCERTAIN = "device.turns_uncertain"
 REMEDIES = {
     "encoder_error": "Look at the alarms of this encoder below; check its mounting.",
     "incomplete": "Check the devices below.",
@@ -22,7 +23,7 @@ REMEDIES = {
     "stale_identification": "Identify the arm again.",
     "stale_effect": "Identify the arm again.",
     "time_uncertain": "Wait some seconds at rest.",
-    "turns_uncertain": "Reference the arm anew, or confirm it in a known posture.",
+    "turns_uncertain": "Reference the arm, touch a known point, then confirm.",
     "skew": "Hold the arm still while you take a point.",
 }
 """What to do about flags; where none is named the flag's own words have to do."""
@@ -80,6 +81,12 @@ def obstacle(sight: ArmSight, *, needs_pose: bool) -> str:
     if not sight.is_online or (needs_pose and sight.is_stale):
         return verdict(sight).sentence
     return ""
+
+
+def needs_reference(sight: ArmSight) -> bool:
+    """Whether somebody has to confirm the encoders' positions."""
+    flags = sight.live.quality.flags if sight.live else ()
+    return "turns_uncertain" in flags and not sight.is_stale
 
 
 def _conditions(sight: ArmSight) -> Iterator[Verdict]:
@@ -140,7 +147,8 @@ def _conditions(sight: ArmSight) -> Iterator[Verdict]:
 
 
 def _of_alarm(alarm: Event) -> Verdict:
-    is_grave = alarm.severity == "error"
+    # Measuring goes on in doubt, which ends when somebody confirms.
+    is_grave = alarm.severity == "error" and alarm.code != TURNS_UNCERTAIN
     return Verdict(
         "bad" if is_grave else "warning",
         "Alarm" if is_grave else "In doubt",

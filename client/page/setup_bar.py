@@ -5,6 +5,7 @@ from collections.abc import Awaitable, Callable
 from nicegui import ui
 
 from traverse.client.display.arm_state import ArmSight
+from traverse.client.display.condition import needs_reference
 from traverse.client.display.figures import INCH, MM, SYSTEMS
 from traverse.client.display.follower import Follower
 from traverse.client.display.nominal import Nominal
@@ -35,6 +36,9 @@ class SetupBar:
         self._changed = changed
         with ui.element("section").classes("setup") as bar:
             bar.props('aria-label="Settings"')
+            self._confirm = _button(self._confirm_reference, "unelevated")
+            self._confirm.classes("confirm")
+            self._confirm.set_text("Confirm the arm's position")
             self._probe = _button(self._change_probe)
             self._label = _button(self.change_label)
             self._unit = _button(self._turn_unit)
@@ -44,6 +48,7 @@ class SetupBar:
     def show(self, sight: ArmSight) -> None:
         """Show what is set now."""
         choices, unit = self._choices, self._choices.unit
+        self._confirm.set_visibility(needs_reference(sight))
         radius = unit.with_name(sight.live.probe_radius_mm) if sight.live else "-"
         self._probe.set_text(f"Probe {sight.probe}".strip() + f": radius {radius}")
         label = sight.known_label
@@ -71,6 +76,16 @@ class SetupBar:
             names = (values["Artefact"] or None, values["Feature"] or None)
             given = names if action == "Set" else ()
             await self._follower.do(lambda arm: arm.label(*given))
+
+    async def _confirm_reference(self) -> None:
+        action, _ = await self._dialogs.ask(
+            "Is the position that is shown right?",
+            ("It is right",),
+            more="After a loss of power an encoder may count from another place. Bring "
+            "the arm to its reference and touch a known point first.",
+        )
+        if action:
+            await self._follower.do(lambda arm: arm.confirm_reference())
 
     async def _change_probe(self) -> None:
         action, values = await self._dialogs.ask(
@@ -130,5 +145,7 @@ class SetupBar:
         self._changed()
 
 
-def _button(act: Callable[[], Awaitable[None] | None]) -> ui.button:
-    return ui.button(on_click=act, color=None).props("outline dense no-caps")
+def _button(
+    act: Callable[[], Awaitable[None] | None], kind: str = "outline"
+) -> ui.button:
+    return ui.button(on_click=act, color=None).props(f"{kind} dense no-caps")

@@ -10,7 +10,7 @@ from playwright.async_api import Page, expect
 from tests.browser.conftest import PosedDaemon, Scene, served_page
 from tests.client.display.values import event, health
 from tests.protocol.message_examples import SCAN
-from traverse.protocol.messages import QualityFlag, Scan
+from traverse.protocol.messages import QualityFlag, ReferenceArgs, Scan
 
 pytestmark = pytest.mark.needs("mosquitto", "chromium")
 
@@ -63,6 +63,10 @@ async def test_doubts_and_alarms_and_scans_have_states_of_their_own(
         await is_said(page, "In doubt", "warning")
         await expect(page.locator("header")).to_contain_text("turns uncertain")
         await expect(page.locator("header")).to_contain_text("Reference the arm")
+        await page.get_by_role("button", name="Confirm the arm's position").click()
+        await page.get_by_role("button", name="It is right").click()
+        await expect(page.get_by_role("dialog")).to_have_count(0)
+        assert posed.commands[-1] == ReferenceArgs(action="confirm")
         posed.pose["quality"] = {"ok": False, "flags": ["overspeed"]}
         await is_said(page, "Moving", "busy")
         posed.pose |= FINE

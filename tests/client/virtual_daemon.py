@@ -24,6 +24,7 @@ from traverse.protocol.messages import (
     Point,
     PointArgs,
     RecordArgs,
+    ReferenceArgs,
     Reply,
     ReplyError,
     ResendArgs,
@@ -201,6 +202,8 @@ class VirtualDaemon:
                 result = file if args.action == "start" else RECORDED
             case ScanArgs():
                 result = {"scan": SCAN.scan, "rate_hz": args.rate_hz}
+            case ReferenceArgs():
+                result = {"confirmed": ["base"]}
             case _:
                 result = {"model": POINT.model}
         return Reply(request=request, ok=True, result=result)
