@@ -114,7 +114,7 @@ bench-page: venv system  ## the operator's page in a browser: latency, a million
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.clients.page all
 
 screenshots: venv system  ## pictures of the operator's page in docs/, from a real run
-	$(BIN)/python -m benchmarks.clients.screenshots docs
+	$(BIN)/python -m benchmarks.clients.screenshots docs/page-states
 
 bench-identification: venv  ## the adjustment beside scipy's least squares; takes many minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification.__main__

@@ -177,8 +177,8 @@ export default {
       for (const name of ["link", "joint", "probe"]) {
         this.materials[name].transparent = stale;
         this.materials[name].opacity = stale ? 0.25 : 1;
+        this.materials[name].needsUpdate = true;
       }
-      this.stale = stale;
       this.dirty = true;
     },
 

@@ -29,6 +29,21 @@ async def test_points_come_as_they_are_taken(
         assert arm.counters.duplicates == 0
 
 
+async def test_the_whole_session_comes_and_nothing_of_those_before(
+    virtual: VirtualDaemon, broker: str
+) -> None:
+    async with virtual.running():
+        await virtual.take(3)
+        session = await virtual.begin_session()
+        await virtual.take(4)
+        virtual.forget(session, 1)  # what is held no more is no loss of this reader
+        async with Arm(virtual.arm, broker, since="session") as arm:
+            await virtual.take(1)
+            found = await read(arm, 4)
+            assert found == list(virtual.outbox[session].values())
+            assert arm.counters.lost == 0
+
+
 async def test_no_point_is_lost_or_doubled_over_twenty_reconnections(
     virtual: VirtualDaemon, network: Network
 ) -> None:
