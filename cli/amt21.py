@@ -5,11 +5,12 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.cli.options import Json
+from traverse.cli.options import Json, with_options
 
 if TYPE_CHECKING:
     from traverse.drivers.amt21.line import Amt21Line
@@ -23,54 +24,77 @@ amt21 = typer.Typer(
     no_args_is_help=True,
 )
 
-Port = Annotated[str, typer.Option("--port", help="Serial port of the adapter.")]
-Baud = Annotated[
-    int,
-    typer.Option("--baud-rate", min=9600, max=2_000_000, help="Baud rate of the line."),
-]
 Address = Annotated[
     str, typer.Option("--address", help="Address of the encoder, as 0x54 or 84.")
-]
-Timeout = Annotated[
-    float,
-    typer.Option(
-        "--timeout", min=0.001, max=1.0, help="Time limit of a reply in seconds."
-    ),
 ]
 Yes = Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineOptions:
+    """Which line, in the order of `--help`."""
+
+    port: Annotated[str, typer.Option(help="Serial port of the adapter.")]
+    baud_rate: Annotated[
+        int, typer.Option(min=9600, max=2_000_000, help="Baud rate of the line.")
+    ] = 2_000_000
+    timeout: Annotated[
+        float,
+        typer.Option(min=0.001, max=1.0, help="Time limit of a reply in seconds."),
+    ] = 0.01
+
+    @contextmanager
+    def opened(self) -> Iterator["Amt21Line"]:
+        """The line; ends the command where a device cannot be reached."""
+        from traverse.drivers.amt21.line import Amt21Line  # noqa: PLC0415
+        from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
+        from traverse.drivers.io.serial_port import SerialPort  # noqa: PLC0415
+
+        wake_read, wake_write = os.pipe2(os.O_NONBLOCK)
+        try:
+            serial = SerialPort(self.port, self.baud_rate, wake_read)
+            try:
+                yield Amt21Line(serial, time.monotonic_ns, self.timeout)
+            finally:
+                serial.close()
+        except DeviceError as error:
+            typer.echo(f"{error}; {error.remedy}", err=True)
+            raise typer.Exit(UNREACHABLE) from error
+        finally:
+            os.close(wake_read)
+            os.close(wake_write)
+
+
 @amt21.command()
+@with_options("line", LineOptions)
 def scan(
-    port: Port,
-    baud_rate: Baud = 2_000_000,
-    timeout_s: Timeout = 0.01,
+    *,
+    line: LineOptions,
     as_json: Json = False,
 ) -> None:
     """List the addresses that answer, with position and, where they have it, turns.
 
     Exit status 3 if the port cannot be opened or nothing answers.
     """
-    with _line(port, baud_rate, timeout_s) as line:
-        found = _answering(line, range(4, 253, 4))
+    with line.opened() as opened:
+        found = _answering(opened, range(4, 253, 4))
     if as_json:
-        report = {"port": port, "echo": line.echoed, "encoders": found}
+        report = {"port": line.port, "echo": opened.echoed, "encoders": found}
         typer.echo(json.dumps(report, indent=1))
         return
     for encoder in found:
         turns = "" if encoder["turns"] is None else f", turns {encoder['turns']}"
         typer.echo(f"0x{encoder['address']:02X}: position {encoder['position']}{turns}")
-    echo = "echoes what is sent" if line.echoed else "does not echo"
+    echo = "echoes what is sent" if opened.echoed else "does not echo"
     typer.echo(f"{len(found)} encoders; the adapter {echo}")
 
 
 @amt21.command()
+@with_options("line", LineOptions)
 def zero(
     *,
-    port: Port,
+    line: LineOptions,
     address: Address,
-    baud_rate: Baud = 2_000_000,
-    timeout_s: Timeout = 0.01,
     yes: Yes = False,
     as_json: Json = False,
 ) -> None:
@@ -81,31 +105,28 @@ def zero(
     """
     from traverse.protocol.amt21 import zero_request  # noqa: PLC0415 - keeps --help quick
 
-    where = (port, baud_rate, timeout_s)
-    _command("zero", zero_request, where, address, yes=yes, as_json=as_json)
+    _command("zero", zero_request, line, address, yes=yes, as_json=as_json)
 
 
 @amt21.command()
+@with_options("line", LineOptions)
 def reset(
     *,
-    port: Port,
+    line: LineOptions,
     address: Address,
-    baud_rate: Baud = 2_000_000,
-    timeout_s: Timeout = 0.01,
     yes: Yes = False,
     as_json: Json = False,
 ) -> None:
     """Restart an encoder, as after power-up; the shaft must rest."""
     from traverse.protocol.amt21 import reset_request  # noqa: PLC0415 - keeps --help quick
 
-    where = (port, baud_rate, timeout_s)
-    _command("reset", reset_request, where, address, yes=yes, as_json=as_json)
+    _command("reset", reset_request, line, address, yes=yes, as_json=as_json)
 
 
 def _command(
     name: str,
     request: Callable[[int], bytes],
-    where: tuple[str, int, float],
+    where: LineOptions,
     address: str,
     *,
     yes: bool,
@@ -115,7 +136,7 @@ def _command(
     from traverse.protocol.amt21 import START_UP_S  # noqa: PLC0415
 
     number = _address(name, address)
-    with _line(*where) as line:
+    with where.opened() as line:
         before = _present(line, number)
         # With --json this is printed where the question is.
         typer.echo(f"{number:#04x} is at {before['position']}", err=as_json)
@@ -146,28 +167,6 @@ def _address(name: str, text: str) -> int:
         )
         raise typer.Exit(2)
     return number
-
-
-@contextmanager
-def _line(port: str, baud_rate: int, timeout_s: float) -> Iterator["Amt21Line"]:
-    """The line, opened; ends the command where a device cannot be reached."""
-    from traverse.drivers.amt21.line import Amt21Line  # noqa: PLC0415
-    from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
-    from traverse.drivers.io.serial_port import SerialPort  # noqa: PLC0415
-
-    wake_read, wake_write = os.pipe2(os.O_NONBLOCK)
-    try:
-        serial = SerialPort(port, baud_rate, wake_read)
-        try:
-            yield Amt21Line(serial, time.monotonic_ns, timeout_s)
-        finally:
-            serial.close()
-    except DeviceError as error:
-        typer.echo(f"{error}; {error.remedy}", err=True)
-        raise typer.Exit(UNREACHABLE) from error
-    finally:
-        os.close(wake_read)
-        os.close(wake_write)
 
 
 def _present(line: "Amt21Line", address: int) -> dict[str, Any]:

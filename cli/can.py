@@ -3,16 +3,16 @@
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.cli.options import Json
+from traverse.cli.options import Json, with_options
+from traverse.cli.refusals import REFUSED, UNREACHABLE, refuse
 
 if TYPE_CHECKING:
     from traverse.drivers.canopen.commissioning import Commissioning, FoundNode
-
-REFUSED, UNREACHABLE = 2, 3
 
 can = typer.Typer(
     help="CANopen encoders on a CAN bus: scan, preset. "
@@ -20,31 +20,31 @@ can = typer.Typer(
     no_args_is_help=True,
 )
 
-Interface = Annotated[
-    str, typer.Option("--interface", help="Of python-can: socketcan, slcan, ...")
-]
-Channel = Annotated[
-    str,
-    typer.Option("--channel", help="Channel of the interface: can0, /dev/ttyACM0, ..."),
-]
-BitRate = Annotated[
-    int,
-    typer.Option("--bitrate", min=10_000, max=1_000_000, help="Bit rate of the bus."),
-]
-Timeout = Annotated[
-    float,
-    typer.Option(
-        "--timeout", min=0.01, max=10.0, help="Time limit of an answer in seconds."
-    ),
-]
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BusOptions:
+    """Which bus, in the order of `--help`."""
+
+    channel: Annotated[
+        str, typer.Option(help="Channel of the interface: can0, /dev/ttyACM0, ...")
+    ]
+    interface: Annotated[
+        str, typer.Option(help="Of python-can: socketcan, slcan, ...")
+    ] = "socketcan"
+    bitrate: Annotated[
+        int, typer.Option(min=10_000, max=1_000_000, help="Bit rate of the bus.")
+    ] = 1_000_000
+    timeout: Annotated[
+        float,
+        typer.Option(min=0.01, max=10.0, help="Time limit of an answer in seconds."),
+    ] = 0.5
 
 
 @can.command()
+@with_options("bus", BusOptions)
 def scan(
-    channel: Channel,
-    interface: Interface = "socketcan",
-    bitrate: BitRate = 1_000_000,
-    timeout_s: Timeout = 0.5,
+    *,
+    bus: BusOptions,
     as_json: Json = False,
 ) -> None:
     """List the nodes that answer: identity, profile, resolution, alarms.
@@ -52,7 +52,7 @@ def scan(
     It reads and changes nothing. Exit status 3 if the bus cannot be opened or nothing
     answers.
     """
-    with _bus(interface, channel, bitrate, timeout_s) as tool:
+    with _opened(bus) as tool:
         found = [_report(one) for one in tool.scan()]
         name = tool.name
     if as_json:
@@ -64,16 +64,14 @@ def scan(
 
 
 @can.command()
+@with_options("bus", BusOptions)
 def preset(
     *,
-    channel: Channel,
+    bus: BusOptions,
     node: Annotated[
         int, typer.Option("--node", min=1, max=127, help="Number of the encoder.")
     ],
     value: Annotated[int, typer.Option("--value", min=0, help="New position, counts.")],
-    interface: Interface = "socketcan",
-    bitrate: BitRate = 1_000_000,
-    timeout_s: Timeout = 0.5,
     store: Annotated[
         bool, typer.Option("--store", help="Store it in the encoder permanently.")
     ] = False,
@@ -88,15 +86,16 @@ def preset(
     to the old numbers. Exit status 2 if the number is beyond the encoder's range, 3 if
     it does not answer.
     """
-    with _bus(interface, channel, bitrate, timeout_s) as tool:
+    with _opened(bus) as tool:
         facts = tool.facts(node)
         # With --json this is printed where the question is.
         text = f"node {node} is at {facts.position} of {facts.modulus}"
         typer.echo(text, err=as_json)
         if value >= facts.modulus:
-            _refuse(
+            refuse(
+                "can preset",
                 f"--value {value} is beyond its range, expected 0 to "
-                f"{facts.modulus - 1}"
+                f"{facts.modulus - 1}",
             )
         if not yes:
             kept = " and store it" if store else ""
@@ -110,15 +109,8 @@ def preset(
         typer.echo(f"node {node} is at {position}{', stored' if store else ''}")
 
 
-def _refuse(text: str) -> NoReturn:
-    typer.echo(f"traverse can preset: {text}", err=True)
-    raise typer.Exit(REFUSED)
-
-
 @contextmanager
-def _bus(
-    interface: str, channel: str, bit_rate: int, timeout_s: float
-) -> Iterator["Commissioning"]:
+def _opened(bus: BusOptions) -> Iterator["Commissioning"]:
     """The bus, opened; ends the command where a device cannot be reached."""
     try:
         from traverse.drivers.canopen.commissioning import Commissioning  # noqa: PLC0415 - an extra; quick help
@@ -132,7 +124,9 @@ def _bus(
     from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
 
     try:
-        with Commissioning(interface, channel, bit_rate, timeout_s) as tool:
+        with Commissioning(
+            bus.interface, bus.channel, bus.bitrate, bus.timeout
+        ) as tool:
             yield tool
     except DeviceError as error:
         typer.echo(f"{error}; {error.remedy}", err=True)
