@@ -24,8 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.identification.peers import DensePeer
-from benchmarks.identification.problem import large_campaign, problem
+from benchmarks.identification.problem import DensePeer, large_campaign, problem
 from benchmarks.proofs.conditions import demo_arm
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import Geometry

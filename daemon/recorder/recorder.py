@@ -25,7 +25,7 @@ from traverse.drivers.base.delivery_maps import delivery_kind
 from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.drivers.base.values import Delivery
 from traverse.protocol.messages import Event, Message, Point
-from traverse.protocol.messages.recording_health import RecordingHealth
+from traverse.protocol.messages.health import RecordingHealth
 
 SOURCE = "recording"
 STATE_NS = 6_000_000_000

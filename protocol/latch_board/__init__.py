@@ -4,20 +4,9 @@ Byte layouts are those of docs/serial-protocol.md, sections 3 and 4. Decoding wo
 on whole reads: timed samples that follow one another become one `SampleBlock`.
 """
 
+from traverse.protocol.latch_board.bodies import TIMED
 from traverse.protocol.latch_board.decoder import Decoder
 from traverse.protocol.latch_board.messages import (
-    Alarm,
-    Channel,
-    Edge,
-    Heartbeat,
-    Hello,
-    Latched,
-    Message,
-    Reply,
-    SampleBlock,
-    Temperatures,
-)
-from traverse.protocol.latch_board.numbers import (
     ALARMS,
     CONFIGURE,
     EDGE,
@@ -36,6 +25,16 @@ from traverse.protocol.latch_board.numbers import (
     STATUS_WARNING,
     STOP,
     WHOLE_BOARD,
+    Alarm,
+    Channel,
+    Edge,
+    Heartbeat,
+    Hello,
+    Latched,
+    Message,
+    Reply,
+    SampleBlock,
+    Temperatures,
 )
 from traverse.protocol.latch_board.requests import (
     configure_request,
@@ -45,7 +44,6 @@ from traverse.protocol.latch_board.requests import (
     start_request,
     stop_request,
 )
-from traverse.protocol.latch_board.samples import TIMED
 
 __all__ = [
     "ALARMS",

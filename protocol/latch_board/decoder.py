@@ -2,10 +2,9 @@
 
 from collections import Counter
 
-from traverse.protocol.latch_board.bodies import PARSERS
+from traverse.protocol.latch_board.bodies import PARSERS, sample_block
 from traverse.protocol.latch_board.framing import FrameSplitter
 from traverse.protocol.latch_board.messages import Message
-from traverse.protocol.latch_board.samples import sample_block
 
 
 class Decoder:

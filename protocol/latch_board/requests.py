@@ -3,7 +3,7 @@
 import struct
 
 from traverse.protocol.latch_board.framing import encode_frame
-from traverse.protocol.latch_board.numbers import (
+from traverse.protocol.latch_board.messages import (
     CONFIGURE,
     EDGE_ACK,
     HELLO,

@@ -26,6 +26,7 @@ from traverse.protocol.messages.health import (
     Health,
     Latency,
     OutboxHealth,
+    RecordingHealth,
     SpoolHealth,
 )
 from traverse.protocol.messages.live import Live
@@ -37,7 +38,6 @@ from traverse.protocol.messages.quality import (
     QualityFlag,
     flag_names,
 )
-from traverse.protocol.messages.recording_health import RecordingHealth
 from traverse.protocol.messages.reply import Reply, ReplyError
 from traverse.protocol.messages.scan import Scan
 from traverse.protocol.messages.status import DriverStatus, Status

@@ -15,7 +15,28 @@ from traverse.protocol.messages.fields import (
     Value,
     Word,
 )
-from traverse.protocol.messages.recording_health import RecordingHealth
+
+
+class RecordingHealth(Value):
+    """Recordings on the daemon's disk."""
+
+    state: Literal["off", "flight", "recording", "failed"]
+    """"flight": the last minutes alone; "failed": not even these, see the event."""
+    name: Name | None
+    """Name of the requested recording; null without one."""
+    bytes: Count
+    """Length of its file so far."""
+    flight_bytes: Count
+    """Written by the flight recorder since the daemon's start, before compression."""
+    queued: Count
+    """Items waiting to be written."""
+    dropped: Count
+    """Items not recorded because the queue was full."""
+    kept: Count
+    """Files kept after faults since the daemon's start."""
+    kept_dropped: Count
+    """Older such files deleted for them."""
+
 
 COUNTERS = {
     "samples_received": "sets of counts received from the devices",

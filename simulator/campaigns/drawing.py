@@ -11,6 +11,7 @@ from traverse.simulator.campaigns.campaign import (
     StatedArtefact,
     Truth,
 )
+from traverse.simulator.campaigns.conditions import stream
 from traverse.simulator.campaigns.noise import (
     contact_shifts,
     contact_stds,
@@ -22,7 +23,6 @@ from traverse.simulator.campaigns.pose_set import PoseSet
 from traverse.simulator.campaigns.poses import make_poses
 from traverse.simulator.campaigns.postures import shifted_postures
 from traverse.simulator.campaigns.spec import CampaignSpec, NoiseTable
-from traverse.simulator.campaigns.streams import stream
 
 
 def simulate_campaign(arm: Arm, spec: CampaignSpec, seed: int) -> SimulatedCampaign:

@@ -14,7 +14,7 @@ from traverse.simulator.campaigns.artefacts.artefact import (
     Contacts,
     Touches,
 )
-from traverse.simulator.campaigns.conditions import Conditions, drawn_conditions
+from traverse.simulator.campaigns.conditions import Conditions, drawn_conditions, stream
 from traverse.simulator.campaigns.pose_set import PlacedArtefact, PoseSet, with_effects
 from traverse.simulator.campaigns.postures import reaching_postures, travel_limits
 from traverse.simulator.campaigns.siting import (
@@ -24,7 +24,6 @@ from traverse.simulator.campaigns.siting import (
     spec_artefacts,
 )
 from traverse.simulator.campaigns.spec import CampaignSpec
-from traverse.simulator.campaigns.streams import stream
 from traverse.simulator.effects.faulty_arm import faulty_arm
 from traverse.strict_toml.problems import FileError
 

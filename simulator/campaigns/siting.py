@@ -13,9 +13,9 @@ from traverse.simulator.campaigns.artefacts.artefact import (
     Touches,
     drawn_rotation,
 )
+from traverse.simulator.campaigns.conditions import stream
 from traverse.simulator.campaigns.postures import drawn_turns, reaching_postures
 from traverse.simulator.campaigns.spec import CampaignSpec, mix_artefacts, spec_problems
-from traverse.simulator.campaigns.streams import stream
 from traverse.strict_toml.problems import Problem
 
 N_LOOKS = 1000  # postures that determine the width of the working volume

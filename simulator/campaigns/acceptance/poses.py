@@ -16,7 +16,7 @@ from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
 from traverse.simulator.campaigns.acceptance.layout import PlacedStandard, layout_of
 from traverse.simulator.campaigns.artefacts.artefact import Placement
 from traverse.simulator.campaigns.campaign import SimulatedCampaign, StatedArtefact
-from traverse.simulator.campaigns.conditions import drawn_conditions
+from traverse.simulator.campaigns.conditions import drawn_conditions, stream
 from traverse.simulator.campaigns.drawing import draw_noise
 from traverse.simulator.campaigns.pose_set import PlacedArtefact, PoseSet
 from traverse.simulator.campaigns.postures import (
@@ -26,7 +26,6 @@ from traverse.simulator.campaigns.postures import (
 )
 from traverse.simulator.campaigns.siting import UnreachableError
 from traverse.simulator.campaigns.spec import CampaignSpec, ConditionTable, NoiseTable
-from traverse.simulator.campaigns.streams import stream
 from traverse.simulator.effects.faulty_arm import faulty_arm
 
 N_PLACES = 80

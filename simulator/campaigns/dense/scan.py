@@ -11,6 +11,7 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
 from traverse.simulator.campaigns.artefacts import Cone, Sphere
 from traverse.simulator.campaigns.campaign import StatedArtefact
+from traverse.simulator.campaigns.conditions import stream
 from traverse.simulator.campaigns.dense.motion import (
     Drag,
     Dragging,
@@ -21,7 +22,6 @@ from traverse.simulator.campaigns.dense.spec import DenseFile, dense_misfits
 from traverse.simulator.campaigns.noise import encoder_stds, serial_noise
 from traverse.simulator.campaigns.postures import shifted_postures, travel_limits
 from traverse.simulator.campaigns.siting import misfits, place_artefacts
-from traverse.simulator.campaigns.streams import stream
 from traverse.simulator.effects import (
     FaultyArm,
     Surroundings,

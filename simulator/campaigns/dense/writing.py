@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from traverse.kinematics.arm_file.arm import write_arm
 from traverse.simulator.campaigns.campaign import Campaign
+from traverse.simulator.campaigns.conditions import stream
 from traverse.simulator.campaigns.dense.scan import NOTHING, DenseScan
-from traverse.simulator.campaigns.streams import stream
 from traverse.simulator.campaigns.writing import campaign_text, true_arm_file
 
 BLOCK = 500  # samples a message
