@@ -107,8 +107,13 @@ async def test_outages_are_unmistakable_and_pass(scene: Scene) -> None:
     await expect(page.locator(".figures")).to_have_class(re.compile("stale"))
     scene.bench.write_simulator(REST)  # which takes no points by itself
     with scene.bench.simulator("simulator-again"):
-        await expect(banner).to_contain_text("Ready to measure.")
         await sounds(scene, "cleared")
+
+        # It was without power: it measures in doubt until somebody confirms.
+        await expect(page.locator(".word")).to_have_text("In doubt")
+        await page.get_by_role("button", name="Confirm the arm's position").click()
+        await page.get_by_role("button", name="It is right").click()
+        await expect(banner).to_contain_text("Ready to measure.")
 
         # The broker is killed, and comes back.
         scene.broker.kill()
