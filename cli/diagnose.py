@@ -13,8 +13,7 @@ from traverse.cli.refusals import refusals, refuse
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
     from traverse.lab.campaign.campaign import Campaign
-    from traverse.lab.diagnosis.model.options import DiagnosisOptions
-    from traverse.lab.diagnosis.model.result import Diagnosis
+    from traverse.lab.diagnosis.model.result import Diagnosis, DiagnosisOptions
     from traverse.lab.diagnosis.scans.scan_diagnosis import StreamDiagnosis
 
 NO = 1
@@ -78,7 +77,7 @@ def diagnose(
                 "diagnose",
                 "--out missing: name a folder for the results, or give --plan",
             )
-        from traverse.lab.diagnosis.model.options import DiagnosisOptions  # noqa: PLC0415
+        from traverse.lab.diagnosis.model.result import DiagnosisOptions  # noqa: PLC0415
 
         options = DiagnosisOptions(
             seed=seed, most_terms=max_terms, accept_tentative=accept_tentative

@@ -15,8 +15,7 @@ from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.holdout.comparison import holdout_result, uncontradicted
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted, with_effects
-from traverse.lab.diagnosis.model.options import DiagnosisOptions
-from traverse.lab.diagnosis.model.result import Diagnosis
+from traverse.lab.diagnosis.model.result import Diagnosis, DiagnosisOptions
 from traverse.simulator.campaigns import (
     NoiseTable,
     PoseSet,

@@ -100,7 +100,7 @@ def from_dh(
     """
     from traverse.cli.arm.making import arm_from_dh_file  # noqa: PLC0415
     from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415 - keeps --help quick
-    from traverse.kinematics.importers.dh_rows import Units  # noqa: PLC0415
+    from traverse.kinematics.importers.dh_file import Units  # noqa: PLC0415
 
     units = Units(lengths and lengths.value, angles and angles.value)
     with refusals("arm"):

@@ -18,12 +18,11 @@ from traverse.kinematics.importers.dh_file import (
     Convention,
     DHFile,
     Placement,
+    Units,
     read_dh_file,
 )
-from traverse.kinematics.importers.dh_rows import Units
 from traverse.kinematics.importers.urdf import Body, arm_from_chain, transform
-from traverse.kinematics.importers.urdf_chain import chain_of
-from traverse.kinematics.importers.urdf_file import read_urdf
+from traverse.kinematics.importers.urdf_file import chain_of, read_urdf
 from traverse.strict_toml.problems import FileError, Problem
 
 

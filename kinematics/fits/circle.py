@@ -10,8 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.fits.adjustment import Precision, adjusted, inverse_normal
-from traverse.kinematics.fits.cloud import cloud_of
+from traverse.kinematics.fits.adjustment import (
+    Precision,
+    adjusted,
+    cloud_of,
+    inverse_normal,
+)
 from traverse.kinematics.model.geometry import across
 
 

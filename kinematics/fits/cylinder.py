@@ -11,8 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.fits.adjustment import Precision, adjusted, inverse_normal
-from traverse.kinematics.fits.cloud import FLAT, Cloud, cloud_of, frames_across
+from traverse.kinematics.fits.adjustment import (
+    FLAT,
+    Cloud,
+    Precision,
+    adjusted,
+    cloud_of,
+    frames_across,
+    inverse_normal,
+)
 from traverse.kinematics.model.geometry import across
 
 _N_DIRECTIONS = 400

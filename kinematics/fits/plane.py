@@ -5,8 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.fits.adjustment import Precision, inverse_normal
-from traverse.kinematics.fits.cloud import FLAT, cloud_of
+from traverse.kinematics.fits.adjustment import (
+    FLAT,
+    Precision,
+    cloud_of,
+    inverse_normal,
+)
 from traverse.kinematics.model.geometry import across
 
 

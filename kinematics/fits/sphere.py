@@ -9,8 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.fits.adjustment import Precision, adjusted, inverse_normal
-from traverse.kinematics.fits.cloud import Cloud, cloud_of
+from traverse.kinematics.fits.adjustment import (
+    Cloud,
+    Precision,
+    adjusted,
+    cloud_of,
+    inverse_normal,
+)
 
 _State = tuple[Floats, float]
 

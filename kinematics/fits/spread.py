@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.fits.cloud import checked_points
+from traverse.kinematics.fits.adjustment import checked_points
 
 
 @dataclass(frozen=True, slots=True, eq=False)

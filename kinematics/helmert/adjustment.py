@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.helmert.closed_form import closed_helmert
 from traverse.kinematics.helmert.shape import (
     Shape,
     direction_text,
@@ -26,6 +25,7 @@ from traverse.kinematics.helmert.shape import (
 from traverse.kinematics.helmert.transformation import (
     N_RIGID,
     Helmert,
+    closed_helmert,
     motions,
     turned_by,
 )

@@ -10,13 +10,13 @@ from traverse.kinematics.helmert.adjustment import (
     HelmertError,
     adjusted_helmert,
 )
-from traverse.kinematics.helmert.closed_form import mirrored_share
 from traverse.kinematics.helmert.reliability import (
     Reliability,
     point_statistics,
     reliability_of,
 )
 from traverse.kinematics.helmert.shape import shape_of
+from traverse.kinematics.helmert.transformation import mirrored_share
 from traverse.kinematics.helmert.volume import Volume, disposition_index, mean_motions
 from traverse.lab.alignment.flags import (
     disposition_flags,

@@ -18,8 +18,7 @@ from traverse.lab.artefacts import (
     artefact_from_table,
 )
 from traverse.lab.artefacts.points import Points
-from traverse.strict_toml.problems import FileError, Problem, shown
-from traverse.strict_toml.raw_values import tables_in
+from traverse.strict_toml.problems import FileError, Problem, shown, tables_in
 from traverse.strict_toml.reader import StrictModel, read_strict
 
 _POINT_COLUMNS = ["feature", "x_mm", "y_mm", "z_mm"]

@@ -17,9 +17,9 @@ from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
 )
-from traverse.lab.diagnosis.model.options import DiagnosisOptions
 from traverse.lab.diagnosis.model.result import (
     Diagnosis,
+    DiagnosisOptions,
     Step,
 )
 from traverse.lab.diagnosis.model.serial_correlation import without_serial_noise

@@ -11,11 +11,11 @@ from traverse.lab.diagnosis.advice.minimal_detectable import detectable
 from traverse.lab.diagnosis.candidates.library import absent_candidates
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-from traverse.lab.diagnosis.model.options import DiagnosisOptions
 from traverse.lab.diagnosis.model.outlier_clusters import Cluster, find_outlier_cluster
 from traverse.lab.diagnosis.model.result import (
     BankRemainder,
     Detectable,
+    DiagnosisOptions,
     NoiseEstimate,
     Term,
     Verdict,

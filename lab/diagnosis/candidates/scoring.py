@@ -210,12 +210,3 @@ ALIAS = 0.9995
 def is_alias(rho: float) -> bool:
     """Say whether a correlation is that of two names of one thing."""
     return rho >= ALIAS
-
-
-def canonical_correlations(
-    first: ProjectedCandidate, second: ProjectedCandidate
-) -> Floats:
-    """Compute those of two blocks, the largest first, (n_common,)."""
-    values = np.linalg.svd(first.directions.T @ second.directions, compute_uv=False)
-    found: Floats = np.clip(values, 0.0, 1.0)
-    return found

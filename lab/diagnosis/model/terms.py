@@ -14,6 +14,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
     orthonormal_basis,
 )
 from traverse.lab.diagnosis.model.result import Estimate
+from traverse.lab.identification.equations.effect_model import EffectModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +39,7 @@ def rows_without(rows: ObservationEquations, index: int) -> ObservationEquations
         rows: Of a fit with effects.
         index: Of the effect.
     """
-    parameters = rows.adjustment.network.parameters
-    model = parameters.effects
-    if model is None:
-        raise ValueError("the fit has no effects to take out")
+    model = _effects(rows)
     coordinates = _coordinates(rows, index)
     amplitudes = rows.adjustment.state.arm.amplitudes
     directions = model.directions(rows.adjustment.state.arm.geometry)
@@ -65,13 +63,8 @@ def estimates_of(rows: ObservationEquations, index: int) -> dict[str, Estimate]:
     From the rows, so that serially correlated noise is accounted for; the noise level
     is that of the residuals.
     """
-    parameters = rows.adjustment.network.parameters
-    model = parameters.effects
-    if model is None:
-        raise ValueError("the fit has no effects")
-    state = rows.adjustment.state.arm
-    values = state.amplitudes
-    correction = model.at(values).corrections[index]
+    amplitudes = rows.adjustment.state.arm.amplitudes
+    correction = _effects(rows).at(amplitudes).corrections[index]
     covariance = _value_covariance(rows, index)
     stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return _by_key(correction, stds)
@@ -86,10 +79,7 @@ def _by_key(correction: Correction, stds: Floats) -> dict[str, Estimate]:
 
 
 def _value_covariance(rows: ObservationEquations, index: int) -> Floats:
-    parameters = rows.adjustment.network.parameters
-    model = parameters.effects
-    if model is None:
-        raise ValueError("the fit has no effects")
+    model = _effects(rows)
     coordinates = _coordinates(rows, index)
     own = _columns(rows, coordinates)
     others = np.delete(rows.columns, np.arange(own.start, own.stop), axis=1)
@@ -109,20 +99,22 @@ def _value_covariance(rows: ObservationEquations, index: int) -> Floats:
     return found
 
 
-def _coordinates(rows: ObservationEquations, index: int) -> slice:
-    """Find the coordinates of an effect among those of all effects."""
+def _effects(rows: ObservationEquations) -> EffectModel:
     model = rows.adjustment.network.parameters.effects
     if model is None:
         raise ValueError("the fit has no effects")
+    return model
+
+
+def _coordinates(rows: ObservationEquations, index: int) -> slice:
+    """Find the coordinates of an effect among those of all effects."""
     geometry = rows.adjustment.state.arm.geometry
-    sizes = [c.free_directions(geometry).shape[1] for c in model.effects.corrections]
+    corrections = _effects(rows).effects.corrections
+    sizes = [one.free_directions(geometry).shape[1] for one in corrections]
     return slice(sum(sizes[:index]), sum(sizes[: index + 1]))
 
 
 def _columns(rows: ObservationEquations, coordinates: slice) -> slice:
     """Find the columns of coordinates: all effects are free and come last."""
-    parameters = rows.adjustment.network.parameters
-    model = parameters.effects
-    n_effects = 0 if model is None else len(model.names)
-    first = parameters.n_free - n_effects
+    first = rows.adjustment.network.parameters.n_free - len(_effects(rows).names)
     return slice(first + coordinates.start, first + coordinates.stop)

@@ -22,10 +22,10 @@ from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
 )
-from traverse.lab.diagnosis.model.options import DiagnosisOptions
 from traverse.lab.diagnosis.model.result import (
     Alternative,
     Diagnosis,
+    DiagnosisOptions,
     Step,
     Term,
     Verdict,

@@ -6,7 +6,7 @@ from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.fit import Fit, fitted
-from traverse.lab.diagnosis.model.options import DiagnosisOptions
+from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.diagnosis.model.serial_correlation import (
     SerialCorrelation,
     is_serially_correlated,

@@ -17,7 +17,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
 )
-from traverse.lab.diagnosis.model.options import DiagnosisOptions
+from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.diagnosis.model.serial_correlation import (
     SerialCorrelation,
     without_serial_noise,

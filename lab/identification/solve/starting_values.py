@@ -50,14 +50,10 @@ class CoarseStart:
     Attributes:
         arm: Where to begin.
         zero_offsets_rad: Added to the arm file's zeros, (n_joints,).
-        median_before_mm: Median misclosure of the design.
-        median_after_mm: Of the start.
     """
 
     arm: ArmValues
     zero_offsets_rad: Floats
-    median_before_mm: float
-    median_after_mm: float
 
 
 def coarse_start(
@@ -67,7 +63,7 @@ def coarse_start(
     network = _coarse_network(campaign, parameters, radius_mm)
     n_joints = len(campaign.joint_names)
     before_mm = _median_mm(network, start_state(network, design))
-    nothing = CoarseStart(design, np.zeros(n_joints), before_mm, before_mm)
+    nothing = CoarseStart(design, np.zeros(n_joints))
     if before_mm < _GOOD_ENOUGH_MM:
         return nothing
     rng = np.random.default_rng(_SEED)
@@ -85,9 +81,7 @@ def coarse_start(
     if best_mm * _GAIN > before_mm:
         return nothing
     zeros_rad = best.arm.geometry.zeros_rad
-    return CoarseStart(
-        best.arm, zeros_rad - design.geometry.zeros_rad, before_mm, best_mm
-    )
+    return CoarseStart(best.arm, zeros_rad - design.geometry.zeros_rad)
 
 
 def _with_zeros(design: ArmValues, offsets_rad: Floats) -> ArmValues:

@@ -13,8 +13,7 @@ from typer.testing import CliRunner
 
 from traverse.cli.__main__ import app
 from traverse.kinematics.arm_file.arm import read_arm
-from traverse.kinematics.importers.urdf_chain import chain_of
-from traverse.kinematics.importers.urdf_file import read_urdf
+from traverse.kinematics.importers.urdf_file import chain_of, read_urdf
 from traverse.kinematics.model.forward import probe_pose
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.strict_toml.problems import FileError

@@ -20,8 +20,8 @@ from tests.kinematics.effects.samples import (
 )
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.compiled import compiled_pose
 from traverse.kinematics.effects.pose import (
+    compiled_pose,
     contact_shifts,
     corrected_pose,
     numpy_corrected_pose,

@@ -10,11 +10,12 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from traverse.kinematics.helmert.adjustment import HelmertError, adjusted_helmert
-from traverse.kinematics.helmert.closed_form import closed_helmert, mirrored_share
 from traverse.kinematics.helmert.reliability import point_statistics, reliability_of
 from traverse.kinematics.helmert.shape import shape_of, undetermined
 from traverse.kinematics.helmert.transformation import (
     Helmert,
+    closed_helmert,
+    mirrored_share,
     motions,
     moved_centre,
     turned_by,

@@ -18,7 +18,7 @@ from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import judge, project
 from traverse.lab.diagnosis.model.fit import fitted
 from traverse.lab.diagnosis.model.observation_equations import equations_of
-from traverse.lab.diagnosis.model.options import DiagnosisOptions
+from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.diagnosis.scans.decimation import thinned
 from traverse.lab.diagnosis.scans.harmonics import first_significant, stream_harmonics
 from traverse.lab.diagnosis.scans.scan_diagnosis import diagnose_stream
