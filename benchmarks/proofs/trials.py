@@ -340,7 +340,7 @@ def outcomes(task: Task) -> tuple[Outcome, ...]:
         found.append(
             Outcome(
                 converged=result.converged,
-                passed=result.global_test.passed,
+                passed=bool(result.global_test.passed),
                 sum_of_squares=result.adjustment.system.sum_of_squares,
                 redundancy=result.redundancy,
                 foreseen=np.nan if foreseen is None else foreseen.sum_of_squares,

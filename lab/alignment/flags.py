@@ -7,7 +7,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.helmert.shape import Shape, direction_text
 from traverse.kinematics.helmert.volume import VolumeError
-from traverse.lab.alignment.result import AlignmentWarning, GlobalTest, PointResult
+from traverse.lab.alignment.result import AlignmentTest, AlignmentWarning, PointResult
 from traverse.lab.alignment.touches import CommonPoints
 
 # A rotation known no better than that is not known: 0.1 rad, a tenth of any distance.
@@ -105,7 +105,7 @@ def scale_flags(scale: float) -> Iterator[AlignmentWarning]:
 
 
 def revealed_flags(
-    test: GlobalTest | None, points: Sequence[PointResult], *, is_stated: bool
+    test: AlignmentTest | None, points: Sequence[PointResult], *, is_stated: bool
 ) -> Iterator[AlignmentWarning]:
     """Flag what the tests say, and what they cannot say."""
     if test is None:

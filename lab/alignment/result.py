@@ -19,24 +19,23 @@ from traverse.kinematics.helmert.volume import (
     place_covariances,
     volume_error,
 )
+from traverse.lab.statistics.distributions import GLOBAL_LEVEL, GlobalTest
 
 # W. Baarda's usual choice for one coordinate: 0.1 % false alarms, 80 % found.
 POINT_LEVEL = 0.001
-GLOBAL_LEVEL = 0.05
 POWER = 0.8
 # Errors of one coordinate that are found so, in standard deviations of what is seen.
 FOUND = float(special.ndtri(1.0 - 0.5 * POINT_LEVEL) + special.ndtri(POWER))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GlobalTest:
-    """Whether errors are as large as stated.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlignmentTest(GlobalTest):
+    """The global test of an alignment, one-sided, and what it could have revealed.
 
     Attributes:
         sigma0: Found over stated; or, where nothing is stated, in mm.
         redundancy: Of sigma0.
         interval: In which the true sigma0 lies with 95 %.
-        p_value: Of sigma0 being so large by chance; None where nothing is stated.
         found_factor: So many times too large errors have to be all over to be found
             with a probability of 80 %.
         found_noncentrality: What an error has to add to the sum of squares for that.
@@ -45,14 +44,8 @@ class GlobalTest:
     sigma0: float
     redundancy: int
     interval: tuple[float, float]
-    p_value: float | None
     found_factor: float
     found_noncentrality: float
-
-    @property
-    def passed(self) -> bool | None:
-        """Whether it passed; None where nothing can be tested."""
-        return None if self.p_value is None else self.p_value >= GLOBAL_LEVEL
 
     def values(self) -> dict[str, Any]:
         """As in alignment.json."""
@@ -68,7 +61,7 @@ class GlobalTest:
 
 def global_test(
     sum_of_squares: float, redundancy: int, *, is_stated: bool
-) -> GlobalTest | None:
+) -> AlignmentTest | None:
     """Test whether the sum of squares is chi-squared; None without redundancy.
 
     Args:
@@ -79,15 +72,19 @@ def global_test(
     if redundancy <= 0:
         return None
     sigma0 = float(np.sqrt(sum_of_squares / redundancy))
+    p_value = float(special.chdtrc(redundancy, sum_of_squares))
     low, high = (float(special.chdtri(redundancy, p)) for p in (0.975, 0.025))
     critical = float(special.chdtri(redundancy, GLOBAL_LEVEL))
-    return GlobalTest(
-        sigma0,
-        redundancy,
-        (sigma0 * np.sqrt(redundancy / high), sigma0 * np.sqrt(redundancy / low)),
-        float(special.chdtrc(redundancy, sum_of_squares)) if is_stated else None,
-        float(np.sqrt(critical / special.chdtri(redundancy, POWER))),
-        float(special.chndtrinc(critical, redundancy, 1.0 - POWER)),
+    return AlignmentTest(
+        sigma0=sigma0,
+        redundancy=redundancy,
+        interval=(
+            sigma0 * np.sqrt(redundancy / high),
+            sigma0 * np.sqrt(redundancy / low),
+        ),
+        p_value=p_value if is_stated else None,
+        found_factor=float(np.sqrt(critical / special.chdtri(redundancy, POWER))),
+        found_noncentrality=float(special.chndtrinc(critical, redundancy, 1.0 - POWER)),
     )
 
 
@@ -171,7 +168,7 @@ class AlignmentResult:
     covariance: Floats | None
     is_stated: bool
     points: tuple[PointResult, ...]
-    test: GlobalTest | None
+    test: AlignmentTest | None
     volume: Volume
     volume_source: str
     index: VolumeError

@@ -1,9 +1,32 @@
-"""Tails of distributions: the only place of the package that meets scipy."""
+"""Tails of distributions, and the global test of an adjustment by them."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.arrays import Floats
+
+GLOBAL_LEVEL = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GlobalTest:
+    """Whether errors are as large as stated: a chi-square test of sigma0 at 5 %.
+
+    Attributes:
+        p_value: Of sigma0 being so far off by chance; None where nothing is stated.
+        noise_estimated: The noise came from the same residuals: sigma0 is 1 by
+            construction, and the test says nothing.
+    """
+
+    p_value: float | None
+    noise_estimated: bool = False
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether it passed; None where nothing can be tested."""
+        return None if self.p_value is None else self.p_value >= GLOBAL_LEVEL
 
 
 def chi_square_p_value(statistic: float, degrees: float) -> float:

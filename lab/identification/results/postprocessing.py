@@ -14,12 +14,11 @@ from traverse.lab.identification.results.result import (
     ArtefactResult,
     CartesianCovariance,
     EstimatedLength,
-    GlobalTest,
     ParameterEstimate,
 )
 from traverse.lab.identification.solve.adjustment import Adjustment
 from traverse.lab.identification.solve.reliability import PoseStatistics
-from traverse.lab.statistics.distributions import chi_square_p_value
+from traverse.lab.statistics.distributions import GlobalTest, chi_square_p_value
 
 __all__ = [
     "arm_of_adjustment",
@@ -33,7 +32,6 @@ __all__ = [
 ]
 
 
-_LEVEL = 0.05
 # Redundancy of a certificate below which nothing else says what it says.
 _INDEPENDENT = 1e-9
 
@@ -148,10 +146,10 @@ def global_test(
         noise_estimated: From the same residuals.
     """
     if redundancy <= 0:
-        return GlobalTest(1.0, True, noise_estimated)
+        return GlobalTest(p_value=1.0, noise_estimated=noise_estimated)
     upper = chi_square_p_value(sigma0**2 * redundancy, redundancy)
     p_value = 2.0 * min(upper, 1.0 - upper)
-    return GlobalTest(p_value, p_value >= _LEVEL, noise_estimated)
+    return GlobalTest(p_value=p_value, noise_estimated=noise_estimated)
 
 
 def variance_factor(sigma0: float, test: GlobalTest) -> float:
@@ -160,7 +158,7 @@ def variance_factor(sigma0: float, test: GlobalTest) -> float:
     One where the noise is known and sigma0 does not contradict it upwards: the
     estimate of sigma0 would only add its own uncertainty. Else sigma0 squared.
     """
-    believed = test.passed or sigma0 < 1.0
+    believed = bool(test.passed) or sigma0 < 1.0
     if believed and not test.noise_estimated:
         return 1.0
     return sigma0**2

@@ -13,22 +13,7 @@ from traverse.lab.identification.results.undetermined import Undetermined, Weak
 from traverse.lab.identification.solve.adjustment import Adjustment, Iteration
 from traverse.lab.identification.solve.reliability import PoseStatistics
 from traverse.lab.identification.solve.serial_noise import SerialNoise
-
-
-@dataclass(frozen=True, slots=True)
-class GlobalTest:
-    """Whether sigma0 agrees with 1: a two-sided chi-square test at 5 %.
-
-    Attributes:
-        p_value: How likely a deviation at least this large is.
-        passed: Whether that is 5 % or more.
-        noise_estimated: The noise came from the same residuals: sigma0 is 1 by
-            construction, and the test says nothing.
-    """
-
-    p_value: float
-    passed: bool
-    noise_estimated: bool
+from traverse.lab.statistics.distributions import GlobalTest
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,10 +15,10 @@ from traverse.lab.identification.report.undetermined_effects import (
 )
 from traverse.lab.identification.results.result import (
     ExcludedPose,
-    GlobalTest,
     Identification,
 )
 from traverse.lab.report.quantities import length_mm, probability
+from traverse.lab.statistics.distributions import GlobalTest
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def good() -> Identification:
         identify(campaign, arm_value(true)),
         sigma0=1.02,
         redundancy=200,
-        global_test=GlobalTest(0.6, True, False),
+        global_test=GlobalTest(p_value=0.6),
     )
 
 
@@ -42,12 +42,24 @@ def scaleless() -> Identification:
 @pytest.mark.parametrize(
     ("sigma0", "test", "said"),
     [
-        (1.02, GlobalTest(0.6, True, False), "agree with the measurements"),
-        (2.5, GlobalTest(1e-9, False, False), "2.5 times as large"),
-        (2.5, GlobalTest(1e-9, False, False), "p = below 0.0001"),
-        (1.1, GlobalTest(0.03, False, False), "By chance 3 % of campaigns"),
-        (0.4, GlobalTest(1e-9, False, False), "smaller than the stated noise"),
-        (1.0, GlobalTest(0.98, True, True), "tests nothing"),
+        (
+            1.02,
+            GlobalTest(p_value=0.6),
+            "agree with the measurements",
+        ),
+        (2.5, GlobalTest(p_value=1e-9), "2.5 times as large"),
+        (2.5, GlobalTest(p_value=1e-9), "p = below 0.0001"),
+        (
+            1.1,
+            GlobalTest(p_value=0.03),
+            "By chance 3 % of campaigns",
+        ),
+        (
+            0.4,
+            GlobalTest(p_value=1e-9),
+            "smaller than the stated noise",
+        ),
+        (1.0, GlobalTest(p_value=0.98, noise_estimated=True), "tests nothing"),
     ],
 )
 def test_sigma0_is_put_into_words(
@@ -60,7 +72,7 @@ def test_sigma0_is_put_into_words(
 def test_chance_is_not_named_where_it_is_out_of_the_question(
     good: Identification,
 ) -> None:
-    result = replace(good, sigma0=3.0, global_test=GlobalTest(1e-20, False, False))
+    result = replace(good, sigma0=3.0, global_test=GlobalTest(p_value=1e-20))
     assert "chance" not in WORDS.sigma0(result)
 
 
@@ -107,7 +119,7 @@ def test_many_excluded_poses_are_counted_not_all_listed(good: Identification) ->
 
 def test_noise_names_its_origin(good: Identification) -> None:
     assert WORDS.noise(good).startswith("Noise (given or assumed): readings 5 µrad")
-    estimated = replace(good, global_test=GlobalTest(1.0, True, True))
+    estimated = replace(good, global_test=GlobalTest(p_value=1.0, noise_estimated=True))
     assert WORDS.noise(estimated).startswith("Noise (estimated)")
 
 
