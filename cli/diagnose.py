@@ -180,13 +180,13 @@ def _plan(folder: Path, arm_file: Path, *, as_json: bool) -> None:
         detectable_lines,
     )
     from traverse.lab.diagnosis.report.files import detectable_json  # noqa: PLC0415
-    from traverse.lab.diagnosis.scans.decimation import thinned  # noqa: PLC0415
+    from traverse.lab.diagnosis.scans.decimation import decimated  # noqa: PLC0415
     from traverse.lab.identification.identify import IdentificationError  # noqa: PLC0415
 
     arm, campaign = _read(folder, arm_file)
     try:
         if campaign.is_stream:
-            campaign, thinning = thinned(campaign, arm)
+            campaign, thinning = decimated(campaign, arm)
             campaign = campaign.part(thinning.poses)
         found = planned(campaign, arm)
     except IdentificationError as error:

@@ -30,7 +30,7 @@ from traverse.lab.diagnosis.outcome import (
     terms_of,
     verdict_of,
 )
-from traverse.lab.diagnosis.search.decision import Decision, decided
+from traverse.lab.diagnosis.search.decision import Decision, decide
 from traverse.lab.diagnosis.search.forward_search import Progress, refitted
 from traverse.lab.diagnosis.search.naming import NamedTerm
 
@@ -59,7 +59,7 @@ def diagnose(
     told = progress or _nobody
     clock = _Clock()
     choosing, held_out = split(campaign, options.seed)
-    decision = decided(campaign, arm, choosing, options, told)
+    decision = decide(campaign, arm, choosing, options, told)
     search = decision.search
     clock.lap("decision")
     told("looking at the poses kept aside", 0.7)

@@ -7,7 +7,7 @@ from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.design.optimal_design import (
     joint_coverage,
-    suggestions,
+    most_helpful_poses,
 )
 from traverse.lab.identification.equations.datum import with_datum
 from traverse.lab.identification.equations.effect_model import effect_model
@@ -124,7 +124,7 @@ def identify(
         critical_w=run.critical,
         coverage=joint_coverage(campaign, poses),
         condition_number=condition_number(adjustment),
-        suggestions=suggestions(adjustment, options.n_suggestions),
+        suggestions=most_helpful_poses(adjustment, options.n_suggestions),
         zero_offsets_rad=zero_offsets_rad,
     )
 

@@ -15,7 +15,10 @@ from traverse.lab.acceptance.conformity.figure import (
 from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.acceptance.procedures.lengths import largest_of, length_sets
 from traverse.lab.acceptance.procedures.point_distribution import direction_remarks
-from traverse.lab.acceptance.procedures.probing import decided, exactly
+from traverse.lab.acceptance.procedures.probing import (
+    figure_decision,
+    refuse_another_count,
+)
 from traverse.lab.measured_points.measurement import (
     IncompleteError,
     Measurement,
@@ -50,7 +53,7 @@ def articulation(measured: Measurement, limits: Limits) -> Iterator[Part]:
         try:
             if name not in measured.artefacts:
                 raise IncompleteError(f"{name}: is not among the artefacts")
-            exactly(touched, 10, name)
+            refuse_another_count(touched, 10, name)
         except IncompleteError as error:
             problems.append(str(error))
             continue
@@ -86,7 +89,7 @@ def articulation(measured: Measurement, limits: Limits) -> Iterator[Part]:
             "general knowledge",
             value_mm,
             budget,
-            decided(limits, key, value_mm, budget.standard_mm),
+            figure_decision(limits, key, value_mm, budget.standard_mm),
             (*values.items(), *parts),
             tuple(remarks),
         )
@@ -118,7 +121,7 @@ def volumetric(measured: Measurement, limits: Limits) -> Iterator[Part]:
         "general knowledge",
         worst.error_mm,
         budget,
-        decided(limits, "volumetric_max", worst.error_mm, budget.standard_mm),
+        figure_decision(limits, "volumetric_max", worst.error_mm, budget.standard_mm),
         (
             ("mean", float(values.mean())),
             ("twice the standard deviation", 2.0 * float(values.std(ddof=1))),
@@ -132,7 +135,9 @@ def volumetric(measured: Measurement, limits: Limits) -> Iterator[Part]:
         "general knowledge",
         two_rms_mm,
         budget,
-        decided(limits, "volumetric_2rms", two_rms_mm, 2.0 * budget.standard_mm),
+        figure_decision(
+            limits, "volumetric_2rms", two_rms_mm, 2.0 * budget.standard_mm
+        ),
     )
 
 

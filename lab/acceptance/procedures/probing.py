@@ -53,7 +53,7 @@ DIAMETER = (
 )
 
 
-def exactly(touched: ArtefactTouches, wanted: int, what: str) -> None:
+def refuse_another_count(touched: ArtefactTouches, wanted: int, what: str) -> None:
     """Refuse another number of touches.
 
     Raises:
@@ -69,7 +69,7 @@ def exactly(touched: ArtefactTouches, wanted: int, what: str) -> None:
         )
 
 
-def decided(
+def figure_decision(
     limits: Limits, key: str, error_mm: float, standard_mm: float
 ) -> Decision | None:
     """Decide on a figure, where it has a limit that does not depend on a length."""
@@ -91,7 +91,7 @@ def size_and_form(
         touched = measured.of(name)
         try:
             sphere = certified_sphere(measured.artefacts.get(name), name)
-            exactly(touched, 25, name)
+            refuse_another_count(touched, 25, name)
             found = fitted_sphere(sphere, touched, name)
         except IncompleteError as error:
             problems.append(str(error))
@@ -119,7 +119,7 @@ def size_and_form(
         "published",
         sizes_mm[worst],
         budget,
-        decided(limits, "p_size", sizes_mm[worst], budget.standard_mm),
+        figure_decision(limits, "p_size", sizes_mm[worst], budget.standard_mm),
         tuple(sizes_mm.items()),
         (*remarks, *_location_remarks(measured, names)),
     )
@@ -131,7 +131,7 @@ def size_and_form(
         "published",
         form_mm,
         budget,
-        decided(limits, "p_form", form_mm, budget.standard_mm),
+        figure_decision(limits, "p_form", form_mm, budget.standard_mm),
         tuple(forms_mm.items()),
     )
 
@@ -170,7 +170,7 @@ def location(measured: Measurement, name: str, limits: Limits) -> Iterator[Part]
         centres_mm = []
         for group in groups:
             part = touched.of(group)
-            exactly(part, 5, f"{name} group {group}")
+            refuse_another_count(part, 5, f"{name} group {group}")
             radius_mm = None
             if limits.l_dia_radius == "calibrated":
                 radius_mm = float(sphere.radius_mm or 0.0) * growth(sphere, part)
@@ -193,7 +193,7 @@ def location(measured: Measurement, name: str, limits: Limits) -> Iterator[Part]
         "general knowledge",
         value_mm,
         budget,
-        decided(limits, "l_dia", value_mm, budget.standard_mm),
+        figure_decision(limits, "l_dia", value_mm, budget.standard_mm),
         tuple(
             (f"{group} from the middle", float(away))
             for group, away in zip(groups, away_mm, strict=True)
@@ -212,7 +212,7 @@ def effective_diameter(
         errors_mm: dict[str, float] = {}
         for repeat in repeats:
             part = touched.of(repeat)
-            exactly(part, 9, f"{name} repeat {repeat}")
+            refuse_another_count(part, 9, f"{name} repeat {repeat}")
             found = fitted_sphere(sphere, part, f"{name} repeat {repeat}")
             errors_mm[repeat] = found.size_mm
         warm_c = warmer_c(sphere, touched)
@@ -234,6 +234,6 @@ def effective_diameter(
         "general knowledge",
         value_mm,
         budget,
-        decided(limits, "effective_diameter", value_mm, budget.standard_mm),
+        figure_decision(limits, "effective_diameter", value_mm, budget.standard_mm),
         tuple((f"repeat {name}", error) for name, error in errors_mm.items()),
     )

@@ -31,7 +31,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
     equations_of,
 )
 from traverse.lab.diagnosis.model.terms import rows_without
-from traverse.lab.identification.design.artefact_postures import reached
+from traverse.lab.identification.design.artefact_postures import postures_touching
 from traverse.lab.identification.equations.network import State, stations
 from traverse.lab.identification.solve.adjustment import Adjustment, adjust
 
@@ -111,7 +111,9 @@ def _contacts(
     like = rng.integers(len(station.poses), size=n_tries)
     part = station.part(like)
     tries_rad = rng.uniform(least_rad, largest_rad, (n_tries, len(least_rad)))
-    came = reached(part.artefact, state.unknowns[at], part.touches, geometry, tries_rad)
+    came = postures_touching(
+        part.artefact, state.unknowns[at], part.touches, geometry, tries_rad
+    )
     angles_rad = came.angles_rad
     good = came.is_touching & np.all(
         (angles_rad >= least_rad) & (angles_rad <= largest_rad), axis=1

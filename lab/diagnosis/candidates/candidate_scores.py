@@ -51,7 +51,7 @@ class CandidateScores:
 
 def score_candidates(rows: ObservationEquations, arm: Arm) -> CandidateScores:
     """Build all banks at a fit and judge them."""
-    return judged(
+    return score_banks(
         rows,
         {
             BankName.LIBRARY: library_bank(rows, arm),
@@ -61,7 +61,7 @@ def score_candidates(rows: ObservationEquations, arm: Arm) -> CandidateScores:
     )
 
 
-def judged(
+def score_banks(
     rows: ObservationEquations, banks: Mapping[BankName, Bank]
 ) -> CandidateScores:
     """Judge banks on the residuals of rows."""

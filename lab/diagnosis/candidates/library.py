@@ -24,7 +24,7 @@ from traverse.lab.diagnosis.candidates.effect_factory import (
     effect_of_candidate,
 )
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
-from traverse.lab.diagnosis.model.covariates import course, used_poses, varies
+from traverse.lab.diagnosis.model.covariates import covariate_values, used_poses, varies
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.identification.equations.effect_model import plausible_values
 
@@ -188,4 +188,4 @@ def _silence(rows: ObservationEquations, correction: Correction) -> str | None:
 
 
 def _varies(rows: ObservationEquations, need: Need) -> bool:
-    return varies(rows, course(rows, need))
+    return varies(rows, covariate_values(rows, need))

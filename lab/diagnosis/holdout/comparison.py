@@ -38,7 +38,7 @@ from traverse.lab.identification.solve.reliability import (
     robust_scale,
     statistics_of_excluded,
 )
-from traverse.lab.identification.solve.sequential_qr import split
+from traverse.lab.identification.solve.sequential_qr import decide_rank
 from traverse.lab.statistics.distributions import equivalent_normal, normal_quantile
 
 _STEPS = 8
@@ -53,7 +53,7 @@ def with_noise(adjustment: Adjustment, noise: Noise) -> Adjustment:
     if not has_length(network):
         scale = scale_direction(parameters, state.arm.geometry)
     n_determined = adjustment.split.n_determined
-    parts = split(system.upper, parameters.free_tolerances, scale, n_determined)
+    parts = decide_rank(system.upper, parameters.free_tolerances, scale, n_determined)
     return replace(adjustment, network=network, system=system, split=parts)
 
 

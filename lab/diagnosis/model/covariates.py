@@ -47,7 +47,7 @@ def varies(rows: ObservationEquations, values: Floats) -> bool:
     return spread > _ROUNDING * max(float(np.abs(used).max(initial=0.0)), 1e-3)
 
 
-def course(rows: ObservationEquations, need: Need) -> Floats:
+def covariate_values(rows: ObservationEquations, need: Need) -> Floats:
     """Take what an effect needs from a campaign that has it, (n_poses,)."""
     block, joint = rows.block, slice(need.joint, (need.joint or 0) + 1)
     match need.covariate:
@@ -95,6 +95,6 @@ def covariate_columns(rows: ObservationEquations) -> Iterator[CovariateColumn]:
         ]
     for name, of_joint, need in wanted:
         if block.lack(need) is None:
-            values = course(rows, need)
+            values = covariate_values(rows, need)
             if varies(rows, values):
                 yield CovariateColumn(name, of_joint, False, values)

@@ -93,7 +93,7 @@ class Decimation:
         return any(apart > lasting for apart, lasting in pairs)
 
 
-def thinned(
+def decimated(
     campaign: Campaign, arm: Arm, most_poses: int = MOST_POSES
 ) -> tuple[Campaign, Decimation]:
     """Find out which samples to keep, and where surfaces were touched.

@@ -32,7 +32,7 @@ from traverse.lab.diagnosis.model.result import (
 )
 from traverse.lab.diagnosis.model.terms import estimates_of
 from traverse.lab.diagnosis.report.page import WORDS
-from traverse.lab.diagnosis.scans.decimation import Decimation, thinned
+from traverse.lab.diagnosis.scans.decimation import Decimation, decimated
 from traverse.lab.diagnosis.scans.harmonics import (
     HarmonicFinding,
     first_significant,
@@ -86,11 +86,11 @@ def diagnose_stream(
     options = options or DiagnosisOptions()
     if progress is not None:
         progress("thinning the stream", 0.02)
-    campaign, thinning = thinned(campaign, arm)
+    campaign, thinning = decimated(campaign, arm)
     first = diagnose(campaign.part(thinning.poses), arm, options, progress)
     if first.terms:
         # What is missing lasts longer than noise does: without it more can be kept.
-        _, again = thinned(campaign, first.adapted)
+        _, again = decimated(campaign, first.adapted)
         if len(again.poses) > _WORTH_WHILE * len(thinning.poses):
             thinning = again
             first = diagnose(campaign.part(again.poses), arm, options, progress)

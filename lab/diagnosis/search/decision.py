@@ -45,7 +45,7 @@ class Decision:
     start: Fit
 
 
-def decided(
+def decide(
     campaign: Campaign,
     arm: Arm,
     eligible: Booleans,

@@ -7,7 +7,10 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS
-from traverse.lab.diagnosis.candidates.candidate_scores import CandidateScores, judged
+from traverse.lab.diagnosis.candidates.candidate_scores import (
+    CandidateScores,
+    score_banks,
+)
 from traverse.lab.diagnosis.candidates.scoring import (
     ALIAS,
     ProjectedCandidate,
@@ -63,7 +66,7 @@ def name_terms(search: SearchState) -> tuple[NamedTerm, ...]:
 
 def scores_without(search: SearchState, added: AddedTerm) -> CandidateScores:
     """Judge everything on a search's fit with one term taken out."""
-    return judged(rows_without(search.stage.rows, added.index), search.stage.banks)
+    return score_banks(rows_without(search.stage.rows, added.index), search.stage.banks)
 
 
 def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:

@@ -18,7 +18,7 @@ from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.lab.diagnosis.candidates.candidate_scores import (
     CandidateScores,
     beside,
-    judged,
+    score_banks,
 )
 from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, log_p_values
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
@@ -161,7 +161,7 @@ def select_next(
     if named and named[0].score >= needed:
         return named[0]
     for first in named[:_N_PAIRED]:
-        rest = judged(
+        rest = score_banks(
             beside(stage.rows, first.found),
             {BankName.LIBRARY: stage.banks[BankName.LIBRARY]},
         )

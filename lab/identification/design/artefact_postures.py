@@ -35,7 +35,7 @@ class TouchingPostures:
     is_touching: Booleans
 
 
-def reached(
+def postures_touching(
     artefact: Artefact,
     unknowns: Floats,
     touches: Touches,

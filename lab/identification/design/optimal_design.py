@@ -14,7 +14,7 @@ from traverse.arrays import Floats, Integers
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.artefacts.artefact import Touches
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.design.artefact_postures import reached
+from traverse.lab.identification.design.artefact_postures import postures_touching
 from traverse.lab.identification.equations.network import Network
 from traverse.lab.identification.equations.probe_effect import posture_columns
 from traverse.lab.identification.equations.station_equations import whiteners
@@ -105,7 +105,7 @@ class _Candidate:
     rows: Floats
 
 
-def suggestions(adjustment: Adjustment, n_wanted: int) -> tuple[Suggestion, ...]:
+def most_helpful_poses(adjustment: Adjustment, n_wanted: int) -> tuple[Suggestion, ...]:
     """Suggest poses, the best first."""
     network = adjustment.network
     if n_wanted == 0:
@@ -195,7 +195,7 @@ def _candidates(adjustment: Adjustment) -> list[_Candidate]:
             station.touches.radius_mm,
             station.touches.feature_names,
         )
-        came = reached(
+        came = postures_touching(
             station.artefact,
             state.unknowns[at],
             touches,

@@ -32,9 +32,9 @@ from traverse.lab.identification.equations.station_equations import (
 from traverse.lab.identification.solve.sequential_qr import (
     Elimination,
     RankDecision,
+    decide_rank,
     eliminate_unknowns,
     sequential_qr,
-    split,
 )
 
 
@@ -287,7 +287,7 @@ def _split(
     scale = np.empty((0, parameters.n_free))
     if not has_length(network):
         scale = scale_direction(parameters, state.arm.geometry)
-    return split(system.upper, parameters.free_tolerances, scale, n_determined)
+    return decide_rank(system.upper, parameters.free_tolerances, scale, n_determined)
 
 
 def _modelled(system: System, step: Floats) -> float:

@@ -160,7 +160,7 @@ class RankDecision:
         return determined + held, held
 
 
-def split(
+def decide_rank(
     upper: Floats,
     tolerances: Floats,
     known_null: Floats,

@@ -79,7 +79,7 @@ def sample_postures(geometry: Geometry, angles_rad: Floats) -> PostureSample:
     )
 
 
-def reach(
+def postures_reaching(
     cloud: PostureSample, places_mm: Floats, rank: int
 ) -> tuple[Floats, Booleans]:
     """Find a posture within the ranges for each place.

@@ -27,7 +27,7 @@ from traverse.lab.campaign.campaign import Poses
 from traverse.lab.identification.equations.parameters import ArmValues, Parameters
 from traverse.lab.identification.volume.inverse_kinematics import (
     PostureSample,
-    reach,
+    postures_reaching,
     sample_postures,
 )
 
@@ -246,9 +246,10 @@ def _pooled_mm(
     """Average variances between places (n, 3) over pairs of postures, (n,)."""
     sums, counts = np.zeros(len(first_mm)), np.zeros(len(first_mm))
     for rank in range(_N_PAIRS):
-        first_rad, reached_first = reach(cloud, first_mm, rank)
+        first_rad, reached_first = postures_reaching(cloud, first_mm, rank)
         # Another rank at the other end, so that the postures differ, too.
-        second_rad, reached_second = reach(cloud, second_mm, _N_PAIRS - rank)
+        other = _N_PAIRS - rank
+        second_rad, reached_second = postures_reaching(cloud, second_mm, other)
         good = reached_first & reached_second
         squares = distance_deviations_mm(arm, first_rad, second_rad) ** 2
         sums += np.where(good, squares, 0.0)

@@ -22,9 +22,9 @@ from traverse.lab.identification.equations.station_equations import (
 )
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.solve.sequential_qr import (
+    decide_rank,
     eliminate_unknowns,
     sequential_qr,
-    split,
 )
 from traverse.lab.statistics.distributions import (
     chi_square_log_tail,
@@ -232,7 +232,7 @@ def test_rank_is_decided_in_units_of_the_tolerances():
     upper = np.array([[2.0, 0, 4.0], [0, 0.004, 0.1]])
     # The second is known to 1 / 0.004 = 250: worse than 100, better than 1000.
     for tolerance, determined in ((100.0, 1), (1000.0, 2)):
-        parts = split(upper, np.array([1.0, tolerance]), np.empty((0, 2)))
+        parts = decide_rank(upper, np.array([1.0, tolerance]), np.empty((0, 2)))
         assert parts.n_determined == determined
         step, _ = parts.step(np.array([0.0, 7.0]))
         assert step == pytest.approx([2.0, 7.0 if determined == 1 else 25.0])

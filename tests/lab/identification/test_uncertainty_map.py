@@ -17,7 +17,10 @@ from traverse.lab.identification.equations.network import (
 from traverse.lab.identification.equations.parameters import ArmValues, arm_parameters
 from traverse.lab.identification.equations.station_equations import start_state
 from traverse.lab.identification.solve.adjustment import Adjustment, adjust
-from traverse.lab.identification.volume.inverse_kinematics import reach, sample_postures
+from traverse.lab.identification.volume.inverse_kinematics import (
+    postures_reaching,
+    sample_postures,
+)
 from traverse.lab.identification.volume.uncertainty_map import (
     ArmUncertainty,
     arm_uncertainty,
@@ -150,13 +153,13 @@ def test_postures_reach_their_places_within_the_travelled_ranges(
     cloud = sample_postures(arm.geometry, readings)
     places_mm = probe_centre(arm.geometry, readings[::3])
     for rank in (0, 4):
-        angles_rad, good = reach(cloud, places_mm, rank)
+        angles_rad, good = postures_reaching(cloud, places_mm, rank)
         assert np.mean(good) > 0.9
         away_mm = probe_centre(arm.geometry, angles_rad) - places_mm
         assert np.all(np.linalg.norm(away_mm[good], axis=1) < 0.5)
         assert np.all(angles_rad >= readings.min(axis=0) - 0.021)
         assert np.all(angles_rad <= readings.max(axis=0) + 0.021)
-    _, good = reach(cloud, np.array([[5000.0, 0.0, 0.0]]), 0)
+    _, good = postures_reaching(cloud, np.array([[5000.0, 0.0, 0.0]]), 0)
     assert not good[0]
 
 

@@ -25,7 +25,7 @@ from traverse.lab.diagnosis.candidates.scoring import (
     is_alias,
 )
 from traverse.lab.diagnosis.model.result import Alternative, DiagnosisOptions
-from traverse.lab.diagnosis.search.decision import decided
+from traverse.lab.diagnosis.search.decision import decide
 from traverse.lab.identification.equations.station_equations import station_centres
 
 
@@ -192,7 +192,7 @@ def test_a_finding_with_an_alias_is_told_so_without_a_number_of_poses():
         )
     )
     everyone = np.ones(len(of.campaign.poses), dtype=np.bool_)
-    decision = decided(of.campaign, of.arm, everyone, DiagnosisOptions(n_draws=200))
+    decision = decide(of.campaign, of.arm, everyone, DiagnosisOptions(n_draws=200))
     naming = decision.names[0]
     search = decision.search
     told = separate_by(naming, search.stage.rows, search.fit.arm)
@@ -236,7 +236,7 @@ def test_a_curve_is_no_alias_by_structure():
         )
     )
     everyone = np.ones(len(of.campaign.poses), dtype=np.bool_)
-    decision = decided(of.campaign, of.arm, everyone, DiagnosisOptions(n_draws=200))
+    decision = decide(of.campaign, of.arm, everyone, DiagnosisOptions(n_draws=200))
     naming = decision.names[0]
     curve = replace(naming.own.candidate, kind="empirical", covariate="J3_rad")
     naming = replace(

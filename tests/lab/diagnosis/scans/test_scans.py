@@ -19,7 +19,7 @@ from traverse.lab.diagnosis.candidates.scoring import judge, project
 from traverse.lab.diagnosis.model.fit import fitted
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
-from traverse.lab.diagnosis.scans.decimation import thinned
+from traverse.lab.diagnosis.scans.decimation import decimated
 from traverse.lab.diagnosis.scans.harmonics import first_significant, stream_harmonics
 from traverse.lab.diagnosis.scans.scan_diagnosis import diagnose_stream
 from traverse.simulator.campaigns.dense.scan import simulate_scan
@@ -90,7 +90,7 @@ def test_latency_and_backlash_are_found(folders, tmp_path):
     stream = json.loads((tmp_path / "out" / "stream.json").read_text())
     assert stream["samples"] > 11_000
     # Effects look like noise that lasts: without them more poses are kept.
-    _, first = thinned(*read(folder)[::-1])
+    _, first = decimated(*read(folder)[::-1])
     assert 1.3 * len(first.poses) < stream["poses"] <= 2000
     assert stream["rate_hz"] == pytest.approx(200.0)
     assert "samples at 200 Hz" in found.output
@@ -103,7 +103,7 @@ def test_latency_and_backlash_are_found(folders, tmp_path):
 
 def test_noise_lasts_as_long_as_was_simulated(folders):
     arm, campaign = read(folders())
-    whole, thinning = thinned(campaign, arm)
+    whole, thinning = decimated(campaign, arm)
     # Correlated until share phi^n is a fiftieth: 32 samples; a bit less, since
     # the mean over the motion is taken out.
     expected = np.log(0.02 / SHARE) / np.log(PHI) / 200.0
@@ -121,7 +121,7 @@ def test_noise_lasts_as_long_as_was_simulated(folders):
 def test_what_correlation_is_left_hardly_widens_any_estimate(folders):
     """The true covariance of every estimate, from how the noise was simulated."""
     arm, campaign = read(folders())
-    _, thinning = thinned(campaign, arm)
+    _, thinning = decimated(campaign, arm)
     poses = campaign.part(thinning.poses)
     everyone = np.ones(len(poses.poses), dtype=bool)
     rows = equations_of(fitted(poses, arm, everyone).adjustment)
@@ -142,7 +142,7 @@ def test_what_correlation_is_left_hardly_widens_any_estimate(folders):
 
 def test_fewer_poses_are_kept_where_more_would_be_too_many(folders):
     arm, campaign = read(folders(LATENCY, BACKLASH))
-    _, thinning = thinned(campaign, arm, most_poses=100)
+    _, thinning = decimated(campaign, arm, most_poses=100)
     assert 50 < len(thinning.poses) <= 100
     assert thinning.is_capped
     assert set(campaign.poses.artefacts[thinning.poses]) == {0, 1, 2, 3}
