@@ -41,12 +41,11 @@ ROW = f'''
             label="{LABEL}",
         ),
         "empirical": EffectKind('''
-MAKER = f'''
-    "{KIND}": lambda entry: encoder_faults.WavyDisc(
-        entry.joints, 0.5, entry.values["cos_rad"], entry.values["sin_rad"]
-    ),
-}}
-'''
+MAKERS = "MAKERS: Mapping[str, Callable[[EffectEntry], Fault]] = {"
+MAKER = f'''{MAKERS}
+    "{KIND}": lambda e: reading_faults.WavyDisc(
+        e.joints, 0.5, e["cos_rad"], e["sin_rad"]
+    ),'''
 
 
 def planted(folder: Path, *left_out: str) -> dict[str, str]:
@@ -58,7 +57,7 @@ def planted(folder: Path, *left_out: str) -> dict[str, str]:
         target.symlink_to(package.resolve())
     places = {
         "kinematics/effect_table.py": ('\n        "empirical": EffectKind(', ROW),
-        "simulator/effects/makers.py": ("\n}\n", MAKER),
+        "simulator/effects/from_arm.py": (MAKERS, MAKER),
     }
     for name in ("kinematics", "simulator"):
         link = folder / "traverse" / name
@@ -110,6 +109,6 @@ def test_without_its_law_nothing_is_imported(tmp_path):
 
 
 def test_without_the_simulators_maker_it_is_not_played(tmp_path):
-    found = planted(tmp_path, "simulator/effects/makers.py")
+    found = planted(tmp_path, "simulator/effects/from_arm.py")
     assert found.pop("walk_simulator") == f"failed: KeyError '{KIND}'"
     assert set(found.values()) == {"passed"}
