@@ -17,7 +17,7 @@ from traverse.daemon.config.schema import UncertaintySection
 from traverse.daemon.measurement import Sinks, build_measurement
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel, read_model
-from traverse.drivers.base.values import Delivery
+from traverse.drivers.base.values import Delivery, DeviceUp
 from traverse.kinematics.arm_file.arm import Arm, Effect, Identification, write_arm
 from traverse.protocol.messages import Point
 
@@ -153,6 +153,8 @@ class Daemon:
     def take(self, driver, delivery: Delivery) -> None:
         self._device.driver = driver
         self._measurement.dispatch(self._device, delivery)
+        if isinstance(delivery, DeviceUp):  # the turns are those of the base posture
+            self._measurement.quality.references.confirm()
 
     def use_model(self, model: ArmModel) -> None:
         """Measure with another arm from now on."""
