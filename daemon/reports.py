@@ -3,7 +3,7 @@
 import resource
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from traverse.daemon.clock import HostClock
 from traverse.daemon.commands.dispatcher import CommandDispatcher
 from traverse.daemon.config.filters import removed_counters
 from traverse.daemon.measurement import Measurement
+from traverse.daemon.monitoring.events import Occurrence
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.connection import BrokerConnection
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
@@ -18,6 +19,7 @@ from traverse.daemon.store.scan_store import ScanStore
 from traverse.kinematics.kernel.choice import KERNEL
 from traverse.protocol.encoding import Encoding
 from traverse.protocol.messages import (
+    Alarm,
     BrokerHealth,
     Health,
     OutboxHealth,
@@ -26,6 +28,7 @@ from traverse.protocol.messages import (
     Status,
 )
 
+MAX_ALARMS = 64  # in a status
 SUMMED = (
     "samples_received",
     "samples_lost",
@@ -45,6 +48,7 @@ def status_message(
     encoding: Encoding,
     *,
     keeps_points: bool,
+    active: Sequence[Occurrence] = (),
     online: bool = True,
 ) -> Status:
     """The state now, or that of a daemon which is not there any more.
@@ -54,6 +58,7 @@ def status_message(
         clock: the host's.
         encoding: of all payloads.
         keeps_points: points can be kept.
+        active: conditions that last now.
         online: the daemon is there.
     """
     devices = measurement.devices.values()
@@ -69,6 +74,20 @@ def status_message(
         session=measurement.capture.session.id,
         time_ns=clock.monotonic_ns() + clock.utc_offset_ns(),
         drivers=tuple(device.status() for device in devices),
+        alarms=tuple(_alarm(one, clock) for one in active[:MAX_ALARMS])
+        if online
+        else None,
+    )
+
+
+def _alarm(what: Occurrence, clock: HostClock) -> Alarm:
+    return Alarm(
+        severity=what.severity,
+        code=what.code,
+        source=what.source,
+        text=what.text,
+        remedy=what.remedy,
+        since_ns=clock.to_utc_ns(what.first_ns),
     )
 
 

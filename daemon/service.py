@@ -184,7 +184,10 @@ def compose(
     queue = OutgoingQueue()
     publisher = MessagePublisher(arm, encoding, queue, clock, steps)
     events = EventLog(
-        clock, lambda what: publisher.publish_event(what, active.session.id), arm
+        clock,
+        lambda what: publisher.publish_event(what, active.session.id),
+        arm,
+        status_due.set,  # whoever connects later learns from it what lasts
     )
     recorder = Recorder(
         configuration.recording,
@@ -239,6 +242,7 @@ def compose(
                 clock,
                 encoding,
                 keeps_points=outbox.is_ready,
+                active=events.active,
                 online=online,
             )
         )

@@ -10,6 +10,7 @@ from traverse.arrays import Integers
 from traverse.client.display.figures import flag_words
 from traverse.protocol.messages import (
     REMARKS,
+    Alarm,
     Event,
     Health,
     Label,
@@ -96,7 +97,7 @@ class ArmSight:
     health: Health | None = None
     sessions: dict[str, dict[str, Point]] = field(default_factory=dict)
     shown_session: str | None = None
-    alarms: dict[tuple[str, str], Event] = field(default_factory=dict)
+    alarms: dict[tuple[str, str], Event | Alarm] = field(default_factory=dict)
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=MAX_EVENTS))
     coverage: Integers | None = None
     scan: ScanProgress | None = None
@@ -253,6 +254,9 @@ class ArmSight:
             # What lasted is told anew by the daemon that comes.
             self.alarms.clear()
             self.scan, self.label, self.probe = None, None, ""
+        elif status.alarms is not None:
+            # Also those that began, or ended, while nobody here was connected.
+            self.alarms = {(a.code, a.source): a for a in status.alarms}
         self._tell(Change("status"))
 
     def take_health(self, health: Health) -> None:

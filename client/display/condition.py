@@ -6,7 +6,7 @@ from typing import Literal
 
 from traverse.client.display.arm_state import ArmSight
 from traverse.client.display.figures import flag_words
-from traverse.protocol.messages import Event
+from traverse.protocol.messages import Alarm, Event
 
 Level = Literal["good", "busy", "warning", "bad"]
 GRAVEST_FIRST: tuple[Level, ...] = ("bad", "warning", "busy")
@@ -146,7 +146,7 @@ def _conditions(sight: ArmSight) -> Iterator[Verdict]:
             )
 
 
-def _of_alarm(alarm: Event) -> Verdict:
+def _of_alarm(alarm: Event | Alarm) -> Verdict:
     # Measuring goes on in doubt, which ends when somebody confirms.
     is_grave = alarm.severity == "error" and alarm.code != TURNS_UNCERTAIN
     return Verdict(

@@ -50,20 +50,31 @@ class EventLog:
         clock: the host's.
         publish: called with what is to be published, times monotonic.
         arm: whose events these are, for a log with fields.
+        changed: called when the begin or end of a lasting condition was published.
     """
 
     def __init__(
-        self, clock: HostClock, publish: Callable[[Occurrence], None], arm: str = ""
+        self,
+        clock: HostClock,
+        publish: Callable[[Occurrence], None],
+        arm: str = "",
+        changed: Callable[[], None] = lambda: None,
     ) -> None:
         self._clock = clock
         self._publish = publish
         self._arm = arm
+        self._has_changed = changed
         self._held: dict[tuple[str, str], Occurrence] = {}
         self._told_ns: dict[tuple[str, str], int] = {}
         self._distinct: dict[tuple[str, str], tuple[int, int]] = {}
-        self._active: set[tuple[str, str]] = set()
+        self._active: dict[tuple[str, str], Occurrence] = {}
         self._changed: dict[tuple[str, str], tuple[int, int]] = {}
         self._flapping: dict[tuple[str, str], Occurrence] = {}
+
+    @property
+    def active(self) -> tuple[Occurrence, ...]:
+        """The conditions that last now, oldest first."""
+        return tuple(self._active.values())
 
     def report(
         self,
@@ -132,12 +143,15 @@ class EventLog:
         if active and len(self._active) >= MAX_KINDS:
             self.report(severity, code, text, source=source, remedy=remedy, data=data)
             return
-        (self._active.add if active else self._active.discard)(key)
         now_ns = self._clock.monotonic_ns()
         level: Severity = severity if active else "info"
         change = Occurrence(
             level, code, text, remedy, source, active, now_ns, now_ns, 1, data or {}
         )
+        if active:
+            self._active[key] = change
+        else:
+            del self._active[key]
         if (held := self._flapping.get(key)) is not None:
             self._flapping[key] = replace(
                 change, first_ns=held.first_ns, count=held.count + 1
@@ -193,6 +207,8 @@ class EventLog:
             extra={"fields": self._fields(occurrence)},
         )
         self._publish(occurrence)
+        if occurrence.active is not None:
+            self._has_changed()
 
     def _fields(self, occurrence: Occurrence) -> dict[str, str | int]:
         """What a log with fields keeps beside the text."""

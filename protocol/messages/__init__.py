@@ -40,7 +40,7 @@ from traverse.protocol.messages.quality import (
 )
 from traverse.protocol.messages.reply import Reply, ReplyError
 from traverse.protocol.messages.scan import Scan
-from traverse.protocol.messages.status import DriverStatus, Status
+from traverse.protocol.messages.status import Alarm, DriverStatus, Status
 
 MESSAGES: tuple[type[Message], ...] = (
     Status,
@@ -61,6 +61,7 @@ __all__ = [
     "LATENCIES",
     "MESSAGES",
     "REMARKS",
+    "Alarm",
     "AlignArgs",
     "Args",
     "BrokerHealth",

@@ -4,6 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from traverse.protocol.messages.event import EventCode, Severity
 from traverse.protocol.messages.fields import (
     ArmName,
     Digest,
@@ -30,6 +31,23 @@ class DriverStatus(Value):
     """"lost": the daemon tries to find it again; "failed": cannot be used as it is."""
     identity: PlainMap
     """What the device reports of itself (board, firmware, serial numbers), or empty."""
+
+
+class Alarm(Value):
+    """A lasting condition that has begun and not ended; see its event."""
+
+    severity: Severity
+    """That of its event."""
+    code: EventCode
+    """That of its event."""
+    source: Name
+    """What it concerns, as in its event."""
+    text: Text
+    """For people: what, where, observed value."""
+    remedy: Text
+    """What to do about it."""
+    since_ns: TimeNs
+    """When it began. [UTC]"""
 
 
 class Status(Message):
@@ -59,6 +77,9 @@ class Status(Message):
     """When this was written; in the last will, when the connection was made. [UTC]"""
     drivers: Annotated[tuple[DriverStatus, ...], Field(max_length=64, fail_fast=True)]
     """All configured devices."""
+    alarms: Annotated[tuple[Alarm, ...], Field(max_length=64)] | None = None
+    """What lasts now, oldest first, the first 64; null in the last will, and where an
+    earlier version does not tell it."""
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Self:

@@ -151,6 +151,7 @@ class VirtualDaemon:
             "online": online,
             "state": "ready" if online else "offline",
             "session": self.session or None,
+            "alarms": None,
         }
         return encode(Status(**fields), "msgpack")
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import (
+    Alarm,
     AlignArgs,
     BrokerHealth,
     Command,
@@ -73,6 +74,16 @@ STATUS = Status(
             port="/dev/ttyACM1",
             state="lost",
             identity={},
+        ),
+    ),
+    alarms=(
+        Alarm(
+            severity="error",
+            code="device.lost",
+            source="wrist",
+            text="port has gone",
+            remedy="check the cable",
+            since_ns=TIME_NS,
         ),
     ),
 )

@@ -6,6 +6,7 @@ import pytest
 from tests.client.display.values import event, health, live, point, retraction, status
 from traverse.client.display.arm_state import MAX_POINTS, ArmSight, Change
 from traverse.client.display.condition import verdict
+from traverse.protocol.messages import Alarm
 
 
 class Clock:
@@ -222,3 +223,21 @@ def test_figures_are_of_now_only_while_they_come(sight: ArmSight, clock: Clock) 
     assert not sight.is_health_stale
     sight.take_status(status(online=False, state="offline"))
     assert sight.is_health_stale
+
+
+def test_alarms_of_before_are_known_from_the_status(sight: ArmSight) -> None:
+    """A page that is opened after an alarm began has seen no event of it."""
+    lost = Alarm(
+        severity="error",
+        code="outbox.failed",
+        source="outbox",
+        text="the disk is full",
+        remedy="make room",
+        since_ns=1,
+    )
+    sight.take_status(status().model_copy(update={"alarms": (lost,)}))
+    assert verdict(sight).level == "bad"
+    assert "the disk is full" in verdict(sight).sentence
+    # One that ended while the page was cut off is over.
+    sight.take_status(status().model_copy(update={"alarms": ()}))
+    assert verdict(sight).level == "good"

@@ -33,7 +33,8 @@ def status(**changes: Any) -> Status:
     drivers = [
         {"id": "base", "driver": "x", "port": "y", "state": "ready", "identity": {}}
     ]
-    return golden(Status, "status", **{"state": "ready", "drivers": drivers, **changes})
+    usual = {"state": "ready", "drivers": drivers, "alarms": None}
+    return golden(Status, "status", **{**usual, **changes})
 
 
 def event(code: str, active: bool | None, **changes: Any) -> Event:

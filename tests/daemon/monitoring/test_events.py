@@ -154,3 +154,17 @@ def test_endlessly_many_kinds_take_no_endless_memory(bench):
 def test_events_are_logged_with_their_remedy(bench, caplog):
     bench.log.report("error", "some.thing", "text", source="x", remedy="do this")
     assert "some.thing: text; do this" in caplog.text
+
+
+def test_what_lasts_is_known_until_it_ends(bench):
+    changes = []
+    log = EventLog(bench.clock, bench.told.append, changed=lambda: changes.append(1))
+    log.report("warning", "device.noise", "a click", source="base")
+    assert (log.active, changes) == ((), [])
+    log.change(True, "error", "device.lost", "gone", source="base", remedy="look")
+    log.change(True, "warning", "limit.temperature", "warm", source="quality")
+    assert [one.code for one in log.active] == ["device.lost", "limit.temperature"]
+    assert log.active[0].remedy == "look"
+    log.change(False, "error", "device.lost", "there", source="base")
+    assert [one.code for one in log.active] == ["limit.temperature"]
+    assert len(changes) == 3

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from tests.end_to_end.listener import Listener
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import Program, until
 from tests.end_to_end.workbench import Workbench
@@ -23,6 +24,11 @@ async def told(
     with Program(bench.folder, command[0], *command, *where) as program:
         status = await program.ended()
         return status, program.output.strip(), program.log.strip()
+
+
+def alarms(listener: Listener) -> list[str]:
+    """Codes of the conditions that last, by the latest status."""
+    return [alarm.code for alarm in listener.statuses[-1].alarms or ()]
 
 
 async def test_an_arm_is_commanded_from_a_terminal(resting: Workbench) -> None:
@@ -95,6 +101,8 @@ async def test_points_are_in_doubt_after_a_loss_of_power_until_confirmed(
             assert doubt.severity == "error"
             assert "base has been without power" in doubt.text
             await listener.ready()
+            # Whoever connects only now learns it from the retained status.
+            await until(lambda: alarms(listener) == [DOUBT], "the alarm in the status")
             status, output, _ = await told(resting, "point")
             assert status == 1
             assert "turns_uncertain" in output
@@ -108,6 +116,7 @@ async def test_points_are_in_doubt_after_a_loss_of_power_until_confirmed(
             status, output, _ = await told(resting, "confirm", "--at", here)
             assert (status, output) == (0, "confirmed: base")
             await listener.event(DOUBT, active=False)
+            await until(lambda: not alarms(listener), "no alarm in the status")
             assert (await told(resting, "point"))[0] == 0
             assert await again.stop() == 0
     flags = [p.quality.flags for p in listener.points]
