@@ -15,6 +15,7 @@ from traverse.protocol import amt21
 
 ECHO_TRIES = 4
 LEAD = 2  # required majority of the tries
+LATE_REPLIES = 4  # quiet times after which none is on its way any more
 MOST_SETTLING = 10  # quiet times: a line that is never quiet is not waited for
 AVERAGED = 16  # exchanges
 
@@ -94,6 +95,8 @@ class Amt21Line:
         votes = 0
         for number in range(ECHO_TRIES * len(addresses)):
             request = amt21.position_request(addresses[number % len(addresses)])
+            if self._port.wait(0.0):  # a late reply would be taken for the next one
+                heard_any += self._until_quiet(LATE_REPLIES * self._timeout_ns)
             self._port.write(request)
             heard = self._until_quiet(self._timeout_ns)
             heard_any += heard

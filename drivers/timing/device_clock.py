@@ -36,7 +36,8 @@ class DeviceClock:
     Attributes:
         running: something has been learned, so that times are not idle talk.
         steps: how often the mapping had to start afresh, because a latch seemed to
-            lie in the future (the device's counter or the host has jumped).
+            lie in the future (the device's counter or the host has jumped); not in
+            the first half second.
     """
 
     def __init__(self, tick_rate_hz: float, wrap: int = WRAP) -> None:
@@ -91,8 +92,9 @@ class DeviceClock:
             self._restart(ticks, received_ns)
             self.running = True
         elif self.to_ns(ticks) - received_ns > MAX_EARLY_NS:
+            # In the first half second it was only the first latch that came late.
+            self.steps += bool(self._bins)
             self._restart(ticks, received_ns)
-            self.steps += 1
         elapsed = ticks - self._anchor_ticks
         offset_ns = received_ns - self._anchor_ns - elapsed * self._ns_per_tick
         index = elapsed // self._bin_ticks

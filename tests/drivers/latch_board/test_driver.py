@@ -1,5 +1,7 @@
 """The latch board: the common suites, its streams and what it tells by itself."""
 
+import asyncio
+
 import pytest
 
 from tests.drivers.driver_contract import (
@@ -79,10 +81,13 @@ async def test_times_are_uncertain_while_a_clock_that_jumped_is_learned_anew(rig
 
         rig.emit(5)
         await taken.until(lambda: len(taken.seqs()) >= 5, "5 samples")
+        await asyncio.sleep(0.7)  # its first half second is over
+        rig.emit(2)
+        await taken.until(lambda: len(taken.seqs()) >= 7, "7 samples")
         assert set(statuses()) == {0}
         rig.board.jump(30.0)
         rig.emit(2)
-        await taken.until(lambda: len(taken.seqs()) >= 7, "samples after it")
+        await taken.until(lambda: len(taken.seqs()) >= 9, "samples after it")
         assert statuses()[-1] == STATUS_TIME_UNCERTAIN
 
         def is_over():
