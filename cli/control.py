@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from traverse.protocol.messages.scan import ScanMode
 
 FIND_S = 2.0
+CONNECT_S = 2.0  # somebody waits for it at a terminal
 
 ArmName = Annotated[
     str | None, typer.Option("--arm", help="Name of the arm; else the only one.")
@@ -219,7 +220,7 @@ def _send(
                 told = ", ".join(found) or "none"
                 refuse(command, f"the broker knows these arms: {told}; give --arm NAME")
             (arm,) = found
-        async with Arm(arm, address) as there:
+        async with Arm(arm, address, connect_timeout_s=CONNECT_S) as there:
             return await act(there)
 
     with client_errors(command):
