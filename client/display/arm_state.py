@@ -84,10 +84,10 @@ class ArmSight:
         events: the latest ones.
         coverage: samples seen in each of 36 sectors of a joint's reading,
             (n_joints, 36); None before the first pose.
-        scan: the latest; None where nobody has told of one.
-        label: what the next points are taken on; None while nobody has told.
-        probe: name of the probe; empty while nobody has told.
-        aligned_ns: when the alignment was last set or cleared, as far as was heard.
+        scan: the latest; None where none is known.
+        label: what the next points are taken on; None while unknown.
+        probe: name of the probe; empty while unknown.
+        aligned_ns: when the alignment was last set or cleared, as far as known.
         listeners: called with each change.
     """
 
@@ -175,7 +175,7 @@ class ArmSight:
 
     @property
     def known_label(self) -> Label | None:
-        """What the next points are taken on, as far as anybody has told."""
+        """What the next points are taken on, as far as known."""
         if self.label is None and self.last_point is not None:
             return self.last_point.label
         return self.label
@@ -230,7 +230,7 @@ class ArmSight:
             self.aligned_ns = event.last_ns
 
     def refuse(self, text: str, remedy: str = "", *, by_event: bool = False) -> None:
-        """Something was refused: told once, though answer and event both say so."""
+        """Report a refusal once, although answer and event both contain it."""
         before, was_event, at_s = self._refusal
         now_s = self.now_s()
         if (before, was_event) == (
@@ -251,7 +251,7 @@ class ArmSight:
         if status.session is not None:
             self._points_of(status.session)
         if not status.online:
-            # What lasted is told anew by the daemon that comes.
+            # The next daemon reports its own lasting conditions.
             self.alarms.clear()
             self.scan, self.label, self.probe = None, None, ""
         elif status.alarms is not None:
@@ -291,7 +291,7 @@ class ArmSight:
             changed = is_linked != self.is_linked
             self.is_linked, self.link_reason = is_linked, reason
             if changed:
-                if not is_linked:  # what ends or begins meanwhile is not heard
+                if not is_linked:  # what ends or begins meanwhile is not received
                     self.scan, self.label = None, None
                 self._tell(Change("link"))
 

@@ -51,7 +51,7 @@ class Verdict:
 
     @property
     def text(self) -> str:
-        """The sentence, with how many others there are and what goes on."""
+        """The sentence, the number of other conditions, and the current activity."""
         more = f" (and {self.others} more)" if self.others else ""
         return " ".join(filter(None, (self.sentence + more, self.activity)))
 

@@ -199,7 +199,7 @@ class GuidedCheck:
 
 
 class CheckDesk:
-    """The guided check that goes on, the same for all pages, over their reloads.
+    """The current guided check, one for all pages; it survives their reloads.
 
     Args:
         sight: of the arm; its points are taken.

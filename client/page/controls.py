@@ -73,7 +73,7 @@ class Controls:
         button.classes(add="on" if is_on else "", remove="" if is_on else "on")
 
     def allow(self, is_possible: Callable[[Soft], bool]) -> None:
-        """Disable the buttons of what is not possible now; a key is told why."""
+        """Disable the buttons of what is not possible now; a key shows the reason."""
         for soft, button, _ in self._buttons.values():
             button.set_enabled(is_possible(soft))
 

@@ -84,7 +84,7 @@ class SecondDaemonWatch:
         return AWAY_S if gives_way and str(self._own[0]) > self._other else 0.0
 
     def poll(self) -> None:
-        """Report its end where it has not been heard of for some minutes."""
+        """Report its end after some minutes without a status of it."""
         if self._other and self._clock.monotonic_ns() - self._seen_ns > OVER_NS:
             self._other, self._retained = "", 0
             text = f"no other daemon reports as arm {self._arm} any more"

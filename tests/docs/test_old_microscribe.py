@@ -37,7 +37,7 @@ async def test_the_two_commands_bring_points_on_the_ball(tmp_path: Path):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = str(free.getsockname()[1])
-    from_dh, simulate, arm_file, run, watch = told()
+    from_dh, simulate, arm_file, run, confirm, watch = told()
 
     async def does(name: str, words: list[str], lines: list[str]) -> None:
         with Program(tmp_path, name, *words) as program:
@@ -51,10 +51,14 @@ async def test_the_two_commands_bring_points_on_the_ball(tmp_path: Path):
         # The broker's usual port may be taken where tests run.
         with Program(tmp_path, "run", *run[0], "--embedded-port", port) as daemon:
             await daemon.says("model")
-            words = [*watch[0], "--broker", f"localhost:{port}"]
+            where = ["--broker", f"localhost:{port}"]
+            await does("confirm", [*confirm[0], *where], confirm[1])
+            words = [*watch[0], *where]
             with Program(tmp_path, "watch", *words) as watching:
                 await until(lambda: len(points(watching.output)) >= 3, "3 points")
             found = points(watching.output)
+            # Confirmed, they have no flag: lines are as the page shows them.
+            assert "uncertain" not in watching.output
             assert await daemon.stop() == 0
         assert await simulated.stop() == 0
     distances_mm = np.linalg.norm(found - np.array(CENTRE_MM), axis=1)
