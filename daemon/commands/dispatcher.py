@@ -90,6 +90,9 @@ class CommandDispatcher:
         if incoming.retained:
             self._tell_retained(incoming.topic)
             return 0.0
+        if len(incoming.payload) > MAX_COMMAND_BYTES:
+            self._tell_too_long(incoming.topic)
+            return 0.0
         if len(self._running) >= 2 * MAX_RUNNING:  # those who wait for answers as well
             self._refuse(f"too many commands at once, one on {incoming.topic} dropped")
             return 0.0
@@ -117,7 +120,6 @@ class CommandDispatcher:
             command = decode(
                 Command,
                 incoming.payload,
-                max_bytes=MAX_COMMAND_BYTES,
                 max_elements=MAX_COMMAND_ELEMENTS,
             )
         except MessageError as error:
@@ -221,6 +223,17 @@ class CommandDispatcher:
             f"the broker keeps an old command on {single_line(topic)}; ignored",
             source="commands",
             remedy="clear it: publish an empty retained message there",
+        )
+
+    def _tell_too_long(self, topic: str) -> None:
+        self.refused += 1
+        self._events.report(
+            "warning",
+            "commands.too_long",
+            f"a command on {single_line(topic)} has more than {MAX_COMMAND_BYTES} "
+            "bytes; dropped without an answer",
+            source="commands",
+            remedy="find its sender; see max_packet_size of the broker",
         )
 
     def _tell_flood(self, begins: bool, dropped: int) -> None:

@@ -26,6 +26,8 @@ from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
 from traverse.protocol.encoding import Encoding, content_type
 
 RECEIVE_MAXIMUM = 32  # commands of QoS 1 on their way to us
+MAX_PACKET_BYTES = 65_536  # of a packet; what is beyond is read and forgotten
+HEAD_BYTES = 2_097_152  # of topic and properties: cut within, they cannot be read
 
 
 class CachedProperties(Properties):
@@ -55,10 +57,13 @@ def publish_properties(encoding: Encoding) -> Properties:
     return properties
 
 
-def connect_properties(max_packet_bytes: int) -> Properties:
-    """What we are ready to take in: longer packets the broker must not send."""
+def connect_properties() -> Properties:
+    """What we are ready to take in.
+
+    No largest packet is announced: mosquitto 2.0.11 counts those that it withholds as
+    on their way for ever, and after `RECEIVE_MAXIMUM` of them sends no command again.
+    """
     properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]  # paho's is not typed
-    properties.MaximumPacketSize = max_packet_bytes
     properties.ReceiveMaximum = RECEIVE_MAXIMUM
     return properties
 
@@ -75,8 +80,6 @@ class BrokerClient(DiagnosingClient):
         received: called with each message that arrives; aiomqtt's own queue takes a
             task for each, and loses what it has no room for.
         writable: called when a socket that took no more takes bytes again.
-        max_payload_bytes: a longer payload is cut to this, so that it costs no memory
-            while it waits; who reads it refuses it as too long.
 
     Attributes:
         max_in_flight: so many messages may wait for their answers.
@@ -88,14 +91,14 @@ class BrokerClient(DiagnosingClient):
         acknowledged: Callable[[int, str | None], None] | None = None,
         received: Callable[[MQTTMessage], None] | None = None,
         writable: Callable[[], None] = lambda: None,
-        max_payload_bytes: int | None = None,
         **options: Any,  # noqa: ANN401 - as aiomqtt's
     ) -> None:
         super().__init__(*arguments, **options)
+        self._read = self._client._sock_recv  # noqa: SLF001 - paho reads all of a packet
+        self._client._sock_recv = self._receive_bytes  # type: ignore[method-assign]  # noqa: SLF001
         self._acknowledged = acknowledged
         self._received = received
         self._writable = writable
-        self._max_payload_bytes = max_payload_bytes
         self._is_sending = False
         self._own_thread = threading.current_thread()
         self.max_in_flight = MAX_IN_FLIGHT
@@ -197,6 +200,15 @@ class BrokerClient(DiagnosingClient):
         else:  # while connecting
             super()._on_socket_register_write(client, userdata, sock)
 
+    def _receive_bytes(self, bufsize: int) -> bytes:
+        """Read a part of a packet; of one that is too long only the head is kept.
+
+        It is read to its end: so the broker gets its answer, and sends the next one.
+        """
+        packet = self._client._in_packet["packet"]  # noqa: SLF001 - see above
+        del packet[HEAD_BYTES:]
+        return self._read(min(bufsize, MAX_PACKET_BYTES))
+
     def _on_message(
         self,
         client: PahoClient,
@@ -204,7 +216,7 @@ class BrokerClient(DiagnosingClient):
         message: MQTTMessage,
     ) -> None:
         if self._received is not None:
-            message.payload = message.payload[: self._max_payload_bytes]
+            message.payload = message.payload[:MAX_PACKET_BYTES]
             # Not within paho's callback, see `_on_publish`.
             self._loop.call_soon(self._received, message)
 

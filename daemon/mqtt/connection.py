@@ -69,7 +69,6 @@ log = logging.getLogger(__name__)
 
 FIRST_RETRY_S = 0.2
 LAST_RETRY_S = 5.0
-MAX_PACKET_BYTES = 65_536  # announced to a broker of MQTT 5 as its limit
 UNSUPPORTED_VERSION = (132, 1)  # reason code of MQTT 5, return code of MQTT 3.1.1
 
 
@@ -255,7 +254,7 @@ class BrokerConnection:
             tls_context=access.tls,
             # Not where the broker is only tried: one of MQTT 3.1.1 that does not look
             # at the version first would stumble over them.
-            properties=connect_properties(MAX_PACKET_BYTES) if is_5 and will else None,
+            properties=connect_properties() if is_5 and will else None,
             # A probe must not throw a running daemon of this arm out.
             identifier=self.client_id if will else f"{self.client_id}-{os.getpid()}",
             protocol=self._version,
@@ -263,7 +262,6 @@ class BrokerConnection:
             will=aiomqtt.Will(self.will.topic, self.will.payload, 1, True)
             if will
             else None,
-            max_payload_bytes=MAX_PACKET_BYTES,
             **(handlers or {}),
         )
         client.pending_calls_threshold = 1000

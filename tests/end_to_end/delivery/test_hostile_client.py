@@ -16,7 +16,9 @@ from tests.end_to_end.programs import PATIENCE_S, until
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.hostile_messages import examples, fixed, names, payloads
 from traverse.client.cancel_tasks import cancel_tasks
+from traverse.daemon.commands.dispatcher import MAX_COMMAND_BYTES
 from traverse.daemon.commands.rate_limit import ALL, FLOOD
+from traverse.daemon.mqtt.client import HEAD_BYTES, MAX_PACKET_BYTES, RECEIVE_MAXIMUM
 from traverse.protocol import topics
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Command, PointArgs, ScanArgs
@@ -116,7 +118,6 @@ async def test_whatever_comes_is_answered_or_dropped_and_stays_at_home(
             before = listener.healths[-1].rss_bytes
             for payload, name in rubbish:
                 await attacker.send(payload, name)
-            await attacker.send(b"x" * 200_000)  # more than a packet may have
             await misdirect(attacker, resting.arm, listener)
             for _ in range(20):  # one request, however often it comes
                 await attacker.send(command("same"))
@@ -132,6 +133,22 @@ async def test_whatever_comes_is_answered_or_dropped_and_stays_at_home(
     assert "fault in command" not in daemon.log
     assert all(t.isprintable() and len(t) < 1200 for t in daemon.log.splitlines())
     assert not {t for t in attacker.topics if OTHER in t or t.startswith("somewhere")}
+
+
+async def test_commands_go_on_after_any_number_of_packets_that_are_too_long(
+    resting: Workbench,
+) -> None:
+    """More of each size than may be on their way: none may stay there."""
+    async with attacking(resting) as attacker, measuring(resting) as (listener, _, _):
+        before = listener.healths[-1].rss_bytes
+        for n_bytes in (MAX_COMMAND_BYTES + 1, MAX_PACKET_BYTES + 1, HEAD_BYTES + 1):
+            for _ in range(RECEIVE_MAXIMUM + 1):
+                await attacker.send(b"x" * n_bytes, "label")
+            await until_answered(listener, f"after {n_bytes}")
+        told = await listener.event("commands.too_long")
+        assert "/cmd/label has more than 16384 bytes" in told.text
+        assert listener.healths[-1].rss_bytes - before < MORE_RSS_BYTES
+        assert listener.healths[-1].counters["reconnects"] == 0
 
 
 async def misdirect(attacker: Attacker, arm: str, listener: Listener) -> None:
@@ -184,7 +201,7 @@ async def test_a_flood_is_dropped_and_points_of_the_button_go_on(
         over = await listener.event("commands.flood", active=False)
         dropped = over.data["dropped"]
         assert dropped >= FLOOD
-        await until_answered(listener)
+        await until_answered(listener, "after the flood")
         assert listener.healths[-1].rss_bytes - before < MORE_RSS_BYTES
         assert daemon.process.poll() is None
         assert listener.told("broker.lost") == []
@@ -192,9 +209,8 @@ async def test_a_flood_is_dropped_and_points_of_the_button_go_on(
     assert list(once) == list(range(len(once)))
 
 
-async def until_answered(listener: Listener) -> None:
+async def until_answered(listener: Listener, request: str) -> None:
     """Take a point by command, as soon as commands are heard again."""
-    request = "after the flood"
     topic = topics.command_topic(listener._arm, "point")
     async with asyncio.timeout(PATIENCE_S):
         while request not in listener.replies:
