@@ -106,16 +106,19 @@ def _read_campaign(path: Path) -> object:
     """Read a campaign with whatever joints its poses have."""
     from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
     from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
+    from traverse.lab.campaign.csv_rows import header_cells  # noqa: PLC0415
     from traverse.strict_toml.problems import FileError, Problem  # noqa: PLC0415
 
     poses = path.parent / read_campaign_file(path).poses
     if not poses.exists():
         text = f"no poses yet: `traverse collect {path.parent}` writes {poses.name}"
         raise FileError(str(path), [Problem("poses", text)])
-    header = ""
-    with contextlib.suppress(OSError, ValueError), poses.open(encoding="utf-8") as file:
-        header = file.readline()
-    columns = (column.strip() for column in header.split(","))
+    columns: list[str] = []
+    with (
+        contextlib.suppress(OSError, ValueError),
+        poses.open(encoding="utf-8-sig") as file,
+    ):
+        columns = header_cells(file.readline())
     joints = [c.removesuffix("_rad") for c in columns if c.endswith("_rad")]
     return read_campaign(path.parent, joints)
 

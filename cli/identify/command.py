@@ -110,6 +110,8 @@ def _identified(folder: Path, arm_file: Path, options: "Options") -> "Identifica
 
     arm = read_arm(arm_file)
     campaign = _campaign(folder, arm)
+    for note in campaign.notes:
+        typer.echo(f"{folder}: {note}", err=True)
     progress = _Progress(campaign) if sys.stderr.isatty() else None
     try:
         return identify(campaign, arm, options, progress)

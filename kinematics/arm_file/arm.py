@@ -75,7 +75,7 @@ class Probe(StrictModel):
     """What touches; vector and direction are written in the base posture."""
 
     radius_mm: float = Field(ge=0.0)
-    kind: Literal["hard", "switching"]
+    kind: Literal["hard", "switching"] = "hard"
     vector_mm: Vector = (0.0, 0.0, 0.0)
     direction: Vector | None = None
     mass_kg: float | None = Field(default=None, ge=0.0)
@@ -84,8 +84,8 @@ class Probe(StrictModel):
 class Reference(StrictModel):
     """Conditions under which the geometry holds."""
 
-    temperature_c: float
-    gravity_m_s2: Vector
+    temperature_c: float = 20.0
+    gravity_m_s2: Vector = (0.0, 0.0, -9.80665)
 
 
 Moment = datetime | date | str
@@ -164,7 +164,7 @@ class Arm(StrictModel):
     origin_mm: Vector
     joints: tuple[Joint, ...]
     probe: Probe
-    reference: Reference
+    reference: Reference = Reference()
     identification: Identification | None = None
     effects: tuple[
         Annotated[SerializeAsAny[Effect], BeforeValidator(effect_from_table)], ...

@@ -8,7 +8,9 @@ than the state (a unit vector turns in two directions only).
 """
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -116,6 +118,14 @@ class Artefact(StrictModel):
     def features(self) -> tuple[str, ...]:
         """The features that may be touched; none: the column is not looked at."""
         return ()
+
+    def reduced(self, touched: Sequence[str]) -> Self:
+        """Leave out features that nobody touched, where that is possible.
+
+        Args:
+            touched: Those to keep, in the order of `features`.
+        """
+        return self
 
     @property
     def rows_per_pose(self) -> int:

@@ -8,7 +8,8 @@ every point. With growth g
     certificate: A as given, where points_std_mm says that they are not exact
 """
 
-from typing import Literal
+from collections.abc import Sequence
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field
@@ -43,6 +44,13 @@ class Points(Artefact):
     def features(self) -> tuple[str, ...]:
         """The names of the points."""
         return tuple(self.points_mm) if isinstance(self.points_mm, dict) else ()
+
+    def reduced(self, touched: Sequence[str]) -> Self:
+        """Keep the touched points."""
+        if not isinstance(self.points_mm, dict):
+            return self
+        kept = {name: self.points_mm[name] for name in touched}
+        return self.model_copy(update={"points_mm": kept})
 
     @property
     def rows_per_pose(self) -> int:

@@ -15,6 +15,7 @@ from traverse.kinematics.effects.base.context import Span, utc_ns
 from traverse.lab.artefacts.artefact import Artefact, Touches
 from traverse.lab.artefacts.points import Points
 from traverse.lab.campaign.campaign_file import CampaignFile, read_campaign_file
+from traverse.lab.campaign.copies import without_copies
 from traverse.lab.campaign.pose_table import PoseTable, read_pose_table
 from traverse.lab.campaign.stream_table import SUFFIX, read_stream_table
 
@@ -195,20 +196,6 @@ def read_campaign(folder: str | Path, joint_names: Sequence[str]) -> Campaign:
 def _campaign(
     path: Path, file: CampaignFile, table: PoseTable, joint_names: tuple[str, ...]
 ) -> Campaign:
-    features = table.features.copy()
-    artefacts: list[Artefact] = []
-    names: list[tuple[str, ...]] = []
-    for index, artefact in enumerate(file.artefacts):
-        listed = artefact.features or table.free_features
-        if isinstance(artefact, Points) and isinstance(artefact.points_mm, dict):
-            # Points that nobody touched would be unknowns for nothing.
-            mine = table.artefacts == index
-            kept, features[mine] = np.unique(features[mine], return_inverse=True)
-            listed = tuple(listed[at] for at in kept)
-            kept_points = {name: artefact.points_mm[name] for name in listed}
-            artefact = artefact.model_copy(update={"points_mm": kept_points})  # noqa: PLW2901 the artefact without its untouched points
-        artefacts.append(artefact)
-        names.append(listed)
     directions = _columns(table, [f"direction_{axis}" for axis in "xyz"])
     if directions is not None:
         directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
@@ -216,7 +203,7 @@ def _campaign(
         lines=table.lines,
         time_s=table.time_s,
         artefacts=table.artefacts,
-        features=features,
+        features=table.features,
         angles_rad=table.angles_rad,
         temperature_c=table.optional.get("temperature_c"),
         joint_temperatures_c=_columns(table, _each(joint_names, "temperature_c")),
@@ -225,19 +212,51 @@ def _campaign(
         directions=directions,
         force_n=table.optional.get("force_n"),
     )
+    is_stream = Path(file.poses).suffix == SUFFIX
+    notes = table.notes
+    if not is_stream:
+        # Samples of an arm at rest are alike.
+        poses, found = without_copies(poses, _places(file.artefacts, poses))
+        notes = (*notes, *(f"{file.poses}: {note}" for note in found))
+    features = poses.features.copy()
+    artefacts: list[Artefact] = []
+    names: list[tuple[str, ...]] = []
+    for index, artefact in enumerate(file.artefacts):
+        listed = artefact.features or table.free_features
+        mine = poses.artefacts == index
+        if artefact.features:
+            # Points that nobody touched would be unknowns for nothing.
+            kept, among = np.unique(features[mine], return_inverse=True)
+            artefact = artefact.reduced([listed[at] for at in kept])  # noqa: PLW2901 the artefact without its untouched points
+            if artefact.features != listed:
+                listed, features[mine] = artefact.features, among
+        artefacts.append(artefact)
+        names.append(listed)
     return Campaign(
         artefacts=tuple(artefacts),
         feature_names=tuple(names),
         joint_names=joint_names,
-        poses=poses,
+        poses=replace(poses, features=features),
         start_utc=file.start_utc or table.start_utc,
         gravity_m_s2=file.gravity_m_s2,
         encoder_rad=file.noise.encoder_rad,
         contact_mm=file.noise.contact_mm,
         digest=_digest(path, file),
-        is_stream=Path(file.poses).suffix == SUFFIX,
-        notes=table.notes,
+        is_stream=is_stream,
+        notes=notes,
     )
+
+
+def _places(artefacts: Sequence[Artefact], poses: Poses) -> Floats:
+    """Put what was touched into numbers, which are equal for equal points."""
+    places = np.zeros((len(poses), 3))
+    places[:, 0] = poses.features
+    for index, artefact in enumerate(artefacts):
+        if isinstance(artefact, Points) and isinstance(artefact.points_mm, dict):
+            mine = poses.artefacts == index
+            known_mm = np.array(list(artefact.points_mm.values()))
+            places[mine] = known_mm[poses.features[mine]]
+    return places
 
 
 def _each(joint_names: Sequence[str], quantity: str) -> list[str]:

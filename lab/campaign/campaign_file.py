@@ -1,6 +1,5 @@
 """The strict reading of `campaign.toml` and of the point lists that it names."""
 
-import csv
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -18,6 +17,7 @@ from traverse.lab.artefacts import (
     artefact_from_table,
 )
 from traverse.lab.artefacts.points import Points
+from traverse.lab.campaign.csv_rows import csv_rows
 from traverse.strict_toml.problems import FileError, Problem, shown, tables_in
 from traverse.strict_toml.reader import StrictModel, read_strict
 
@@ -86,18 +86,15 @@ def read_points(path: Path) -> dict[str, tuple[float, float, float]]:
     """
     points: dict[str, tuple[float, float, float]] = {}
     problems: list[Problem] = []
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        message = f"cannot be read: {error}; check points_mm"
-        raise FileError(str(path), [Problem("", message)]) from error
-    reader = csv.reader(text.splitlines())
-    header = next(reader, [])
-    if header != _POINT_COLUMNS:
-        message = f"columns are {shown(header)}, expected {','.join(_POINT_COLUMNS)}"
-        raise FileError(str(path), [Problem("line 1", message)])
-    for cells in reader:
-        where = f"line {reader.line_num}"
+    with csv_rows(path, "points_mm") as (header, rows):
+        if header != _POINT_COLUMNS:
+            message = (
+                f"columns are {shown(header)}, expected {','.join(_POINT_COLUMNS)}"
+            )
+            raise FileError(str(path), [Problem("line 1", message)])
+        lines = list(enumerate(rows(range(1, len(header))), 2))
+    for line, cells in lines:
+        where = f"line {line}"
         try:
             name, *numbers = cells
             x_mm, y_mm, z_mm = (float(number) for number in numbers)

@@ -4,9 +4,8 @@ A block that does not convert whole is gone through cell by cell, only to say wh
 is wrong in which line. Nothing is half-read: any problem refuses the file.
 """
 
-import csv
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import islice
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from traverse.arrays import Floats, Integers
+from traverse.lab.campaign.csv_rows import csv_rows
 from traverse.strict_toml.problems import (
     FileError,
     Problem,
@@ -119,9 +119,10 @@ def row_problems(
         where = f"line {line}"
         if len(cells) != len(columns.names):
             found = "is empty" if not cells else f"has {len(cells)} columns"
-            yield Problem(
-                where, f"{found}; expected {len(columns.names)}, as in the header"
-            )
+            expected = f"expected {len(columns.names)}, as in the header"
+            if len(cells) > len(columns.names):
+                expected += "; decimal commas need ';' or tabs between the columns"
+            yield Problem(where, f"{found}; {expected}")
             continue
         for message in _cell_messages(cells, columns, features):
             yield Problem(where, message)
@@ -227,29 +228,20 @@ def read_pose_table(
     Raises:
         FileError: With the lines that cannot be used.
     """
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            return _read_rows(path, csv.reader(file), joint_names, features)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        message = f"cannot be read: {reason}; check `poses`"
-        raise FileError(str(path), [Problem("", message)]) from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        message = f"is not CSV in UTF-8: {error}"
-        raise FileError(str(path), [Problem("", message)]) from error
+    with csv_rows(path, "poses") as (header, rows):
+        columns = columns_from_header(header, joint_names)
+        if isinstance(columns, list):
+            raise FileError(str(path), columns)
+        numeric = (*columns.numeric, *columns.optional.values())
+        return _read_rows(path, rows(numeric), columns, features)
 
 
 def _read_rows(
     path: Path,
-    reader: Iterable[list[str]],
-    joint_names: Sequence[str],
+    rows: Iterator[list[str]],
+    columns: PoseColumns,
     features: Mapping[str, tuple[str, ...]],
 ) -> PoseTable:
-    rows = iter(reader)
-    header = next(rows, [])
-    columns = columns_from_header([name.strip() for name in header], joint_names)
-    if isinstance(columns, list):
-        raise FileError(str(path), columns)
     words = _Words(features)
     blocks: list[tuple[Integers, Integers, Floats]] = []
     problems: list[Problem] = []

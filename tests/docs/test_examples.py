@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,10 +16,20 @@ import paho.mqtt.publish
 import pytest
 
 from tests.docs.pages import CHECKOUT, examples, kinds_of_examples, text_of
+from tests.lab.simulated import (
+    arm_value,
+    cones,
+    disturbed,
+    seven_joints,
+    simulate,
+    written,
+)
 from tests.mosquitto import Mosquitto
 from tests.protocol.message_examples import GOLDEN
 from traverse.daemon.config.schema import read_configuration
 from traverse.kinematics.arm_file.arm import parse_arm
+from traverse.lab.campaign.campaign import read_campaign
+from traverse.lab.identification.identify import identify
 from traverse.simulator.config import SimulatorConfig, config_problems
 from traverse.strict_toml.reader import read_strict
 
@@ -29,16 +40,38 @@ def read_simulator(path: Path) -> object:
     return read_strict(path, SimulatorConfig, config_problems)
 
 
+def read_with_the_poses_shown(path: Path) -> object:
+    ((_, poses),) = examples("poses")
+    (path.parent / "poses.csv").write_text(poses, "utf-8")
+    path.rename(path.parent / "campaign.toml")
+    return read_campaign(path.parent, ["J1", "J2"])
+
+
+def read_and_identified(path: Path) -> object:
+    """What a table of artefacts says is touched with cones by a simulated arm."""
+    tables = tomllib.loads(path.read_text("utf-8"))["artefacts"]
+    arm = seven_joints()
+    shown = simulate(arm, [*tables, *cones(2)], 50, seed=3, travel_rad=2.5)
+    campaign = read_campaign(written(shown, path.parent), shown.joint_names)
+    identified = identify(campaign, arm_value(disturbed(arm, seed=3)))
+    assert identified.converged
+    assert identified.excluded == ()
+    assert identified.global_test.passed
+    return identified
+
+
 READERS: dict[str, Callable[[Path], object]] = {
     "arm": lambda path: parse_arm(path.read_text("utf-8")),
     "daemon": read_configuration,
     "simulator": read_simulator,
+    "campaign": read_with_the_poses_shown,
+    "artefact": read_and_identified,
 }
 FILES = [(kind, *example) for kind in READERS for example in examples(kind)]
 
 
 def test_every_kind_of_example_is_known_here() -> None:
-    assert kinds_of_examples() == {*READERS, "output", "points", "arrays"}
+    assert kinds_of_examples() == {*READERS, "output", "points", "arrays", "poses"}
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,9 @@ from traverse.drivers.base.registry import DRIVERS, driver_class
 from traverse.kinematics.arm_file import arm
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.filters import FILTERS
+from traverse.lab.artefacts import ARTEFACT_KINDS
+from traverse.lab.campaign import campaign_file
+from traverse.lab.campaign.pose_table import optional_columns
 
 SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
     "docs/reference/configuration.md": [
@@ -49,6 +52,11 @@ SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
         ("`[metrics]`", schema.MetricsSection),
         ("`[outbox]`", OutboxSection),
         ("`[recording]`", RecordingSection),
+    ],
+    "docs/reference/campaign.md": [
+        ("Top level", campaign_file.CampaignFile),
+        ("`[noise]`", campaign_file.Noise),
+        *((f"`{name}`", kind) for name, kind in ARTEFACT_KINDS.items()),
     ],
     "docs/reference/probe-library.md": [("Probe library", probe_library.LibraryProbe)],
     "docs/reference/arm-file.md": [
@@ -106,11 +114,20 @@ def test_every_key_of_a_filter_stands_there_with_its_default() -> None:
     assert said == expected
 
 
+def test_every_column_of_poses_stands_there() -> None:
+    rows = tables("docs/reference/campaign.md")["Poses"]
+    said = {word for row in rows for word in code_words(row[0])}
+    required = {"time_s", "artefact", "feature", "J1_rad"}
+    assert said == required | set(optional_columns(["J1"]))
+
+
 def default_of(field: FieldInfo) -> Any:
     """The default of a key, as `shown_default` gives it."""
     if field.default is PydanticUndefined:
         return "required"
-    return None if field.default == () else field.default
+    if field.default == () or isinstance(field.default, BaseModel):
+        return None
+    return field.default
 
 
 def shown_default(cell: str) -> Any:

@@ -280,3 +280,11 @@ def test_path_may_be_a_string(tmp_path):
     path = tmp_path / "arm.toml"
     write_arm(str(path), parse_arm(ARM_TEXT))
     assert read_arm(str(path)) == read_arm(Path(path))
+
+
+def test_a_hard_probe_and_gravity_downwards_need_not_be_written():
+    reference = ARM_TEXT.index("[reference]")
+    short = parse_arm(ARM_TEXT[:reference].replace('kind = "hard"\n', ""))
+    assert short.probe.kind == "hard"
+    assert short.reference.gravity_m_s2 == (0.0, 0.0, -9.80665)
+    assert arm_digest(short) == arm_digest(parse_arm(ARM_TEXT))

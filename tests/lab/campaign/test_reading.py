@@ -221,3 +221,83 @@ def test_a_part_of_a_campaign_keeps_its_artefacts(folder):
     assert len(part.poses) == 2
     assert part.poses.lines.tolist() == [4, 5]
     assert part.artefacts == campaign.artefacts
+
+
+def written_with(text, mark, decimal):
+    """The same table as another program would write it."""
+    return text.replace(",", mark).replace(".", decimal)
+
+
+@pytest.mark.parametrize(("mark", "decimal"), [(";", "."), (";", ","), ("\t", ",")])
+def test_other_separators_and_decimal_commas_are_read(folder, mark, decimal):
+    expected = read_campaign(folder, ["J1", "J2"])
+    for name in ("poses.csv", "grid.csv"):
+        text = (folder / name).read_text()
+        (folder / name).write_text(written_with(text, mark, decimal))
+    found = read_campaign(folder, ["J1", "J2"])
+    assert np.array_equal(found.poses.angles_rad, expected.poses.angles_rad)
+    assert np.array_equal(found.poses.time_s, expected.poses.time_s)
+    assert found.artefacts == expected.artefacts
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "what"),
+    [
+        (
+            HEADER.replace(",", ";"),
+            "0.5;cone-1;;0,1;0.2;21.5;-1;;;\n",
+            "has decimal commas ('0,1' in line 2) and decimal points ('0.5' in line 2)",
+        ),
+        (
+            HEADER.replace(",", ";"),
+            "1.000,5;cone-1;;0,1;0,2;21,5;-1;;;\n",
+            "none between thousands",
+        ),
+        (
+            HEADER.replace(",", ";"),
+            "1,000,5;cone-1;;0,1;0,2;21,5;-1;;;\n",
+            "time_s is '1.000.5', not a finite number",
+        ),
+        (
+            HEADER,
+            "0,5,cone-1,,0,1,0,2,21,5,-1,,,\n",
+            "decimal commas need ';' or tabs between the columns",
+        ),
+        (
+            HEADER.replace(",", ";", 1),
+            "\n",
+            "line 1: has ',' and ';' between its columns; use one of them",
+        ),
+    ],
+)
+def test_ambiguous_separators_are_named(folder, header, row, what):
+    (folder / "poses.csv").write_text(header + row)
+    assert any(what in text for text in problems(folder))
+
+
+def test_a_copied_line_counts_once_and_is_reported(folder):
+    rows = ROWS.splitlines(keepends=True)
+    (folder / "poses.csv").write_text(HEADER + "".join([*rows, rows[0], rows[2]]))
+    campaign = read_campaign(folder, ["J1", "J2"])
+    assert campaign.poses.lines.tolist() == [2, 3, 4, 5]
+    assert campaign.notes == (
+        "poses.csv: copies of other poses, which count once: lines 6 (as 2), 7 (as 4)",
+    )
+
+
+def test_a_copy_under_another_name_of_the_same_point_counts_once(folder):
+    (folder / "grid.csv").write_text(GRID + "E,0,100,0\n")
+    copy = ROWS.splitlines()[2].replace("2.5", "9").replace(",C,", ",E,")
+    (folder / "poses.csv").write_text(HEADER + ROWS + copy + "\n")
+    campaign = read_campaign(folder, ["J1", "J2"])
+    assert campaign.poses.lines.tolist() == [2, 3, 4, 5]
+    assert campaign.feature_names[2] == ("A", "C")
+    assert "lines 6 (as 4)" in campaign.notes[0]
+
+
+def test_equal_readings_at_another_time_count_and_are_reported(folder):
+    again = ROWS.splitlines()[1].replace("1.5", "9")
+    (folder / "poses.csv").write_text(HEADER + ROWS + again + "\n")
+    campaign = read_campaign(folder, ["J1", "J2"])
+    assert len(campaign.poses) == 5
+    assert "count as touches of their own: lines 6;" in campaign.notes[0]
