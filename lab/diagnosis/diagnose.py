@@ -5,11 +5,12 @@ from time import perf_counter
 
 import numpy as np
 
-from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.holdout.comparison import (
-    HoldoutComparison,
     compare_on_holdout,
+    find_misfit,
+    held_out_blunders,
 )
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import Fit
@@ -20,9 +21,11 @@ from traverse.lab.diagnosis.model.observation_equations import (
 from traverse.lab.diagnosis.model.result import (
     Diagnosis,
     DiagnosisOptions,
+    HoldoutComparison,
     Step,
 )
 from traverse.lab.diagnosis.model.serial_correlation import without_serial_noise
+from traverse.lab.diagnosis.model.terms import has_epoch
 from traverse.lab.diagnosis.outcome import (
     detectable_of,
     leftovers_of,
@@ -64,18 +67,35 @@ def diagnose(
     clock.lap("decision")
     told("looking at the poses kept aside", 0.7)
     fits = _ledger_fits(decision, options)
-    gaps = [
-        compare_on_holdout(
-            fit.adjustment, fits[-1].adjustment, held_out, arm.probe.radius_mm
+    radius_mm = arm.probe.radius_mm
+    blunders = held_out_blunders(fits[0].adjustment, held_out, radius_mm)
+
+    def compared(fit: Fit) -> HoldoutComparison:
+        """Compare a model with the one without terms, by the noise of all terms."""
+        return compare_on_holdout(
+            fits[0].adjustment,
+            fit.adjustment,
+            held_out,
+            radius_mm,
+            blunders=blunders,
+            noise=search.fit.adjustment.network.noise,
         )
-        for fit in fits
-    ]
-    gap = gaps[0]
+
+    gaps = [compared(fit) for fit in fits]
+    vetoed = len(fits) > 1 and gaps[-1].is_worse
+    accepted = _accepted(decision.names, options, vetoed=vetoed)
+    writable = _writable(decision, accepted, campaign)
+    written = fits[0]
+    if any(writable):
+        written = _without_rejected(decision, writable)
     clock.lap("held-out poses")
-    accepted = _accepted(decision.names, gap, options)
     adapted, rows = _adapted(campaign, decision, accepted, options)
     clock.lap("final estimates")
-    terms = terms_of(decision, accepted, rows, choosing, options)
+    misfit = find_misfit(search.fit.adjustment, held_out, blunders, radius_mm)
+    if misfit is not None and not (search.is_finished or misfit.is_gross):
+        # The terms say already that something is left.
+        misfit = None
+    terms = terms_of(decision, accepted, rows, choosing, options, misfit=misfit)
     told("working out what could have been seen", 0.85)
     seen = detectable_of(search) if options.details else ()
     clock.lap("detectable sizes")
@@ -86,13 +106,15 @@ def diagnose(
         adapted=adapted.arm,
         campaign=campaign,
         before=fits[0].adjustment,
-        after=search.fit.adjustment,
+        after=written.adjustment,
+        all_terms=search.fit.adjustment,
         choosing=choosing,
         held_out=held_out,
         excluded=choosing & ~search.fit.included,
+        blunders=blunders,
+        gap=compared(written),
         ledger=_ledger(decision, fits, gaps),
-        closed=gap.closed if terms else None,
-        vetoed=bool(terms) and gap.is_worse,
+        vetoed=vetoed,
         noise=noise_of(search),
         leftovers=leftovers_of(search),
         detectable=seen,
@@ -132,16 +154,16 @@ def _ledger(
         added = [", ".join(added)]
     names = [None, *added]
     return tuple(
-        Step(name, gap.before, fit.adjustment.sigma0)
+        Step(name, gap.after, fit.adjustment.sigma0)
         for name, fit, gap in zip(names, fits, gaps, strict=True)
     )
 
 
 def _accepted(
-    names: tuple[NamedTerm, ...], gap: HoldoutComparison, options: DiagnosisOptions
+    names: tuple[NamedTerm, ...], options: DiagnosisOptions, *, vetoed: bool
 ) -> tuple[bool, ...]:
     """Say which terms enter the adapted arm."""
-    if gap.is_worse:
+    if vetoed:
         return (False,) * len(names)
     return tuple(
         naming.harmonic is None
@@ -172,12 +194,38 @@ def _adapted(
         rows = without_serial_noise(rows, search.serial)
     if all(accepted):
         return whole, rows
-    kept = tuple(
-        effect
-        for index, effect in enumerate(effects)
-        if index < search.n_given or accepted[index - search.n_given]
+    return refitted(search.fit, _kept(decision, accepted), everyone), rows
+
+
+def _writable(
+    decision: Decision, accepted: tuple[bool, ...], campaign: Campaign
+) -> tuple[bool, ...]:
+    """Say which accepted terms an arm file can hold: not those without an epoch."""
+    effects = decision.search.fit.arm.effects
+    return tuple(
+        one and has_epoch(effects[naming.added.index], campaign)
+        for one, naming in zip(accepted, decision.names, strict=True)
     )
-    return refitted(search.fit, kept, everyone), rows
+
+
+def _without_rejected(decision: Decision, accepted: tuple[bool, ...]) -> Fit:
+    """Fit the accepted terms alone, to the same poses as all terms."""
+    fit = decision.search.fit
+    if all(accepted):
+        return fit
+    kept = _kept(decision, accepted)
+    return refitted(fit, kept, fit.included, snooping=False)
+
+
+def _kept(decision: Decision, accepted: tuple[bool, ...]) -> tuple[Effect, ...]:
+    """List the effects that the arm had, and the accepted ones."""
+    rejected = {
+        naming.added.index
+        for naming, one in zip(decision.names, accepted, strict=True)
+        if not one
+    }
+    effects = decision.search.fit.arm.effects
+    return tuple(e for index, e in enumerate(effects) if index not in rejected)
 
 
 def _nobody(_what: str, _part: float) -> None:

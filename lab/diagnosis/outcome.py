@@ -11,11 +11,16 @@ from traverse.lab.diagnosis.advice.minimal_detectable import detectable
 from traverse.lab.diagnosis.candidates.library import absent_candidates
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-from traverse.lab.diagnosis.model.outlier_clusters import Cluster, find_outlier_cluster
+from traverse.lab.diagnosis.model.outlier_clusters import (
+    ARTEFACT,
+    Cluster,
+    find_outlier_cluster,
+)
 from traverse.lab.diagnosis.model.result import (
     BankRemainder,
     Detectable,
     DiagnosisOptions,
+    HoldoutMisfit,
     NoiseEstimate,
     Term,
     Verdict,
@@ -37,6 +42,8 @@ def terms_of(
     rows: ObservationEquations,
     choosing: Booleans,
     options: DiagnosisOptions,
+    *,
+    misfit: HoldoutMisfit | None,
 ) -> tuple[Term, ...]:
     """Tell of everything that was found, in the order of finding.
 
@@ -46,6 +53,7 @@ def terms_of(
         rows: Of a fit with all terms, for the estimates.
         choosing: Poses that might have taken part, (n_poses,).
         options: Wishes.
+        misfit: Of the poses kept aside.
     """
     search = decision.search
     whole = rows.adjustment.network.parameters.effects
@@ -84,6 +92,8 @@ def terms_of(
     )
     if place is not None and not any(_is_at(term, place) for term in terms):
         terms.append(_from_cluster(place))
+    elif misfit is not None and search.stuck is None:
+        terms.append(_from_misfit(misfit))
     return tuple(terms)
 
 
@@ -94,11 +104,7 @@ def _is_at(term: Term, place: Cluster) -> bool:
 
 
 def _from_cluster(place: Cluster) -> Term:
-    """Tell of poses that lie together and contradict all others.
-
-    The evidence is the most that a p-value can stand for: -1 / (e p log p), after
-    Sellke, Bayarri and Berger.
-    """
+    """Report poses that lie together and contradict all others."""
     candidate = Candidate(
         bank=BankName.GENERIC,
         kind=Empirical.kind,
@@ -109,10 +115,36 @@ def _from_cluster(place: Cluster) -> Term:
     return Term(
         status="unknown",
         candidate=candidate,
-        log_bayes_factor=-1.0 - place.log_p - float(np.log(-place.log_p)),
+        log_bayes_factor=bayes_factor_bound(place.log_p),
         log10_p=place.log_p / _LOG_10,
         cluster=place,
     )
+
+
+def _from_misfit(misfit: HoldoutMisfit) -> Term:
+    """Report poses kept aside that contradict a model which explains all others."""
+    candidate = Candidate(
+        bank=BankName.GENERIC,
+        kind=Empirical.kind,
+        joint=None,
+        covariate=ARTEFACT,
+        artefact=misfit.artefact,
+    )
+    return Term(
+        status="unknown",
+        candidate=candidate,
+        log_bayes_factor=bayes_factor_bound(misfit.log_p),
+        log10_p=misfit.log_p / _LOG_10,
+        misfit=misfit,
+    )
+
+
+def bayes_factor_bound(log_p: float) -> float:
+    """Say the log of the most evidence that a p-value stands for: -1 / (e p log p).
+
+    After Sellke, Bayarri and Berger (2001); none for p above 1/e.
+    """
+    return -1.0 - log_p - float(np.log(-log_p)) if log_p < -1.0 else 0.0
 
 
 def _without_form(stuck: ScoredCandidate) -> Term:

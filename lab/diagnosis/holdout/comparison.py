@@ -6,16 +6,22 @@ the covariance I + Y Y^T, noise and the model's own uncertainty. S is the mean s
     S = sum over poses of v^T (I + Y Y^T)^-1 v / number of equations
 
 which is 1 for a perfect model. Two models are compared on the same poses, with the
-noise of the better one.
+noise of the final one. All poses kept aside count; figures without blunders are given
+beside them (`blunders`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.arrays import Booleans, Floats
-from traverse.lab.diagnosis.model.result import HoldoutResult
+from traverse.lab.diagnosis.holdout.blunders import find_blunders
+from traverse.lab.diagnosis.model.result import (
+    HoldoutComparison,
+    HoldoutMisfit,
+    HoldoutResult,
+)
 from traverse.lab.identification.equations.datum import scale_direction
 from traverse.lab.identification.equations.network import (
     Noise,
@@ -35,7 +41,7 @@ from traverse.lab.identification.solve.adjustment import (
 from traverse.lab.identification.solve.iterative_adjustment import Options
 from traverse.lab.identification.solve.reliability import (
     PoseStatistics,
-    robust_scale,
+    pose_statistics,
     statistics_of_excluded,
 )
 from traverse.lab.identification.solve.sequential_qr import decide_rank
@@ -140,77 +146,74 @@ def _predictive(
 # A gap below that many standard deviations of S is none to speak of.
 _LEAST_GAP = 3.0
 _VETO_LEVEL = 0.01
+# S contradicts a model that is said to be complete: by how much, how surely.
+_LEAST_MISFIT = 1.5
+_MISFIT_LEVEL = 1e-3
+# Of the measured volume: more is no noise of any arm.
+_GROSS_PART = 0.01
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class HoldoutComparison:
-    """Two models on the poses that neither has seen.
-
-    Attributes:
-        before: Without what was added.
-        after: With it.
-        closed: Part of the gap that was closed, or None: too little to say.
-        is_worse: Whether the poses are predicted worse than before.
-        compared: Poses that count, (n_poses,).
-        n_contradicting: Held-out poses that do not: blunders.
-    """
-
-    before: HoldoutResult
-    after: HoldoutResult
-    closed: float | None
-    is_worse: bool
-    compared: Booleans
-    n_contradicting: int
-
-
-def compare_on_holdout(
-    before: Adjustment, after: Adjustment, held_out: Booleans, radius_mm: float
-) -> HoldoutComparison:
-    """Compare two models on held-out poses.
+def held_out_blunders(
+    before: Adjustment, held_out: Booleans, radius_mm: float
+) -> Booleans:
+    """Find blunders among held-out poses by their neighbours, (n_poses,).
 
     Args:
-        before: Fit to the choosing poses.
-        after: With the terms; its noise weighs both, and poses that contradict it
-            count for neither.
+        before: Fit to the choosing poses, without terms.
         held_out: (n_poses,).
         radius_mm: Of the probe's ball.
     """
-    compared = uncontradicted(after, held_out, radius_mm)
-    noise = after.network.noise
-    first = predicted(with_noise(before, noise), compared, radius_mm)
-    second = predicted(after, compared, radius_mm)
-    was, now = _summary(before, first, compared), _summary(after, second, compared)
+    if not np.any(held_out):
+        return held_out.copy()
+    found = pose_statistics(before)
+    outside = ~np.any(np.isfinite(found.misclosures_mm), axis=1)
+    found.fill(predicted(before, outside, radius_mm), outside)
+    campaign = before.network.campaign
+    return find_blunders(campaign, found.misclosures_mm, ~held_out, held_out)
+
+
+def compare_on_holdout(
+    before: Adjustment,
+    after: Adjustment,
+    held_out: Booleans,
+    radius_mm: float,
+    *,
+    blunders: Booleans | None = None,
+    noise: Noise | None = None,
+) -> HoldoutComparison:
+    """Compare two models on held-out poses, all of them.
+
+    Args:
+        before: Fit to the choosing poses.
+        after: With the terms.
+        held_out: (n_poses,).
+        radius_mm: Of the probe's ball.
+        blunders: Of the held-out poses, (n_poses,): figures without them are given
+            beside those of all. Default: none.
+        noise: That weighs both; default that of `after`.
+    """
+    noise = after.network.noise if noise is None else noise
+    rest = held_out if blunders is None else held_out & ~blunders
+    first = predicted(with_noise(before, noise), held_out, radius_mm)
+    second = predicted(with_noise(after, noise), held_out, radius_mm)
+    was, now = (
+        _summary(model, found, held_out, rest)
+        for model, found in ((before, first), (after, second))
+    )
+    worse = [
+        is_worse(first.statistics[part], second.statistics[part], second.degrees[part])
+        for part in (held_out, rest)
+    ]
+    clean_was, clean_now = was.without_blunders, now.without_blunders
     return HoldoutComparison(
         was,
         now,
         closed(was.chi2, now.chi2, now.n),
-        is_worse(first.statistics, second.statistics, second.degrees),
-        compared,
-        int(np.count_nonzero(held_out & ~compared)),
+        None
+        if clean_was is None or clean_now is None
+        else closed(clean_was.chi2, clean_now.chi2, clean_now.n),
+        any(worse),
     )
-
-
-def uncontradicted(model: Adjustment, held_out: Booleans, radius_mm: float) -> Booleans:
-    """Choose the held-out poses that a model does not contradict.
-
-    Poses are contradicted beyond the limit at which those of a fit are excluded, the
-    level of the noise taken from the held-out poses themselves.
-
-    Args:
-        model: The final one.
-        held_out: (n_poses,).
-        radius_mm: Of the probe's ball.
-
-    Returns:
-        (n_poses,).
-    """
-    n_poses = int(np.count_nonzero(held_out))
-    if n_poses == 0:
-        return held_out.copy()
-    found = predicted(model, held_out, radius_mm)
-    level = Options().family_level / n_poses
-    limit = -normal_quantile(0.5 * level) * max(robust_scale(found), 1.0)
-    return held_out & (np.nan_to_num(found.w, nan=np.inf) <= limit)
 
 
 def holdout_result(
@@ -223,7 +226,7 @@ def holdout_result(
 
     Args:
         adjustment: The fit.
-        held_out: Poses to predict, without blunders (`uncontradicted`), (n_poses,).
+        held_out: Poses to predict, (n_poses,).
         radius_mm: Of the probe's ball.
         noise: To weigh with; default the fit's own.
 
@@ -231,7 +234,68 @@ def holdout_result(
         With NaN for everything where there are no poses.
     """
     weighed = adjustment if noise is None else with_noise(adjustment, noise)
-    return _summary(weighed, predicted(weighed, held_out, radius_mm), held_out)
+    found = predicted(weighed, held_out, radius_mm)
+    return _summary(weighed, found, held_out, held_out)
+
+
+def find_misfit(
+    model: Adjustment, held_out: Booleans, blunders: Booleans, radius_mm: float
+) -> HoldoutMisfit | None:
+    """Say where held-out poses contradict a model that explains the others.
+
+    S of all held-out poses but the blunders is half as large again as that of the
+    poses of the fit, and so large by chance in one of a thousand (F test); or their
+    rms is beyond a hundredth of the measured volume, whatever the noise that was
+    estimated: so much is no noise of any arm.
+
+    Args:
+        model: The final one.
+        held_out: (n_poses,).
+        blunders: Held-out poses that contradict their neighbours, (n_poses,).
+        radius_mm: Of the probe's ball.
+
+    Returns:
+        The worst artefact; None: the poses agree with the model.
+    """
+    rest = held_out & ~blunders
+    if not np.any(rest):
+        return None
+    found = predicted(model, rest, radius_mm)
+    figures = _summary(model, found, rest, rest)
+    # The noise may be larger than stated.
+    ratio = figures.chi2 / max(model.sigma0, 1.0) ** 2
+    degrees = float(np.sum(found.degrees[rest]))
+    p_value = float(special.fdtrc(degrees, max(model.redundancy, 1), ratio))
+    is_gross = figures.rms_mm > _GROSS_PART * _volume_mm(model)
+    if not is_gross and (ratio < _LEAST_MISFIT or p_value > _MISFIT_LEVEL):
+        return None
+    network = model.network
+    artefacts = network.campaign.poses.artefacts
+    excess = np.nan_to_num(np.where(rest, found.statistics - found.degrees, 0.0))
+    worst = int(np.argmax(np.bincount(artefacts, weights=excess)))
+    level = Options().family_level / figures.n_poses
+    contradicts = rest & (found.w > -normal_quantile(0.5 * level))
+    there = rest & (artefacts == worst)
+    return HoldoutMisfit(
+        artefact=network.campaign.artefacts[worst].id,
+        figures=figures,
+        is_gross=is_gross,
+        log_p=float(np.log(max(p_value, 1e-300))),
+        n_contradicting=int(np.count_nonzero(contradicts)),
+        n_contradicting_there=int(np.count_nonzero(contradicts & there)),
+        n_poses_there=int(np.count_nonzero(there)),
+    )
+
+
+def _volume_mm(model: Adjustment) -> float:
+    """Say how large the measured volume is: the rms distance from its centre."""
+    centres_mm = np.concatenate(
+        [
+            station_centres(model.network, station, model.state.arm)
+            for station in model.network.stations
+        ]
+    )
+    return float(np.sqrt(np.sum(np.var(centres_mm, axis=0))))
 
 
 def closed(before: float, after: float, n: int) -> float | None:
@@ -275,21 +339,25 @@ def is_worse(
 
 
 def _summary(
-    adjustment: Adjustment, found: PoseStatistics, compared: Booleans
+    adjustment: Adjustment, found: PoseStatistics, poses: Booleans, rest: Booleans
 ) -> HoldoutResult:
-    n = int(np.count_nonzero(np.isfinite(found.misclosures_mm[compared])))
+    """Summarise the poses kept aside, beside it those that are no blunders."""
+    without = None
+    if np.any(poses & ~rest):
+        without = _summary(adjustment, found, rest, rest)
+    n = int(np.count_nonzero(np.isfinite(found.misclosures_mm[poses])))
     if n == 0:
         return HoldoutResult(float("nan"), float("nan"), 0, None)
-    misclosures_mm = found.misclosures_mm[compared]
+    misclosures_mm = found.misclosures_mm[poses]
     campaign = adjustment.network.campaign
     kinds = np.array([artefact.kind for artefact in campaign.artefacts])
-    at_points = kinds[campaign.poses.artefacts[compared]] == "points"
+    at_points = kinds[campaign.poses.artefacts[poses]] == "points"
     distances_mm = np.linalg.norm(misclosures_mm[at_points], axis=1)
     return HoldoutResult(
         rms_mm=float(np.sqrt(np.nanmean(misclosures_mm**2))),
-        chi2=float(
-            np.sum(found.statistics[compared]) / np.sum(found.degrees[compared])
-        ),
+        chi2=float(np.sum(found.statistics[poses]) / np.sum(found.degrees[poses])),
         n=n,
         mean_distance_mm=float(np.mean(distances_mm)) if np.any(at_points) else None,
+        n_poses=int(np.count_nonzero(poses)),
+        without_blunders=without,
     )

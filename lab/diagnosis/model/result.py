@@ -47,6 +47,30 @@ class Alternative:
     alias: bool
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HoldoutMisfit:
+    """Poses kept aside that contradict a model which explains all others.
+
+    Attributes:
+        artefact: Where they contradict it most.
+        figures: Of all poses kept aside but the blunders.
+        is_gross: The model predicts them no better than to a hundredth of the
+            measured volume.
+        log_p: Natural logarithm of the probability of such an S by chance.
+        n_contradicting: Poses that contradict the model one by one.
+        n_contradicting_there: At that artefact.
+        n_poses_there: Likewise.
+    """
+
+    artefact: str
+    figures: "HoldoutResult"
+    is_gross: bool
+    log_p: float
+    n_contradicting: int
+    n_contradicting_there: int
+    n_poses_there: int
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Term:
     """Something that the model lacked.
@@ -62,7 +86,8 @@ class Term:
         alternatives: What else it may be, the best first.
         separate_by: The experiment that would tell them apart, in words.
         accepted: Whether it is in the adapted arm.
-        cluster: Where poses lie together that were left out, if it tells of these.
+        cluster: Where poses lie together that were left out, if it reports these.
+        misfit: Poses kept aside that contradict the model, if it reports these.
     """
 
     status: Status
@@ -76,6 +101,7 @@ class Term:
     separate_by: str = ""
     accepted: bool = False
     cluster: Cluster | None = None
+    misfit: HoldoutMisfit | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,12 +137,37 @@ class HoldoutResult:
         chi2: S, their mean square over the predictive covariance.
         n: How many equations.
         mean_distance_mm: To known points, where there are any.
+        n_poses: How many poses.
+        without_blunders: The same without poses that contradict their neighbours;
+            None: there are none.
     """
 
     rms_mm: float
     chi2: float
     n: int
     mean_distance_mm: float | None
+    n_poses: int = 0
+    without_blunders: "HoldoutResult | None" = None
+
+
+@dataclass(frozen=True, slots=True)
+class HoldoutComparison:
+    """Two models on the poses that neither has seen.
+
+    Attributes:
+        before: Without what was added.
+        after: With it.
+        closed: Part of the gap that was closed, or None: too little to say.
+        closed_without_blunders: The same without blunders; None also where there
+            are none.
+        is_worse: Whether the poses are predicted worse than before.
+    """
+
+    before: HoldoutResult
+    after: HoldoutResult
+    closed: float | None
+    closed_without_blunders: float | None
+    is_worse: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,12 +230,14 @@ class Diagnosis:
         adapted: With the accepted terms, everything estimated together.
         campaign: As given.
         before: Fit of the geometry to the choosing poses, without terms.
-        after: Fit with all terms, accepted or not.
+        after: Fit with the terms of the arm that is written.
+        all_terms: Fit with all terms, accepted or not.
         choosing: Poses that were used for choosing, (n_poses,).
         held_out: Poses kept aside, (n_poses,).
         excluded: Poses that contradict all others, (n_poses,).
-        ledger: The gap after every term.
-        closed: Part of the gap that was closed on held-out poses, or None.
+        blunders: Poses kept aside that contradict their neighbours, (n_poses,).
+        gap: On all poses kept aside, by the arm that is written.
+        ledger: The same figures after every term, accepted or not.
         vetoed: Whether held-out poses got worse, so that nothing was accepted.
         noise: As found.
         leftovers: What remains in each bank.
@@ -200,17 +253,29 @@ class Diagnosis:
     campaign: Campaign
     before: Adjustment
     after: Adjustment
+    all_terms: Adjustment
     choosing: Booleans
     held_out: Booleans
     excluded: Booleans
+    blunders: Booleans
+    gap: HoldoutComparison
     ledger: tuple[Step, ...]
-    closed: float | None
     vetoed: bool
     noise: NoiseEstimate
     leftovers: tuple[BankRemainder, ...]
     detectable: tuple[Detectable, ...]
     seed: int
     seconds: Mapping[str, float]
+
+    @property
+    def writes_all_terms(self) -> bool:
+        """Whether the arm that is written has all terms that were found."""
+        return self.after is self.all_terms
+
+    @property
+    def adds_terms(self) -> bool:
+        """Whether the arm that is written has terms that were found."""
+        return self.after is not self.before
 
 
 @dataclass(frozen=True, slots=True)

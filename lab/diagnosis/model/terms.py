@@ -5,8 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.kinematics.arm_file.arm import Effect
 from traverse.kinematics.effect_table import EFFECT_KINDS, key_unit
 from traverse.kinematics.effects.base.correction import Correction
+from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import (
     LEAST_EFFECT,
@@ -118,3 +120,12 @@ def _columns(rows: ObservationEquations, coordinates: slice) -> slice:
     """Find the columns of coordinates: all effects are free and come last."""
     first = rows.adjustment.network.parameters.n_free - len(_effects(rows).names)
     return slice(first + coordinates.start, first + coordinates.stop)
+
+
+def has_epoch(effect: Effect, campaign: Campaign) -> bool:
+    """Say whether the moment that an effect counts from is known, or not needed.
+
+    It is the campaign's start; a campaign need not say when it began.
+    """
+    is_bound_to_time = EFFECT_KINDS[effect.kind].effect_class == "A"
+    return not is_bound_to_time or campaign.start_utc is not None

@@ -5,9 +5,8 @@ from pathlib import Path
 
 from traverse.kinematics.arm_file.arm import Arm, parse_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
-from traverse.kinematics.effect_table import EFFECT_KINDS
-from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.lab.diagnosis.model.result import Diagnosis, Term
+from traverse.lab.diagnosis.model.terms import has_epoch
 from traverse.strict_toml.problems import FileError, Problem
 from traverse.strict_toml.writing import arm_text, write_atomically
 
@@ -18,14 +17,12 @@ def terms_without_epoch(diagnosis: Diagnosis) -> tuple[Term, ...]:
     The moment that such an effect counts from is the campaign's start; where the
     campaign does not say when it began there is none.
     """
-    if diagnosis.campaign.start_utc is not None:
-        return ()
     return tuple(
         term
         for term in diagnosis.terms
         if term.effect is not None
         and term.accepted
-        and _is_bound_to_time(term.effect.kind)
+        and not has_epoch(term.effect, diagnosis.campaign)
     )
 
 
@@ -43,32 +40,16 @@ def arm_with_provenance(diagnosis: Diagnosis, when: datetime | None = None) -> A
         effects = tuple(
             effect
             for effect in effects
-            if not (_is_bound_to_time(effect.kind) and effect.epoch_utc == nowhere)
+            if has_epoch(effect, campaign) or effect.epoch_utc != nowhere
         )
     provenance = Provenance(
         sigma0=diagnosis.after.sigma0,
         redundancy=diagnosis.after.redundancy,
         date=(when or datetime.now(UTC)).replace(microsecond=0),
         campaign_digest=campaign.digest or None,
-        parameters=_parameters(diagnosis, arm.model_copy(update={"effects": effects})),
+        parameters=diagnosis.after.network.parameters.free_names,
     )
     return arm.model_copy(update={"effects": effects, "identification": provenance})
-
-
-def _parameters(diagnosis: Diagnosis, arm: Arm) -> tuple[str, ...]:
-    """Name what was estimated, as far as it is in the arm."""
-    parameters = diagnosis.after.network.parameters
-    if parameters.effects is None:
-        return parameters.free_names
-    built = effects_of(arm, arm.effects, diagnosis.campaign.span)
-    written = {built.name(correction) for correction in built.corrections}
-    missing = {
-        name
-        for name in parameters.effects.names
-        if name.rpartition(".")[0] not in written
-        and name.rpartition(".")[0].rpartition(".")[0] not in written
-    }
-    return tuple(name for name in parameters.free_names if name not in missing)
 
 
 def write_adapted(path: Path, arm: Arm, source: Path) -> None:
@@ -89,7 +70,3 @@ def write_adapted(path: Path, arm: Arm, source: Path) -> None:
         problem = Problem("", "would not hold all values of this arm")
         raise FileError(str(path), [problem])
     write_atomically(path, text)
-
-
-def _is_bound_to_time(kind: str) -> bool:
-    return EFFECT_KINDS[kind].effect_class == "A"

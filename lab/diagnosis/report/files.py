@@ -12,8 +12,15 @@ from typing import Any
 import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.diagnosis.holdout.comparison import closed
 from traverse.lab.diagnosis.model.candidate import Candidate
-from traverse.lab.diagnosis.model.result import Detectable, Diagnosis, Term
+from traverse.lab.diagnosis.model.result import (
+    Detectable,
+    Diagnosis,
+    HoldoutResult,
+    Step,
+    Term,
+)
 from traverse.lab.diagnosis.report import plots_of, report_page
 from traverse.lab.diagnosis.report.adapted_arm import (
     arm_with_provenance,
@@ -85,15 +92,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "gap": _gap(diagnosis),
         "excluded": [{"line": line} for line in lines],
         "detectable": detectable_json(diagnosis.detectable),
-        "ledger": [
-            {
-                "effect": step.effect,
-                "held_out_rms_mm": step.held_out.rms_mm,
-                "held_out_chi2": step.held_out.chi2,
-                "sigma0": step.sigma0,
-            }
-            for step in diagnosis.ledger
-        ],
+        "ledger": [_ledger_line(step) for step in diagnosis.ledger],
         "vetoed": diagnosis.vetoed,
         "leftovers": [
             {
@@ -180,16 +179,60 @@ def _term(term: Term, *, written: bool) -> dict[str, Any]:
             "excluded": term.cluster.n_excluded,
             "all": term.cluster.n_poses,
         }
+    if term.misfit is not None:
+        values["held_out"] = {
+            "chi2": term.misfit.figures.chi2,
+            "rms_mm": term.misfit.figures.rms_mm,
+            "contradicting": term.misfit.n_contradicting,
+            "all": term.misfit.figures.n_poses,
+            "contradicting_there": term.misfit.n_contradicting_there,
+            "all_there": term.misfit.n_poses_there,
+        }
     return values
 
 
+def _ledger_line(step: Step) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        "effect": step.effect,
+        "held_out_rms_mm": step.held_out.rms_mm,
+        "held_out_chi2": step.held_out.chi2,
+        "sigma0": step.sigma0,
+    }
+    rest = step.held_out.without_blunders
+    if rest is not None:
+        found["without_blunders"] = {
+            "held_out_rms_mm": rest.rms_mm,
+            "held_out_chi2": rest.chi2,
+        }
+    return found
+
+
 def _gap(diagnosis: Diagnosis) -> dict[str, Any]:
-    first, last = diagnosis.ledger[0].held_out, diagnosis.ledger[-1].held_out
+    gap, ledger = diagnosis.gap, diagnosis.ledger
+    found = _figures(gap.before, gap.after, gap.closed)
+    first, last = gap.before.without_blunders, gap.after.without_blunders
+    if first is not None and last is not None:
+        lines = diagnosis.campaign.poses.lines[diagnosis.blunders]
+        found["without_blunders"] = {
+            **_figures(first, last, gap.closed_without_blunders),
+            "left_out": [{"line": line} for line in sorted(lines.tolist())],
+        }
+    if not diagnosis.writes_all_terms:
+        start, everything = ledger[0].held_out, ledger[-1].held_out
+        part = closed(start.chi2, everything.chi2, everything.n)
+        found["with_all_terms"] = _figures(start, everything, part)
+    return found
+
+
+def _figures(
+    first: HoldoutResult, last: HoldoutResult, part: float | None
+) -> dict[str, Any]:
     found: dict[str, Any] = {
         "held_out_rms_mm": {"before": first.rms_mm, "after": last.rms_mm},
         "held_out_chi2": {"before": first.chi2, "after": last.chi2},
-        "closed": diagnosis.closed,
+        "closed": part,
         "n": last.n,
+        "n_poses": last.n_poses,
     }
     if first.mean_distance_mm is not None and last.mean_distance_mm is not None:
         found["held_out_mean_distance_mm"] = {

@@ -91,7 +91,9 @@ def step_names(diagnosis: Diagnosis) -> list[str]:
         known = len(diagnosis.terms) == len(diagnosis.ledger) - 1
         words = step.effect
         if known:
-            words = candidate_label(diagnosis.terms[number].candidate)
+            term = diagnosis.terms[number]
+            words = candidate_label(term.candidate)
+            words += "" if term.accepted else " (not in the adapted arm)"
         found.append(f"+ {words}")
     return found
 

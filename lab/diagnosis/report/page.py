@@ -78,7 +78,7 @@ def _excluded_rows(diagnosis: Diagnosis, plots: Plots) -> list[list[str]]:
     """List the poses that were left out."""
     poses, campaign = diagnosis.campaign.poses, diagnosis.campaign
     rows = []
-    for at in np.flatnonzero(diagnosis.excluded | plots.contradicting):
+    for at in np.flatnonzero(diagnosis.excluded | diagnosis.blunders):
         artefact = int(poses.artefacts[at])
         rows.append(
             [

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-from traverse.arrays import Booleans
-from traverse.lab.diagnosis.holdout.comparison import uncontradicted
 from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.diagnosis.report.discrepancies import Discrepancies, discrepancies
 from traverse.lab.diagnosis.report.maps import artefact_map, condition_map, joint_map
@@ -17,8 +15,8 @@ class Plots:
 
     Attributes:
         before: Measurement against the model without terms.
-        after: Against the model with all accepted terms, in units of the same noise.
-        contradicting: Held-out poses that no model explains, (n_poses,): not shown.
+        after: Against the model of the arm that is written, in units of the same
+            noise.
         ledger: The gap after every term.
         terms: Each term over what matters for it; None where there is no such picture.
         artefacts: Misclosures by artefact.
@@ -28,7 +26,6 @@ class Plots:
 
     before: Discrepancies
     after: Discrepancies
-    contradicting: Booleans
     ledger: bytes
     terms: tuple[bytes | None, ...]
     artefacts: bytes
@@ -50,25 +47,19 @@ class Plots:
         return found
 
 
-def contradicting_held_out(diagnosis: Diagnosis) -> Booleans:
-    """Find held-out poses that contradict the final model: blunders, (n_poses,)."""
-    radius_mm = diagnosis.arm.probe.radius_mm
-    held_out = diagnosis.held_out
-    return held_out & ~uncontradicted(diagnosis.after, held_out, radius_mm)
-
-
 def plots_of(diagnosis: Diagnosis) -> Plots:
     """Compare simulation and measurement, and paint all pictures."""
-    noise = diagnosis.after.network.noise
+    noise = diagnosis.all_terms.network.noise
     before = discrepancies(diagnosis.before, noise)
     after = discrepancies(diagnosis.after, noise)
-    contradicting = contradicting_held_out(diagnosis)
-    shown = ~diagnosis.excluded & ~contradicting
-    curves = [term_curve(diagnosis, t, before, after) for t in diagnosis.terms]
+    everything = after
+    if not diagnosis.writes_all_terms:
+        everything = discrepancies(diagnosis.all_terms, noise)
+    shown = ~diagnosis.excluded & ~diagnosis.blunders
+    curves = [term_curve(diagnosis, t, before, everything) for t in diagnosis.terms]
     return Plots(
         before,
         after,
-        contradicting,
         ledger_picture(diagnosis),
         tuple(None if c is None else term_picture(c, shown) for c in curves),
         artefact_map(before, after, shown),

@@ -46,7 +46,7 @@ def value_covariance(diagnosis: Diagnosis, term: Term, effects: ArmEffects) -> F
 
 def _fitted_covariance(diagnosis: Diagnosis, effects: ArmEffects) -> Floats | None:
     """Find the covariance of the values in the final fit; None: not all are in it."""
-    adjustment = diagnosis.after
+    adjustment = diagnosis.all_terms
     parameters = adjustment.network.parameters
     model = parameters.effects
     if model is None:

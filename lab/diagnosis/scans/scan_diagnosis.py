@@ -100,7 +100,7 @@ def diagnose_stream(
     while True:
         if progress is not None:
             progress("harmonics of all samples", 0.9)
-        rows = equations_of(found.after)
+        rows = equations_of(found.all_terms)
         harmonics = stream_harmonics(rows, campaign, arm.probe.radius_mm)
         best = first_significant(harmonics, level)
         if best is None or len(found.terms) + len(added) >= options.most_terms:
@@ -114,7 +114,7 @@ def diagnose_stream(
             poses, arm.model_copy(update={"effects": more}), options, progress
         )
     if added:
-        rows = equations_of(found.after)
+        rows = equations_of(found.all_terms)
         together = _together(first, found, rows, added)
         # Held-out poses got worse: nothing of it is accepted.
         found = first if together.vetoed else together
@@ -136,9 +136,19 @@ def _together(
     """Tell of harmonics of the stream as terms, in front of those found with them."""
     n_given = len(first.arm.effects)
     radius_mm = first.arm.probe.radius_mm
-    gap = compare_on_holdout(first.before, found.after, found.held_out, radius_mm)
+    everything, gap = (
+        compare_on_holdout(
+            first.before,
+            model,
+            found.held_out,
+            radius_mm,
+            blunders=found.blunders,
+            noise=found.all_terms.network.noise,
+        )
+        for model in (found.all_terms, found.after)
+    )
     terms = tuple(
-        _term(names, rows, n_given + at, found, accepted=not gap.is_worse)
+        _term(names, rows, n_given + at, found, accepted=not everything.is_worse)
         for at, names in enumerate(added)
     )
     statuses = {term.status for term in (*terms, *found.terms)}
@@ -156,8 +166,8 @@ def _together(
             Step(added_names, found.ledger[0].held_out, found.ledger[0].sigma0),
             *found.ledger[1:],
         ),
-        closed=gap.closed,
-        vetoed=gap.is_worse,
+        gap=gap,
+        vetoed=everything.is_worse,
     )
 
 

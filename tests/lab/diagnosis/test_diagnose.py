@@ -19,6 +19,8 @@ from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.holdout.comparison import compare_on_holdout
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import with_effects
+from traverse.lab.diagnosis.report.files import diagnosis_json
+from traverse.lab.diagnosis.report.page import WORDS
 
 
 def decided(campaign, options=DECISION):
@@ -44,7 +46,8 @@ def test_nothing_is_found_where_nothing_is_missing(seed):
     found = decided(measured_with(seed=seed))
     assert found.verdict == "clean"
     assert found.terms == ()
-    assert found.closed is None
+    assert found.gap.closed is None
+    assert not np.any(found.blunders)
     assert not found.vetoed
     assert [step.effect for step in found.ledger] == [None]
     assert found.ledger[0].held_out.chi2 == pytest.approx(1.0, abs=0.35)
@@ -82,7 +85,7 @@ def test_an_eccentricity_is_named_with_its_size():
 
 def test_the_gap_closes_on_poses_that_were_kept_aside():
     found = eccentric()
-    assert found.closed > 0.9
+    assert found.gap.closed > 0.9
     assert not found.vetoed
     assert not np.any(found.choosing & found.held_out)
     assert found.held_out.mean() == pytest.approx(0.3, abs=0.05)
@@ -102,10 +105,10 @@ def test_the_ledger_tells_every_step():
     assert start.held_out.rms_mm > last.held_out.rms_mm > 0.0
     assert start.sigma0 > 1.2 > last.sigma0
     s = [step.held_out.chi2 for step in found.ledger]
-    assert found.closed == pytest.approx((s[0] - s[1]) / (s[0] - 1.0))
+    assert found.gap.closed == pytest.approx((s[0] - s[1]) / (s[0] - 1.0))
     radius_mm = found.arm.probe.radius_mm
     again = compare_on_holdout(found.before, found.after, found.held_out, radius_mm)
-    assert again.closed == pytest.approx(found.closed)
+    assert again.closed == pytest.approx(found.gap.closed)
 
 
 def test_what_could_have_been_seen_is_told_of_every_kind():
@@ -135,7 +138,7 @@ def test_a_bump_is_unknown_at_its_joint_and_becomes_a_curve():
     assert term.candidate.covariate == f"{wrong.joint}_rad"
     assert term.accepted
     assert term.effect in found.adapted.effects
-    assert found.closed > 0.75
+    assert found.gap.closed > 0.75
 
 
 def test_the_curve_of_a_bump_is_where_the_bump_is():
@@ -258,6 +261,46 @@ def test_what_makes_unseen_poses_worse_stays_out():
     assert not any(term.accepted for term in found.terms)
     assert found.adapted.effects == ()
     assert found.ledger[-1].held_out.chi2 > found.ledger[0].held_out.chi2
+
+
+def test_a_model_that_fits_its_own_poses_alone_is_not_clean():
+    # The effect is in the poses kept aside only: nothing in the others shows it.
+    plain, spoilt = measured_with(), measured_with(hidden("encoder_scale", 60.0))
+    _, held_out = split(plain, DECISION.seed)
+    angles_rad = plain.poses.angles_rad.copy()
+    angles_rad[held_out] = spoilt.poses.angles_rad[held_out]
+    campaign = replace(plain, poses=replace(plain.poses, angles_rad=angles_rad))
+    found = decided(campaign)
+    assert found.verdict == "unknown"
+    (term,) = found.terms
+    assert term.misfit.figures.chi2 > 5.0
+    assert term.misfit.figures.n_poses == found.gap.before.n_poses == held_out.sum()
+    assert term.candidate.artefact in {one.id for one in campaign.artefacts}
+    told = diagnosis_json(found)
+    assert told["gap"]["held_out_chi2"]["before"] == pytest.approx(
+        term.misfit.figures.chi2
+    )
+    (line,) = WORDS.lines("missing", found)
+    assert "no others. The poses kept aside are" in line
+    assert f"of {held_out.sum()} contradict it one by one" in line
+
+
+@pytest.mark.parametrize("wished", [False, True])
+def test_the_gap_is_that_of_the_arm_that_is_written(wished):
+    options = replace(OPTIONS, most_terms=1, accept_tentative=wished)
+    found = decided(measured_with(*two_wrong()), options)
+    start, last = (step.held_out for step in found.ledger)
+    told = diagnosis_json(found)["gap"]
+    words = WORDS.held_out(found)
+    if wished:
+        assert found.gap.after.chi2 == pytest.approx(last.chi2)
+        assert "with_all_terms" not in told
+        assert " -> " in words
+    else:
+        assert found.gap.after == found.gap.before
+        assert told["held_out_chi2"]["after"] == pytest.approx(start.chi2)
+        assert told["with_all_terms"]["held_out_chi2"]["after"] == last.chi2
+        assert "that is not written included" in words
 
 
 def test_progress_rises():

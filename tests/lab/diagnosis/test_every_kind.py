@@ -30,5 +30,5 @@ def test_an_effect_is_found_under_its_name_or_an_alias(kind):
     if term.status == "named" and len(told) == 1:
         assert told <= aliases | {true}
     assert term.log10_p < -20.0
-    if found.closed is not None:
-        assert found.closed > 0.8
+    if found.gap.closed is not None:
+        assert found.gap.closed > 0.8

@@ -12,10 +12,11 @@ from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.holdout.comparison import (
     closed,
     compare_on_holdout,
+    find_misfit,
+    held_out_blunders,
     holdout_result,
     is_worse,
     predicted,
-    uncontradicted,
     with_noise,
 )
 from traverse.lab.diagnosis.holdout.holdout import split
@@ -107,7 +108,8 @@ def test_the_missing_term_closes_the_gap():
     assert gap.before.chi2 > 2.0
     assert gap.closed == pytest.approx(1.0, abs=0.2)
     assert not gap.is_worse
-    assert gap.n_contradicting == 0
+    assert gap.after.n_poses == np.count_nonzero(held_out)
+    assert gap.after.without_blunders is None
     back = compare_on_holdout(
         after.adjustment, before.adjustment, held_out, PROBE_RADIUS_MM
     )
@@ -124,22 +126,47 @@ def test_a_needless_term_brings_no_veto():
     assert gap.closed is None
 
 
-def test_blunders_among_the_held_out_poses_count_for_neither_model():
+def with_blunders(count):
+    """Disturb some of the held-out poses; return the measurement and which."""
     of = measured().with_effect(ECCENTRIC)
-    choosing, held_out = split(of.campaign, 1)
-    bad = np.flatnonzero(held_out)[[3, 30]]
+    _, held_out = split(of.campaign, 1)
+    bad = np.flatnonzero(held_out)[:: np.count_nonzero(held_out) // count][:count]
     angles_rad = of.campaign.poses.angles_rad.copy()
     angles_rad[bad, 1] += 5e-4
-    of = of.with_poses(angles_rad=angles_rad)
+    return of.with_poses(angles_rad=angles_rad), bad
+
+
+def test_blunders_are_counted_and_left_out_only_beside():
+    of, bad = with_blunders(2)
+    choosing, held_out = split(of.campaign, 1)
     before = fitted(of.campaign, of.arm, choosing).adjustment
     after = fitted(of.campaign, with_effects(of.arm, (ECCENTRIC,)), choosing).adjustment
-    gap = compare_on_holdout(before, after, held_out, PROBE_RADIUS_MM)
-    assert gap.n_contradicting == 2
-    assert not np.any(gap.compared[bad])
-    assert np.array_equal(
-        gap.compared, uncontradicted(after, held_out, PROBE_RADIUS_MM)
+    blunders = held_out_blunders(before, held_out, PROBE_RADIUS_MM)
+    assert np.flatnonzero(blunders).tolist() == bad.tolist()
+    gap = compare_on_holdout(
+        before, after, held_out, PROBE_RADIUS_MM, blunders=blunders
     )
-    assert gap.closed == pytest.approx(1.0, abs=0.2)
+    assert gap.after.n_poses == np.count_nonzero(held_out)
+    assert gap.after.chi2 > 5.0
+    assert gap.closed < 0.6
+    rest = gap.after.without_blunders
+    assert rest.n_poses == np.count_nonzero(held_out) - 2
+    assert rest.without_blunders is None
+    assert rest.rms_mm < gap.after.rms_mm
+    assert gap.closed_without_blunders == pytest.approx(1.0, abs=0.2)
+    assert find_misfit(after, held_out, blunders, PROBE_RADIUS_MM) is None
+
+
+def test_too_many_contradictions_are_no_blunders():
+    of, bad = with_blunders(20)
+    choosing, held_out = split(of.campaign, 1)
+    model = fitted(of.campaign, with_effects(of.arm, (ECCENTRIC,)), choosing).adjustment
+    blunders = held_out_blunders(model, held_out, PROBE_RADIUS_MM)
+    assert not np.any(blunders)
+    misfit = find_misfit(model, held_out, blunders, PROBE_RADIUS_MM)
+    assert misfit.figures.chi2 > 5.0
+    assert misfit.n_contradicting == len(bad)
+    assert misfit.figures.n_poses == np.count_nonzero(held_out)
 
 
 def test_an_artefact_that_is_held_out_whole_is_predicted_but_for_its_place():

@@ -17,7 +17,7 @@ from tests.lab.diagnosis.diagnosed import (
     eccentric,
 )
 from traverse.kinematics.arm_file.arm import read_arm, write_arm
-from traverse.lab.diagnosis.model.result import HoldoutResult, Step
+from traverse.lab.diagnosis.model.result import HoldoutResult
 from traverse.lab.diagnosis.report.adapted_arm import (
     arm_with_provenance,
     terms_without_epoch,
@@ -143,15 +143,18 @@ def test_a_p_value_below_all_numbers_is_zero_beside_its_logarithm():
 
 
 def test_a_gap_that_cannot_be_told_is_null():
-    assert diagnosis_json(replace(eccentric(), closed=None))["gap"]["closed"] is None
+    found = eccentric()
+    untold = replace(found, gap=replace(found.gap, closed=None))
+    assert diagnosis_json(untold)["gap"]["closed"] is None
 
 
 def test_known_points_have_a_mean_distance():
-    ledger = (
-        Step(None, HoldoutResult(0.02, 3.0, 90, 0.031), 1.7),
-        Step("encoder_eccentricity J3", HoldoutResult(0.01, 1.0, 90, 0.015), 1.0),
+    gap = replace(
+        eccentric().gap,
+        before=HoldoutResult(0.02, 3.0, 90, 0.031),
+        after=HoldoutResult(0.01, 1.0, 90, 0.015),
     )
-    told = diagnosis_json(replace(eccentric(), ledger=ledger))["gap"]
+    told = diagnosis_json(replace(eccentric(), gap=gap))["gap"]
     assert told["held_out_mean_distance_mm"] == {"before": 0.031, "after": 0.015}
 
 

@@ -185,7 +185,9 @@ def test_a_veto_is_told():
 def test_the_gap_is_told_with_its_part_or_without():
     found = eccentric()
     assert "% of what is achievable" in WORDS.held_out(found)
-    assert "cannot be told" in WORDS.held_out(replace(found, closed=None))
+    assert "cannot be told" in WORDS.held_out(
+        replace(found, gap=replace(found.gap, closed=None))
+    )
 
 
 def test_an_experiment_is_proposed_where_there_is_one():

@@ -51,7 +51,7 @@ def test_a_narrow_bump_is_not_taken_for_blunders(joint, draw, size):
     (term,) = found.terms
     assert (term.candidate.joint, term.candidate.covariate) == (joint, f"{joint}_rad")
     assert term.accepted
-    assert found.closed > 0.7
+    assert found.gap.closed > 0.7
     assert found.excluded.sum() <= 2
 
 
