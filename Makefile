@@ -156,12 +156,12 @@ bench-client: venv system  ## the Python client: points over cut connections, be
 install: venv  ## into DESTDIR: /usr/lib/traverse, unit, rules; nothing is started
 	sh deploy/package/install.sh '$(DESTDIR)'
 
-deb: venv  ## a Debian package with all that the daemon needs, in build/
+deb: venv  ## Debian packages of the daemon and of the lab, in build/
 	sh deploy/package/build-deb.sh
 
 test-vm: deb system  ## CANopen on SocketCAN, and the package with systemd, in virtual machines; takes minutes
 	@sh deploy/debian-packages.sh vm
-	sh deploy/vm/system.sh 880 "$$(ls -t build/traverse_*.deb | head -n 1)"
+	sh deploy/vm/system.sh 880 "$$(ls -t build/traverse_*.deb | head -n 1)" "$$(ls -t build/traverse-lab_*.deb | head -n 1)"
 	sh deploy/vm/run.sh 590 $(BIN)/python -m tests.vm
 
 docs: venv  ## the documentation as a site, in site/

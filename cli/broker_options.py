@@ -39,16 +39,20 @@ class BrokerOptions:
 
     def address(self, command: str) -> "BrokerAddress":
         """Their values; ends the command where they or their files are bad."""
+        from traverse.broker.credential import credential_file  # noqa: PLC0415
         from traverse.client.mqtt.address import BrokerAddress  # noqa: PLC0415
+
+        def named(file: Path | None) -> Path | None:
+            return None if file is None else credential_file(str(file))
 
         try:
             address = replace(
                 BrokerAddress.parse(self.broker),
                 username=self.username,
-                password_file=self.password_file,
-                ca_file=self.ca_file,
-                certificate_file=self.client_certificate,
-                key_file=self.client_key,
+                password_file=named(self.password_file),
+                ca_file=named(self.ca_file),
+                certificate_file=named(self.client_certificate),
+                key_file=named(self.client_key),
             )
             address.options()  # its files can be read
         except (OSError, ValueError) as error:

@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from traverse.cli.options import Json, with_options
-from traverse.cli.refusals import REFUSED, UNREACHABLE, refuse
+from traverse.cli.refusals import (
+    REFUSED,
+    UNREACHABLE,
+    missing_library,
+    refuse,
+)
 
 if TYPE_CHECKING:
     from traverse.drivers.canopen.commissioning import Commissioning, FoundNode
@@ -115,11 +120,7 @@ def _opened(bus: BusOptions) -> Iterator["Commissioning"]:
     try:
         from traverse.drivers.canopen.commissioning import Commissioning  # noqa: PLC0415 - an extra; quick help
     except ModuleNotFoundError as error:
-        typer.echo(
-            f"traverse can needs {error.name}, which is not installed; install the "
-            "extra `can`: pip install 'traverse-cmm[can]'",
-            err=True,
-        )
+        typer.echo(missing_library("can", error) or str(error), err=True)
         raise typer.Exit(REFUSED) from error
     from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
 

@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.installation import missing
+
 if TYPE_CHECKING:
     import aiomqtt
 
@@ -76,10 +78,7 @@ def _look_for_extra(*, with_broker: bool) -> None:
     """Report what is not installed before anything is started."""
     for library in ("serial", "cobs", "mcap", *(("amqtt",) if with_broker else ())):
         if find_spec(library) is None:
-            raise DemoError(
-                f"traverse demo needs {library}, which is not installed; install the "
-                "extra `demo`: pip install 'traverse-cmm[demo]'"
-            )
+            raise DemoError(missing("traverse demo", library, "demo"))
 
 
 async def _demonstrate(

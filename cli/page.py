@@ -1,12 +1,14 @@
 """`traverse page`: the operator's page in a browser."""
 
 import asyncio
+import ssl
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.refusals import missing_library, refuse
 
 if TYPE_CHECKING:
     from traverse.client.mqtt.address import BrokerAddress
@@ -47,14 +49,13 @@ def page(
     """
     try:
         # Imported when needed: keeps --help quick.
+        from traverse.broker.credential import credential_file  # noqa: PLC0415
         from traverse.client.display.follower import Follower  # noqa: PLC0415
         from traverse.client.exports.formats import points_as  # noqa: PLC0415
         from traverse.client.page.access import read_token  # noqa: PLC0415
         from traverse.client.page.server import serve  # noqa: PLC0415
     except ModuleNotFoundError as error:
-        typer.echo(
-            f"{error.name} is missing: pip install 'traverse-cmm[page]'", err=True
-        )
+        typer.echo(missing_library("page", error) or str(error), err=True)
         raise typer.Exit(2) from error
     beyond = host not in LOOPBACK
     if beyond and None in (token_file, certificate, key):
@@ -65,13 +66,15 @@ def page(
         )
     address = broker.address("page")
     try:
+        token_file, certificate, key = (
+            None if file is None else credential_file(str(file))
+            for file in (token_file, certificate, key)
+        )
         token = None if token_file is None else read_token(token_file)
-        for file in (certificate, key):
-            if file is not None:
-                file.read_bytes()
+        if certificate is not None:
+            _check_pair(certificate, key)
     except (OSError, ValueError) as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(2) from error
+        refuse("page", str(error))
     name = arm or _only_arm(address)
     scheme = "http" if certificate is None else "https"
     typer.echo(f"{name} on {address}: {scheme}://{host}:{port}")
@@ -85,6 +88,20 @@ def page(
         key=key,
         show=show,
     )
+
+
+def _check_pair(certificate: Path, key: Path | None) -> None:
+    """Try a certificate; OSError where it is none, or the key another one's."""
+    for file in (certificate, key or certificate):
+        file.read_bytes()
+    try:
+        # Without the function OpenSSL would prompt at the terminal.
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, str)
+    except ssl.SSLError as error:
+        raise OSError(
+            f"{certificate} and {key or certificate}: {error.reason or 'no PEM'}; "
+            "expected a certificate and its key without a passphrase, PEM"
+        ) from error
 
 
 def _only_arm(address: "BrokerAddress") -> str:

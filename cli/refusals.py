@@ -6,24 +6,9 @@ from typing import NoReturn
 
 import typer
 
-REFUSED, UNREACHABLE = 2, 3
+from traverse.installation import EXTRAS, missing
 
-_EXTRAS = {
-    "serial": "daemon",
-    "cobs": "daemon",
-    "mcap": "daemon",
-    "amqtt": "demo",
-    "scipy": "lab",
-    "matplotlib": "lab",
-    "nicegui": "page",
-    "fastapi": "page",
-    "pyarrow": "parquet",
-    "can": "can",
-    "canopen": "can",
-    "pymodbus": "modbus",
-    "gpiod": "gpio",
-}
-"""Extra of this package with a library, by the imported name."""
+REFUSED, UNREACHABLE = 2, 3
 
 _OF_THE_LAB = (
     "align",
@@ -42,15 +27,12 @@ def missing_library(command: str, error: ModuleNotFoundError) -> str | None:
     `command` is the words after `traverse`.
     """
     package = (error.name or "").partition(".")[0]
-    extra = _EXTRAS.get(package)
+    extra = EXTRAS.get(package)
     if extra is None:
         return None
     if extra == "daemon" and command.partition(" ")[0] in _OF_THE_LAB:
         extra = "lab"  # which contains what these need of the other
-    return (
-        f"traverse {command} needs {package}, which is not installed; install the "
-        f"extra `{extra}`: pip install 'traverse-cmm[{extra}]'"
-    )
+    return missing(f"traverse {command}", package, extra)
 
 
 def refuse(command: str, text: str) -> NoReturn:

@@ -2,12 +2,18 @@
 
 import json
 import os
+import re
+import shutil
 import subprocess
 import sys
+import sysconfig
 import tomllib
+import venv
 from pathlib import Path
 
 import pytest
+
+from traverse.installation import remedy
 
 CHECKOUT = Path(__file__).parent.parent
 ROOT = CHECKOUT / "src" / "traverse"
@@ -62,6 +68,7 @@ def test_the_root_has_nothing_else() -> None:
         "__init__.py",
         "__main__.py",
         "arrays.py",
+        "installation.py",
         "py.typed",
     }
 
@@ -188,6 +195,46 @@ def test_a_command_says_which_extra_it_lacks(
         check=False,
     )
     assert run.returncode == 2, run.stderr
-    assert f"needs {package}" in run.stderr
-    assert f"pip install 'traverse-cmm[{extra}]'" in run.stderr
+    assert f"needs {package}, which is not installed; {remedy(extra)}" in run.stderr
     assert "Traceback" not in run.stderr
+
+
+HINT = "from traverse.installation import remedy; print(remedy({extra!r}))"
+
+
+@pytest.mark.parametrize(
+    ("extra", "told"),
+    [
+        ("lab", r"sudo apt-get install \./traverse-lab_[\d.]+_\*\.deb$"),
+        ("page", r"sudo apt-get install \./traverse_[\d.]+_\*\.deb$"),
+        ("parquet", "the Debian packages do not have it: write another kind of file"),
+    ],
+)
+def test_a_debian_package_names_debian_packages(
+    extra: str, told: str, tmp_path: Path
+) -> None:
+    """As installed: an environment of its own in /usr/lib/traverse, without pip."""
+    home = tmp_path / "usr/lib/traverse"
+    venv.create(home, symlinks=True)
+    (site,) = home.glob("lib/python*/site-packages")
+    paths = [str(CHECKOUT / "src"), sysconfig.get_path("purelib")]
+    (site / "traverse.pth").write_text("\n".join(paths))
+    python = home / "bin" / "python3"
+    words = [python, "-c", HINT.format(extra=extra)]
+    text = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    assert re.search(told, text.strip())
+    assert "pip" not in text
+
+
+def test_a_checkout_names_make_and_a_wheel_pip(tmp_path: Path) -> None:
+    assert remedy("lab") == f"in {CHECKOUT.resolve()} run: make venv"
+    package = tmp_path / "traverse"
+    package.mkdir()
+    for name in ("__init__.py", "installation.py"):
+        shutil.copy(ROOT / name, package)
+    words = [sys.executable, "-c", HINT.format(extra="lab")]
+    run = subprocess.run(
+        words, capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    named = f"{sys.executable}( -m pip install)? 'traverse-cmm\\[lab\\]'$"
+    assert re.search(named, run.stdout.strip())

@@ -99,7 +99,10 @@ class Guard:
             given = parse_qs((await _body(receive)).decode("utf-8", "replace"))
             token = given.get("token", [""])[0].encode()
             if hmac.compare_digest(token, (self._token or "").encode()):
-                flags = "HttpOnly; Secure; SameSite=Strict; Path=/"
+                flags = "HttpOnly; SameSite=Strict; Path=/"
+                # Without TLS the page is on this machine; some browsers would not
+                # keep a secure cookie there.
+                flags += "; Secure" if scope.get("scheme") == "https" else ""
                 cookie = f"{COOKIE}={self._key}; {flags}".encode()
                 await _answer(
                     send, 303, b"", [(b"location", b"/"), (b"set-cookie", cookie)]

@@ -6,23 +6,19 @@ is a credential of systemd (LoadCredential=). The password lives in the value
 """
 
 import hashlib
-import os
-import re
 import ssl
 import stat
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 
+from traverse.broker.credential import CREDENTIAL, credential_file
 from traverse.broker.tls import tls_context
 from traverse.daemon.config.schema import BrokerSection
 from traverse.strict_toml.problems import Problem
 
-CREDENTIAL = "credential:"
 MAX_FILE_BYTES = 1 << 20
 MAX_PASSWORD_BYTES = 1024
-
-_CREDENTIAL_NAME = re.compile(r"(?!\.)[A-Za-z0-9._-]{1,255}")
 
 
 class CredentialsError(Exception):
@@ -117,23 +113,10 @@ def _files(address: BrokerAddress) -> Iterator[tuple[str, Path]]:
 
 def _path(key: str, name: str, folder: Path) -> Path:
     """The file that a name means."""
-    if not name.startswith(CREDENTIAL):
-        return folder / name
-    credential = name.removeprefix(CREDENTIAL)
-    if not _CREDENTIAL_NAME.fullmatch(credential):
-        raise CredentialsError(
-            key,
-            f"{name!r} is no name of a credential; use letters, digits, '.', '_', '-'",
-        )
-    credentials = os.environ.get("CREDENTIALS_DIRECTORY")
-    if credentials is None:
-        raise CredentialsError(
-            key,
-            f"{name!r} is a credential of systemd, and $CREDENTIALS_DIRECTORY is not "
-            f"set; start the daemon by a unit with LoadCredential={credential}:FILE, "
-            "or name a file",
-        )
-    return Path(credentials) / credential
+    try:
+        return credential_file(name, folder)
+    except ValueError as error:
+        raise CredentialsError(key, str(error)) from error
 
 
 def _content(key: str, path: Path) -> bytes:

@@ -12,6 +12,9 @@ import socket
 import subprocess
 import sys
 from collections.abc import AsyncIterator
+from importlib.util import find_spec
+
+from traverse.installation import missing
 
 log = logging.getLogger(__name__)
 
@@ -33,6 +36,8 @@ async def embedded_broker(port: int) -> AsyncIterator[int]:
     Raises:
         BrokerStartError: the port is taken, or the extra `demo` is not installed.
     """
+    if find_spec("amqtt") is None:
+        raise BrokerStartError(missing("the embedded broker", "amqtt", "demo"))
     number = port or free_port()
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -83,8 +88,8 @@ async def _wait_until_ready(process: asyncio.subprocess.Process, port: int) -> N
         errors = (await process.stderr.read()).decode(errors="replace").strip()
         last = errors.splitlines()[-1] if errors else "no answer"
         raise BrokerStartError(
-            f"the embedded broker did not start on port {port}: {last}. Install it "
-            "with `pip install 'traverse-cmm[demo]'`, or choose another port"
+            f"the embedded broker did not start on port {port}: {last}. Choose another "
+            "port, or start one yourself"
         )
 
 

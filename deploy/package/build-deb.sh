@@ -1,5 +1,6 @@
 #!/bin/sh
-# Makes the Debian package of what install.sh puts into place: build/traverse_*.deb.
+# Makes the Debian packages of what install.sh puts into place: build/traverse_*.deb, and
+# build/traverse-lab_*.deb with what only the lab's commands need.
 # Needs no root and no debhelper; the network only where wheels are not yet on disk.
 set -eu
 umask 022
@@ -13,14 +14,15 @@ architecture="$(dpkg --print-architecture)"
 this="$("$python" -c 'import sys; print("3.%d" % sys.version_info[1])')"
 next="$("$python" -c 'import sys; print("3.%d" % (sys.version_info[1] + 1))')"
 
-rm -rf "$root"
-sh "$here/install.sh" "$root"
-mkdir -m 755 "$root/DEBIAN"
+lab="$checkout/build/package/lab"
+
+rm -rf "$root" "$lab"
+sh "$here/install.sh" "$root" "$lab"
+mkdir -m 755 "$root/DEBIAN" "$lab/DEBIAN"
 for script in postinst prerm postrm; do
     install -m 755 "$here/debian/$script" "$root/DEBIAN/$script"
 done
 (cd "$root" && find etc -type f | sed 's|^|/|') >"$root/DEBIAN/conffiles"
-(cd "$root" && find usr -type f -exec md5sum {} +) >"$root/DEBIAN/md5sums"
 cat >"$root/DEBIAN/control" <<CONTROL
 Package: traverse
 Version: $version
@@ -31,18 +33,36 @@ Priority: optional
 Installed-Size: $(du -sk --exclude=DEBIAN "$root" | cut -f 1)
 Depends: python3 (>= $this), python3 (<< $next), libc6 (>= 2.28), procps
 Recommends: systemd, udev
-Suggests: mosquitto (>= 2.0), iproute2, bash-completion
+Suggests: traverse-lab (= $version), mosquitto (>= 2.0), iproute2, bash-completion
 Description: measurement daemon of an articulated-arm coordinate measuring machine
  Reads the encoders of a measuring arm, computes where the centre of the probe's ball
- is, and publishes points over MQTT. One service an arm: traverse@ARM.service.
+ is, and publishes points over MQTT. One service an arm: traverse@ARM.service. The
+ operator's page in a browser is another: traverse-page@ARM.service.
  .
  The package brings a Python environment of its own in /usr/lib/traverse, with drivers
  for serial lines, CAN, Modbus and GPIO lines.
+CONTROL
+cat >"$lab/DEBIAN/control" <<CONTROL
+Package: traverse-lab
+Version: $version
+Architecture: $architecture
+Maintainer: Traverse <traverse@localhost>
+Section: science
+Priority: optional
+Installed-Size: $(du -sk --exclude=DEBIAN "$lab" | cut -f 1)
+Depends: traverse (= $version)
+Description: daily check, identification and acceptance of a measuring arm
+ Libraries (scipy, matplotlib) for the commands daily-check, identify, diagnose, verify,
+ align and probe of traverse. Works on the arm's computer or on any other.
 CONTROL
 # Times of files are those of the last change of the sources, or of now.
 if stamp="$(git -C "$checkout" log -1 --format=%ct 2>/dev/null)"; then
     export SOURCE_DATE_EPOCH="$stamp"
 fi
-package="$checkout/build/traverse_${version}_$architecture.deb"
-dpkg-deb --root-owner-group -Zzstd --build "$root" "$package" >/dev/null
-echo "$package"
+for tree in "$root" "$lab"; do
+    (cd "$tree" && find usr -type f -exec md5sum {} +) >"$tree/DEBIAN/md5sums"
+    name="$(sed -n 's/^Package: //p' "$tree/DEBIAN/control")"
+    package="$checkout/build/${name}_${version}_$architecture.deb"
+    dpkg-deb --root-owner-group -Zzstd --build "$tree" "$package" >/dev/null
+    echo "$package"
+done

@@ -1,7 +1,8 @@
 #!/bin/sh
 # Puts Traverse into place: programs, unit, rules, man page, completions, examples.
-# Usage: install.sh DESTDIR
+# Usage: install.sh DESTDIR [LABDIR]
 # DESTDIR may be empty: then it is this system, and needs root. Nothing is started.
+# LABDIR gets the libraries that only the lab needs; without it they go to DESTDIR too.
 # The programs have an environment of their own in /usr/lib/traverse, which uses the
 # system's Python and the versions of requirements.lock.
 set -eu
@@ -14,7 +15,8 @@ export PIP_QUIET=2 PIP_DISABLE_PIP_VERSION_CHECK=1
 work="$checkout/build/package"
 system_python="${SYSTEM_PYTHON:-/usr/bin/python3}"
 home=/usr/lib/traverse
-extras="daemon,can,modbus,gpio"
+extras="daemon,can,modbus,gpio,page,demo"
+lab="${2:+${2%/}}"
 
 # A copy of the sources: what an earlier build left in the checkout does not get in.
 rm -rf "$work/source"
@@ -31,20 +33,36 @@ wheel="$(ls "$work"/wheel/traverse_cmm-*.whl)"
 # The environment. Its programs look for it where it will be, not where it is made.
 rm -rf "$destdir/usr/lib/traverse"
 "$system_python" -m venv --without-pip "$destdir$home"
-"$pip" --python "$destdir$home/bin/python3" install --no-compile \
-    --constraint "$checkout/requirements.lock" "$wheel[$extras]"
-site="$(echo "$destdir$home"/lib/python3*/site-packages)"
-find "$destdir$home/bin" ! -type d ! -name 'python*' ! -name traverse -delete
+site=""
+add() {
+    "$pip" --python "$destdir$home/bin/python3" install --no-compile \
+        --constraint "$checkout/requirements.lock" "$wheel[$1]"
+    site="$(echo "$destdir$home"/lib/python3*/site-packages)"
+    find "$destdir$home/bin" ! -type d ! -name 'python*' ! -name traverse -delete
+    find "$destdir$home" -mindepth 1 -maxdepth 1 ! -name bin ! -name 'lib*' ! -name pyvenv.cfg -exec rm -r {} +
+    find "$site" -type d -name tests -prune -exec rm -r {} +
+    "$system_python" -m compileall -q -j 2 --invalidation-mode unchecked-hash -s "$destdir" -p / "$site"
+}
+files() { (cd "$destdir$home" && find . ! -type d | sort); }
+add "$extras"
+files >"$work/base"
+add lab
+if [ -n "$lab" ]; then
+    mkdir -p "$lab$home"
+    files | comm -13 "$work/base" - |
+        tar -C "$destdir$home" --remove-files --files-from=- -cf - | tar -C "$lab$home" -xf -
+    find "$destdir$home" -type d -empty -delete
+fi
 rm -f "$site"/*.dist-info/direct_url.json
 sed -i "1s|.*|#!$home/bin/python3|" "$destdir$home/bin/traverse"
 sed -i '/^command = /d' "$destdir$home/pyvenv.cfg"
-find "$site" -type d -name tests -prune -exec rm -r {} +
-"$system_python" -m compileall -q -j 2 --invalidation-mode unchecked-hash -s "$destdir" -p / "$site"
 
 place() { install -D -m 644 "$checkout/deploy/$1" "$destdir$2"; }
 mkdir -p "$destdir/usr/bin"
 ln -sf ../lib/traverse/bin/traverse "$destdir/usr/bin/traverse"
-place systemd/traverse@.service /usr/lib/systemd/system/traverse@.service
+for unit in traverse@.service traverse-page@.service; do
+    place "systemd/$unit" "/usr/lib/systemd/system/$unit"
+done
 place systemd/traverse.sysusers /usr/lib/sysusers.d/traverse.conf
 place systemd/traverse.tmpfiles /usr/lib/tmpfiles.d/traverse.conf
 place udev/70-traverse.rules /usr/lib/udev/rules.d/70-traverse.rules
@@ -57,6 +75,7 @@ for file in examples/traverse.toml examples/simulator.toml; do
     place "package/$file" "/usr/share/doc/traverse/$file"
 done
 install -m 644 "$checkout/cli/demo_data/arm.toml" "$destdir/usr/share/doc/traverse/examples/arm.toml"
+(cd "$checkout" && find docs -name '*.md' -exec install -D -m 644 {} "$destdir/usr/share/doc/traverse/{}" \;)
 install -m 644 "$checkout/LICENSE" "$checkout/CHANGELOG.md" "$destdir/usr/share/doc/traverse/"
 
 # What the command line says of itself.

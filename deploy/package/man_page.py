@@ -30,6 +30,9 @@ be reached.
 .I /etc/traverse/ARM/traverse.toml
 Configuration of the daemon traverse@ARM.service.
 .TP
+.I /etc/traverse/ARM/page.token
+What traverse\\-page@ARM.service, the operator's page, asks for.
+.TP
 .I /etc/traverse/environment, /etc/traverse/ARM/environment
 More options and variables of the daemon.
 .TP

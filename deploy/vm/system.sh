@@ -1,12 +1,13 @@
 #!/bin/sh
-# Boots Debian 12 with systemd in a virtual machine and lets it check a package there.
-# Usage: system.sh SECONDS PACKAGE
+# Boots Debian 12 with systemd in a virtual machine and lets it check packages there.
+# Usage: system.sh SECONDS PACKAGE LAB_PACKAGE
 # The guest has a disk of its own, whose changes are thrown away, and of this machine
 # it sees the folder tests/ and build/vm/system-out/. The exit status is that of
 # tests/vm/system/job.sh, or 4 if it has not ended in time.
 set -eu
 limit_s="$1"
 package="$2"
+lab_package="$3"
 here="$(cd "$(dirname "$0")" && pwd)"
 . "$here/kernel.sh"
 . "$here/image.sh"
@@ -14,6 +15,7 @@ out="$build/system-out"
 rm -rf "$out"
 mkdir -p "$out"
 cp "$package" "$out/traverse.deb"
+cp "$lab_package" "$out/traverse-lab.deb"
 pack_initial "$build/initial-system.gz" "$here/init-system" "$here/modules-system.txt"
 
 status=0

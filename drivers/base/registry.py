@@ -6,6 +6,7 @@ A new driver is a file with a child of `Driver` and its options, and an entry he
 from importlib import import_module
 
 from traverse.drivers.base.driver import Driver
+from traverse.installation import missing
 
 DRIVERS = {
     "canopen": "traverse.drivers.canopen.driver:CanOpenDriver",
@@ -25,7 +26,7 @@ EXTRAS = {"canopen": "can", "modbus": "modbus", "gpio": "gpio"}
 
 
 class DriverUnavailableError(Exception):
-    """A library that the driver needs is not installed; the text names the extra."""
+    """A library that the driver needs is not installed; the text says how."""
 
 
 def driver_class(name: str) -> type[Driver]:
@@ -40,7 +41,6 @@ def driver_class(name: str) -> type[Driver]:
         found: type[Driver] = getattr(import_module(module), attribute)
     except ModuleNotFoundError as error:
         raise DriverUnavailableError(
-            f"driver {name!r} needs {error.name}, which is not installed; "
-            f"pip install 'traverse-cmm[{EXTRAS.get(name, 'daemon')}]'"
+            missing(f"driver {name!r}", str(error.name), EXTRAS.get(name, "daemon"))
         ) from error
     return found

@@ -10,7 +10,9 @@ import pytest
 from tests.deploy.places import DEPLOY, program, said
 
 UNIT = DEPLOY / "systemd/traverse@.service"
+PAGE = DEPLOY / "systemd/traverse-page@.service"
 MOST_EXPOSURE = 2.0
+both = pytest.mark.parametrize("file", [UNIT, PAGE], ids=lambda file: file.stem)
 
 
 def settings(text: str) -> dict[str, list[str]]:
@@ -21,23 +23,25 @@ def settings(text: str) -> dict[str, list[str]]:
     return found
 
 
+@both
 @pytest.mark.needs("systemd")
-def test_systemd_understands_every_line_of_the_unit(tmp_path: Path) -> None:
+def test_systemd_understands_every_line_of_a_unit(tmp_path: Path, file: Path) -> None:
     analyze = program("systemd-analyze")
-    text = UNIT.read_text("utf-8").replace("/usr/bin/traverse", "/bin/true")
+    text = file.read_text("utf-8").replace("/usr/bin/traverse", "/bin/true")
     text = re.sub(r"(?m)^Documentation=.*\n", "", text)
     if not Path("/bin/kill").exists():
         text = text.replace("/bin/kill", "/bin/true")
-    unit = tmp_path / "traverse@bench-7.service"
+    unit = tmp_path / f"{file.stem}bench-7.service"
     unit.write_text(text, "utf-8")
     assert said(analyze, "--man=no", "verify", unit) == ""
 
 
+@both
 @pytest.mark.needs("systemd")
-def test_the_unit_is_shut_as_tightly_as_it_shall_be(tmp_path: Path) -> None:
+def test_a_unit_is_shut_as_tightly_as_it_shall_be(tmp_path: Path, file: Path) -> None:
     analyze = program("systemd-analyze")
-    shutil.copy(UNIT, tmp_path)
-    unit = tmp_path / UNIT.name
+    shutil.copy(file, tmp_path)
+    unit = tmp_path / file.name
     told = said(analyze, "security", "--no-pager", "--offline=true", unit)
     figure = re.search(r"exposure level for .*: ([\d.]+)", told)
     assert figure is not None
@@ -52,10 +56,15 @@ def test_the_unit_reloads_by_a_signal_and_is_watched() -> None:
     assert found["RestartPreventExitStatus"] == ["2"]  # input refused
 
 
-def test_secrets_may_be_missing() -> None:
-    found = settings(UNIT.read_text("utf-8"))
+@both
+def test_secrets_may_be_missing_but_the_token(file: Path) -> None:
+    found = settings(file.read_text("utf-8"))
     loaded = {one.partition(":")[0] for one in found["LoadCredential"]}
-    assert loaded == {one.partition(":")[0] for one in found["SetCredential"]}
+    required = {Path(one).name for one in found.get("AssertPathExists", ())}
+    assert required == ({"page.token"} if file == PAGE else set())
+    assert loaded - required == {
+        one.partition(":")[0] for one in found["SetCredential"]
+    }
     assert all(one.endswith(r":\n") for one in found["SetCredential"])
 
 

@@ -20,6 +20,7 @@ class Visit:
 
     def __init__(self, guard: Guard) -> None:
         self._guard = guard
+        self.scheme = "https"
         self.sent: list[dict[str, object]] = []
 
     async def __call__(
@@ -32,6 +33,7 @@ class Visit:
     ) -> int:
         scope: Scope = {
             "type": kind,
+            "scheme": self.scheme,
             "path": path,
             "method": method,
             "headers": [(k.encode(), v.encode()) for k, v in headers],

@@ -4,6 +4,7 @@ from traverse.daemon.config.devices import section_class
 from traverse.daemon.config.schema import read_configuration
 from traverse.drivers.base.registry import DRIVERS
 from traverse.drivers.latch_board.options import LatchBoardOptions
+from traverse.installation import remedy
 from traverse.strict_toml.problems import FileError
 
 GOOD = """\
@@ -140,7 +141,7 @@ def test_a_driver_whose_library_is_missing_says_which_extra(tmp_path, monkeypatc
     told = problems(tmp_path, GOOD.replace('"latch-board"', '"canopen"'))
     section_class.cache_clear()
     assert "needs no_such_library, which is not installed" in told
-    assert "pip install 'traverse-cmm[can]'" in told
+    assert remedy("can") in told
 
 
 @pytest.mark.parametrize(

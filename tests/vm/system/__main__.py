@@ -8,7 +8,7 @@ import os
 import sys
 from pathlib import Path
 
-from tests.vm.system import guard_checks
+from tests.vm.system import guard_checks, page_checks
 from tests.vm.system.consumer import following
 from tests.vm.system.delivery_checks import Delivery
 from tests.vm.system.life_checks import Life
@@ -34,6 +34,9 @@ async def run(table: Table) -> int:
             await table.check("where the daemon can write", guard_checks.stay_inside)
             await table.check("devices it can reach", guard_checks.reach_devices)
             await table.check("the password", guard_checks.keep_secret)
+            await table.check("the page's unit, behind its token", page_checks.ask)
+            await table.check("the page's unit, exposure", page_checks.be_shut)
+            await table.check("traverse-lab", page_checks.add_lab)
             await table.check("systemctl reload", life.reload)
             await table.check("systemctl reload, bad arm file", life.refuse)
             await table.check("ip link set vcan0 down, up", life.lose_bus)

@@ -25,9 +25,9 @@ def be_nobody() -> str:
     return f"{len(found)} process of {user}, no capability, seccomp"
 
 
-def be_shut() -> str:
+def be_shut(name: str = unit.NAME) -> str:
     """The figure of `systemd-analyze security`."""
-    said = unit.run("systemd-analyze", "security", "--no-pager", unit.NAME)
+    said = unit.run("systemd-analyze", "security", "--no-pager", name)
     figure = re.search(r"exposure level for .*?: ([\d.]+)", said)
     assert figure is not None, said
     assert float(figure[1]) <= MOST_EXPOSURE, figure[0]

@@ -39,7 +39,7 @@ def done(*words: str) -> str:
 
 def remove() -> str:
     """Removal keeps the configuration and the points."""
-    done("dpkg", "--remove", "traverse")
+    done("dpkg", "--remove", "traverse-lab", "traverse")
     state = sorted(p.name for p in Path("/var/lib/traverse/bench-7").iterdir())
     assert "outbox.db" in state, state
     assert Path("/etc/traverse/bench-7/arm.toml").exists()
@@ -51,7 +51,7 @@ def remove() -> str:
 
 def purge() -> str:
     """Purging leaves nothing."""
-    done("dpkg", "--purge", "traverse")
+    done("dpkg", "--purge", "traverse-lab", "traverse")
     before = set(BEFORE.read_text("utf-8").splitlines())
     prune = ["(", "-path", "/tmp", "-o", "-path", "/var/log", ")", "-prune", "-o"]
     after = set(done("find", "/", "-xdev", *prune, "-print").splitlines())

@@ -1,0 +1,53 @@
+"""Libraries that a part of Traverse needs, and how to get one that is missing.
+
+An extra is a group of them, as pyproject.toml lists it.
+"""
+
+import sys
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+
+EXTRAS = {
+    "serial": "daemon",
+    "cobs": "daemon",
+    "mcap": "daemon",
+    "amqtt": "demo",
+    "scipy": "lab",
+    "matplotlib": "lab",
+    "jinja2": "lab",
+    "nicegui": "page",
+    "fastapi": "page",
+    "pyarrow": "parquet",
+    "can": "can",
+    "canopen": "can",
+    "pymodbus": "modbus",
+    "gpiod": "gpio",
+}
+"""Extra with a library, by the imported name."""
+
+PACKAGED = "/usr/lib/traverse"
+
+
+def missing(what: str, library: str, extra: str) -> str:
+    """Say what needs a library that is not installed, and what to do."""
+    return f"{what} needs {library}, which is not installed; {remedy(extra)}"
+
+
+def remedy(extra: str) -> str:
+    """Say how to install an extra, by the way in which Traverse was installed."""
+    if sys.prefix.endswith(PACKAGED):
+        if extra == "parquet":
+            return "the Debian packages do not have it: write another kind of file"
+        package = "traverse-lab" if extra == "lab" else "traverse"
+        return (
+            f"install the Debian package {package}, of the same version as traverse: "
+            f"sudo apt-get install ./{package}_{version('traverse-cmm')}_*.deb"
+        )
+    checkout = Path(__file__).resolve().parents[2]
+    if (checkout / "Makefile").is_file():
+        return f"in {checkout} run: make venv"
+    install = f"uv pip install --python {sys.executable}"
+    if find_spec("pip"):
+        install = f"{sys.executable} -m pip install"
+    return f"install the extra `{extra}`: {install} 'traverse-cmm[{extra}]'"
