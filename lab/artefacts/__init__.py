@@ -10,6 +10,7 @@ from traverse.lab.artefacts.cone import Cone
 from traverse.lab.artefacts.parallel_planes import ParallelPlanes
 from traverse.lab.artefacts.plane import Plane
 from traverse.lab.artefacts.points import Points
+from traverse.lab.artefacts.seats import Seats
 from traverse.lab.artefacts.sphere import Sphere
 from traverse.strict_toml.problems import unknown_name_message
 from traverse.strict_toml.reader import StrictModel, tuples_for_lists
@@ -18,6 +19,7 @@ __all__ = ["ARTEFACT_KINDS", "Artefact", "ArtefactTable", "artefact_from_table"]
 
 ARTEFACT_KINDS: Mapping[str, type[Artefact]] = {
     "cone": Cone,
+    "seats": Seats,
     "ball_bar": BallBar,
     "sphere": Sphere,
     "plane": Plane,

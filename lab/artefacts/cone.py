@@ -11,7 +11,7 @@ from traverse.arrays import Floats
 from traverse.lab.artefacts.artefact import Artefact, Equations, Touches
 
 # Nobody needs a seat that is known to a metre only.
-_PLACE_SCALE_MM = 1000.0
+PLACE_SCALE_MM = 1000.0
 
 
 class Cone(Artefact):
@@ -26,7 +26,7 @@ class Cone(Artefact):
 
     def unknown_scales(self, touches: Touches) -> Floats:
         """The point."""
-        return np.full(3, _PLACE_SCALE_MM)
+        return np.full(3, PLACE_SCALE_MM)
 
     def start(self, centres_mm: Floats, touches: Touches) -> Floats:
         """The median point, which a few blunders do not move far."""

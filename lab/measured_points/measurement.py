@@ -16,6 +16,7 @@ from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.artefacts.parallel_planes import ParallelPlanes
 from traverse.lab.artefacts.points import Points
+from traverse.lab.artefacts.seats import Seats
 from traverse.lab.artefacts.sphere import Sphere
 
 
@@ -232,6 +233,8 @@ def certified_length(artefact: Artefact) -> tuple[float, float]:
     """
     if isinstance(artefact, BallBar | ParallelPlanes):
         return artefact.distance_mm, artefact.distance_std_mm or 0.0
+    if isinstance(artefact, Seats) and len(artefact.known) == 1:
+        return artefact.known[0].distance_mm, artefact.known[0].distance_std_mm or 0.0
     if isinstance(artefact, Points) and isinstance(artefact.points_mm, dict):
         if len(artefact.points_mm) != 2 or artefact.frame != "own":
             raise IncompleteError(

@@ -7,6 +7,7 @@ from traverse.simulator.campaigns.artefacts import (
     ParallelPlanes,
     Plane,
     Points,
+    Seats,
     Sphere,
 )
 from traverse.simulator.campaigns.campaign import (
@@ -45,6 +46,7 @@ __all__ = [
     "Plane",
     "Points",
     "PoseSet",
+    "Seats",
     "SimulatedCampaign",
     "Sphere",
     "StatedArtefact",

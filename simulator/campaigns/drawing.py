@@ -134,6 +134,8 @@ def _divided(table: Table, factor: float) -> Table:
     divided = dict(table)
     if "distance_mm" in table:
         divided["distance_mm"] = table["distance_mm"] / factor
+    if "distances" in table:
+        divided["distances"] = [_divided(one, factor) for one in table["distances"]]
     if "points_mm" in table:
         divided["points_mm"] = {
             name: [component / factor for component in at_mm]

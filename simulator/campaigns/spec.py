@@ -18,6 +18,7 @@ from traverse.simulator.campaigns.artefacts import (
     ParallelPlanes,
     Plane,
     Points,
+    Seats,
     Sphere,
 )
 from traverse.simulator.config import DeviationTable
@@ -49,6 +50,15 @@ def _rounded_mm(share: float, width_mm: float) -> float:
 
 def _cone(name: str, n_poses: int, _width_mm: float) -> Artefact:
     return Cone(id=name, n_poses=n_poses)
+
+
+def _seats(name: str, n_poses: int, width_mm: float) -> Artefact:
+    return Seats(
+        id=name,
+        n_poses=n_poses,
+        distance_mm=_rounded_mm(0.3, width_mm),
+        distance_std_mm=0.0005,
+    )
 
 
 def _bar(name: str, n_poses: int, width_mm: float, share: float = 0.45) -> Artefact:
@@ -134,6 +144,7 @@ MIXES: Mapping[str, Mapping[str, Maker]] = {
         **_several("bar", _bar, 4),
         **_several("short-bar", partial(_bar, share=0.25), 2),
     },
+    "seats": _several("bar", _seats, 4),
     "sphere-known": _several("ball", _known_sphere, 4),
     "planes+length": {**_several("plate", _plane, 5), "gauge": _gauge},
     "points-arm": {"grid": _arm_points},

@@ -193,7 +193,10 @@ def _toml_value(value: Any) -> str:  # noqa: ANN401 - whatever a table may hold
     if isinstance(value, str):
         return f'"{value}"'
     if isinstance(value, list):
-        return "[" + ", ".join(map(repr, value)) + "]"
+        return "[" + ", ".join(map(_toml_value, value)) + "]"
+    if isinstance(value, dict):
+        pairs = (f"{key} = {_toml_value(entry)}" for key, entry in value.items())
+        return "{ " + ", ".join(pairs) + " }"
     return repr(value)
 
 

@@ -153,6 +153,8 @@ def targets_of(table, rng, n, place_mm):
     features = np.array([""] * n, dtype=object)
     if kind == "cone":
         return np.tile(place_mm, (n, 1)), features
+    if kind == "seats":
+        return seats_targets(table, rng, n, place_mm)
     if kind == "sphere":
         radius = table.get("radius_mm", 25.4)
         sign = 1 if table.get("side", "outside") == "outside" else -1
@@ -168,6 +170,21 @@ def targets_of(table, rng, n, place_mm):
     if kind == "points":
         return points_targets(table, rng, n, place_mm)
     return plane_targets(table, rng, n, place_mm)
+
+
+def seats_targets(table, rng, n, place_mm):
+    """The first seat, and the others around it at their distances from it."""
+    first, names, places = "1", ["1", "2"], [np.zeros(3)]
+    distances = [table["distance_mm"]] if "distance_mm" in table else []
+    if not distances:
+        first = table["distances"][0]["between"][0]
+        assert all(one["between"][0] == first for one in table["distances"])
+        names = [first, *(one["between"][1] for one in table["distances"])]
+        distances = [one["distance_mm"] for one in table["distances"]]
+    ways = random_directions(rng, len(distances))
+    places += list(ways * np.array(distances)[:, None])
+    which = np.arange(n) % len(names)
+    return place_mm + np.array(places)[which], np.array(names, dtype=object)[which]
 
 
 def plane_targets(table, rng, n, place_mm):
@@ -296,6 +313,14 @@ def bar(**more):
     }
 
 
+def toml_value(value):
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{k} = {toml_value(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, tuple):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    return json.dumps(value)
+
+
 def written(campaign: Campaign, folder: Path) -> Path:
     """Write a campaign as the files of a folder."""
     lines = ['schema = "traverse/campaign/1"', 'poses = "poses.csv"', "[noise]"]
@@ -305,9 +330,7 @@ def written(campaign: Campaign, folder: Path) -> Path:
         lines.append("[[artefacts]]")
         table = artefact.model_dump(exclude_unset=True)
         points = table.pop("points_mm", None)
-        for key, value in table.items():
-            shown = list(value) if isinstance(value, tuple) else value
-            lines.append(f"{key} = {json.dumps(shown)}")
+        lines += [f"{key} = {toml_value(value)}" for key, value in table.items()]
         if points:
             lines.append("[artefacts.points_mm]")
             lines += [f"{name} = {list(at)}" for name, at in points.items()]

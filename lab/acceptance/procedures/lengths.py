@@ -21,7 +21,6 @@ from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.artefacts.parallel_planes import ParallelPlanes
-from traverse.lab.artefacts.points import Points
 from traverse.lab.measured_points.measurement import (
     ArtefactTouches,
     IncompleteError,
@@ -95,7 +94,7 @@ def _pairs(
 ) -> list[tuple[ArtefactTouches, ArtefactTouches]]:
     """Take repeats: the touches of both ends."""
     names = tuple(artefact.features)
-    if isinstance(artefact, Points):
+    if artefact.rows_per_pose == 3:
         ends = [touched.of(name) for name in names]
         if len(ends[0]) != len(ends[1]):
             raise IncompleteError(

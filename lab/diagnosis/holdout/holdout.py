@@ -18,7 +18,7 @@ _LEAST_SIZE, _LARGEST_SIZE, _GROUPS = 3, 20, 10
 # Equations that stay beyond the unknowns they are needed for.
 _SPARE_ROWS = 2
 # Kinds whose features have unknowns of their own.
-_OWN_FEATURES = ("ball_bar", "parallel_planes")
+_OWN_FEATURES = ("ball_bar", "parallel_planes", "seats")
 _UNKNOWNS_A_JOINT = 4
 
 

@@ -1,7 +1,7 @@
 """Artefacts that campaigns touch: one file each."""
 
 from traverse.simulator.campaigns.artefacts.artefact import AnyArtefact, Artefact
-from traverse.simulator.campaigns.artefacts.seats import Cone, Points
+from traverse.simulator.campaigns.artefacts.seats import Cone, Points, Seats
 from traverse.simulator.campaigns.artefacts.surfaces import (
     BallBar,
     ParallelPlanes,
@@ -17,12 +17,14 @@ __all__ = [
     "ParallelPlanes",
     "Plane",
     "Points",
+    "Seats",
     "Sphere",
 ]
 
 Artefact.KINDS.update(
     {
         "cone": Cone,
+        "seats": Seats,
         "ball_bar": BallBar,
         "sphere": Sphere,
         "plane": Plane,

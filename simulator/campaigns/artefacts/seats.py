@@ -1,4 +1,4 @@
-"""Artefacts in which the ball is seated: a cone, and points of known coordinates."""
+"""Artefacts in which the ball is seated: cones, alone and on bars; known points."""
 
 from typing import Literal
 
@@ -14,6 +14,7 @@ from traverse.simulator.campaigns.artefacts.artefact import (
     Table,
     Touches,
     no_directions,
+    stated_length,
 )
 
 
@@ -34,6 +35,64 @@ class Cone(Artefact):
     def true_table(self, placement: Placement) -> Table:
         """Where the seated ball's centre is."""
         return {"point_mm": placement.position_mm.tolist()}
+
+
+class Seats(Standard):
+    """A bar with cones: seats in a row, which expand about its middle.
+
+    Attributes:
+        n_seats: How many.
+        distance_mm: True distance from each to the next.
+        distance_std_mm: Of the distances that the campaign states.
+    """
+
+    kind: Literal["seats"] = "seats"
+    n_seats: int = Field(default=2, ge=2)
+    distance_mm: float = Field(gt=0.0)
+    distance_std_mm: float = Field(default=0.0, ge=0.0)
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """Names of the seats."""
+        return tuple(str(number + 1) for number in range(self.n_seats))
+
+    @property
+    def is_fixed(self) -> bool:
+        """A seat is a seat."""
+        return True
+
+    @property
+    def own_mm(self) -> Floats:
+        """The seats (n_seats, 3) along the third axis, about their middle."""
+        places_mm = np.zeros((self.n_seats, 3))
+        steps = np.arange(self.n_seats) - 0.5 * (self.n_seats - 1)
+        places_mm[:, 2] = self.distance_mm * steps
+        return places_mm
+
+    def contacts(self, touches: Touches) -> Contacts:
+        """The seats."""
+        centres_mm = self.own_mm[touches.features] * touches.growths[:, None]
+        return Contacts(centres_mm, no_directions(touches.n))
+
+    def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
+        """The distances from the first seat, as the certificate has them."""
+        std_mm = self.distance_std_mm
+        stated = [
+            stated_length(rng, "distance", number * self.distance_mm, std_mm)
+            for number in range(1, self.n_seats)
+        ]
+        if self.n_seats == 2:
+            return {**stated[0], **self.stated_expansion}
+        named = [
+            {"between": ["1", name], **table}
+            for name, table in zip(self.features[1:], stated, strict=True)
+        ]
+        return {**self.stated_expansion, "distances": named}
+
+    def true_table(self, placement: Placement) -> Table:
+        """The seats in the arm's system."""
+        true_mm = placement.points_mm(self.own_mm)
+        return {"points_mm": dict(zip(self.features, true_mm.tolist(), strict=True))}
 
 
 PLASTIC = 1.2207440846057596  # root of x^4 = x + 1: its powers spread points evenly

@@ -33,8 +33,13 @@ def seats(name, length_mm, errors_mm, **keys):
     return bar, touches(places, ["a", "b"] * len(errors_mm))
 
 
-def test_two_seats_by_hand():
-    data = measured(seats("L", 500.0, [0.01, -0.02, 0.0]))
+@pytest.mark.parametrize("kind", ["points", "seats"])
+def test_two_seats_by_hand(kind):
+    bar, touched = seats("L", 500.0, [0.01, -0.02, 0.0])
+    if kind == "seats":
+        known = {"between": ("a", "b"), "distance_mm": 500.0}
+        bar = artefact("L", "seats", distances=(known,))
+    data = measured((bar, touched))
     found = errors_of(data, "L", "e_uni", limits())
     assert [e.error_mm for e in found] == pytest.approx([0.01, -0.02, 0.0], abs=1e-12)
     assert [e.repeat for e in found] == [1, 2, 3]

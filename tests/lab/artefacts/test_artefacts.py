@@ -9,6 +9,14 @@ from traverse.lab.artefacts.artefact import Touches
 
 TABLES = [
     {"kind": "cone"},
+    {"kind": "seats", "distance_mm": 50.0},
+    {
+        "kind": "seats",
+        "distances": [
+            {"between": ["A", "B"], "distance_mm": 50.0, "distance_std_mm": 0.01},
+            {"between": ["A", "C"], "distance_mm": 80.0},
+        ],
+    },
     {"kind": "sphere"},
     {"kind": "sphere", "radius_mm": 25.0, "radius_std_mm": 0.001, "side": "inside"},
     {"kind": "ball_bar", "radius_mm": [12.0, 15.0], "distance_mm": 300.0},
@@ -114,6 +122,30 @@ def test_equations_leave_their_inputs_alone(table):
     artefact.equations(state, centres, touches)
     artefact.certificate(state, touches)
     artefact.moved(state, np.full(len(artefact.unknown_scales(touches)), 1e-3))
+
+
+@pytest.mark.parametrize(
+    ("table", "what"),
+    [
+        ({}, "needs distance_mm"),
+        ({"distance_mm": 5.0, "distances": [["A", "B"]]}, "distances"),
+        (
+            {"distances": [{"between": ["A", "A"], "distance_mm": 5.0}]},
+            "'A' has a distance to itself",
+        ),
+        (
+            {
+                "distances": [
+                    {"between": list(p), "distance_mm": 5.0} for p in ("AB", "BA")
+                ]
+            },
+            "two distances between the same seats",
+        ),
+    ],
+)
+def test_distances_of_seats_that_make_no_sense_are_refused(table, what):
+    with pytest.raises(ValueError, match=what):
+        artefact_from_table({"id": "x", "kind": "seats", **table})
 
 
 def test_a_warm_bar_is_longer_about_its_middle():

@@ -16,6 +16,7 @@ DETERMINED = {
     "cones": 4 * N_JOINTS - 4,
     "cones+bar": 4 * N_JOINTS - 3,
     "bars": 4 * N_JOINTS - 3,
+    "seats": 4 * N_JOINTS - 3,
     "sphere-known": 4 * N_JOINTS - 3,
     "planes+length": 4 * N_JOINTS - 3,
     "points-own": 4 * N_JOINTS - 3,

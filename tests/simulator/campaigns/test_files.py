@@ -17,6 +17,7 @@ from traverse.simulator.campaigns import (
     ParallelPlanes,
     Plane,
     Points,
+    Seats,
     Sphere,
     simulate_campaign,
     true_arm_file,
@@ -41,6 +42,7 @@ ARTEFACTS = (
     Sphere(id="bowl", n_poses=8, radius_mm=20.0, known=True, side="inside"),
     Plane(id="plate", n_poses=8, size_mm=100.0),
     ParallelPlanes(id="gap", n_poses=8, distance_mm=90.0, size_mm=50.0, side="inside"),
+    Seats(id="seats", n_poses=8, n_seats=3, distance_mm=90.0, distance_std_mm=0.01),
     Points(id="grid", n_poses=8, n_points=4, size_mm=90.0, points_std_mm=0.01),
 )
 SPEC = CampaignSpec(
@@ -86,7 +88,7 @@ def test_the_header_has_the_contract_s_columns(written):
 
 def test_rows_read_back_bit_for_bit(simulated, written):
     rows, campaign = read_rows(written), simulated.campaign
-    assert len(rows) == campaign.n_poses == 64
+    assert len(rows) == campaign.n_poses == 72
 
     def column(name):
         return [float(row[name]) for row in rows]
@@ -134,11 +136,16 @@ def test_artefacts_have_the_contract_s_keys(written):
         "bowl": {"radius_mm", "side"},
         "plate": set(),
         "gap": {"distance_mm", "side"},
+        "seats": {"distances"},
         "grid": {"frame", "points_std_mm", "points_mm"},
     }
     by_id = {entry["id"]: entry for entry in table["artefacts"]}
     assert by_id["bar"]["radius_mm"] == 12.7
     assert by_id["uneven"]["radius_mm"] == [12.7, 10.0]
+    assert [one["between"] for one in by_id["seats"]["distances"]] == [
+        ["1", "2"],
+        ["1", "3"],
+    ]
     assert list(by_id["grid"]["points_mm"]) == ["P1", "P2", "P3", "P4"]
 
 
@@ -171,7 +178,7 @@ def test_the_truth_lies_beside(simulated, written):
     table = json.loads((written / "truth" / "truth.json").read_text())
     assert [entry["id"] for entry in table["artefacts"]] == [a.id for a in ARTEFACTS]
     lines = (written / "poses.csv").read_text().splitlines()
-    assert len(table["blunders"]) == len(truth.blunders) == 6
+    assert len(table["blunders"]) == len(truth.blunders) == 7
     for told, blunder in zip(table["blunders"], truth.blunders, strict=True):
         cells = lines[told["line"] - 1].split(",")
         assert float(cells[0]) == simulated.campaign.time_s[blunder.row]

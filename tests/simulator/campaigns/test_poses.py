@@ -17,6 +17,7 @@ from traverse.simulator.campaigns import (
     Plane,
     Points,
     PoseSet,
+    Seats,
     Sphere,
     UnreachableError,
     make_poses,
@@ -48,6 +49,22 @@ def test_a_cone_holds_the_ball_in_one_point():
     point_mm = placed.true_table()["point_mm"]
     assert_equal_mm(true_centres_mm(poses), np.tile(point_mm, (30, 1)))
     assert np.all(np.isnan(poses.towards))
+
+
+def test_seats_in_a_row_are_as_far_apart_as_they_are_said_to_be():
+    spec = Seats(id="b", n_poses=30, n_seats=3, distance_mm=80.0)
+    poses = touched(spec)
+    found_mm = true_centres_mm(poses)
+    (placed,) = poses.artefacts
+    points_mm = np.array(list(placed.true_table()["points_mm"].values()))
+    assert_equal_mm(found_mm, points_mm[poses.feature_index])
+    assert_equal_mm(np.linalg.norm(points_mm[1:] - points_mm[0], axis=1), [80.0, 160.0])
+    assert [
+        entry["distance_mm"]
+        for entry in placed.artefact.stated(np.random.default_rng(1), placed.placement)[
+            "distances"
+        ]
+    ] == [80.0, 160.0]
 
 
 @pytest.mark.parametrize(("side", "sign"), [("outside", 1.0), ("inside", -1.0)])

@@ -1,0 +1,155 @@
+"""Seats at known distances: a bar with cones, printed sockets, drilled holes.
+
+State: the points c_i that seat the ball's centre, at the reference temperature. With
+growth g they move away from their middle m, c_i(g) = c_i + g (c_i - m), and
+
+    w = x - c_i(g)
+    certificate: |c_j - c_i| = D_ij
+"""
+
+from collections.abc import Iterator
+from itertools import chain
+from typing import Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from traverse.arrays import Floats
+from traverse.lab.artefacts.artefact import (
+    EXACT_MM,
+    REFERENCE_TEMPERATURE_C,
+    Artefact,
+    Certificate,
+    Equations,
+    Length,
+    Touches,
+)
+from traverse.lab.artefacts.cone import PLACE_SCALE_MM
+from traverse.strict_toml.reader import StrictModel
+
+
+class SeatDistance(StrictModel):
+    """A known distance of two seats."""
+
+    between: tuple[str, str]
+    distance_mm: float = Field(gt=0.0)
+    distance_std_mm: float | None = Field(default=None, gt=0.0)
+
+
+class Seats(Artefact):
+    """Two or more seats; state: their points."""
+
+    kind: Literal["seats"]
+    distance_mm: float | None = Field(default=None, gt=0.0)
+    distance_std_mm: float | None = Field(default=None, gt=0.0)
+    distances: tuple[SeatDistance, ...] = ()
+    expansion_per_c: float = 0.0
+    reference_temperature_c: float = REFERENCE_TEMPERATURE_C
+
+    @model_validator(mode="after")
+    def _some_distance(self) -> Self:
+        if (self.distance_mm is None) == (not self.distances):
+            raise ValueError(
+                "needs distance_mm, of two seats that are called 1 and 2, or a list of "
+                "distances between named ones; one of both"
+            )
+        for one in self.distances:
+            if one.between[0] == one.between[1]:
+                raise ValueError(f"{one.between[0]!r} has a distance to itself")
+        pairs = [frozenset(one.between) for one in self.distances]
+        if len(set(pairs)) < len(pairs):
+            raise ValueError("has two distances between the same seats; keep one")
+        return self
+
+    @property
+    def known(self) -> tuple[SeatDistance, ...]:
+        """The distances, however they are written."""
+        if self.distance_mm is None:
+            return self.distances
+        pair = SeatDistance(
+            between=("1", "2"),
+            distance_mm=self.distance_mm,
+            distance_std_mm=self.distance_std_mm,
+        )
+        return (pair,)
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """The names of the seats."""
+        return tuple(dict.fromkeys(chain.from_iterable(o.between for o in self.known)))
+
+    @property
+    def rows_per_pose(self) -> int:
+        """Three coordinates."""
+        return 3
+
+    def tells_length(self, touches: Touches) -> bool:
+        """Say whether both ends of a known distance were touched."""
+        touched = set(np.unique(touches.features).tolist())
+        return any(touched >= {first, second} for _, first, second in self._pairs())
+
+    def unknown_scales(self, touches: Touches) -> Floats:
+        """The points."""
+        return np.full(3 * len(self.features), PLACE_SCALE_MM)
+
+    def start(self, centres_mm: Floats, touches: Touches) -> Floats:
+        """Take median points; a seat that was not touched lies somewhere near."""
+        n_seats = len(self.features)
+        places_mm = np.tile(np.median(centres_mm, axis=0), (n_seats, 1))
+        places_mm[:, 0] += np.arange(n_seats) * self.known[0].distance_mm
+        for index in np.unique(touches.features):
+            mine = touches.features == index
+            places_mm[index] = np.median(centres_mm[mine], axis=0)
+        return places_mm.ravel()
+
+    def equations(
+        self, state: Floats, centres_mm: Floats, touches: Touches
+    ) -> Equations:
+        """Set up w = x - c_i - g (c_i - m)."""
+        places_mm = state.reshape(-1, 3)
+        n_poses, n_seats = len(centres_mm), len(places_mm)
+        growths, mine = touches.growths, touches.features
+        from_middle_mm = places_mm - places_mm.mean(axis=0)
+        grown_mm = places_mm[mine] + growths[:, np.newaxis] * from_middle_mm[mine]
+        factors = np.repeat(growths[:, np.newaxis] / n_seats, n_seats, axis=1)
+        factors[np.arange(n_poses), mine] -= 1.0 + growths
+        by_unknowns = np.einsum("ps,ij->pisj", factors, np.eye(3))
+        return Equations(
+            centres_mm - grown_mm,
+            np.broadcast_to(np.eye(3), (n_poses, 3, 3)),
+            by_unknowns.reshape(n_poses, 3, -1),
+        )
+
+    def certificate(self, state: Floats, touches: Touches) -> Certificate:
+        """The known distances."""
+        found = self.lengths(state)
+        return Certificate(
+            np.array(
+                [
+                    length.value_mm - one.distance_mm
+                    for length, one in zip(found, self.known, strict=True)
+                ]
+            ),
+            np.array([length.by_unknowns for length in found]),
+            np.array([one.distance_std_mm or EXACT_MM for one in self.known]),
+        )
+
+    def lengths(self, state: Floats) -> tuple[Length, ...]:
+        """The known distances; between named seats `A-B_mm`."""
+        places_mm = state.reshape(-1, 3)
+        found = []
+        for row, (one, first, second) in enumerate(self._pairs()):
+            along_mm = places_mm[second] - places_mm[first]
+            distance_mm = float(np.linalg.norm(along_mm))
+            by_places = np.zeros_like(places_mm)
+            by_places[second] = along_mm / max(distance_mm, 1e-9)
+            by_places[first] = -by_places[second]
+            name = "-".join(one.between) if self.distances else "distance"
+            found.append(Length(f"{name}_mm", distance_mm, by_places.ravel(), row))
+        return tuple(found)
+
+    def _pairs(self) -> Iterator[tuple[SeatDistance, int, int]]:
+        """Go through the known distances with the indices of their seats."""
+        index = {name: at for at, name in enumerate(self.features)}
+        for one in self.known:
+            yield one, index[one.between[0]], index[one.between[1]]
