@@ -1,6 +1,7 @@
 """What all tests share: nothing survives a test, and a real broker."""
 
 import asyncio
+import contextlib
 import gc
 import inspect
 import os
@@ -91,12 +92,19 @@ def no_thread_or_process_is_left() -> Iterator[None]:
     assert not left, f"the test left processes behind: {commands}"
 
 
-@pytest.fixture
-async def _no_task() -> AsyncIterator[None]:
+@contextlib.asynccontextmanager
+async def no_task_stays() -> AsyncIterator[None]:
+    """Fail where the block leaves a task behind."""
     before = asyncio.all_tasks()
     yield
     left = asyncio.all_tasks() - before - {asyncio.current_task()}
     assert not left, f"the test left tasks behind: {left}"
+
+
+@pytest.fixture
+async def _no_task() -> AsyncIterator[None]:
+    async with no_task_stays():
+        yield
 
 
 @pytest.fixture(autouse=True)

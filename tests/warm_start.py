@@ -34,6 +34,7 @@ MODULES = {
         "traverse.lab.diagnosis.diagnose",
         "traverse.lab.diagnosis.report.files",
     ),
+    "page": ("traverse.client.exports.formats", "traverse.client.page.server"),
     "watch": ("traverse.client.arm", "rich.live"),
 }
 PR_SET_CHILD_SUBREAPER = 36

@@ -8,18 +8,22 @@ import socket
 import time
 import uuid
 from collections.abc import AsyncIterator, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import pytest
-from playwright.async_api import Page, async_playwright, expect
+import pytest_asyncio
+from playwright.async_api import Browser, Page, async_playwright, expect
 
 from tests.client.display.values import live
 from tests.client.virtual_daemon import VirtualDaemon
-from tests.end_to_end.programs import Program
+from tests.conftest import no_task_stays
+from tests.end_to_end.programs import Program, until
 from tests.end_to_end.workbench import Workbench
-from tests.mosquitto import Mosquitto
+from tests.mosquitto import HOST, Mosquitto, free_port
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.protocol.messages import Point, Quality
 
@@ -54,46 +58,75 @@ def own_broker(tmp_path: Path) -> Iterator[Mosquitto]:
     broker.stop()
 
 
-@contextlib.asynccontextmanager
-async def served_page(
-    folder: Path, arm: str, broker: str, **options: Any
-) -> AsyncIterator[Page]:
-    """The page of an arm, by a server of its own, in a browser.
+@pytest_asyncio.fixture(loop_scope="session", scope="session")
+async def chromium() -> AsyncIterator[Browser]:
+    """The browser of all tests of a worker; every page has a profile of its own."""
+    async with async_playwright() as playwright:
+        browser = await playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=OPTIONS
+        )
+        yield browser
+        await browser.close()
 
-    Args:
-        folder: for the server's output.
-        arm: its name.
-        broker: its address.
-        options: of the browser's context.
-    """
+
+@pytest_asyncio.fixture(loop_scope="session")
+async def _no_task() -> AsyncIterator[None]:
+    """As for all tests, in the loop that the browser lives in; likewise threads."""
+    with ThreadPoolExecutor() as threads:
+        asyncio.get_running_loop().set_default_executor(threads)
+        async with no_task_stays():
+            yield
+
+
+class OpenPage(Protocol):
+    """Serve the page of an arm, and open it."""
+
+    def __call__(
+        self, arm: str, broker: str, **options: Any
+    ) -> contextlib.AbstractAsyncContextManager[Page]:
+        """Give the page, by a server of its own, in a profile of its own.
+
+        Args:
+            arm: its name.
+            broker: its address.
+            options: of the browser's context.
+        """
+
+
+@pytest.fixture
+def served_page(chromium: Browser, tmp_path: Path) -> OpenPage:
+    """Serves the page of an arm, and opens it."""
+    return partial(_served_page, chromium, tmp_path)
+
+
+@contextlib.asynccontextmanager
+async def _served_page(
+    browser: Browser, folder: Path, arm: str, broker: str, **options: Any
+) -> AsyncIterator[Page]:
     errors: list[str] = []
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     where = ["--arm", arm, "--broker", broker, "--port", str(port)]
     with pytest.MonkeyPatch.context() as environment:
         # NiceGUI behaves otherwise where it believes to be tested by its own means.
         environment.delenv("PYTEST_CURRENT_TEST", raising=False)
         program = Program(folder, "page", "page", *where)
     with program as server:
-        await server.says(f"http://127.0.0.1:{port}")
-        async with async_playwright() as playwright:
-            browser = await playwright.chromium.launch(
-                executable_path=shutil.which("chromium"), args=OPTIONS
-            )
-            size = {"viewport": {"width": 1600, "height": 900}}
-            page = await browser.new_page(**(size | options))
+        await server.says(f"http://{HOST}:{port}")
+        await until(partial(_listens, port), "the page's server listens")
+        size = {"viewport": {"width": 1600, "height": 900}}
+        async with await browser.new_page(**(size | options)) as page:
             page.set_default_timeout(20_000)
             page.on("pageerror", lambda error: errors.append(str(error)))
-            await _opened(page, port)
+            await page.goto(f"http://{HOST}:{port}/")
             yield page
-            await browser.close()
         assert await server.stop() in (0, -signal.SIGTERM), server.log
     assert errors == []
 
 
-@pytest.fixture
-async def scene(own_broker: Mosquitto, tmp_path: Path) -> AsyncIterator[Scene]:
+@pytest_asyncio.fixture(loop_scope="session")
+async def scene(
+    own_broker: Mosquitto, served_page: OpenPage, tmp_path: Path
+) -> AsyncIterator[Scene]:
     """The page of an arm that takes three points by itself, in a browser."""
     bench = Workbench(tmp_path, own_broker.host, own_broker.port)
     bench.write_simulator(POINTS)
@@ -101,7 +134,7 @@ async def scene(own_broker: Mosquitto, tmp_path: Path) -> AsyncIterator[Scene]:
     broker = f"{own_broker.host}:{own_broker.port}"
     with bench.simulator() as simulator:
         await simulator.says("ready base")
-        async with served_page(tmp_path, bench.arm, broker) as page:
+        async with served_page(bench.arm, broker) as page:
             with bench.daemon() as daemon:
                 yield Scene(bench, own_broker, simulator, daemon, page)
                 if daemon.process.poll() is None:
@@ -163,15 +196,6 @@ def address(own_broker: Mosquitto) -> str:
     return f"{own_broker.host}:{own_broker.port}"
 
 
-async def _opened(page: Page, port: int) -> None:
-    """Open the page as soon as its server listens."""
-    for _ in range(100):
-        try:
-            await page.goto(f"http://127.0.0.1:{port}/")
-        except Exception as error:
-            if "ERR_CONNECTION_REFUSED" not in str(error):
-                raise
-            await page.wait_for_timeout(100)
-        else:
-            return
-    raise AssertionError("the page's server does not listen")
+def _listens(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex((HOST, port)) == 0

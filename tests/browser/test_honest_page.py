@@ -1,18 +1,20 @@
 """The page never says "Ready" where a number would be in doubt, or is not of now."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from playwright.async_api import Page, expect
 
-from tests.browser.conftest import PosedDaemon, Scene, served_page
+from tests.browser.conftest import OpenPage, PosedDaemon, Scene
 from tests.client.display.values import event, health
 from tests.protocol.message_examples import SCAN
 from traverse.protocol.messages import QualityFlag, ReferenceArgs, Scan
 
-pytestmark = pytest.mark.needs("mosquitto", "chromium")
+pytestmark = [
+    pytest.mark.needs("mosquitto", "chromium"),
+    pytest.mark.asyncio(loop_scope="session"),
+]
 
 FINE = {"quality": {"ok": True, "flags": []}}
 
@@ -53,9 +55,9 @@ def block(n: int, seq: int, **changes: object) -> Scan:
 
 
 async def test_doubts_and_alarms_and_scans_have_states_of_their_own(
-    posed: PosedDaemon, address: str, tmp_path: Path
+    posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:
-    async with posed.posing(), served_page(tmp_path, posed.arm, address) as page:
+    async with posed.posing(), served_page(posed.arm, address) as page:
         await is_said(page, "Ready", "good")
 
         # A pose with a flag, whichever it is; moving fast alone is no doubt of the arm.
@@ -104,9 +106,9 @@ async def test_doubts_and_alarms_and_scans_have_states_of_their_own(
 
 
 async def test_nothing_is_green_when_broker_or_arm_is_gone(
-    posed: PosedDaemon, address: str, tmp_path: Path
+    posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:
-    async with served_page(tmp_path, posed.arm, address) as page:
+    async with served_page(posed.arm, address) as page:
         take = page.get_by_role("button", name="Take point")
         async with posed.posing():
             await is_said(page, "Ready", "good")

@@ -1,14 +1,15 @@
 """The page can be read at the arm: contrast, sizes on touch screens, what is first."""
 
-from pathlib import Path
-
 import pytest
 from playwright.async_api import Page, expect
 
-from tests.browser.conftest import PosedDaemon, served_page
+from tests.browser.conftest import OpenPage, PosedDaemon
 from tests.client.display.values import event, health
 
-pytestmark = pytest.mark.needs("mosquitto", "chromium")
+pytestmark = [
+    pytest.mark.needs("mosquitto", "chromium"),
+    pytest.mark.asyncio(loop_scope="session"),
+]
 
 # Contrast of every piece of text with what is behind it, below 4.5:1.
 FAINT = """() => {
@@ -65,9 +66,9 @@ async def fill(page: Page, posed: PosedDaemon) -> None:
 
 
 async def test_every_text_has_contrast_in_both_themes(
-    posed: PosedDaemon, address: str, tmp_path: Path
+    posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:
-    async with served_page(tmp_path, posed.arm, address) as page:
+    async with served_page(posed.arm, address) as page:
         async with posed.posing():
             await fill(page, posed)
             await page.get_by_role("button", name="Single point").click()
@@ -85,7 +86,7 @@ async def test_every_text_has_contrast_in_both_themes(
 
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (820, 1180)])
 async def test_on_touch_screens_what_matters_comes_first_and_can_be_hit(
-    posed: PosedDaemon, address: str, tmp_path: Path, width: int, height: int
+    posed: PosedDaemon, address: str, served_page: OpenPage, width: int, height: int
 ) -> None:
     touch = {
         "viewport": {"width": width, "height": height},
@@ -94,7 +95,7 @@ async def test_on_touch_screens_what_matters_comes_first_and_can_be_hit(
     }
     async with (
         posed.posing(),
-        served_page(tmp_path, posed.arm, address, **touch) as page,
+        served_page(posed.arm, address, **touch) as page,
     ):
         await fill(page, posed)
         for first in (".word", ".axis .value >> nth=2", ".controls .take"):

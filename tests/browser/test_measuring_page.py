@@ -1,18 +1,20 @@
 """Points, coordinates, sessions, checks and settings on the page."""
 
 import re
-from pathlib import Path
 
 import pytest
 from playwright.async_api import Locator, Page, expect
 
 from benchmarks.tools.network import Network
-from tests.browser.conftest import PosedDaemon, served_page
+from tests.browser.conftest import OpenPage, PosedDaemon
 from tests.mosquitto import Mosquitto
 from traverse.client.arm import Arm
 from traverse.protocol.messages import Label, LabelArgs, ProbeArgs
 
-pytestmark = pytest.mark.needs("mosquitto", "chromium")
+pytestmark = [
+    pytest.mark.needs("mosquitto", "chromium"),
+    pytest.mark.asyncio(loop_scope="session"),
+]
 
 
 def rows(page: Page) -> Locator:
@@ -33,12 +35,12 @@ async def cells(page: Page, row: int) -> list[str]:
 
 
 async def test_the_sessions_points_are_all_there_whatever_happens(
-    posed: PosedDaemon, own_broker: Mosquitto, tmp_path: Path
+    posed: PosedDaemon, own_broker: Mosquitto, served_page: OpenPage
 ) -> None:
     async with Network(own_broker.port) as network, posed.posing():
         await posed.take(4)  # before there is a page
         broker = f"localhost:{network.port}"
-        async with served_page(tmp_path, posed.arm, broker) as page:
+        async with served_page(posed.arm, broker) as page:
             await are_shown(page, 4)
             assert await page.evaluate("traverse_sounds.played.length") == 0
             await page.reload()
@@ -58,9 +60,9 @@ async def test_the_sessions_points_are_all_there_whatever_happens(
 
 
 async def test_a_new_session_is_asked_for_and_the_earlier_one_can_be_shown(
-    posed: PosedDaemon, address: str, tmp_path: Path
+    posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:
-    async with posed.posing(), served_page(tmp_path, posed.arm, address) as page:
+    async with posed.posing(), served_page(posed.arm, address) as page:
         for x in range(3):
             await posed.touch(float(x), 0.0, 0.0)
         await are_shown(page, 3)
@@ -84,14 +86,14 @@ async def test_a_new_session_is_asked_for_and_the_earlier_one_can_be_shown(
 
 
 async def test_read_out_and_list_are_in_one_system_and_unit(
-    posed: PosedDaemon, address: str, tmp_path: Path
+    posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:
     posed.pose |= {
         "xyz_mm": [25.4, -0.0001, 50.8],
         "part_xyz_mm": [1.0, 2.0, -0.0004],
         "covariance_mm2": [1e-4, 0.0, 0.0, 4e-4, 0.0, 9e-4],
     }
-    async with posed.posing(), served_page(tmp_path, posed.arm, address) as page:
+    async with posed.posing(), served_page(posed.arm, address) as page:
         await posed.touch(25.4, 0.0, 0.0, part_xyz_mm=None)  # before the alignment
         await posed.touch(25.4, -1e-5, 0.0, part_xyz_mm=(4.0, 5.0, 6.0))
         await are_shown(page, 2)
@@ -123,13 +125,13 @@ async def test_read_out_and_list_are_in_one_system_and_unit(
 
 
 async def test_deviation_from_a_nominal_place_with_its_tolerance(
-    posed: PosedDaemon, address: str, tmp_path: Path
+    posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:
     posed.pose |= {
         "xyz_mm": [100.03, 7.0, 9.0],
         "covariance_mm2": [1e-6, 0.0, 0.0, 1e-6, 0.0, 1e-6],
     }
-    async with posed.posing(), served_page(tmp_path, posed.arm, address) as page:
+    async with posed.posing(), served_page(posed.arm, address) as page:
         await page.get_by_role("button", name="Nominal: none").click()
         await page.get_by_label("X in mm").fill("100")
         await page.get_by_label("Tolerance").fill("0.05")
@@ -146,9 +148,9 @@ async def test_deviation_from_a_nominal_place_with_its_tolerance(
 
 
 async def test_probe_and_label_are_shown_and_changed(
-    posed: PosedDaemon, address: str, tmp_path: Path
+    posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:
-    async with posed.posing(), served_page(tmp_path, posed.arm, address) as page:
+    async with posed.posing(), served_page(posed.arm, address) as page:
         probe = page.get_by_role("button", name=re.compile("Probe.*:"))
         await expect(probe).to_contain_text("radius 3.000 mm")
         await probe.click()
@@ -167,9 +169,9 @@ async def test_probe_and_label_are_shown_and_changed(
 
 
 async def test_a_guided_check_has_a_verdict_and_refuses_another_seat(
-    posed: PosedDaemon, address: str, tmp_path: Path
+    posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:
-    async with posed.posing(), served_page(tmp_path, posed.arm, address) as page:
+    async with posed.posing(), served_page(posed.arm, address) as page:
         async with Arm(posed.arm, address) as other:
             await other.label("bar", "left")  # and forgets to end it
         theirs = Label(artefact="bar", feature="left")

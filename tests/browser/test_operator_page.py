@@ -9,7 +9,10 @@ from playwright.async_api import expect
 from tests.browser.conftest import Scene
 from tests.end_to_end.workbench import REST
 
-pytestmark = pytest.mark.needs("mosquitto", "chromium")
+pytestmark = [
+    pytest.mark.needs("mosquitto", "chromium"),
+    pytest.mark.asyncio(loop_scope="session"),
+]
 
 
 async def sounds(scene: Scene, kind: str) -> None:
