@@ -30,6 +30,12 @@ from traverse.protocol.messages import Point, Quality
 expect.set_options(timeout=20_000)  # a busy machine is no fault
 # There is no graphics card in a container, and no user whom a sandbox could keep apart.
 OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+# A processor draws: a quarter of the work without smooth edges and layers as textures.
+OPTIONS += [
+    "--disable-gpu-compositing",
+    "--disable-gpu-rasterization",
+    "--webgl-antialiasing-mode=none",
+]
 POINTS = (
     '[[motion]]\nkind = "rest"\nduration_s = 0.5\n'
     '[[motion]]\nkind = "sphere"\nartefact = "ball"\n'
