@@ -27,6 +27,7 @@ from traverse.cli.identify.command import identify
 from traverse.cli.microscribe.command import microscribe
 from traverse.cli.page import page
 from traverse.cli.points.command import points
+from traverse.cli.predict import predict
 from traverse.cli.probe.command import probe
 from traverse.cli.record import record
 from traverse.cli.refusals import REFUSED, missing_library
@@ -45,7 +46,19 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 COMMANDS: tuple[Callable[..., None], ...] = (
-    *(demo, run, simulate, watch, page, check, collect, identify, diagnose, verify),
+    *(
+        demo,
+        run,
+        simulate,
+        watch,
+        page,
+        check,
+        collect,
+        identify,
+        predict,
+        diagnose,
+        verify,
+    ),
     *(daily_check, align, record, replay, export),
     *(point, undo, scan, label, session, reload, confirm),
 )

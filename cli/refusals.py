@@ -16,6 +16,7 @@ _OF_THE_LAB = (
     "diagnose",
     "identify",
     "interim",
+    "predict",
     "probe",
     "verify",
 )

@@ -2,8 +2,9 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -44,6 +45,19 @@ def identify(
         Path | None,
         typer.Option(help="File with patterns to hold and to free, TOML."),
     ] = None,
+    holdout: Annotated[
+        float | None,
+        typer.Option(
+            help="Part of the poses to keep aside and predict, e.g. 0.3.",
+            min=0.01,
+            max=0.9,
+        ),
+    ] = None,
+    holdout_by: Annotated[
+        Literal["time", "artefact"],
+        typer.Option(help="What is kept aside: groups of poses in time, or artefacts."),
+    ] = "time",
+    seed: Annotated[int, typer.Option(help="Of the choice of --holdout.", min=0)] = 0,
     strict: Annotated[
         bool,
         typer.Option("--strict", help="Exit status 1 if anything is undetermined."),
@@ -74,7 +88,8 @@ def identify(
         if campaign is None or arm is None or out is None:
             refuse("identify", f"{', '.join(missing)} missing; or give --compare A B")
         options = _options(hold or [], free or [], masks)
-        result = _identified(campaign, arm, options)
+        kept_aside = None if holdout is None else (holdout, holdout_by, seed)
+        result = _identified(campaign, arm, options, kept_aside)
         lines = _written(result, out)
     undetermined = bool(result.undetermined)
     if as_json:
@@ -98,8 +113,13 @@ def _options(hold: list[str], free: list[str], masks: Path | None) -> "Options":
     return Options(hold=tuple(hold), free=tuple(free))
 
 
-def _identified(folder: Path, arm_file: Path, options: "Options") -> "Identification":
-    """Read, adjust, and print the summary."""
+def _identified(
+    folder: Path,
+    arm_file: Path,
+    options: "Options",
+    kept_aside: tuple[float, str, int] | None,
+) -> "Identification":
+    """Read and adjust, but for a part of the poses, which is predicted."""
     import numpy as np  # noqa: PLC0415
 
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
@@ -107,14 +127,22 @@ def _identified(folder: Path, arm_file: Path, options: "Options") -> "Identifica
         IdentificationError,
         identify,
     )
+    from traverse.lab.identification.prediction import holdout_figures  # noqa: PLC0415
 
     arm = read_arm(arm_file)
     campaign = _campaign(folder, arm)
     for note in campaign.notes:
         typer.echo(f"{folder}: {note}", err=True)
-    progress = _Progress(campaign) if sys.stderr.isatty() else None
+    chosen, held_out = campaign, None
+    if kept_aside is not None:
+        chosen, held_out = _split(campaign, *kept_aside)
+    progress = _Progress(chosen) if sys.stderr.isatty() else None
     try:
-        return identify(campaign, arm, options, progress)
+        result = identify(chosen, arm, options, progress)
+        if kept_aside is None or held_out is None or not result.converged:
+            return result
+        figures = holdout_figures(result, held_out, *kept_aside[1:])
+        return replace(result, holdout=figures)
     except IdentificationError as error:
         refuse("identify", str(error))
     except np.linalg.LinAlgError as error:
@@ -124,6 +152,24 @@ def _identified(folder: Path, arm_file: Path, options: "Options") -> "Identifica
             err=True,
         )
         raise typer.Exit(NO) from error
+
+
+def _split(
+    campaign: "Campaign", part: float, by: str, seed: int
+) -> "tuple[Campaign, Campaign]":
+    """Divide a campaign into what is adjusted and what is kept aside."""
+    from traverse.lab.diagnosis.holdout.holdout import split, split_artefacts  # noqa: PLC0415
+
+    choose = split if by == "time" else split_artefacts
+    chosen, held_out = choose(campaign, seed, part)
+    if not held_out.any():
+        refuse(
+            "identify",
+            f"nothing can be kept aside of {len(campaign.poses)} poses at "
+            f"{len(campaign.artefacts)} artefacts by {by}: the rest would not "
+            "determine the arm or an artefact; measure more, or leave --holdout out",
+        )
+    return campaign.part(chosen), campaign.part(held_out)
 
 
 def _written(result: "Identification", out: Path) -> list[str]:

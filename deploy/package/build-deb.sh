@@ -52,8 +52,8 @@ Priority: optional
 Installed-Size: $(du -sk --exclude=DEBIAN "$lab" | cut -f 1)
 Depends: traverse (= $version)
 Description: daily check, identification and acceptance of a measuring arm
- Libraries (scipy, matplotlib) for the commands daily-check, identify, diagnose, verify,
- align and probe of traverse. Works on the arm's computer or on any other.
+ Libraries (scipy, matplotlib) for the commands daily-check, identify, predict, diagnose,
+ verify, align and probe of traverse. Works on the arm's computer or on any other.
 CONTROL
 # Times of files are those of the last change of the sources, or of now.
 if stamp="$(git -C "$checkout" log -1 --format=%ct 2>/dev/null)"; then

@@ -10,7 +10,7 @@ than the state (a unit vector turns in two directions only).
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -155,6 +155,14 @@ class Artefact(StrictModel):
     def lengths(self, state: Floats) -> tuple[Length, ...]:
         """Say the lengths to report; by default there are none."""
         return ()
+
+    def transferred(self, state: Floats, touches: Touches) -> Floats:
+        """Take a state that was found with other touches."""
+        return state
+
+    @abstractmethod
+    def place(self, state: Floats) -> dict[str, Any]:
+        """Say in plain values where it stands, in the arm's system."""
 
     def moved(self, state: Floats, step: Floats) -> Floats:
         """Apply a step of the unknowns, (n_unknowns,)."""

@@ -7,7 +7,7 @@ stretches about its middle m, c_i(g) = c_i + g (c_i - m), and
     certificate: |c_2 - c_1| = D
 """
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -118,6 +118,10 @@ class BallBar(Artefact):
             by_unknowns,
             np.array([self.distance_std_mm or EXACT_MM, radius_std_mm, radius_std_mm]),
         )
+
+    def place(self, state: Floats) -> dict[str, Any]:
+        """The centres of both spheres."""
+        return {"centres_mm": state[:6].reshape(2, 3).tolist()}
 
     def lengths(self, state: Floats) -> tuple[Length, ...]:
         """The distance."""

@@ -3,7 +3,7 @@
 w = x - c
 """
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -32,6 +32,10 @@ class Cone(Artefact):
         """The median point, which a few blunders do not move far."""
         point: Floats = np.median(centres_mm, axis=0)
         return point
+
+    def place(self, state: Floats) -> dict[str, Any]:
+        """The point."""
+        return {"point_mm": state.tolist()}
 
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches

@@ -7,7 +7,7 @@ planes 1 and 2,
     w = n . x - d - i (D (1 + g) / 2 + r) outside, - r inside
 """
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -105,6 +105,12 @@ class ParallelPlanes(Artefact):
         """The distance."""
         by_unknowns = np.array([0.0, 0.0, 0.0, 1.0])
         return (Length("distance_mm", float(state[4]), by_unknowns, 0),)
+
+    def place(self, state: Floats) -> dict[str, Any]:
+        """The normal from plane 1 to 2, and its products with points of each."""
+        halves_mm = np.array([-0.5, 0.5]) * state[4]
+        offsets_mm = (state[3] + halves_mm).tolist()
+        return {"normal": state[:3].tolist(), "offsets_mm": offsets_mm}
 
     def moved(self, state: Floats, step: Floats) -> Floats:
         """Turn the normal, change height and distance."""

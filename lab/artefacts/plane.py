@@ -8,7 +8,7 @@ State: the unit normal n, out of the material, and the height d of the surface.
 The attitude that turns, and its start, serve parallel planes too.
 """
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -96,6 +96,10 @@ class Plane(Artefact):
             np.broadcast_to(normal, (len(centres_mm), 1, 3)),
             by_unknowns[:, np.newaxis, :],
         )
+
+    def place(self, state: Floats) -> dict[str, Any]:
+        """The outer normal, and its product with any point of the plane."""
+        return {"normal": state[:3].tolist(), "offset_mm": float(state[3])}
 
     def moved(self, state: Floats, step: Floats) -> Floats:
         """Turn the normal, shift the height."""

@@ -9,7 +9,7 @@ every point. With growth g
 """
 
 from collections.abc import Sequence
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import Field
@@ -140,6 +140,18 @@ class Points(Artefact):
             np.hstack([np.zeros((n_values, n_frame)), np.eye(n_values)]),
             np.full(n_values, self.points_std_mm),
         )
+
+    def transferred(self, state: Floats, touches: Touches) -> Floats:
+        """Take the frame; the points are those of these touches, as known."""
+        return np.concatenate([state[:8], self._known_mm(touches).ravel()])
+
+    def place(self, state: Floats) -> dict[str, Any]:
+        """R, t, s of x = t + s R A, with A the known coordinates."""
+        return {
+            "rotation": rotate(state[:4, np.newaxis], np.eye(3)).tolist(),
+            "translation_mm": state[4:7].tolist(),
+            "scale": float(state[7]),
+        }
 
     def moved(self, state: Floats, step: Floats) -> Floats:
         """Turn, shift, stretch, and move the points with an uncertainty."""

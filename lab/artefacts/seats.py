@@ -9,7 +9,7 @@ growth g they move away from their middle m, c_i(g) = c_i + g (c_i - m), and
 
 from collections.abc import Iterator
 from itertools import chain
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -147,6 +147,11 @@ class Seats(Artefact):
             name = "-".join(one.between) if self.distances else "distance"
             found.append(Length(f"{name}_mm", distance_mm, by_places.ravel(), row))
         return tuple(found)
+
+    def place(self, state: Floats) -> dict[str, Any]:
+        """The points by name."""
+        places_mm = state.reshape(-1, 3).tolist()
+        return {"points_mm": dict(zip(self.features, places_mm, strict=True))}
 
     def _pairs(self) -> Iterator[tuple[SeatDistance, int, int]]:
         """Go through the known distances with the indices of their seats."""

@@ -5,7 +5,7 @@ w = |x - c| - R (1 + growth) - r outside, + r inside
 Starting values and distances serve ball bars too.
 """
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -153,6 +153,10 @@ class Sphere(Artefact):
             np.array([[0.0, 0.0, 0.0, 1.0]]),
             np.array([self.radius_std_mm or EXACT_MM]),
         )
+
+    def place(self, state: Floats) -> dict[str, Any]:
+        """The centre."""
+        return {"centre_mm": state[:3].tolist()}
 
     def lengths(self, state: Floats) -> tuple[Length, ...]:
         """The radius."""

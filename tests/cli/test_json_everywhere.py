@@ -108,6 +108,7 @@ OFFICE = {
     "arm from-dh": ["arm from-dh table.csv --convention classic --out of-dh.toml"],
     "arm from-urdf": ["arm from-urdf robot.urdf --out of-urdf.toml"],
     "identify": ["identify --compare arm.toml arm.toml"],
+    "predict": ["predict campaign --arm arm.toml"],
     "diagnose": ["diagnose campaign --arm arm.toml --plan"],
     "verify": ["verify --plan iso10360-12 --arm arm.toml --out planned"],
     "align": ["align touched.csv --nominal nominal.csv --std 0.01"],

@@ -22,7 +22,9 @@ _OWN_FEATURES = ("ball_bar", "parallel_planes", "seats")
 _UNKNOWNS_A_JOINT = 4
 
 
-def split(campaign: Campaign, seed: int) -> tuple[Booleans, Booleans]:
+def split(
+    campaign: Campaign, seed: int, part: float = PART
+) -> tuple[Booleans, Booleans]:
     """Choose the poses that are held out.
 
     It depends on the poses, not on their order in the file. An artefact that cannot
@@ -31,6 +33,7 @@ def split(campaign: Campaign, seed: int) -> tuple[Booleans, Booleans]:
     Args:
         campaign: What was measured.
         seed: Of the choice.
+        part: Of each artefact's poses, above 0 and below 1.
 
     Returns:
         Poses for choosing and held-out poses, (n_poses,) each.
@@ -42,7 +45,7 @@ def split(campaign: Campaign, seed: int) -> tuple[Booleans, Booleans]:
         if len(poses) == 0:
             continue
         rng = np.random.default_rng([seed, crc32(artefact.id.encode())])
-        held_out[_given_away(campaign, index, poses, rng)] = True
+        held_out[_given_away(campaign, index, poses, part, rng)] = True
         n_kept = len(poses) - int(np.count_nonzero(held_out[poses]))
         n_left += n_kept * artefact.rows_per_pose - _n_unknowns(campaign, index, poses)
     if n_left < 0:
@@ -50,13 +53,42 @@ def split(campaign: Campaign, seed: int) -> tuple[Booleans, Booleans]:
     return ~held_out, held_out
 
 
+def split_artefacts(
+    campaign: Campaign, seed: int, part: float = PART
+) -> tuple[Booleans, Booleans]:
+    """Choose whole artefacts that are held out; one at least is kept.
+
+    Args:
+        campaign: What was measured.
+        seed: Of the choice.
+        part: Of the poses, above 0 and below 1.
+
+    Returns:
+        Poses for choosing and held-out poses, (n_poses,) each.
+    """
+    touched = campaign.poses.artefacts
+    indices, counts = np.unique(touched, return_counts=True)
+    held_out = np.zeros(len(touched), dtype=np.bool_)
+    given = 0
+    for at in np.random.default_rng(seed).permutation(len(indices))[:-1]:
+        # An artefact that would overshoot more than there lacks now stays.
+        if given == 0 or given + 0.5 * counts[at] <= part * len(touched):
+            held_out |= touched == indices[at]
+            given += int(counts[at])
+    return ~held_out, held_out
+
+
 def _given_away(
-    campaign: Campaign, index: int, poses: Integers, rng: np.random.Generator
+    campaign: Campaign,
+    index: int,
+    poses: Integers,
+    part: float,
+    rng: np.random.Generator,
 ) -> Integers:
     """Choose groups of an artefact's poses, given in the order of time."""
     size = min(max(len(poses) // _GROUPS, _LEAST_SIZE), _LARGEST_SIZE)
     groups = np.array_split(poses, max(len(poses) // size, 1))
-    wanted = PART * len(poses)
+    wanted = part * len(poses)
     given: list[Integers] = []
     n_given = 0
     for at in rng.permutation(len(groups)):

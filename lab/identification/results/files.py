@@ -100,6 +100,7 @@ def identification_json(result: Identification) -> dict[str, Any]:
         ],
         "artefacts": {entry.id: _artefact(entry) for entry in result.artefacts},
         "excluded": [{"line": e.line, "w": e.w} for e in result.excluded],
+        "holdout": result.holdout,
         "noise": {
             "encoder_rad": result.noise.encoder_rad.tolist(),
             "contact_mm": {e.id: e.contact_mm for e in result.artefacts},
@@ -140,6 +141,7 @@ def _artefact(entry: ArtefactResult) -> dict[str, Any]:
         values["mean_distance_mm"] = entry.mean_distance_mm
     for length in entry.lengths:
         values[length.name] = {"value": length.value_mm, "std": length.std_mm}
+    values["place"] = dict(entry.place)
     return values
 
 

@@ -207,6 +207,7 @@ def _artefact_result(
             for length in artefact.lengths(adjustment.state.unknowns[at])
         ),
         contact_mm=float(adjustment.network.noise.contact_mm[station.index]),
+        place=artefact.place(adjustment.state.unknowns[at]),
     )
 
 

@@ -1,6 +1,8 @@
 """The result of an identification: rich, frozen, and all that a report needs."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -66,6 +68,7 @@ class ArtefactResult:
         mean_distance_mm: Mean length of the misclosures of known points, else None.
         lengths: As estimated.
         contact_mm: Standard deviation of a contact that was used.
+        place: Where it stands in the arm's system, by the keys of its kind.
     """
 
     id: str
@@ -75,6 +78,7 @@ class ArtefactResult:
     mean_distance_mm: float | None
     lengths: tuple[EstimatedLength, ...]
     contact_mm: float
+    place: Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +142,7 @@ class Identification:
         condition_number: Of the arm's determined, column-scaled system.
         suggestions: Poses that would help most.
         zero_offsets_rad: Added to the zeros by the coarse start, (n_joints,).
+        holdout: How poses that were kept aside are predicted, or None.
     """
 
     arm: Arm
@@ -168,6 +173,7 @@ class Identification:
     condition_number: float
     suggestions: tuple[Suggestion, ...]
     zero_offsets_rad: Floats
+    holdout: Mapping[str, Any] | None = None
 
     @property
     def correlations(self) -> Floats:

@@ -103,7 +103,7 @@ def test_identification_json_follows_the_contract(folders):
     assert set(parameter) == {"name", "value", "unit", "std", "controllability"}
     assert 0.0 < parameter["controllability"] <= 1.0
     assert values["undetermined"] == []
-    assert values["artefacts"]["cone-0"].keys() == {"n", "rms_mm"}
+    assert values["artefacts"]["cone-0"].keys() == {"n", "rms_mm", "place"}
     distance = values["artefacts"]["bar"]["distance_mm"]
     assert distance["value"] == pytest.approx(400.0, abs=5 * distance["std"])
     assert values["artefacts"]["net"]["mean_distance_mm"] > 0

@@ -7,7 +7,7 @@ import pytest
 
 from tests.lab.diagnosis.fitted_rows import measured
 from tests.lab.simulated import bar, cones, seven_joints, simulate
-from traverse.lab.diagnosis.holdout.holdout import split
+from traverse.lab.diagnosis.holdout.holdout import split, split_artefacts
 
 
 def test_three_poses_in_ten_of_every_artefact_are_held_out():
@@ -75,3 +75,23 @@ def test_poses_at_the_same_time_are_told_apart_by_their_readings():
     assert np.array_equal(
         split(campaign.part(order), 1)[1], split(campaign, 1)[1][order]
     )
+
+
+@pytest.mark.parametrize("part", [0.1, 0.5])
+def test_another_part_is_held_out_where_it_is_wanted(part):
+    campaign = measured().campaign
+    _, held_out = split(campaign, 1, part)
+    assert abs(np.mean(held_out) - part) < 0.06
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_whole_artefacts_are_held_out_and_one_is_kept(seed):
+    campaign = measured().campaign
+    touched = campaign.poses.artefacts
+    choosing, held_out = split_artefacts(campaign, seed, 0.3)
+    assert np.array_equal(choosing, ~held_out)
+    assert not set(touched[choosing]) & set(touched[held_out])
+    assert 0.1 < np.mean(held_out) < 0.5
+    assert np.any(split_artefacts(campaign, seed, 0.9)[0])
+    alone = campaign.part(touched == 0)
+    assert not np.any(split_artefacts(alone, seed, 0.3)[1])

@@ -1,0 +1,138 @@
+"""`traverse predict`: how well an arm fits poses that it has not seen."""
+
+import csv
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from traverse.cli.options import Json
+from traverse.cli.refusals import refusals, refuse
+
+if TYPE_CHECKING:
+    from traverse.lab.campaign.campaign import Campaign
+    from traverse.lab.identification.prediction import Prediction
+
+SCHEMA = "traverse/prediction/1"
+
+
+def predict(
+    campaign: Annotated[Path, typer.Argument(help="Folder with campaign.toml.")],
+    *,
+    arm: Annotated[Path, typer.Option("--arm", help="The arm file, which is held.")],
+    fit_on: Annotated[
+        Path | None,
+        typer.Option(help="Campaign that says where the artefacts stand."),
+    ] = None,
+    fit_tool: Annotated[
+        bool,
+        typer.Option("--fit-tool", help="Find the probe's vector, too."),
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="CSV file, a line for each pose.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Say how well an arm fits the poses of a campaign.
+
+    Geometry and effects of the arm are held. Where the artefacts stand, and with
+    --fit-tool the probe's vector, is found by the poses of --fit-on, else by those of
+    the campaign itself. All poses count.
+    """
+    with refusals("predict"):
+        from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
+        from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
+        from traverse.lab.identification.identify import IdentificationError  # noqa: PLC0415
+        from traverse.lab.identification.prediction import (  # noqa: PLC0415
+            placed,
+            places_of,
+        )
+        from traverse.lab.identification.prediction import (  # noqa: PLC0415
+            predict as compared,
+        )
+
+        held = read_arm(arm)
+        names = [joint.name for joint in held.joints]
+        judged = read_campaign(campaign, names)
+        fitted = judged if fit_on is None else read_campaign(fit_on, names)
+        for folder, one in {campaign: judged, fit_on or campaign: fitted}.items():
+            for note in one.notes:
+                typer.echo(f"{folder}: {note}", err=True)
+        try:
+            found = placed(fitted, held, with_tool=fit_tool)
+            places = {} if fit_on is None else places_of(found)
+            result = compared(judged, found.arm, places)
+        except IdentificationError as error:
+            refuse("predict", str(error))
+        if out is not None:
+            _write_poses(result, out)
+    tool = None if not fit_tool else list(found.arm.probe.vector_mm)
+    values = {
+        "schema": SCHEMA,
+        "arm": str(arm),
+        "campaign": str(campaign),
+        "fit_on": None if fit_on is None else str(fit_on),
+        "probe_vector_mm": tool,
+        "distance_mm": result.figures(),
+        "artefacts": result.by_artefact(),
+    }
+    if as_json:
+        typer.echo(json.dumps(values, indent=1))
+        return
+    typer.echo("\n".join(_lines(values, out)))
+
+
+def _lines(values: dict[str, Any], out: Path | None) -> list[str]:
+    from traverse.lab.report.quantities import length_mm  # noqa: PLC0415
+
+    fitted_by = values["fit_on"] or "the same poses"
+    own = [i for i, row in values["artefacts"].items() if row["placed_by"] == "itself"]
+    others = [name for name in values["artefacts"] if name not in own]
+    lines = [
+        f"{values['campaign']}: {values['distance_mm']['n']} poses, {values['arm']}"
+    ]
+    if others:
+        lines.append(f"artefacts placed by {fitted_by}: {', '.join(others)}")
+    if own:
+        text = f"artefacts placed by the same poses: {', '.join(own)}"
+        lines.append(f"{text}; distances are somewhat too small")
+    vector_mm = values["probe_vector_mm"]
+    lines.append(
+        "tool: of the arm file"
+        if vector_mm is None
+        else f"tool: fitted to {fitted_by}, vector_mm = "
+        f"[{', '.join(f'{x:.4f}' for x in vector_mm)}]"
+    )
+    rows = {"all poses": values["distance_mm"]}
+    rows |= values["artefacts"] if len(values["artefacts"]) > 1 else {}
+    lines += [
+        f"{name}: distance {length_mm(row['mean_mm'])} in the mean, "
+        f"{length_mm(row['rms_mm'])} rms, {length_mm(row['median_mm'])} median, "
+        f"95 % below {length_mm(row['p95_mm'])}, "
+        f"largest {length_mm(row['largest_mm'])} (line {row['largest_line']})"
+        for name, row in rows.items()
+    ]
+    return [*lines, f"wrote {out}"] if out is not None else lines
+
+
+def _write_poses(result: "Prediction", path: Path) -> None:
+    """Write a line for each pose: distance, and the misclosures that make it up."""
+    campaign: Campaign = result.campaign
+    poses = campaign.poses
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(
+            ["line", "artefact", "feature", "distance_mm", "w1_mm", "w2_mm", "w3_mm"]
+        )
+        for at, of_pose_mm in enumerate(result.misclosures_mm.tolist()):
+            index = int(poses.artefacts[at])
+            writer.writerow(
+                [
+                    int(poses.lines[at]),
+                    campaign.artefacts[index].id,
+                    campaign.feature_names[index][int(poses.features[at])],
+                    f"{result.distances_mm[at]:.6g}",
+                    *("" if w != w else f"{w:.6g}" for w in of_pose_mm),  # noqa: PLR0124 NaN
+                ]
+            )

@@ -1,0 +1,163 @@
+"""How well an arm fits poses that took no part in its identification.
+
+The arm is held. Where the artefacts stand comes from other poses, or, where nothing
+else says it, from the judged poses themselves; then distances are somewhat too small.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from traverse.arrays import Booleans, Floats
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.identification.equations.network import (
+    DEFAULT_CONTACT_MM,
+    DEFAULT_ENCODER_RAD,
+    network_of,
+)
+from traverse.lab.identification.equations.station_equations import misclosures_mm
+from traverse.lab.identification.identify import Options, identify, prepared
+from traverse.lab.identification.results.result import Identification
+
+_ARM = ("*.axis.?", "*.link.?", "origin.?")
+# All poses count, whether they agree or not.
+_PLACING = Options(hold=_ARM, snooping=False, coarse_start=False, n_suggestions=0)
+_WITH_TOOL = replace(_PLACING, free=("probe.vector.?",))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """Poses against an arm.
+
+    Attributes:
+        campaign: Of the poses.
+        misclosures_mm: NaN beyond those of a surface, (n_poses, 3).
+        placed_by_itself: Ids of artefacts that were placed by these very poses.
+    """
+
+    campaign: Campaign
+    misclosures_mm: Floats
+    placed_by_itself: frozenset[str]
+
+    @property
+    def distances_mm(self) -> Floats:
+        """From where a seat or point is, or from a surface, (n_poses,)."""
+        distances: Floats = np.sqrt(np.nansum(self.misclosures_mm**2, axis=1))
+        return distances
+
+    def figures(self, rows: Booleans | None = None) -> dict[str, Any]:
+        """Sum up some poses, by default all; with the line of the worst."""
+        taken = (
+            np.ones(len(self.distances_mm), dtype=np.bool_) if rows is None else rows
+        )
+        distances_mm = self.distances_mm[taken]
+        worst = int(np.argmax(distances_mm))
+        return {
+            "n": len(distances_mm),
+            "mean_mm": float(distances_mm.mean()),
+            "rms_mm": float(np.sqrt(np.mean(distances_mm**2))),
+            "median_mm": float(np.median(distances_mm)),
+            "p95_mm": float(np.percentile(distances_mm, 95.0)),
+            "largest_mm": float(distances_mm[worst]),
+            "largest_line": int(self.campaign.poses.lines[taken][worst]),
+        }
+
+    def by_artefact(self) -> dict[str, dict[str, Any]]:
+        """Sum up the poses of every artefact that was touched."""
+        touched = self.campaign.poses.artefacts
+        return {
+            artefact.id: {
+                **self.figures(touched == index),
+                "placed_by": "itself"
+                if artefact.id in self.placed_by_itself
+                else "others",
+            }
+            for index, artefact in enumerate(self.campaign.artefacts)
+            if np.any(touched == index)
+        }
+
+
+def placed(campaign: Campaign, arm: Arm, *, with_tool: bool = False) -> Identification:
+    """Find where the artefacts stand, by least squares over all poses.
+
+    Args:
+        campaign: What was measured.
+        arm: Its geometry and effects are held.
+        with_tool: Whether the probe's vector is found, too.
+
+    Raises:
+        IdentificationError: Arm and campaign do not fit together.
+    """
+    weighed = replace(
+        campaign,
+        encoder_rad=campaign.encoder_rad or DEFAULT_ENCODER_RAD,
+        contact_mm=campaign.contact_mm or DEFAULT_CONTACT_MM,
+    )
+    return identify(weighed, arm, _WITH_TOOL if with_tool else _PLACING)
+
+
+def places_of(result: Identification) -> Mapping[str, Floats]:
+    """Take the states of the artefacts out of an adjustment, by their ids."""
+    adjustment = result.adjustment
+    return {
+        station.artefact.id: unknowns
+        for station, unknowns in zip(
+            adjustment.network.stations, adjustment.state.unknowns, strict=True
+        )
+    }
+
+
+def predict(campaign: Campaign, arm: Arm, places: Mapping[str, Floats]) -> Prediction:
+    """Compare poses with an arm.
+
+    Args:
+        campaign: Of the poses.
+        arm: The arm, with its effects and its probe.
+        places: States of artefacts by their ids; what is missing is found here.
+
+    Raises:
+        IdentificationError: Arm and campaign do not fit together.
+    """
+    touched = campaign.poses.artefacts
+    is_missing = np.array([entry.id not in places for entry in campaign.artefacts])
+    if np.any(is_missing[touched]):
+        own = places_of(placed(campaign.part(is_missing[touched]), arm))
+    else:
+        own = {}
+    values, parameters = prepared(campaign, arm, _PLACING)
+    everything = np.ones(len(touched), dtype=np.bool_)
+    network = network_of(campaign, arm.probe.radius_mm, everything, parameters)
+    found_mm = np.full((len(touched), 3), np.nan)
+    for station in network.stations:
+        artefact = station.artefact
+        state = own[artefact.id] if artefact.id in own else places[artefact.id]
+        state = artefact.transferred(state, station.touches)
+        of_station_mm = misclosures_mm(network, station, values, state)
+        found_mm[station.poses, : artefact.rows_per_pose] = of_station_mm
+    return Prediction(campaign, found_mm, frozenset(own))
+
+
+def holdout_figures(
+    result: Identification, kept_aside: Campaign, by: str, seed: int
+) -> dict[str, Any]:
+    """Compare poses that took no part with the arm as given and as identified.
+
+    Args:
+        result: Of the other poses.
+        kept_aside: The poses, with the same artefacts.
+        by: What the groups were that were chosen.
+        seed: Of the choice.
+    """
+    design = result.design
+    places = places_of(placed(result.campaign, design))
+    before = predict(kept_aside, design, places)
+    after = predict(kept_aside, result.arm, places_of(result))
+    return {
+        "by": by,
+        "seed": seed,
+        "distance_mm": {"before": before.figures(), "after": after.figures()},
+        "artefacts": after.by_artefact(),
+    }
