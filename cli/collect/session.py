@@ -20,13 +20,19 @@ from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
 from traverse.daemon.pose.joint_motion import JointMotionTracker
-from traverse.lab.collection.collection import Collection, touch_of
+from traverse.lab.collection.collection import (
+    CollectedTouch,
+    Collection,
+    touch_of,
+)
+from traverse.lab.collection.figures import implausible_mm, same_place
 from traverse.lab.collection.plan import Target
 from traverse.protocol.messages import Live, Point
 
 APPROACH_BAND_RAD = 5e-4  # hands that rest tremble less
 RETRY_S = 1.0
 LINES_SHOWN = 6
+ANSWERS = "y: yes, count it; b: yes, and the others were not; else touch again."
 
 
 async def collected(
@@ -65,6 +71,7 @@ class _Session:
         self._next_seq: dict[str, int] = {}
         self._ended = asyncio.Event()
         self._current: Target | None = None
+        self._suspect: CollectedTouch | None = None
         self._go_on()
         self.reached = False
 
@@ -114,6 +121,8 @@ class _Session:
                     self._step(-1)
                 case "u":
                     self._undo()
+                case "y" | "b" if self._suspect is not None:
+                    self._believe(self._suspect, alone=key == "b")
                 case "q":
                     self._ended.set()
                     return
@@ -130,7 +139,9 @@ class _Session:
         self._watch_numbers(point)
         number = f"point {point.seq}"
         if point.retracts is not None:
-            if self._collection.retract(point.retracts):
+            if self._suspect is not None and self._suspect.id == point.retracts:
+                self._undo()
+            elif self._collection.retract(point.retracts):
                 self._say(f"{number} takes one back")
                 self._go_on()
             return
@@ -157,9 +168,30 @@ class _Session:
             motion.approaches[0] if known else None,
             motion.speeds_rad_s[0] if known else None,
         )
-        if self._collection.take(touch):
+        off_mm = implausible_mm(self._collection, touch, point.probe_radius_mm)
+        if off_mm is None:
+            self._count(touch)
+            return
+        self._suspect = touch
+        self._say(
+            f"{number} is {off_mm:.1f} mm off the others on {target} and does not "
+            f"count. Was it the right place? {ANSWERS}"
+        )
+
+    def _believe(self, suspect: CollectedTouch, *, alone: bool) -> None:
+        """The suspect was the right place; alone: the others were not."""
+        if alone:
+            for other in same_place(self._collection, suspect):
+                self._collection.retract(other.id)
+            self._say("the others on it are left out")
+        self._count(suspect)
+
+    def _count(self, touch: CollectedTouch) -> None:
+        self._suspect = None  # whoever touched it knew better at once
+        target = self._collection.target(touch.artefact, touch.feature)
+        if target is not None and self._collection.take(touch):
             done = self._collection.count(target)
-            self._say(f"{number} on {target}: {done} of {target.wanted}")
+            self._say(f"point {touch.seq} on {target}: {done} of {target.wanted}")
             self._go_on()
 
     def _watch_numbers(self, point: Point) -> None:
@@ -172,6 +204,10 @@ class _Session:
         self._next_seq[point.session] = max(point.seq + 1, expected or 0)
 
     def _undo(self) -> None:
+        if self._suspect is not None:
+            self._say(f"point {self._suspect.seq} is left out")
+            self._suspect = None
+            return
         if not self._collection.touches:
             self._say("nothing to undo")
             return

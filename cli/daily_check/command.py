@@ -11,7 +11,8 @@ import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.options import Json
-from traverse.cli.refusals import refusals, refuse
+from traverse.cli.refusals import REFUSED, refusals, refuse
+from traverse.installation import missing
 
 if TYPE_CHECKING:
     from traverse.client.mqtt.address import BrokerAddress
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 NO, UNREACHABLE = 1, 3
 HISTORY = "interim.db"
 ALLOWED = frozenset({"surface_unknown", "empirical"})
+LIBRARIES = ("scipy", "matplotlib", "jinja2", "mcap")  # that figures and charts need
 
 
 @with_broker
@@ -69,8 +71,12 @@ def daily_check(
     Guided as `traverse collect` is; figures go into a history, and control charts of
     it warn when the arm drifts.
 
-    Exit status 1: out of control, beyond a limit, or not everything was touched; 2: a
-    file was refused; 3: the broker could not be reached.
+    Where the libraries for the figures are missing it says so first; what is touched
+    is kept, and --campaign computes it later, here or on another computer.
+
+    Exit status 1: out of control, beyond a limit, not plausible, or not everything was
+    touched; 2: a file was refused, or nothing could be computed; 3: the broker could
+    not be reached.
     """
     import sqlite3  # noqa: PLC0415 - keeps --help quick
 
@@ -83,6 +89,9 @@ def daily_check(
             checks_of,
         )
 
+        lacking = _lacking()
+        if lacking is not None and (show or campaign is not None):
+            refuse("daily-check", lacking)
         address = broker.address("daily-check")
         model = read_arm(arm)
         path = _history(config, history)
@@ -94,7 +103,22 @@ def daily_check(
                     mm = radius or (
                         before[-1].figures.sphere_radius_mm if before else 0
                     )
-                    folder = _collected(path, model, mm, address, quiet=as_json)
+                    again = (
+                        f"traverse daily-check --arm {arm} "
+                        + (f"--config {config}" if config else f"--history {history}")
+                        + " --campaign"
+                    )
+                    if lacking is not None:
+                        typer.echo(
+                            f"{lacking}. Nothing can be judged before: what is touched "
+                            "now is kept, to be computed later, here or on another "
+                            "computer (q ends)",
+                            err=True,
+                        )
+                    folder = _collected(path, model, mm, address, again, quiet=as_json)
+                    if lacking is not None:
+                        typer.echo(f"kept, and not judged; later: {again} {folder}")
+                        raise typer.Exit(REFUSED)
                 check = _checked(folder, model, new_base or "")
                 if not add_check(path, check):
                     typer.echo(f"{folder}: had been counted before", err=True)
@@ -115,6 +139,16 @@ def daily_check(
         raise typer.Exit(NO)
 
 
+def _lacking() -> str | None:
+    """What keeps the figures from being computed, in a sentence; else None."""
+    from importlib.util import find_spec  # noqa: PLC0415 - keeps --help quick
+
+    for library in LIBRARIES:
+        if find_spec(library) is None:
+            return missing("traverse daily-check", library, "lab")
+    return None
+
+
 def _history(config: Path | None, history: Path | None) -> Path:
     from traverse.daemon.state_dir import state_folder  # noqa: PLC0415 - quick help
 
@@ -130,9 +164,18 @@ def _history(config: Path | None, history: Path | None) -> Path:
 
 
 def _collected(
-    path: Path, arm: "Arm", radius_mm: float, broker: "BrokerAddress", *, quiet: bool
+    path: Path,
+    arm: "Arm",
+    radius_mm: float,
+    broker: "BrokerAddress",
+    again: str,
+    *,
+    quiet: bool,
 ) -> Path:
-    """Have a check collected, guided; gives its folder."""
+    """Have a check collected, guided; gives its folder.
+
+    `again` is the command that computes a folder later.
+    """
     import contextlib  # noqa: PLC0415 - keeps --help quick
     import sys  # noqa: PLC0415
 
@@ -149,8 +192,9 @@ def _collected(
 
     if not radius_mm > 0.0:
         refuse("daily-check", "--radius missing: the sphere's calibrated radius in mm")
-    folder = path.parent / "interim" / f"{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}"
-    write_check(folder, arm, radius_mm)
+    now = datetime.now(UTC)
+    folder = path.parent / "interim" / f"{now:%Y%m%dT%H%M%S.%fZ}"
+    write_check(folder, arm, radius_mm, now)
     file, plan = read_campaign_file(folder / CAMPAIGN), read_plan(folder / PLAN)
     collection = Collection(
         file,
@@ -170,7 +214,8 @@ def _collected(
     if unfinished := collection.unfinished():
         typer.echo(
             f"touches are missing: {', '.join(map(str, unfinished))}; "
-            f"nothing is added to the history; {folder} has what was touched",
+            "nothing is added to the history. To go on: traverse collect "
+            f"{folder / CAMPAIGN} --arm ARM; then: {again} {folder}",
             err=True,
         )
         raise typer.Exit(NO)

@@ -28,8 +28,8 @@ def report_lines(report: DailyCheckReport) -> Iterator[str]:
         for name in chart.last.alarms:
             yield f"  WARNING: {name}"
         if chart.exceeds:
-            limit_um = 1000 * (chart.limit_mm or 0.0)
-            yield f"  WARNING: beyond the permitted {limit_um:.1f} um"
+            what = "plausible" if chart.limit_mm is None else "permitted"
+            yield f"  WARNING: beyond the {what} {1000 * chart.most_mm:.1f} um"
     yield ""
     yield from report.remarks
     rates = ", ".join(f"{rule.name} {rule.rate:.3%}" for rule in rules("both"))

@@ -7,12 +7,14 @@ import numpy as np
 
 from traverse.client.display.arm_state import ArmSight, Change
 from traverse.client.display.condition import Level
-from traverse.kinematics.fits import fit_sphere, spread_about_mean
+from traverse.kinematics.fits import (
+    PLAUSIBLE_MM,
+    fit_sphere,
+    off_seat,
+    off_sphere,
+    spread_about_mean,
+)
 from traverse.protocol.messages import Label, Point
-
-PLAUSIBLE_MM = 5.0
-"""No arm that measures is so far off: such a touch is of another seat or place."""
-MIN_SPHERE = 5
 
 
 @dataclass(slots=True)
@@ -176,26 +178,13 @@ class GuidedCheck:
 
     def _off_mm(self, point: Point) -> float:
         """How far a touch is from where the others say that it must be."""
-        place_mm, others_mm = np.array(point.xyz_mm), _places(self.points)
-        if not len(others_mm):
-            return 0.0
+        place_mm, others_mm = _places([point]), _places(self.points)
         if self.kind == "articulation":
-            middle_mm = np.median(others_mm, axis=0)
-            return float(np.linalg.norm(place_mm - middle_mm))
-        apart_mm = float(np.linalg.norm(others_mm - place_mm, axis=1).max())
-        if self.diameter_mm is not None:
-            widest_mm = self.diameter_mm + 2.0 * point.probe_radius_mm
-            if apart_mm - widest_mm > PLAUSIBLE_MM:
-                return apart_mm - widest_mm
-        try:
-            sphere = fit_sphere(others_mm) if len(others_mm) >= MIN_SPHERE else None
-        except ValueError:
-            sphere = None
-        if sphere is None:
-            return 0.0
-        return abs(
-            float(np.linalg.norm(place_mm - sphere.centre_mm)) - sphere.radius_mm
-        )
+            return float(off_seat(place_mm, others_mm)[0])
+        widest_mm = self.diameter_mm
+        if widest_mm is not None:
+            widest_mm += 2.0 * point.probe_radius_mm
+        return float(off_sphere(place_mm, others_mm, widest_mm)[0])
 
 
 class CheckDesk:

@@ -9,10 +9,12 @@ from traverse.kinematics.fits.cylinder import Cylinder, fit_cylinder
 from traverse.kinematics.fits.enclosing import EnclosingSphere, enclosing_sphere
 from traverse.kinematics.fits.line import Line, fit_line
 from traverse.kinematics.fits.plane import Plane, fit_plane
+from traverse.kinematics.fits.plausible import PLAUSIBLE_MM, off_seat, off_sphere
 from traverse.kinematics.fits.sphere import Sphere, fit_sphere, fit_sphere_of_radius
 from traverse.kinematics.fits.spread import Spread, spread_about_mean
 
 __all__ = [
+    "PLAUSIBLE_MM",
     "Circle",
     "Cylinder",
     "EnclosingSphere",
@@ -27,5 +29,7 @@ __all__ = [
     "fit_plane",
     "fit_sphere",
     "fit_sphere_of_radius",
+    "off_seat",
+    "off_sphere",
     "spread_about_mean",
 ]

@@ -5,6 +5,7 @@ Written as campaign and plan for `traverse collect`.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -279,9 +280,11 @@ def plan_words(report: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def campaign_text(plan: Plan) -> str:
-    """The text of campaign.toml."""
+def campaign_text(plan: Plan, start_utc: datetime | None = None) -> str:
+    """The text of campaign.toml; `start_utc` is the zero of its times."""
     lines = ['schema = "traverse/campaign/1"', 'poses = "poses.csv"']
+    if start_utc is not None:
+        lines.append(f"start_utc = {start_utc.isoformat()}")
     for name, table in plan.artefacts.items():
         lines += ["", "[[artefacts]]", f'id = "{name}"']
         lines += _entries(table)

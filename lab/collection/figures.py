@@ -9,7 +9,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from traverse.arrays import Floats, Integers
-from traverse.kinematics.fits import fit_sphere, spread_about_mean
+from traverse.kinematics.fits import (
+    PLAUSIBLE_MM,
+    fit_sphere,
+    off_seat,
+    off_sphere,
+    spread_about_mean,
+)
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.collection.collection import CollectedTouch, Collection
 
@@ -54,6 +60,45 @@ def agreement(collection: Collection, artefact: str, kind: str) -> str:
                 return f"repeats within {worst:.4f} mm"
     except (ValueError, KeyError):
         return ""  # too few touches for a figure
+
+
+def same_place(collection: Collection, touch: CollectedTouch) -> list[CollectedTouch]:
+    """The touches that must be where a touch is: of its seat, sphere or face."""
+    target = collection.target(touch.artefact, touch.feature)
+    is_seat = target is not None and target.kind == "cone"  # whatever its features
+    return collection.of(touch.artefact, None if is_seat else touch.feature)
+
+
+def implausible_mm(
+    collection: Collection, touch: CollectedTouch, tip_mm: float
+) -> float | None:
+    """How far a touch is off the others of its place; None where it can be of it.
+
+    What somebody has counted in is believed: an arm that is not yet identified may be
+    that coarse, and twice as far is then plausible.
+
+    Args:
+        collection: With the others.
+        touch: Not yet counted.
+        tip_mm: Radius of the probe's ball.
+    """
+    (artefact,) = (a for a in collection.file.artefacts if a.id == touch.artefact)
+    others_mm = _places(same_place(collection, touch)).reshape(-1, 3)
+    radius_mm = getattr(artefact, "radius_mm", None)
+
+    def off(places_mm: Floats) -> Floats:
+        match artefact.kind:
+            case "plane" | "parallel_planes":
+                return np.zeros(len(places_mm))  # a face may be of any size
+            case "sphere" | "ball_bar":
+                widest_mm = None if radius_mm is None else 2.0 * (radius_mm + tip_mm)
+                return off_sphere(places_mm, others_mm, widest_mm)
+            case _:
+                return off_seat(places_mm, others_mm)
+
+    off_mm = float(off(_places([touch]))[0])
+    believed_mm = 2.0 * float(off(others_mm).max(initial=0.0))
+    return off_mm if off_mm > max(PLAUSIBLE_MM, believed_mm) else None
 
 
 def coverage(touches: Sequence[CollectedTouch], n_joints: int) -> Integers:

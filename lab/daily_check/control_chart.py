@@ -135,12 +135,15 @@ def rules(side: Side) -> tuple[Rule, Rule, Rule]:
     )
 
 
-def charted(values: Sequence[float], *, positive: bool) -> list[ChartPoint]:
+def charted(
+    values: Sequence[float], *, positive: bool, most: float = np.inf
+) -> list[ChartPoint]:
     """Judge values in the order in which they were measured.
 
     Args:
         values: Of one figure.
         positive: They cannot be negative.
+        most: Values beyond it are judged, but are no base for later ones.
 
     Raises:
         ValueError: A positive figure is not, or a value is no number.
@@ -167,7 +170,7 @@ def charted(values: Sequence[float], *, positive: bool) -> list[ChartPoint]:
             )
         )
         before = q
-        if not alarms and len(base) < BASE:
+        if not alarms and abs(value) <= most and len(base) < BASE:
             base.append(x)
     return found
 

@@ -1,11 +1,13 @@
 """The figures of a daily check: a cone and a calibrated sphere, a few touches each."""
 
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.fits import PLAUSIBLE_MM, off_seat
 from traverse.lab.acceptance.plan import CAMPAIGN, Plan, Step, campaign_text, plan_text
 from traverse.lab.collection.plan import PLAN
 from traverse.lab.measured_points.measurement import (
@@ -18,6 +20,8 @@ from traverse.lab.measured_points.measurement import (
 )
 
 FEWEST_CONE, FEWEST_SPHERE = 5, 9
+SIZE_MM = 1.0
+"""Tips and spheres that can be taken for one another differ by more in diameter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +33,7 @@ class FigureKind:
         name: For people.
         definition: How it is computed.
         positive: It cannot be negative.
+        plausible_mm: Beyond it not the arm is off, but something else was touched.
         like: Key of the figure of an acceptance test that it is beside.
     """
 
@@ -36,6 +41,7 @@ class FigureKind:
     name: str
     definition: str
     positive: bool
+    plausible_mm: float
     like: str
 
 
@@ -45,16 +51,23 @@ KINDS = (
         "articulation, 2 s",
         "cone: delta_i = |p_i - mean|; 2 s, s = sqrt(sum delta_i^2 / (n - 1))",
         True,
+        2.0 * PLAUSIBLE_MM,
         "spat_2s",
     ),
     FigureKind(
-        "spat_max_mm", "articulation, largest", "cone: max delta_i", True, "spat_max"
+        "spat_max_mm",
+        "articulation, largest",
+        "cone: max delta_i",
+        True,
+        PLAUSIBLE_MM,
+        "spat_max",
     ),
     FigureKind(
         "sphere_form_mm",
         "sphere, form",
         "least-squares sphere (c, r): max|p - c| - min|p - c|",
         True,
+        PLAUSIBLE_MM,
         "p_form",
     ),
     FigureKind(
@@ -62,6 +75,7 @@ KINDS = (
         "sphere, diameter less the calibrated one",
         "least-squares sphere: 2 (r - tip radius) - D_cal, corrected for expansion",
         False,
+        SIZE_MM,
         "p_size",
     ),
 )
@@ -94,7 +108,8 @@ def daily_check_figures(measured: Measurement) -> DailyCheckFigures:
     """Compute the figures of a campaign with one cone and one calibrated sphere.
 
     Raises:
-        IncompleteError: Something is missing, or there is more than one.
+        IncompleteError: Something is missing, there is more than one, or a figure is
+            not plausible.
     """
     by_kind = {
         kind: [name for name, a in measured.artefacts.items() if a.kind == kind]
@@ -116,6 +131,25 @@ def daily_check_figures(measured: Measurement) -> DailyCheckFigures:
         if n < fewest:
             raise IncompleteError(f"{name}: {n} touches, expected {fewest} or more")
     scatter, found = articulation_of(seat), fitted_sphere(sphere, touched, ball)
+    off_mm = off_seat(seat.places_mm, seat.places_mm)
+    if scatter.largest_mm > PLAUSIBLE_MM:
+        raise IncompleteError(
+            f"{cone}: touch {int(off_mm.argmax()) + 1} of {len(seat)} is "
+            f"{off_mm.max():.1f} mm off the others; was it the right seat? Check again"
+        )
+    if found.form_mm > PLAUSIBLE_MM:
+        worst = int(np.abs(found.off_mm).argmax())
+        raise IncompleteError(
+            f"{ball}: form {found.form_mm:.1f} mm, touch {worst + 1} of {len(touched)} "
+            "is farthest off; was it the right sphere? Check again"
+        )
+    if abs(found.size_mm) > SIZE_MM:
+        raise IncompleteError(
+            f"{ball}: its diameter is {found.size_mm:+.2f} mm off the calibrated "
+            f"{2.0 * float(sphere.radius_mm or 0.0):g} mm; is the radius that of this "
+            "sphere, and the arm file's probe the one that touched it? Correct the one "
+            "that is not, and check again"
+        )
     warm_c = np.concatenate([seat.temperature_c, touched.temperature_c])
     known_c = warm_c[np.isfinite(warm_c)]
     return DailyCheckFigures(
@@ -134,7 +168,7 @@ CONE, BALL = "cone", "sphere"
 CONE_TOUCHES, SPHERE_TOUCHES = 10, 9
 
 
-def write_check(folder: Path, arm: Arm, radius_mm: float) -> None:
+def write_check(folder: Path, arm: Arm, radius_mm: float, start_utc: datetime) -> None:
     """Write campaign.toml and plan.toml of a check into a new folder."""
     shoulder_mm, reach_mm = reach_of(arm)
     half = CONE_TOUCHES // 2
@@ -164,5 +198,5 @@ def write_check(folder: Path, arm: Arm, radius_mm: float) -> None:
         reach_mm,
     )
     folder.mkdir(parents=True)
-    (folder / CAMPAIGN).write_text(campaign_text(plan), "utf-8")
+    (folder / CAMPAIGN).write_text(campaign_text(plan, start_utc), "utf-8")
     (folder / PLAN).write_text(plan_text(plan), "utf-8")

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,9 +38,14 @@ class FigureChart:
         return self.points[-1]
 
     @property
+    def most_mm(self) -> float:
+        """What is permitted, else what is plausible: values beyond are no base."""
+        return self.kind.plausible_mm if self.limit_mm is None else self.limit_mm
+
+    @property
     def exceeds(self) -> bool:
-        """Whether it is beyond the limit."""
-        return self.limit_mm is not None and abs(self.last.value) > self.limit_mm
+        """Whether it is beyond that."""
+        return abs(self.last.value) > self.most_mm
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,14 +99,11 @@ def report_of(
         beside = accepted.get(kind.like, {})
         limit = limits.mpe.of(kind.like)
         limit_mm = None if limit is None else limit.constant_mm
-        charts.append(
-            FigureChart(
-                kind,
-                tuple(charted(values, positive=kind.positive)),
-                limit_mm if limit_mm is not None else beside.get("limit_mm"),
-                beside.get("value_mm"),
-            )
-        )
+        if limit_mm is None:
+            limit_mm = beside.get("limit_mm")
+        chart = FigureChart(kind, (), limit_mm, beside.get("value_mm"))
+        points = charted(values, positive=kind.positive, most=chart.most_mm)
+        charts.append(replace(chart, points=tuple(points)))
     told = None
     if certificate is not None:
         told = f"{certificate['standard']} of {certificate['date_utc']}"

@@ -1,6 +1,7 @@
 """`traverse daily-check` from folders of checks; the guided one is in end_to_end."""
 
 import json
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ RADIUS_MM = 12.7
 def campaign(folder, *, day, scatter_mm=0.01, missing=0):
     """A check whose joint angles are found by Newton's steps from a fixed posture."""
     arm = read_arm(ARM)
-    write_check(folder, arm, RADIUS_MM)
+    write_check(folder, arm, RADIUS_MM, datetime(2026, 3, day + 1, 8, tzinfo=UTC))
     geometry = geometry_from_arm(arm)
     rng = np.random.default_rng(day)
     names = [joint.name for joint in arm.joints]
@@ -44,9 +45,6 @@ def campaign(folder, *, day, scatter_mm=0.01, missing=0):
         numbers = ",".join(repr(float(a)) for a in at)
         lines.append(f"{row},{artefact},{feature},{numbers}")
     (folder / "poses.csv").write_text("\n".join(lines) + "\n")
-    text = (folder / "campaign.toml").read_text()
-    stamp = f"start_utc = 2026-03-{day + 1:02d}T08:00:00Z\n"
-    (folder / "campaign.toml").write_text(text.replace("poses =", stamp + "poses =", 1))
     return folder
 
 
@@ -88,6 +86,13 @@ def test_an_incomplete_check_is_not_counted(run, tmp_path):
     result = run("--campaign", campaign(tmp_path / "half", day=1, missing=7))
     assert result.exit_code == 1
     assert "3 touches, expected 5 or more" in result.stderr
+    assert run("--show").exit_code == 2
+
+
+def test_nonsense_is_not_counted(run, tmp_path):
+    result = run("--campaign", campaign(tmp_path / "off", day=1, scatter_mm=9.0))
+    assert result.exit_code == 1
+    assert "off the others; was it the right seat?" in result.stderr
     assert run("--show").exit_code == 2
 
 

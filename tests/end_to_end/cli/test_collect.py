@@ -1,11 +1,14 @@
 """`traverse collect` beside a daemon that measures: the campaign that comes of it."""
 
 import asyncio
+import contextlib
 import json
 import os
 import pty
 import subprocess
 import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -98,47 +101,100 @@ async def test_an_ended_collection_goes_on_where_it_was(campaign: Workbench) -> 
     assert len(lines) == 1 + 4
 
 
-@pytest.mark.needs("mosquitto")
-async def test_keys_at_a_terminal_undo_and_quit(campaign: Workbench) -> None:
-    bench = campaign
-    bench.write_simulator(REST)
-    bench.write_daemon()
+@dataclass
+class Terminal:
+    """A terminal in which a collection runs."""
+
+    descriptor: int
+    process: subprocess.Popen[bytes]
+    shown: bytearray
+
+    async def shows(self, text: str) -> None:
+        await until(lambda: text.encode() in self.shown, f"{text!r} on the terminal")
+
+    def type(self, keys: bytes) -> None:
+        os.write(self.descriptor, keys)
+
+    async def quit(self) -> int:
+        self.type(b"q")
+        return await asyncio.to_thread(self.process.wait, PATIENCE_S)
+
+
+@contextlib.contextmanager
+def terminal(bench: Workbench, *words: str) -> Iterator[Terminal]:
     ours, theirs = pty.openpty()
     shown = bytearray()
     asyncio.get_running_loop().add_reader(
         ours, lambda: shown.extend(os.read(ours, 65536))
     )
+    process = subprocess.Popen(
+        [sys.executable, "-m", "traverse", *words],
+        cwd=bench.folder,
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "160", "LINES": "40"},
+    )
+    try:
+        yield Terminal(ours, process, shown)
+    finally:
+        process.kill()
+        process.wait()
+        asyncio.get_running_loop().remove_reader(ours)
+        os.close(ours)
+        os.close(theirs)
 
-    async def shows(text: str) -> None:
-        await until(lambda: text.encode() in shown, f"{text!r} on the terminal")
 
+@pytest.mark.needs("mosquitto")
+async def test_keys_at_a_terminal_undo_and_quit(campaign: Workbench) -> None:
+    bench = campaign
+    bench.write_simulator(REST)
+    bench.write_daemon()
     async with measuring(bench) as (listener, _, _):
-        process = subprocess.Popen(  # noqa: ASYNC220 - it returns at once
-            [sys.executable, "-m", "traverse", *options(bench, "--each", "3")],
-            cwd=bench.folder,
-            stdin=theirs,
-            stdout=theirs,
-            stderr=theirs,
-            env={**os.environ, "TERM": "xterm", "COLUMNS": "120", "LINES": "40"},
-        )
-        try:
-            await shows("following")
+        with terminal(bench, *options(bench, "--each", "3")) as at:
+            await at.shows("following")
             await listener.command(PointArgs())
-            await shows("on seat: 1 of 3")
-            os.write(ours, b"u")
-            await shows("is left out again")
-            os.write(ours, b"nx")
-            await shows("Touch ball (sphere): 3 more")
-            await shows("is none of n, p, u, q")
-            os.write(ours, b"q")
-            assert await asyncio.to_thread(process.wait, PATIENCE_S) == 1
-        finally:
-            process.kill()
-            process.wait()
-            asyncio.get_running_loop().remove_reader(ours)
-            os.close(ours)
-            os.close(theirs)
+            await at.shows("on seat: 1 of 3")
+            at.type(b"u")
+            await at.shows("is left out again")
+            at.type(b"nx")
+            await at.shows("Touch ball (sphere): 3 more")
+            await at.shows("is none of n, p, u, q")
+            assert await at.quit() == 1
     assert (bench.folder / "poses.csv").read_text().count("\n") == 1
+
+
+ANOTHER = CONE.replace("600.0", "653.0")  # 53 mm beside
+
+
+@pytest.mark.needs("mosquitto")
+@pytest.mark.parametrize(
+    ("key", "told", "left"),
+    [
+        (b"y", "on seat: 3 of 4", 3),  # it was the right one
+        (b"b", "on seat: 1 of 4", 1),  # the others were not
+        (b"u", "is left out", 2),
+    ],
+)
+async def test_a_touch_of_another_seat_is_questioned(
+    campaign: Workbench, key: bytes, told: str, left: int
+) -> None:
+    bench = campaign
+    bench.write_simulator(
+        '[[motion]]\nkind = "rest"\nduration_s = 1.0',
+        *(CONE.format(postures=2), ANOTHER.format(postures=1), REST),
+    )
+    bench.write_daemon()
+    with terminal(bench, *options(bench, "--each", "4")) as at:
+        await at.shows("following")
+        async with measuring(bench):
+            await at.shows("is 53.0 mm off the others on seat and does not count")
+            assert b"3 of 4" not in at.shown
+            at.type(key)
+            await at.shows(told)
+            assert await at.quit() == 1
+    lines = (bench.folder / "poses.csv").read_text().splitlines()
+    assert len(lines) == 1 + left
 
 
 async def test_a_broker_that_is_not_there_is_told(campaign: Workbench) -> None:

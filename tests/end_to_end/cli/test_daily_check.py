@@ -1,17 +1,69 @@
 """`traverse daily-check` beside a daemon that measures: guided, and in the history."""
 
 import json
+import subprocess
+import sys
 
 import pytest
 
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import Program
+from tests.end_to_end.programs import Program, until
 from tests.end_to_end.workbench import CONE, SPHERE, Workbench
+from traverse.installation import remedy
+from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.lab.daily_check.history import checks_of
 
 pytestmark = pytest.mark.needs("mosquitto")
 
 LEAD_IN = '[[motion]]\nkind = "rest"\nduration_s = 1.0'
+
+
+WITHOUT_SCIPY = (
+    "import sys; sys.modules['scipy'] = None\n"
+    "from traverse.cli.__main__ import main; main()"
+)
+
+
+async def test_without_scipy_it_says_so_first_and_computes_later(
+    bench: Workbench,
+) -> None:
+    bench.write_simulator(LEAD_IN, CONE.format(postures=10), SPHERE.format(points=9))
+    bench.write_daemon(capture="live_rate_hz = 100.0")
+    words = ["daily-check", "--arm", "arm.toml", "--history", "interim.db"]
+    where = ["--broker", f"{bench.host}:{bench.port}", "--radius", "50.8"]
+    out = (bench.folder / "out").open("w+")
+    with (
+        out,
+        subprocess.Popen(  # noqa: ASYNC220 - it returns at once
+            [sys.executable, "-u", "-c", WITHOUT_SCIPY, *words, *where],
+            cwd=bench.folder,
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=out,
+        ) as process,
+    ):
+
+        def said() -> str:
+            return (bench.folder / "out").read_text("utf-8")
+
+        await until(lambda: "following" in said(), "it follows")
+        before = said()
+        assert f"needs scipy, which is not installed; {remedy('lab')}" in before
+        assert before.index("needs scipy") < before.index("cone left: the cone")
+        async with measuring(bench) as (listener, _, _):
+            await listener.n_points(19)
+            await until(lambda: process.poll() is not None, "it ends")
+        assert process.returncode == 2
+    folder = said().strip().rpartition(" ")[2]
+    later = f"traverse {' '.join(words)} --campaign {folder}"
+    assert said().splitlines()[-1] == f"kept, and not judged; later: {later}"
+    begun = read_campaign_file(bench.folder / folder / "campaign.toml").start_utc
+    with Program(bench.folder, "later", *later.split()[1:]) as computed:
+        assert await computed.ended() == 0
+    assert "checks since the base began" in computed.output
+    (check,) = checks_of(bench.folder / "interim.db", bench.arm)
+    assert begun is not None
+    assert check.time_utc == f"{begun:%Y-%m-%dT%H:%M:%SZ}"  # when it was touched
 
 
 async def test_a_daily_check_is_collected_and_kept(bench: Workbench) -> None:

@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.lab.collection.collection import JOURNAL, CollectedTouch, Collection
-from traverse.lab.collection.figures import agreement, coverage, picture
+from traverse.lab.collection.figures import (
+    agreement,
+    coverage,
+    implausible_mm,
+    picture,
+)
 from traverse.lab.collection.plan import targets_of
 from traverse.strict_toml.problems import FileError
 
@@ -26,6 +31,16 @@ distance_mm = 100.0
 [[artefacts]]
 id = "seat"
 kind = "cone"
+"""
+MORE = """\
+[[artefacts]]
+id = "face"
+kind = "plane"
+[[artefacts]]
+id = "plate"
+kind = "points"
+frame = "own"
+points_mm = { a = [0.0, 0.0, 0.0], b = [60.0, 0.0, 0.0] }
 """
 START_NS = 1_795_165_200_000_000_000
 NAMES = ["J1", "J2"]
@@ -50,8 +65,8 @@ def touch(
     )
 
 
-def opened(folder: Path) -> Collection:
-    (folder / "campaign.toml").write_text(CAMPAIGN)
+def opened(folder: Path, more: str = "") -> Collection:
+    (folder / "campaign.toml").write_text(CAMPAIGN + more)
     file = read_campaign_file(folder / "campaign.toml")
     collection = Collection(file, folder, NAMES, targets_of(file, 3))
     collection.resume()
@@ -155,3 +170,42 @@ def test_coverage_counts_sectors_of_the_reading():
     assert counts[0].nonzero()[0].tolist() == [0, 35]
     assert counts[1].nonzero()[0].tolist() == [0, 18]
     assert picture(counts[0]) == "█" + " " * 34 + "█"
+
+
+CAP = 15.7 * np.array([[0, 0, 1], [0.6, 0, 0.8], [0, 0.6, 0.8], [-1, 0, 0], [0, -1, 0]])
+
+
+@pytest.mark.parametrize(
+    ("where", "others_mm", "place", "off_mm"),
+    [
+        # One seat, whatever its features; 53 mm off, and 4 mm, as a bad arm is.
+        (("seat", ""), [[1, 2, 3], [1, 2, 3.1]], [54, 2, 3.05], 53.0),
+        (("seat", ""), [[1, 2, 3], [1, 2, 3.1]], [5, 2, 3.05], None),
+        (("seat", ""), [], [54, 2, 3], None),
+        (("plate", "a"), [[0, 0, 0]], [0, 60, 0], 60.0),
+        # A ball of 12.7 mm, tip 3 mm: further apart than its poles; inside of it.
+        (("bar", "1"), [[0, 0, 15.7]], [0, 0, -25.7], 10.0),
+        (("bar", "1"), [[0, 0, 15.7]], [0, 0, -15.7], None),
+        (("bar", "1"), CAP, [9.7, 0, 0], 6.0),
+        (("bar", "1"), CAP, [0, 0, -15.7], None),
+        (("face", ""), [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], [900, 0, 0], None),
+    ],
+)
+def test_a_touch_of_another_place_is_questioned(
+    tmp_path, where, others_mm, place, off_mm
+):
+    collection = opened(tmp_path, MORE)
+    for number, other in enumerate(others_mm):
+        collection.take(touch(number, *where, other))
+    found = implausible_mm(collection, touch(99, *where, place), 3.0)
+    assert found == (None if off_mm is None else pytest.approx(off_mm, abs=1e-6))
+
+
+def test_who_counts_a_far_touch_in_is_asked_no_more(tmp_path):
+    """An arm before its identification: 53 mm is how coarse it is."""
+    collection = opened(tmp_path)
+    for number, x_mm in enumerate([0.0, 1.0, 0.5, 53.5]):
+        collection.take(touch(number, place=(x_mm, 0.0, 0.0)))
+    far = [touch(9, place=(x_mm, 0.0, 0.0)) for x_mm in (-60.0, 90.0, 110.0)]
+    found = [implausible_mm(collection, one, 3.0) for one in far]
+    assert found == [None, None, pytest.approx(109.25)]

@@ -84,6 +84,28 @@ def _unknown():
     return artefact("sphere", "sphere"), touched
 
 
+@pytest.mark.parametrize(
+    ("parts", "told"),
+    [
+        (
+            (cone(np.vstack([SEAT_MM, [453.0, 0.0, 0.0]])), ball()),
+            "cone: touch 7 of 7 is 53.0 mm off the others; was it the right seat",
+        ),
+        (
+            (cone(), ball(outwards=np.vstack([NINE, [0.0, 0.0, 1.5]]))),
+            "sphere: form .* touch 10 of 10 is farthest off; was it the right sphere",
+        ),
+        (
+            (cone(), ball(radius_mm=10.0)),
+            "its diameter is -5.40 mm off the calibrated 25.4 mm; is the radius that",
+        ),
+    ],
+)
+def test_a_check_of_something_else_is_no_check(parts, told):
+    with pytest.raises(IncompleteError, match=told):
+        daily_check_figures(measured(*parts))
+
+
 def check(day, *, factor=1.0, shift_mm=0.0, begins="", digest="d" * 64, seed=3):
     rng = np.random.default_rng([seed, day])
     noise = np.exp(rng.normal(0.0, 0.15, 3)) * factor
@@ -124,6 +146,22 @@ def test_other_files_are_left_alone(tmp_path):
         with pytest.raises(HistoryRefusedError, match=words):
             add_check(path, check(0))
         assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("with_limits", [False, True])
+def test_nonsense_is_no_base(with_limits):
+    """As an earlier version kept it; and what a certificate does not permit."""
+    factor = 6.0 if with_limits else 900.0  # 0.18 mm and more; 27 mm
+    permitted = limits(spat_2s_mm=0.1) if with_limits else limits()
+    nonsense = [check(day, factor=factor) for day in range(3)]
+    report = report_of(nonsense, permitted)
+    assert not report.is_in_control
+    assert report.charts[0].exceeds
+    good = report_of([*nonsense, *(check(3 + day) for day in range(12))], permitted)
+    assert good.is_in_control
+    assert good.charts[0].last.high < 0.15
+    bad = report_of([*good.checks, check(15, factor=4.0)], permitted)
+    assert bad.charts[0].last.alarms
 
 
 def test_a_worn_tip_is_noticed_and_a_new_base_begins_after_the_repair():

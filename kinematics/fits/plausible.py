@@ -1,0 +1,47 @@
+"""Whether a touch can be of the same place as others: asked before it counts."""
+
+import numpy as np
+
+from traverse.arrays import Floats
+from traverse.kinematics.fits.sphere import fit_sphere
+
+PLAUSIBLE_MM = 5.0
+"""No arm that measures is so far off: such a touch is of another seat or place."""
+FEWEST_ON_SPHERE = 5
+
+
+def off_seat(points_mm: Floats, others_mm: Floats) -> Floats:
+    """Compute how far points are from the median of others, (n_points,) in mm.
+
+    Args:
+        points_mm: In question, (n_points, 3).
+        others_mm: Of the same seat, (n_others, 3); none says nothing.
+    """
+    if not len(others_mm):
+        return np.zeros(len(points_mm))
+    distances: Floats = np.linalg.norm(points_mm - np.median(others_mm, axis=0), axis=1)
+    return distances
+
+
+def off_sphere(
+    points_mm: Floats, others_mm: Floats, widest_mm: float | None = None
+) -> Floats:
+    """Compute how far points are off the sphere of others, (n_points,) in mm.
+
+    Args:
+        points_mm: In question, (n_points, 3).
+        others_mm: Of the same sphere, (n_others, 3); too few say nothing.
+        widest_mm: Largest possible distance between two; None: it is not known.
+    """
+    off = np.zeros(len(points_mm))
+    if widest_mm is not None and len(others_mm):
+        between = np.linalg.norm(points_mm[:, np.newaxis] - others_mm, axis=2)
+        off = np.maximum(off, between.max(axis=1) - widest_mm)
+    try:
+        sphere = fit_sphere(others_mm) if len(others_mm) >= FEWEST_ON_SPHERE else None
+    except ValueError:
+        sphere = None
+    if sphere is not None:
+        radii = np.linalg.norm(points_mm - sphere.centre_mm, axis=1)
+        off = np.maximum(off, np.abs(radii - sphere.radius_mm))
+    return off
