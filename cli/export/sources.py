@@ -91,6 +91,12 @@ def _of_outbox(source: Path) -> Iterator[Point]:
     try:
         for session in read_sessions(connection, LAST):
             for held in iter_messages(connection, session.session, 0, LAST):
+                if not held.is_whole:
+                    raise ValueError(
+                        f"{source}: the point of seq {held.seq!r} of session "
+                        f"{session.session} is damaged; `traverse points export` "
+                        "writes the others"
+                    )
                 yield decode(Point, held.payload, held.encoding)
     except MessageError as error:
         raise ValueError(f"{source}: {error}") from error

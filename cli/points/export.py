@@ -20,6 +20,9 @@ def write_points(
     sink = FORMATS[as_format](file)
     sink.points([])
     for message in messages:
+        if not message.is_whole:
+            unreadable.append(f"seq {message.seq!r}: damaged, and left out")
+            continue
         try:
             point = decode(Point, message.payload, message.encoding)
         except MessageError as error:

@@ -36,6 +36,10 @@ def session_line(
 
 def point_line(message: StoredMessage, *, as_json: bool) -> str:
     """One point, or one retraction."""
+    if not message.is_whole:
+        if as_json:
+            return json.dumps({"damaged": True, "seq": str(message.seq)})
+        return f"{message.seq!r:>7}  damaged"
     if as_json:
         return json.dumps(
             {

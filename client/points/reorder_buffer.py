@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from traverse.client.points.session_order import (
+    DAMAGED,
     FORGOTTEN,
     NEVER_FOLLOWED,
     Lost,
@@ -197,6 +198,10 @@ class ReorderBuffer:
         if first is None or last is None or last < ask.from_seq:
             if not ask.is_tail:
                 self.ready.extend(head.give_up(ask.to_seq, FORGOTTEN))
+            self._hand_on()
+            return None
+        if not answer.points:  # it has points around these
+            self.ready.extend(head.give_up(min(ask.to_seq, last), DAMAGED))
             self._hand_on()
             return None
         self.ready.extend(head.give_up(first - 1, FORGOTTEN))

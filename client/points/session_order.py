@@ -89,6 +89,7 @@ class SessionPoints:
 MAX_PAST = 2000
 NEVER_FOLLOWED = -1
 FORGOTTEN = "the arm's outbox holds them no more"
+DAMAGED = "they are damaged in the arm's outbox"
 
 
 class SessionSequence:

@@ -5,14 +5,28 @@ One SQLite file with a write-ahead log. What `add` returns from is on the disk, 
 not synced: a point that is no longer marked as sent is sent again, with the same id.
 
 One thread opens and uses it. Every call is one transaction, whole or not at all.
+
+Each message has a checksum. One that does not fit any more is set aside where it is: it
+stays in the file, and is not sent. To delete it would need its indices to be as it is.
 """
 
 import contextlib
 import sqlite3
+import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Concatenate, ParamSpec
 
-from traverse.daemon.store.records import NewMessage, StoreRefusedError, StoreStatistics
+from traverse.daemon.store.last_stored import OWNER_ONLY, LastStored, LastStoredFile
+from traverse.daemon.store.records import (
+    NewMessage,
+    StoredMessage,
+    StoreRefusedError,
+    StoreStatistics,
+)
+
+P = ParamSpec("P")
 
 BUSY_S = 1.0
 CHECKED_BYTES = 64 << 20  # a larger file takes too long to be checked at each start
@@ -21,9 +35,12 @@ LOG_BYTES = 16 << 20  # the log shrinks to this when it begins anew
 ROOM_BYTES = 65_536  # what a few points take, with their part of every index
 VACUUM_PAGES = 128
 DAY_NS = 86_400 * 10**9
+NOTE_S = 0.02  # at most so often, since it takes as long as to store a point
 
 
-VERSION = 1
+VERSION = 2  # 1: without `crc`
+CORRUPT_INDEX = sqlite3.SQLITE_CORRUPT | (3 << 8)  # its name is new in Python 3.12
+SET_ASIDE = 2  # `sent` of a damaged message
 APPLICATION = 0x54525650  # "TRVP", so that `file` and people can recognise it
 
 TABLES = """
@@ -42,6 +59,7 @@ CREATE TABLE messages (
     encoding TEXT NOT NULL,
     payload BLOB NOT NULL,
     sent INTEGER NOT NULL DEFAULT 0,
+    crc INTEGER,
     UNIQUE (session, seq)
 );
 CREATE INDEX unsent ON messages (number) WHERE sent = 0;
@@ -49,8 +67,13 @@ CREATE TABLE room (only INTEGER PRIMARY KEY, filler BLOB NOT NULL);
 """
 
 
-def check_version(connection: sqlite3.Connection, name: str) -> bool:
-    """Whether the tables are there; False in a database that is new.
+def read_as_text(value: bytes) -> str:
+    """A text as SQLite has it; one byte that is damaged must not stop a query."""
+    return value.decode("utf-8", "replace")
+
+
+def check_version(connection: sqlite3.Connection, name: str) -> int:
+    """Version of the tables; 0 in a database that is new.
 
     Raises:
         StoreRefusedError: it is a newer one, or not an outbox.
@@ -60,34 +83,41 @@ def check_version(connection: sqlite3.Connection, name: str) -> bool:
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
     if version == 0 and application == 0 and tables == 0:
-        return False
+        return 0
     if application != APPLICATION:
         raise StoreRefusedError(
             f"{name}: is a database of another program (application_id "
             f"{application:#x}, expected {APPLICATION:#x}); move it away, or name "
             "another state folder"
         )
-    if version != VERSION:
+    if not 1 <= version <= VERSION:
         raise StoreRefusedError(
             f"{name}: has tables of version {version}, this program knows version "
             f"{VERSION}; install the version of traverse that wrote it, or move the "
             "file away: its points can be sent and exported by that version only"
         )
-    return True
+    return int(version)
 
 
-def create_tables(connection: sqlite3.Connection, last_number: int) -> None:
-    """Make all tables, whole or not at all; numbers continue after ``last_number``."""
+def create_tables(connection: sqlite3.Connection) -> None:
+    """Make all tables, whole or not at all."""
     connection.execute("BEGIN IMMEDIATE")
     for statement in TABLES.split(";"):
         if statement.strip():
             connection.execute(statement)
-    connection.execute(
-        "INSERT INTO sqlite_sequence (name, seq) VALUES ('messages', ?)", (last_number,)
-    )
+    connection.execute("INSERT INTO sqlite_sequence (name, seq) VALUES ('messages', 0)")
     connection.execute(f"PRAGMA application_id = {APPLICATION}")
     connection.execute(f"PRAGMA user_version = {VERSION}")
     connection.execute("COMMIT")
+
+
+def _seen(path: Path) -> tuple[tuple[int, int] | None, int]:
+    """Identity and bytes of a file; None where there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None, 0
+    return (found.st_dev, found.st_ino), found.st_size
 
 
 class MessageDatabase:
@@ -95,27 +125,51 @@ class MessageDatabase:
 
     Args:
         path: of the file; a new one is made where there is none.
-        last_number: a new one numbers its messages after this.
+        last_number: messages are numbered after this.
+        on_set_aside: called with messages that were found damaged.
+
+    Attributes:
+        last_number: of the message stored last.
+        is_new: it had no message when it was opened, and had never had one.
+        n_missing: so many messages that had been stored were not here when it was
+            opened, the last ones.
+        known: what was known then of those that had been stored.
 
     Raises:
         StoreRefusedError: it is not an outbox, or a newer one.
         sqlite3.Error: it cannot be opened, or is damaged.
     """
 
-    def __init__(self, path: Path, last_number: int = 0) -> None:
+    def __init__(
+        self,
+        path: Path,
+        last_number: int = 0,
+        on_set_aside: Callable[[Sequence[StoredMessage]], None] = lambda _: None,
+    ) -> None:
         self._path = path
-        self._connection = sqlite3.connect(path, timeout=BUSY_S, isolation_level=None)
-        try:
-            self._begin(last_number)
-        except BaseException:
-            self._connection.close()
-            raise
+        self._log_path = path.with_name(f"{path.name}-wal")
+        self._on_set_aside = on_set_aside
+        if not path.exists():  # SQLite would let everybody read it
+            with contextlib.suppress(OSError):  # SQLite says what is wrong
+                path.touch(OWNER_ONLY)
+        with contextlib.ExitStack() as stack:
+            self._connection = stack.enter_context(
+                contextlib.closing(
+                    sqlite3.connect(path, timeout=BUSY_S, isolation_level=None)
+                )
+            )
+            self._connection.text_factory = read_as_text
+            version = check_version(self._connection, str(path))
+            self._last_stored = stack.enter_context(
+                contextlib.closing(LastStoredFile(path))
+            )
+            self._begin(version, last_number)
+            self._open = stack.pop_all()
 
-    def _begin(self, last_number: int) -> None:
+    def _begin(self, version: int, last_number: int) -> None:
         connection = self._connection
         execute = connection.execute
-        is_there = check_version(connection, str(self._path))
-        if not is_there:
+        if not version:
             execute("PRAGMA auto_vacuum = INCREMENTAL")
         elif self._path.stat().st_size <= CHECKED_BYTES:
             (found,) = execute("PRAGMA quick_check(1)").fetchone()
@@ -127,8 +181,12 @@ class MessageDatabase:
         execute("PRAGMA synchronous = FULL")
         execute(f"PRAGMA wal_autocheckpoint = {LOG_PAGES}")
         execute(f"PRAGMA journal_size_limit = {LOG_BYTES}")
-        if not is_there:
-            create_tables(connection, last_number)
+        if not version:
+            create_tables(connection)
+        elif version == 1:
+            with self._transaction():
+                execute("ALTER TABLE messages ADD COLUMN crc INTEGER")
+                execute(f"PRAGMA user_version = {VERSION}")
         # Counted once, then kept up: to count a million takes a while.
         (self._points,) = execute("SELECT count(*) FROM messages").fetchone()
         (self._unsent,) = execute(
@@ -137,42 +195,105 @@ class MessageDatabase:
         row = execute(
             "SELECT seq FROM sqlite_sequence WHERE name = 'messages'"
         ).fetchone()
-        self.last_number = int(row[0]) if row else 0
-        self._identity = self._path.stat().st_dev, self._path.stat().st_ino
+        found_number = int(row[0]) if row else 0
+        self.known = self._last_stored.read()
+        self.last_number = max(found_number, last_number, self.known.number)
+        self.is_new = not found_number
+        self.n_missing = self.last_number - found_number
+        if self.n_missing:
+            execute("UPDATE sqlite_sequence SET seq = ?", (self.last_number,))
+        for path in (self._path, self._log_path):
+            with contextlib.suppress(OSError):  # of an earlier version, and not ours
+                path.chmod(OWNER_ONLY)
+        self._noted_s = -NOTE_S
+        self._note_files()
 
     def close(self) -> None:
         """Close the file; the log is put into it where that is possible."""
-        self._connection.close()
+        self._last_stored.write(self.known)
+        self._open.close()
 
     @property
     def is_file_unchanged(self) -> bool:
-        """Whether the file is still where it was opened, and the same."""
-        try:
-            found = self._path.stat()
-        except OSError:
-            return False
-        return (found.st_dev, found.st_ino) == self._identity
+        """Whether file and log are those that were opened, and have not been cut off.
+
+        Raises:
+            sqlite3.Error: the database cannot be read.
+        """
+        for path, (identity, n_bytes) in self._files.items():
+            seen, seen_bytes = _seen(path)
+            if seen != identity or seen_bytes < n_bytes:
+                return False
+        self._note_files()
+        self._note_last()
+        return True
+
+    def _note_files(self) -> None:
+        """Remember the files: they may be longer than they must, and shrink to that."""
+        self._files = {}
+        for path, most in ((self._path, self._size()[0]), (self._log_path, LOG_BYTES)):
+            identity, n_bytes = _seen(path)
+            self._files[path] = identity, min(n_bytes, most)
+
+    def _note_last(self) -> None:
+        """Remember outside of the file what is in it, and in its log."""
+        self._noted_s = time.monotonic()
+        self._last_stored.write(self.known)
+        identity, n_bytes = self._files[self._log_path]
+        seen, seen_bytes = _seen(self._log_path)
+        if seen == identity:
+            n_bytes = max(n_bytes, min(seen_bytes, LOG_BYTES))
+            self._files[self._log_path] = identity, n_bytes
+
+    def _size(self) -> tuple[int, int]:
+        """Bytes of the database, and how many of them are in use."""
+        ((pages, free, page_bytes),) = self._connection.execute(
+            "SELECT page_count, freelist_count, page_size "
+            "FROM pragma_page_count, pragma_freelist_count, pragma_page_size"
+        )
+        return pages * page_bytes, (pages - free) * page_bytes
 
     # -- writing --------------------------------------------------------------
 
     def add(self, entries: Sequence[NewMessage]) -> list[int]:
         """Store messages, all or none; gives their numbers. On return they are safe."""
+        if not entries:
+            return []
         with self._transaction() as execute:
             for row in {(e.session, e.begun_ns, e.note): None for e in entries}:
                 execute("INSERT OR IGNORE INTO sessions VALUES (?, ?, ?)", row)
             numbers = [
                 execute(
                     "INSERT INTO messages (session, seq, id, time_ns, topic, encoding, "
-                    "payload) VALUES (?, ?, ?, ?, ?, ?, ?)",
-                    (e.session, e.seq, e.id, e.time_ns, e.topic, e.encoding, e.payload),
+                    "payload, crc) VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+                    (
+                        *(e.session, e.seq, e.id, e.time_ns, e.topic, e.encoding),
+                        *(e.payload, e.checksum),
+                    ),
                 ).lastrowid
                 or 0
                 for e in entries
             ]
         self._points += len(numbers)
         self._unsent += len(numbers)
-        self.last_number = numbers[-1] if numbers else self.last_number
+        self.last_number, last = numbers[-1], entries[-1]
+        self.known = LastStored(self.last_number, last.session, last.seq, self._unsent)
+        if time.monotonic() >= self._noted_s + NOTE_S:
+            self._note_last()
         return numbers
+
+    def add_missing(self, entries: Sequence[NewMessage]) -> list[int]:
+        """Store those messages of another database that are not here; as `add`."""
+        held = "SELECT 1 FROM messages WHERE id = ? OR (session = ? AND seq = ?)"
+        return self.add(
+            [
+                entry
+                for entry in entries
+                if not self._connection.execute(
+                    held, (entry.id, entry.session, entry.seq)
+                ).fetchone()
+            ]
+        )
 
     def mark_sent(self, ranges: Sequence[tuple[int, int]]) -> None:
         """The broker has all messages of some ranges of numbers, ends included."""
@@ -186,6 +307,7 @@ class MessageDatabase:
                 for ends in ranges
             )
         self._unsent -= marked
+        self.known = replace(self.known, unsent=self._unsent)
 
     def delete_old(
         self, *, before_ns: int, keep_bytes: int, running: str, at_most: int
@@ -206,8 +328,8 @@ class MessageDatabase:
         oldest = self._connection.execute(
             "SELECT number, session, time_ns FROM messages WHERE number < coalesce("
             "(SELECT number FROM messages INDEXED BY unsent WHERE sent = 0 "
-            "ORDER BY number LIMIT 1), ?) ORDER BY number LIMIT ?",
-            (self.last_number + 1, at_most),
+            "ORDER BY number LIMIT 1), ?) AND sent <> ? ORDER BY number LIMIT ?",
+            (self.last_number + 1, SET_ASIDE, at_most),
         ).fetchall()
         if used_bytes <= keep_bytes:
             for place, (_, session, time_ns) in enumerate(oldest):
@@ -237,6 +359,7 @@ class MessageDatabase:
                     f"PRAGMA incremental_vacuum({VACUUM_PAGES})"
                 )
             execute("PRAGMA wal_checkpoint(PASSIVE)").fetchall()
+        self._note_files()  # they may be shorter now
 
     def check_space(self) -> None:
         """Write and sync as much as a few points need, and take it back.
@@ -250,6 +373,17 @@ class MessageDatabase:
         with self._transaction() as execute:
             execute(filler, (0,))
 
+    def _set_aside(self, damaged: Sequence[StoredMessage]) -> None:
+        """Never send some messages; they stay in the file."""
+        with self._unsynced(), self._transaction() as execute:
+            for message in damaged:
+                execute(
+                    f"UPDATE messages SET sent = {SET_ASIDE} WHERE number = ?",
+                    (message.number,),
+                )
+        self._unsent -= sum(not message.is_sent for message in damaged)
+        self._on_set_aside(damaged)
+
     # -- reading --------------------------------------------------------------
 
     @property
@@ -257,22 +391,36 @@ class MessageDatabase:
         """For what only reads; see `traverse.daemon.store.queries`."""
         return self._connection
 
+    def read(
+        self,
+        query: Callable[Concatenate[sqlite3.Connection, P], list[StoredMessage]],
+        *arguments: P.args,
+        **options: P.kwargs,
+    ) -> list[StoredMessage]:
+        """What a query gives that leaves out what is set aside; damaged ones are."""
+        seen: set[int] = set()
+        while True:
+            found = query(self._connection, *arguments, **options)
+            damaged = [message for message in found if not message.is_whole]
+            if not damaged:
+                return found
+            if seen.intersection(message.number for message in damaged):
+                error = sqlite3.DatabaseError("an index does not fit its table")
+                error.sqlite_errorcode = CORRUPT_INDEX
+                raise error
+            seen.update(message.number for message in damaged)
+            self._set_aside(damaged)
+
     def statistics(self) -> StoreStatistics:
         """How the database is now."""
-        execute = self._connection.execute
-        ((pages, free, page_bytes),) = execute(
-            "SELECT page_count, freelist_count, page_size "
-            "FROM pragma_page_count, pragma_freelist_count, pragma_page_size"
-        )
-        oldest = execute(
+        oldest = self._connection.execute(
             "SELECT time_ns FROM messages INDEXED BY unsent WHERE sent = 0 "
             "ORDER BY number LIMIT 1"
         ).fetchone()
         return StoreStatistics(
             self._points,
             self._unsent,
-            pages * page_bytes,
-            (pages - free) * page_bytes,
+            *self._size(),
             oldest[0] if oldest else None,
         )
 

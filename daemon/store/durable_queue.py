@@ -34,6 +34,7 @@ from traverse.daemon.store.records import (
     PendingWrite,
     Replaced,
     RetentionRules,
+    SetAside,
     StorageError,
     StoreRefusedError,
     StoreStatus,
@@ -54,10 +55,10 @@ class QueueProfile:
         thread: its name.
         kind: under which new messages wait in the outgoing queue.
         source: of the events.
-        failed, replaced: codes of the events.
+        failed, replaced, damaged: codes of the events.
         failed_text: of that event; "{}" is why the disk refuses.
         restored_text: of that event when it is over.
-        replaced_remedy: of the other.
+        replaced_remedy: of the others.
         batch: so many messages are read at once, when no more than that wait.
         resend_batch: the same of those that were requested again.
     """
@@ -69,6 +70,7 @@ class QueueProfile:
     failed_text: str
     restored_text: str
     replaced: str
+    damaged: str
     replaced_remedy: str = ""
     batch: int = BATCH
     resend_batch: int = RESEND_BATCH
@@ -250,16 +252,22 @@ class DurableQueue:
                 self._fail(trouble)
             case StoreStatus():
                 self._set_status(what)
+            case SetAside(text, count):
+                self._report(self._profile.damaged, text, count)
             case Replaced(text):
-                self._events.report(
-                    "error",
-                    self._profile.replaced,
-                    text,
-                    source=self._profile.source,
-                    remedy=self._profile.replaced_remedy,
-                )
+                self._report(self._profile.replaced, text)
                 self._feeder.has_backlog = True  # messages that were taken over
                 self.refill()
+
+    def _report(self, code: str, text: str, count: int = 1) -> None:
+        self._events.report(
+            "error",
+            code,
+            text,
+            source=self._profile.source,
+            remedy=self._profile.replaced_remedy,
+            count=count,
+        )
 
     def _commit(self, committed: Committed) -> None:
         now_ns, writes = self._clock.monotonic_ns(), []

@@ -142,7 +142,7 @@ class UnsentFeeder:
         self._is_reading = True
         after = self._last_number
         self._writer.query(
-            lambda store: read_unsent(store.connection, after, self._batch), self._read
+            lambda store: store.read(read_unsent, after, self._batch), self._read
         )
 
     def _may_resume(self) -> bool:
@@ -235,7 +235,7 @@ class RangeResender:
         self._is_reading = True
         ends = self._ranges[0]
         self._writer.query(
-            lambda store: read_messages(store.connection, *ends, self._batch),
+            lambda store: store.read(read_messages, *ends, self._batch),
             self._read,
         )
 

@@ -23,8 +23,9 @@ PROFILE = QueueProfile(
     failed_text="{}",
     restored_text="points are kept again",
     replaced="outbox.replaced",
-    replaced_remedy="points that only the old file has can be taken out of it with "
-    "`traverse points export --db`, as far as it can be read",
+    damaged="outbox.damaged",
+    replaced_remedy="check the disk; points that only an old file has can be taken out "
+    "of it with `traverse points export --db`, as far as it can be read",
 )
 
 

@@ -9,12 +9,12 @@ number of its first point; the note of that "session" is the real session's name
 
 import sqlite3
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from traverse.daemon.store.database import check_version
+from traverse.daemon.store.database import SET_ASIDE, check_version, read_as_text
 from traverse.daemon.store.records import (
     StoredMessage,
     StoredRange,
@@ -22,16 +22,38 @@ from traverse.daemon.store.records import (
     StoreRefusedError,
 )
 from traverse.protocol.encoding import decode
-from traverse.protocol.messages import Scan
+from traverse.protocol.message_error import MessageError
+from traverse.protocol.messages import Point, Scan
 
-COLUMNS = "session, seq, id, time_ns, topic, encoding, payload, number, sent"
+COLUMNS = "session, seq, id, time_ns, topic, encoding, payload, number, sent, crc"
 PIECE = 500
 
 
 def stored_message(row: tuple[Any, ...]) -> StoredMessage:
-    """A row of `COLUMNS` as a value."""
-    values = *row[:-1], bool(row[-1])
-    return StoredMessage(*values)
+    """A row of `COLUMNS` as a value, checked against its checksum."""
+    values = *row[:-2], bool(row[-2])
+    message = StoredMessage(*values)
+    return message if _is_whole(message, row[-1]) else replace(message, is_whole=False)
+
+
+def _is_whole(message: StoredMessage, crc: int | None) -> bool:
+    """Whether a message is as it was stored.
+
+    One of before version 2 has no checksum: its payload must be the point, or the block
+    of a scan, of its row.
+    """
+    try:
+        if crc is not None:
+            return message.checksum == crc
+        if message.topic.endswith("/scan"):
+            block = decode(Scan, message.payload, message.encoding)
+            found = block.scan, block.seq, block_id(block)
+        else:
+            point = decode(Point, message.payload, message.encoding)
+            found = point.session, point.seq, point.id
+    except (MessageError, TypeError, ValueError, AttributeError):
+        return False  # of damaged columns not even the type is certain
+    return found == (message.session, message.seq, message.id)
 
 
 def open_read_only(path: Path) -> sqlite3.Connection:
@@ -49,9 +71,15 @@ def open_read_only(path: Path) -> sqlite3.Connection:
     connection = sqlite3.connect(
         f"file:{quote(str(path))}?mode=ro", uri=True, isolation_level=None
     )
+    connection.text_factory = read_as_text
     try:
-        if not check_version(connection, str(path)):
+        version = check_version(connection, str(path))
+        if not version:
             raise StoreRefusedError(f"{path}: is empty; no daemon has used it yet")
+        if version == 1:
+            connection.execute(
+                "CREATE TEMP VIEW messages AS SELECT *, NULL AS crc FROM main.messages"
+            )
     except BaseException:
         connection.close()
         raise
@@ -62,7 +90,7 @@ def read_sessions(connection: sqlite3.Connection, at_most: int) -> list[StoredSe
     """Sessions of which there are points, oldest first, the latest of them."""
     rows: list[tuple[Any, ...]] = connection.execute(
         "SELECT session, begun_ns, note, first_seq, last_seq FROM ("
-        " SELECT rowid AS place, session, begun_ns, note,"
+        " SELECT rowid AS place, session, CAST(begun_ns AS INTEGER) AS begun_ns, note,"
         "  (SELECT min(seq) FROM messages m WHERE m.session = s.session) AS first_seq,"
         "  (SELECT max(seq) FROM messages m WHERE m.session = s.session) AS last_seq"
         " FROM sessions s ORDER BY place DESC LIMIT ?"
@@ -101,7 +129,8 @@ def stored_range(
         "SELECT min(seq), max(seq) FROM messages WHERE session = ?", (session,)
     ).fetchone()
     (points,) = connection.execute(
-        "SELECT count(*) FROM messages WHERE session = ? AND seq BETWEEN ? AND ?",
+        "SELECT count(*) FROM messages WHERE session = ? AND seq BETWEEN ? AND ? "
+        f"AND sent <> {SET_ASIDE}",
         (session, from_seq, to_seq),
     ).fetchone()
     return StoredRange(points, first, last)
@@ -113,12 +142,17 @@ def read_messages(
     from_seq: int,
     to_seq: int,
     at_most: int,
+    *,
+    without: int = SET_ASIDE,
 ) -> list[StoredMessage]:
-    """Messages of a range of a session, ends included, in order, the first of them."""
+    """Messages of a range of a session, ends included, in order, the first of them.
+
+    Those whose ``sent`` is ``without`` are left out.
+    """
     rows = connection.execute(
-        f"SELECT {COLUMNS} FROM messages "
-        "WHERE session = ? AND seq BETWEEN ? AND ? ORDER BY seq LIMIT ?",
-        (session, from_seq, to_seq, at_most),
+        f"SELECT {COLUMNS} FROM messages WHERE session = ? AND seq BETWEEN ? AND ? "
+        "AND sent <> ? ORDER BY seq LIMIT ?",
+        (session, from_seq, to_seq, without, at_most),
     )
     return [stored_message(row) for row in rows]
 
@@ -126,10 +160,11 @@ def read_messages(
 def iter_messages(
     connection: sqlite3.Connection, session: str, from_seq: int, to_seq: int
 ) -> Iterator[StoredMessage]:
-    """The same without a limit, read piece by piece."""
-    while piece := read_messages(connection, session, from_seq, to_seq, PIECE):
+    """The same without a limit, read piece by piece, and with those set aside."""
+    ends = session, from_seq, to_seq
+    while piece := read_messages(connection, *ends, PIECE, without=-1):
         yield from piece
-        from_seq = piece[-1].seq + 1
+        ends = session, piece[-1].seq + 1, to_seq
 
 
 def block_id(block: Scan) -> str:
@@ -174,22 +209,25 @@ def stored_scan_range(
         "SELECT max(seq) FROM messages WHERE session = ? AND seq <= ?", (scan, from_seq)
     )
     if before is not None:  # one without points has a number all the same
-        n_points = len(_block(connection, scan, before).dtime_ns)
-        if before + max(1, n_points) > from_seq:
+        block = _block(connection, scan, before)
+        if block is not None and before + max(1, len(block.dtime_ns)) > from_seq:
             from_block = before
     last = _block(connection, scan, held.last_seq)
-    end = last.seq + len(last.dtime_ns)
+    end = held.last_seq if last is None else last.seq + len(last.dtime_ns)
     return StoredScanRange(
         session,
         from_block,
         stored_range(connection, scan, from_block, to_seq).points,
         held.first_seq,
         end - 1 if end > held.first_seq else None,
-        last.seq,
-        last.total,
+        held.last_seq,
+        None if last is None else last.total,
     )
 
 
-def _block(connection: sqlite3.Connection, scan: str, seq: int) -> Scan:
-    (message,) = read_messages(connection, scan, seq, seq, 1)
-    return decode(Scan, message.payload, message.encoding)
+def _block(connection: sqlite3.Connection, scan: str, seq: int) -> Scan | None:
+    """A block; None where it is damaged."""
+    for message in read_messages(connection, scan, seq, seq, 1):
+        if message.is_whole:
+            return decode(Scan, message.payload, message.encoding)
+    return None

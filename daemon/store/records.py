@@ -1,5 +1,6 @@
 """Values that go between the event loop, the writer's thread and the database."""
 
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -26,6 +27,15 @@ class StorableMessage:
     encoding: Encoding
     payload: bytes
 
+    @property
+    def checksum(self) -> int:
+        """CRC-32 over all of it; stored beside it, so that damage is noticed."""
+        row = (
+            f"{self.session}\n{self.seq}\n{self.id}\n{self.time_ns}\n{self.topic}\n"
+            f"{self.encoding}\n"
+        )
+        return zlib.crc32(self.payload, zlib.crc32(row.encode()))
+
 
 @dataclass(frozen=True, slots=True)
 class NewMessage(StorableMessage):
@@ -47,10 +57,13 @@ class StoredMessage(StorableMessage):
     Attributes:
         number: grows by one with each message ever stored; the order of sending.
         is_sent: the broker has acknowledged it.
+        is_whole: it is as it was stored; else nothing of it can be relied on, not even
+            the types.
     """
 
     number: int
     is_sent: bool
+    is_whole: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +160,14 @@ class Replaced:
 
 
 @dataclass(frozen=True, slots=True)
+class SetAside:
+    """Messages are damaged, and are not sent; which, in words."""
+
+    text: str
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
 class StoreStatus:
     """How the store is, as its thread sees it; reported whenever it changes."""
 
@@ -154,7 +175,7 @@ class StoreStatus:
     statistics: StoreStatistics = StoreStatistics()
 
 
-Notification = Committed | WriteFailed | Replaced | StoreStatus
+Notification = Committed | WriteFailed | Replaced | SetAside | StoreStatus
 
 
 # -- what waits for the thread ------------------------------------------------

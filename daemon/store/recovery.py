@@ -16,29 +16,38 @@ from pathlib import Path
 from typing import TypeVar
 from urllib.parse import quote
 
-from traverse.daemon.store.database import MessageDatabase
-from traverse.daemon.store.queries import COLUMNS, block_id
+from traverse.daemon.store.database import (
+    CORRUPT_INDEX,
+    MessageDatabase,
+    read_as_text,
+)
+from traverse.daemon.store.queries import COLUMNS, stored_message
 from traverse.daemon.store.records import (
     NewMessage,
-    StorableMessage,
+    Replaced,
+    SetAside,
     StorageError,
+    StoredMessage,
     StoreRefusedError,
     StoreStatistics,
     StoreStatus,
 )
-from traverse.protocol.encoding import decode
-from traverse.protocol.message_error import MessageError
-from traverse.protocol.messages import Point, Scan
 
 log = logging.getLogger("traverse.daemon.outbox")
 T = TypeVar("T")
 
-# By the index first: it leaves the pages alone that only hold what has been sent.
-WAYS = ("INDEXED BY unsent", "NOT INDEXED")
+SESSIONS = "SELECT session, CAST(begun_ns AS INTEGER), note FROM sessions"
+# By the index, which leaves the pages alone of what has been sent; and from both ends.
+UNSENT = (
+    "SELECT number FROM messages INDEXED BY unsent WHERE sent = 0",
+    "SELECT number FROM messages NOT INDEXED WHERE sent = 0 ORDER BY number",
+    "SELECT number FROM messages NOT INDEXED WHERE sent = 0 ORDER BY number DESC",
+)
 RETRY_REMARK = "; the daemon continues as soon as it can write"
 DAMAGED = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 # The same connection would never be able to write again.
 REOPENED = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
+MAX_NAMED = 5
 DATABASE_SUFFIXES = ("", "-wal", "-shm")
 
 
@@ -91,40 +100,53 @@ def _code(error: BaseException) -> int | None:
     return None if code is None else int(code) & 0xFF
 
 
-def recover_unsent(path: Path) -> list[NewMessage]:
-    """Messages that were not sent and can be read, in order, without repeats."""
-    found: dict[str, tuple[int, NewMessage]] = {}
-    begun: dict[str, tuple[int, str]] = {}
-    address = f"file:{quote(str(path))}?mode=ro"
-    with contextlib.closing(sqlite3.connect(address, uri=True)) as connection:
+class UnsentMessages:
+    """Messages of a database that is given up, which the broker does not have."""
+
+    def __init__(self) -> None:
+        self._numbers: set[int] = set()
+        self._found: dict[int, NewMessage] = {}
+
+    @property
+    def messages(self) -> list[NewMessage]:
+        """Those that can be read, in order."""
+        return [self._found[number] for number in sorted(self._found)]
+
+    @property
+    def n_lost(self) -> int:
+        """How many there are besides, which cannot be read."""
+        return len(self._numbers) - len(self._found)
+
+    def read(self, connection: sqlite3.Connection) -> None:
+        """Add what a connection can read, each message by itself.
+
+        Pages that one connection has in its cache may be lost to another.
+        """
+        connection.text_factory = read_as_text
+        begun: dict[str, tuple[int, str]] = {}
         with contextlib.suppress(sqlite3.Error):
-            for session, begun_ns, note in connection.execute("SELECT * FROM sessions"):
+            for session, begun_ns, note in connection.execute(SESSIONS):
                 begun[session] = begun_ns, note
-        for way in WAYS:
-            with contextlib.suppress(sqlite3.Error, ValueError, TypeError):
-                for *values, number, _ in connection.execute(
-                    f"SELECT {COLUMNS} FROM messages {way} WHERE sent = 0 "
-                    "ORDER BY number"
+        for query in UNSENT:
+            with contextlib.suppress(sqlite3.Error):
+                for (number,) in connection.execute(query):
+                    self._numbers.add(number)
+        columns = COLUMNS
+        with contextlib.suppress(sqlite3.Error):
+            if connection.execute("PRAGMA user_version").fetchone() == (1,):
+                columns = COLUMNS.replace("crc", "NULL")
+        for number in self._numbers:
+            with contextlib.suppress(sqlite3.Error):
+                for row in connection.execute(
+                    f"SELECT {columns} FROM messages WHERE number = ?", (number,)
                 ):
-                    row = (*values, *begun.get(values[0], (0, "")))
-                    message = NewMessage(*row)
-                    if _is_whole(message):
-                        found.setdefault(message.id, (number, message))
-    return [message for _, message in sorted(found.values(), key=lambda row: row[0])]
+                    message = stored_message(row)
+                    if message.is_whole:
+                        values = *row[:7], *begun.get(message.session, (0, ""))
+                        self._found.setdefault(number, NewMessage(*values))
 
 
-def _is_whole(message: StorableMessage) -> bool:
-    """Whether the payload is the point, or the block of a scan, of its row."""
-    try:
-        if message.topic.endswith("/scan"):
-            block = decode(Scan, message.payload, message.encoding)
-            found = block.scan, block.seq, block_id(block)
-        else:
-            point = decode(Point, message.payload, message.encoding)
-            found = point.session, point.seq, point.id
-    except MessageError:
-        return False
-    return found == (message.session, message.seq, message.id)
+Remedy = Callable[[sqlite3.Error], None]
 
 
 class ResilientDatabase:
@@ -132,19 +154,23 @@ class ResilientDatabase:
 
     Args:
         path: of the database.
-        replaced: called with a text when a new database has been begun for one that
-            was damaged.
+        notify: called when another database is used now, because one was damaged or
+            lacks what had been stored, and when messages were set aside.
 
     Attributes:
         trouble: why messages cannot be stored now; None while they can.
     """
 
-    def __init__(self, path: Path, replaced: Callable[[str], None]) -> None:
+    def __init__(
+        self, path: Path, notify: Callable[[Replaced | SetAside], None]
+    ) -> None:
         self._path = path
-        self._replaced = replaced
+        self._notify = notify
         self._store: MessageDatabase | None = None
         self._last_number = 0
         self._statistics = StoreStatistics()
+        self._unsent = UnsentMessages()  # what the next one is to have
+        self._why = ""  # the last one is not used any more
         self.trouble: StorageError | None = None
 
     def open(self) -> None:
@@ -182,14 +208,17 @@ class ResilientDatabase:
         Raises:
             Exception: it cannot be done; `trouble` has the reason.
         """
+        tried: list[Remedy] = []
         try:
-            try:
-                return work(self._opened())
-            except sqlite3.Error as error:
-                if _code(error) not in DAMAGED:
-                    raise
-                self._begin_anew(error)
-                return work(self._opened())
+            while True:
+                try:
+                    return work(self._opened())
+                except sqlite3.Error as error:
+                    remedy = self._remedy(error)
+                    if remedy is None or remedy in tried:
+                        raise
+                    tried.append(remedy)
+                    remedy(error)
         except StoreRefusedError as error:
             self.trouble = StorageError(str(error), "see there")
             raise
@@ -202,15 +231,10 @@ class ResilientDatabase:
             raise
 
     def check(self) -> None:
-        """See whether the trouble is over, and whether the file is still there."""
-        if self._store is not None and not self._store.is_file_unchanged:
-            self.close()
-            with contextlib.suppress(sqlite3.Error, OSError, StoreRefusedError):
-                self.run(lambda store: None)
-                self._replaced(
-                    f"{self._path} had been moved or removed while the daemon used it; "
-                    "what is there now is used instead"
-                )
+        """See whether the trouble is over, and whether the files are still there."""
+        if self._store is not None and not self._is_unchanged(self._store):
+            self._open_anew(None)
+            self.open()
         if self.trouble is not None:
             with contextlib.suppress(sqlite3.Error, OSError, StoreRefusedError):
                 self.run(MessageDatabase.check_space)
@@ -223,22 +247,93 @@ class ResilientDatabase:
                 self._statistics = self._store.statistics()
         return StoreStatus(self.trouble, self._statistics)
 
+    @staticmethod
+    def _is_unchanged(store: MessageDatabase) -> bool:
+        try:
+            return store.is_file_unchanged
+        except sqlite3.Error:  # the next work with it reports that
+            return True
+
     def _opened(self) -> MessageDatabase:
         if self._store is None:
-            self._store = MessageDatabase(self._path, self._last_number)
-            self._last_number = max(self._last_number, self._store.last_number)
+            store = MessageDatabase(self._path, self._last_number, self._set_aside)
+            try:
+                numbers = store.add_missing(self._unsent.messages)
+            except BaseException:
+                store.close()
+                raise
+            self._store = store
+            self._last_number = store.last_number
+            if self._why or store.n_missing:
+                self._notify(Replaced(self._account(store, len(numbers))))
+            self._unsent, self._why = UnsentMessages(), ""
         return self._store
+
+    def _account(self, store: MessageDatabase, n_taken: int) -> str:
+        """What has become of the messages that had been stored."""
+        known, is_new = store.known, store.is_new
+        parts = [
+            self._why
+            or f"{self._path} lacks messages that had been stored: it, or its log, was "
+            "damaged, cut off or removed, or is an older copy"
+        ]
+        if is_new or n_taken:
+            begun = "a new one has been begun, " if is_new else ""
+            parts.append(f"{begun}with {n_taken} points that had not been sent")
+        if self._unsent.n_lost:
+            parts.append(f"{self._unsent.n_lost} more of those cannot be read")
+        if store.n_missing:
+            n_unsent = max(0, min(known.unsent, store.n_missing) - n_taken)
+            which = "all" if is_new else f"the last {store.n_missing}"
+            others = " others" * (n_taken > 0)
+            parts.append(
+                f"it lacks {which}{others} up to seq {known.seq} of session "
+                f"{known.session[:64]!r}, of which the broker did not have {n_unsent}"
+            )
+        return "; ".join(parts)
+
+    def _remedy(self, error: sqlite3.Error) -> Remedy | None:
+        """What may help against an error; None: to wait."""
+        if error.sqlite_errorcode == CORRUPT_INDEX and self._store is not None:
+            return self._rebuild_indices
+        if error.sqlite_errorcode == sqlite3.SQLITE_IOERR_SHORT_READ:
+            return self._open_anew
+        return self._begin_anew if _code(error) in DAMAGED else None
+
+    def _rebuild_indices(self, error: sqlite3.Error) -> None:
+        """A damaged row does not fit its indices, so that nobody can delete it."""
+        log.warning("%s: %s; the indices are built anew", self._path, error)
+        if self._store is not None:
+            with contextlib.suppress(sqlite3.Error):
+                self._store.connection.execute("REINDEX")
+
+    def _open_anew(self, _: object) -> None:
+        """Use what is there now, with what the lost one has of its own."""
+        if self._store is not None:
+            self._unsent.read(self._store.connection)
+        self._why = (
+            f"{self._path} or its log had been moved, removed or cut off while the "
+            "daemon used it; what is there now is used instead"
+        )
+        self.close()
 
     def _begin_anew(self, error: sqlite3.Error) -> None:
         """Set a damaged database aside; a new one gets what can be taken over."""
-        self.close()
         name = move_aside(self._path)
-        store, entries = self._opened(), []
-        with contextlib.suppress(sqlite3.Error):
-            entries = recover_unsent(name)
-            if entries:
-                store.add(entries)
-        self._replaced(
-            f"{self._path} is damaged ({error}); it is now {name}, and a new one has "
-            f"been begun, with {len(entries)} points that had not been sent"
+        address = f"file:{quote(str(name))}?mode=ro"
+        with contextlib.closing(sqlite3.connect(address, uri=True)) as connection:
+            self._unsent.read(connection)
+        if self._store is not None:
+            self._unsent.read(self._store.connection)
+        self.close()
+        self._why = f"{self._path} is damaged ({error}); it is now {name}"
+
+    def _set_aside(self, damaged: Sequence[StoredMessage]) -> None:
+        """Report messages that are not as they were stored."""
+        which = ", ".join(
+            f"seq {message.seq!r:.20} of session {message.session!r:.64}"
+            for message in damaged[:MAX_NAMED]
         )
+        rest = f" and {len(damaged) - MAX_NAMED} more" * (len(damaged) > MAX_NAMED)
+        text = f"{self._path}: damaged and not sent: {which}{rest}"
+        self._notify(SetAside(text, len(damaged)))

@@ -45,6 +45,8 @@ PROFILE = QueueProfile(
     failed_text="scans are sent without having been kept: {}",
     restored_text="scans are kept again",
     replaced="scan.spool_replaced",
+    damaged="scan.spool_damaged",
+    replaced_remedy="check the disk",
     batch=20,  # ten megabytes at most
     resend_batch=20,
 )

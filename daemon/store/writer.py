@@ -24,7 +24,6 @@ from traverse.daemon.store.records import (
     Committed,
     NewMessage,
     Notification,
-    Replaced,
     RetentionRules,
     StorageError,
     StoreRefusedError,
@@ -75,9 +74,7 @@ class StoreWriter:
         self._clock = clock
         self.retention = retention
         self._notify = notify
-        self._database = ResilientDatabase(
-            path, lambda text: self._post(notify, Replaced(text))
-        )
+        self._database = ResilientDatabase(path, lambda what: self._post(notify, what))
         self._jobs: queue.SimpleQueue[Job] = queue.SimpleQueue()
         self._loop = asyncio.get_running_loop()
         self._status = StoreStatus()

@@ -27,6 +27,7 @@ class Outbox:
 
     def __init__(self) -> None:
         self.sessions: dict[str, range] = {}
+        self.damaged: set[tuple[str, int]] = set()
 
     def begin(self) -> str:
         session = f"s{len(self.sessions)}"
@@ -48,7 +49,11 @@ class Outbox:
     def answer(self, ask: ResendRequest) -> tuple[Resent, list[Point]]:
         session = ask.session or ""
         held = self.sessions.get(session, range(0))
-        sent = [point(session, i) for i in held if ask.from_seq <= i <= ask.to_seq]
+        sent = [
+            point(session, i)
+            for i in held
+            if ask.from_seq <= i <= ask.to_seq and (session, i) not in self.damaged
+        ]
         first, last = (held[0], held[-1]) if held else (None, None)
         held = Resent(session=session, points=len(sent), first_seq=first, last_seq=last)
         return held, sent
@@ -126,6 +131,8 @@ def test_every_number_is_handed_on_once_and_in_order_whatever_a_broker_loses(
             held = outbox.sessions[old]  # the newest stays: nobody knew it else
             below = min(held.start + chance.randrange(5), held.stop - 1)
             outbox.forget(old, max(below, held.start))
+        elif what < 0.2 and outbox.sessions[session]:
+            outbox.damaged.add((session, chance.choice(outbox.sessions[session])))
         elif what < 0.25:
             order.connection_restored()
             sessions = outbox.listed() if order.next_request(ROOM) else []
@@ -149,6 +156,7 @@ def test_every_number_is_handed_on_once_and_in_order_whatever_a_broker_loses(
     expected = [(s, i) for s, held in outbox.sessions.items() for i in range(held.stop)]
     assert numbers(order) == expected
     held_yet = {(s, i) for s, held in outbox.sessions.items() for i in held}
+    held_yet -= outbox.damaged
     lost = {
         (item.session, i)
         for item in order.ready

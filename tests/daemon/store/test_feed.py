@@ -34,7 +34,7 @@ class Steps:
         self.store.connection.execute("PRAGMA synchronous = OFF")
         self.jobs, self.results = deque(), deque()
         self.queue = OutgoingQueue(max_points=ROOM)
-        self.connection = self.store.connection
+        self.read = self.store.read
         self.acks = AckBuffer(self)
         self.clock = SetClock()
         self.feed = UnsentFeeder(self.queue, self, self.acks, self.clock, Latencies())

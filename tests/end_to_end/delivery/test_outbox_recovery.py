@@ -5,6 +5,7 @@ import contextlib
 import json
 import os
 import signal
+import sqlite3
 import subprocess
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
@@ -111,6 +112,48 @@ async def test_a_daemon_killed_before_the_broker_has_its_points(
     for numbers in by_session.values():
         assert numbers == list(range(len(numbers)))
     assert len({p.id for p in listener.points}) == len(listener.points)
+
+
+async def test_one_damaged_row_costs_that_point_only(
+    make_mosquitto: Callable[..., Mosquitto], resting: Workbench
+) -> None:
+    """One byte that is no UTF-8, in a point that waits for the broker."""
+    broker = make_mosquitto()
+    resting.port = broker.port
+    resting.write_simulator(SPHERE.format(points=4), top="repeat = true")
+    resting.write_daemon()
+    with resting.simulator() as simulator:
+        await simulator.says("ready base")
+        with resting.daemon() as daemon:
+            await daemon.says("ready")
+            await until(lambda: len(on_disk(resting)) >= 1, "a first point")
+            broker.kill()
+            await until(lambda: len(on_disk(resting)) >= 6, "points on disk")
+            daemon.process.kill()
+            await daemon.ended()
+        left = [(s, n) for s, n, is_sent in on_disk(resting) if not is_sent]
+        file = resting.folder / "state" / "outbox.db"
+        session, seq = left[2]
+        with contextlib.closing(sqlite3.connect(file)) as connection, connection:
+            connection.execute(
+                "UPDATE messages SET topic = CAST(x'74ff' AS TEXT) WHERE seq = ?", [seq]
+            )
+        broker.start()
+        async with listening(resting.host, resting.port, resting.arm) as listener:
+            with resting.daemon(name="next") as daemon:
+                await listener.n_points(len(left) + 1)
+                event = await listener.event("outbox.damaged")
+                assert f"seq {seq} of session '{session}'" in event.text
+                answer = await listener.command(ResendArgs(session=session))
+                assert answer.result["points"] == answer.result["last_seq"]
+                assert await daemon.stop() == 0
+            assert listener.told("outbox.failed") == []
+    found = [(p.session, p.seq) for p in listener.points]
+    assert found[: len(left) - 1] == [*left[:2], *left[3:]]
+    words = ("points", "export", "--db", str(file), "--out", "points.csv")
+    with Program(resting.folder, "export", *words) as export:
+        assert await export.ended() == 1
+        assert f"seq {seq}: damaged, and left out" in export.log
 
 
 async def test_a_second_daemon_on_the_same_folder_is_refused(

@@ -1,0 +1,77 @@
+"""Which message a database had stored last, in a small file beside it.
+
+Written soon after a commit, and never synced: it is not ahead of a database that is as
+it should be, even after a power cut. A database that has less has lost something: its
+log was damaged or removed, or it is a new file, or an older copy.
+"""
+
+import contextlib
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+FILE_BYTES = 512
+OWNER_ONLY = 0o600
+
+
+@dataclass(frozen=True, slots=True)
+class LastStored:
+    """The last message, and the rest.
+
+    Attributes:
+        number: of the message; see `StoredMessage`.
+        session, seq: of the message.
+        unsent: so many of all messages the broker did not have.
+    """
+
+    number: int = 0
+    session: str = ""
+    seq: int = 0
+    unsent: int = 0
+
+
+class LastStoredFile:
+    """The file; where it cannot be used, nothing is known.
+
+    Args:
+        database: path of the database.
+    """
+
+    def __init__(self, database: Path) -> None:
+        self._path = database.with_suffix(".last")
+        self._descriptor: int | None = None
+        with contextlib.suppress(OSError):
+            self._descriptor = os.open(
+                self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, OWNER_ONLY
+            )
+
+    def read(self) -> LastStored:
+        """What it says; nothing stored where it cannot be read."""
+        if self._descriptor is None:
+            return LastStored()
+        try:
+            found = LastStored(*json.loads(os.pread(self._descriptor, FILE_BYTES, 0)))
+        except (OSError, ValueError, TypeError):
+            return LastStored()
+        is_sound = (
+            isinstance(found.number, int)
+            and isinstance(found.session, str)
+            and isinstance(found.seq, int)
+            and isinstance(found.unsent, int)
+        )
+        return found if is_sound else LastStored()
+
+    def write(self, last: LastStored) -> None:
+        """Replace what it says."""
+        if self._descriptor is not None:
+            values = last.number, last.session, last.seq, last.unsent
+            text = json.dumps(values).ljust(FILE_BYTES)
+            with contextlib.suppress(OSError):  # the database reports a full disk
+                os.pwrite(self._descriptor, text.encode(), 0)
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
