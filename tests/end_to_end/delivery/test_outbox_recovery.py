@@ -125,10 +125,10 @@ async def test_one_damaged_row_costs_that_point_only(
     with resting.simulator() as simulator:
         await simulator.says("ready base")
         with resting.daemon() as daemon:
-            await daemon.says("ready")
-            await until(lambda: len(on_disk(resting)) >= 1, "a first point")
+            await daemon.says("button.released")
             broker.kill()
-            await until(lambda: len(on_disk(resting)) >= 6, "points on disk")
+            n_before = len(on_disk(resting))
+            await until(lambda: len(on_disk(resting)) >= n_before + 6, "points")
             daemon.process.kill()
             await daemon.ended()
         left = [(s, n) for s, n, is_sent in on_disk(resting) if not is_sent]
