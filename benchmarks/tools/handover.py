@@ -50,6 +50,7 @@ def campaign_from_simulation(drawn: SimulatedColumns) -> Campaign:
             speeds_rad_s=drawn.speed_rad_s,
             directions=drawn.direction,
             force_n=drawn.force_n,
+            lengths_mm=drawn.length_mm,
         ),
         start_utc=None if start is None else datetime.fromisoformat(start),
         encoder_rad=drawn.encoder_rad,

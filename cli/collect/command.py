@@ -79,6 +79,13 @@ def collect(
                 f"{campaign}: poses is {file.poses!r}; what is collected point by "
                 'point is a table: poses = "poses.csv"',
             )
+        for artefact in file.artefacts:
+            if artefact.reads_lengths:
+                refuse(
+                    "collect",
+                    f"{campaign}: {artefact.id!r} reads a length at every pose, which "
+                    "no point has; make the table of its poses otherwise",
+                )
         model = read_arm(arm)
         beside = campaign.parent / PLAN
         plan = read_plan(beside) if beside.is_file() else None

@@ -7,6 +7,7 @@ from pydantic import ConfigDict, field_validator
 from traverse.lab.artefacts.artefact import Artefact
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.artefacts.cone import Cone
+from traverse.lab.artefacts.draw_wire import DrawWire
 from traverse.lab.artefacts.parallel_planes import ParallelPlanes
 from traverse.lab.artefacts.plane import Plane
 from traverse.lab.artefacts.points import Points
@@ -25,6 +26,7 @@ ARTEFACT_KINDS: Mapping[str, type[Artefact]] = {
     "plane": Plane,
     "parallel_planes": ParallelPlanes,
     "points": Points,
+    "draw_wire": DrawWire,
 }
 
 

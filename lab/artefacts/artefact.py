@@ -35,6 +35,7 @@ class Touches:
             (n_poses, 3).
         radius_mm: Of the probe's ball.
         feature_names: The artefact's features, in the order of the indices.
+        lengths_mm: As read at each pose, where the artefact reads lengths, (n_poses,).
     """
 
     features: Integers
@@ -42,6 +43,14 @@ class Touches:
     directions: Floats
     radius_mm: float
     feature_names: tuple[str, ...]
+    lengths_mm: Floats | None = None
+
+    @property
+    def known_lengths_mm(self) -> Floats:
+        """The lengths as read, of an artefact that reads them."""
+        if self.lengths_mm is None:
+            raise ValueError("touches of an artefact that reads lengths have none")
+        return self.lengths_mm
 
     def part(self, rows: slice | Integers) -> "Touches":
         """Take some of the poses."""
@@ -51,6 +60,7 @@ class Touches:
             self.directions[rows],
             self.radius_mm,
             self.feature_names,
+            None if self.lengths_mm is None else self.lengths_mm[rows],
         )
 
 
@@ -131,6 +141,11 @@ class Artefact(StrictModel):
     def rows_per_pose(self) -> int:
         """3 where a point is known, 1 where a surface is touched."""
         return 1
+
+    @property
+    def reads_lengths(self) -> bool:
+        """Whether each of its poses has a length of its own."""
+        return False
 
     def tells_length(self, touches: Touches) -> bool:
         """Say whether these touches tell the arm how long a millimetre is."""

@@ -18,10 +18,12 @@ from traverse.lab.campaign.campaign_file import CampaignFile, read_campaign_file
 from traverse.lab.campaign.copies import without_copies
 from traverse.lab.campaign.pose_table import PoseTable, read_pose_table
 from traverse.lab.campaign.stream_table import SUFFIX, read_stream_table
+from traverse.strict_toml.problems import FileError, Problem
 
 _CHUNK_BYTES = 1 << 20
 # When a campaign that does not say when it began is taken to have begun.
 _NO_START = datetime(2000, 1, 1, tzinfo=UTC)
+_MOST_PROBLEMS = 20
 _MARGIN = timedelta(milliseconds=1)
 
 
@@ -42,6 +44,7 @@ class Poses:
         speeds_rad_s: (n_poses, n_joints).
         directions: Unit vectors from the ball towards the material, (n_poses, 3).
         force_n: (n_poses,).
+        lengths_mm: As read by artefacts that read lengths, (n_poses,).
     """
 
     lines: Integers
@@ -55,6 +58,7 @@ class Poses:
     speeds_rad_s: Floats | None = None
     directions: Floats | None = None
     force_n: Floats | None = None
+    lengths_mm: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -163,12 +167,14 @@ class Campaign:
         directions = np.full((len(rows), 3), np.nan)
         if self.poses.directions is not None:
             directions = self.poses.directions[rows]
+        lengths_mm = self.poses.lengths_mm
         return Touches(
             self.poses.features[rows],
             growths,
             directions,
             radius_mm,
             self.feature_names[index],
+            None if lengths_mm is None else lengths_mm[rows],
         )
 
 
@@ -211,7 +217,9 @@ def _campaign(
         speeds_rad_s=_columns(table, _each(joint_names, "speed_rad_s")),
         directions=directions,
         force_n=table.optional.get("force_n"),
+        lengths_mm=table.optional.get("length_mm"),
     )
+    _check_lengths(path.parent / file.poses, file, poses)
     is_stream = Path(file.poses).suffix == SUFFIX
     notes = table.notes
     if not is_stream:
@@ -245,6 +253,28 @@ def _campaign(
         is_stream=is_stream,
         notes=notes,
     )
+
+
+def _check_lengths(path: Path, file: CampaignFile, poses: Poses) -> None:
+    """Refuse poses without a length that should have one, and others that have one."""
+    reads = np.array([artefact.reads_lengths for artefact in file.artefacts])
+    expected = reads[poses.artefacts]
+    found = np.zeros(len(poses), dtype=np.bool_)
+    if poses.lengths_mm is not None:
+        found = np.isfinite(poses.lengths_mm)
+    problems = [
+        Problem(
+            f"line {poses.lines[at]}",
+            f"length_mm is missing; {file.artefacts[poses.artefacts[at]].id!r} reads "
+            "a length at every pose"
+            if expected[at]
+            else f"length_mm does not belong to "
+            f"{file.artefacts[poses.artefacts[at]].id!r}; leave it empty",
+        )
+        for at in np.flatnonzero(expected != found)[:_MOST_PROBLEMS]
+    ]
+    if problems:
+        raise FileError(str(path), problems)
 
 
 def _places(artefacts: Sequence[Artefact], poses: Poses) -> Floats:

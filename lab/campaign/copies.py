@@ -45,6 +45,7 @@ def without_copies(poses: "Poses", places: Floats) -> tuple["Poses", tuple[str, 
             poses.speeds_rad_s,
             poses.directions,
             poses.force_n,
+            poses.lengths_mm,
         )
         if column is not None
     ]

@@ -75,6 +75,7 @@ def optional_columns(joint_names: Sequence[str]) -> tuple[str, ...]:
     return (
         "temperature_c",
         "force_n",
+        "length_mm",
         *_DIRECTION,
         *(f"{name}_temperature_c" for name in joint_names),
         *(f"{name}_approach" for name in joint_names),

@@ -52,6 +52,7 @@ class Campaign:
         speed_rad_s: (n, n_joints)
         direction: (n, 3) unit vectors; rows of NaN where empty.
         force_n: (n,)
+        length_mm: (n,) as draw wires read it; NaN where there is none.
     """
 
     joints: tuple[str, ...]
@@ -68,6 +69,7 @@ class Campaign:
     speed_rad_s: Floats | None
     direction: Floats | None
     force_n: Floats | None
+    length_mm: Floats | None = None
 
     def __post_init__(self) -> None:
         for array in (
@@ -80,6 +82,7 @@ class Campaign:
             self.speed_rad_s,
             self.direction,
             self.force_n,
+            self.length_mm,
         ):
             if array is not None:
                 array.setflags(write=False)

@@ -5,6 +5,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.campaigns.artefacts.artefact import Table
+from traverse.simulator.campaigns.artefacts.draw_wire import DrawWire
 from traverse.simulator.campaigns.campaign import (
     Campaign,
     SimulatedCampaign,
@@ -82,6 +83,7 @@ def draw_noise(
             else None
         ),
         force_n=conditions.force_n.copy() if "force" in columns else None,
+        length_mm=_read_lengths(poses),
     )
     truth = Truth(
         arm=poses.truth,
@@ -95,6 +97,21 @@ def draw_noise(
         faults=poses.faults,
     )
     return SimulatedCampaign(campaign, truth)
+
+
+def _read_lengths(poses: PoseSet) -> Floats | None:
+    """The lengths that draw wires read, (n,).
+
+    Of the contact without its noise: the ball that is off by it makes the length wrong.
+    """
+    lengths_mm = np.full(poses.n_poses, np.nan)
+    for index, placed in enumerate(poses.artefacts):
+        if isinstance(placed.artefact, DrawWire):
+            mine = poses.artefact_index == index
+            away_mm = poses.contacts_mm[mine] - placed.placement.position_mm
+            drawn_mm = np.linalg.norm(away_mm, axis=1)
+            lengths_mm[mine] = drawn_mm - placed.artefact.offset_mm
+    return None if np.all(np.isnan(lengths_mm)) else lengths_mm
 
 
 def _whole_counts(readings_rad: Floats, arm: Arm) -> Floats:

@@ -15,6 +15,7 @@ from traverse.simulator.campaigns.artefacts import (
     Artefact,
     BallBar,
     Cone,
+    DrawWire,
     ParallelPlanes,
     Plane,
     Points,
@@ -58,6 +59,16 @@ def _seats(name: str, n_poses: int, width_mm: float) -> Artefact:
         n_poses=n_poses,
         distance_mm=_rounded_mm(0.3, width_mm),
         distance_std_mm=0.0005,
+    )
+
+
+def _wire(name: str, n_poses: int, width_mm: float) -> Artefact:
+    return DrawWire(
+        id=name,
+        n_poses=n_poses,
+        shortest_mm=_rounded_mm(0.1, width_mm),
+        longest_mm=_rounded_mm(0.6, width_mm),
+        offset_mm=35.0,
     )
 
 
@@ -145,6 +156,7 @@ MIXES: Mapping[str, Mapping[str, Maker]] = {
         **_several("short-bar", partial(_bar, share=0.25), 2),
     },
     "seats": _several("bar", _seats, 4),
+    "wires": _several("wire", _wire, 3),
     "sphere-known": _several("ball", _known_sphere, 4),
     "planes+length": {**_several("plate", _plane, 5), "gauge": _gauge},
     "points-arm": {"grid": _arm_points},

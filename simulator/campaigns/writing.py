@@ -88,6 +88,8 @@ def pose_lines(campaign: Campaign) -> Iterator[str]:
             columns += _by_column(campaign.direction[rows])
         if campaign.force_n is not None:
             columns.append(_numbers(campaign.force_n[rows]))
+        if campaign.length_mm is not None:
+            columns.append(_numbers(campaign.length_mm[rows]))
         for cells in zip(*columns, strict=True):
             yield ",".join(cells) + "\n"
 
@@ -106,6 +108,8 @@ def column_names(campaign: Campaign) -> list[str]:
         names += ["direction_x", "direction_y", "direction_z"]
     if campaign.force_n is not None:
         names.append("force_n")
+    if campaign.length_mm is not None:
+        names.append("length_mm")
     return names
 
 

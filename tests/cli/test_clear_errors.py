@@ -33,6 +33,7 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "daemon.toml").write_text(DAEMON)
     (tmp_path / "campaign").mkdir()
     (tmp_path / "campaign" / "campaign.toml").write_text(CAMPAIGN)
+    (tmp_path / "wire.toml").write_text(CAMPAIGN.replace("cone", "draw_wire"))
     return tmp_path
 
 
@@ -42,6 +43,7 @@ def folder(tmp_path: Path) -> Path:
         ("watch --lines --broker localhost:abc", 2, "'localhost:abc': its port is no"),
         ("run --config arm.toml", 2, "this is a file 'traverse/arm/1'; expected a dae"),
         ("check campaign", 2, "no poses yet: `traverse collect campaign` writes"),
+        ("collect wire.toml --arm arm.toml", 2, "'seat' reads a length at every pose"),
         ("export arm.toml --out no/such.csv", 2, "no: there is no such folder; make"),
     ],
 )

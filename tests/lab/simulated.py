@@ -153,8 +153,6 @@ def targets_of(table, rng, n, place_mm):
     features = np.array([""] * n, dtype=object)
     if kind == "cone":
         return np.tile(place_mm, (n, 1)), features
-    if kind == "seats":
-        return seats_targets(table, rng, n, place_mm)
     if kind == "sphere":
         radius = table.get("radius_mm", 25.4)
         sign = 1 if table.get("side", "outside") == "outside" else -1
@@ -167,9 +165,12 @@ def targets_of(table, rng, n, place_mm):
         middle = np.where(which[:, None] == 0, place_mm - along, place_mm + along)
         reach = np.broadcast_to(table["radius_mm"], (2,))[which] + PROBE_RADIUS_MM
         return middle + reach[:, None] * random_directions(rng, n), features
-    if kind == "points":
-        return points_targets(table, rng, n, place_mm)
-    return plane_targets(table, rng, n, place_mm)
+    others = {
+        "seats": seats_targets,
+        "draw_wire": wire_targets,
+        "points": points_targets,
+    }
+    return others.get(kind, plane_targets)(table, rng, n, place_mm)
 
 
 def seats_targets(table, rng, n, place_mm):
@@ -185,6 +186,23 @@ def seats_targets(table, rng, n, place_mm):
     places += list(ways * np.array(distances)[:, None])
     which = np.arange(n) % len(names)
     return place_mm + np.array(places)[which], np.array(names, dtype=object)[which]
+
+
+WIRE_OFFSET_MM = 35.0
+
+
+def wire_targets(table, rng, n, place_mm):
+    """Places in one octant around the anchor."""
+    drawn_mm = rng.uniform(80, 300, n)[:, None]
+    octant = np.abs(random_directions(rng, n)) * [-1, -1, 1]
+    return place_mm + drawn_mm * octant, np.array([""] * n, dtype=object)
+
+
+def read_lengths(table, targets_mm, place_mm):
+    """What a draw wire reads; NaN for everything else, (n,)."""
+    if table["kind"] != "draw_wire":
+        return np.full(len(targets_mm), np.nan)
+    return np.linalg.norm(targets_mm - place_mm, axis=1) - WIRE_OFFSET_MM
 
 
 def plane_targets(table, rng, n, place_mm):
@@ -233,6 +251,7 @@ def simulate(
     rng = np.random.default_rng(seed)
     travel_rad = np.broadcast_to(travel_rad, (len(arm.axes),))
     artefacts, all_angles, indices, features, names = [], [], [], [], []
+    lengths = []
     for index, given in enumerate(tables):
         table = dict(given)
         height = rng.uniform(-150, 400)
@@ -241,6 +260,7 @@ def simulate(
         place = arm.origin_mm + np.array([x_mm, y_mm, height])
         place = np.array(table.pop("place_mm", place))
         targets, touched = targets_of(table, rng, n_each, place)
+        lengths.append(read_lengths(table, targets, place))
         table.pop("true_scale", None)
         artefact = artefact_from_table(table)
         artefacts.append(artefact)
@@ -266,6 +286,9 @@ def simulate(
             artefacts=np.concatenate(indices),
             features=np.concatenate(features).astype(np.int64),
             angles_rad=np.concatenate(all_angles),
+            lengths_mm=None
+            if np.isnan(np.concatenate(lengths)).all()
+            else np.concatenate(lengths),
         ),
         encoder_rad=noise.encoder_rad or None,
         contact_mm=noise.contact_mm or None,
@@ -339,6 +362,8 @@ def written(campaign: Campaign, folder: Path) -> Path:
     rows = [
         ["time_s", "artefact", "feature", *(f"{n}_rad" for n in campaign.joint_names)]
     ]
+    if poses.lengths_mm is not None:
+        rows[0].append("length_mm")
     for at in range(len(poses)):
         index = poses.artefacts[at]
         feature = campaign.feature_names[index][poses.features[at]]
@@ -346,5 +371,8 @@ def written(campaign: Campaign, folder: Path) -> Path:
         rows.append(
             [str(poses.time_s[at]), campaign.artefacts[index].id, feature, *angles]
         )
+        if poses.lengths_mm is not None:
+            length = float(poses.lengths_mm[at])
+            rows[-1].append("" if np.isnan(length) else repr(length))
     (folder / "poses.csv").write_text("\n".join(",".join(row) for row in rows) + "\n")
     return folder

@@ -188,12 +188,14 @@ def _candidates(adjustment: Adjustment) -> list[_Candidate]:
     for at, station in enumerate(chosen):
         tries_rad = rng.uniform(least, largest, (_TRIES_AN_ARTEFACT, len(least)))
         features = rng.choice(station.touches.features, _TRIES_AN_ARTEFACT)
+        lengths_mm = station.touches.lengths_mm
         touches = Touches(
             features,
             np.zeros(_TRIES_AN_ARTEFACT),
             np.full((_TRIES_AN_ARTEFACT, 3), np.nan),
             station.touches.radius_mm,
             station.touches.feature_names,
+            None if lengths_mm is None else rng.choice(lengths_mm, _TRIES_AN_ARTEFACT),
         )
         came = postures_touching(
             station.artefact,

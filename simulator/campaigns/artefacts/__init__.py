@@ -1,6 +1,7 @@
 """Artefacts that campaigns touch: one file each."""
 
 from traverse.simulator.campaigns.artefacts.artefact import AnyArtefact, Artefact
+from traverse.simulator.campaigns.artefacts.draw_wire import DrawWire
 from traverse.simulator.campaigns.artefacts.seats import Cone, Points, Seats
 from traverse.simulator.campaigns.artefacts.surfaces import (
     BallBar,
@@ -14,6 +15,7 @@ __all__ = [
     "Artefact",
     "BallBar",
     "Cone",
+    "DrawWire",
     "ParallelPlanes",
     "Plane",
     "Points",
@@ -30,5 +32,6 @@ Artefact.KINDS.update(
         "plane": Plane,
         "parallel_planes": ParallelPlanes,
         "points": Points,
+        "draw_wire": DrawWire,
     }
 )

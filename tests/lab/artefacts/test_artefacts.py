@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from tests.lab.simulated import random_directions, targets_of
+from tests.lab.simulated import (
+    WIRE_OFFSET_MM,
+    random_directions,
+    read_lengths,
+    targets_of,
+)
 from traverse.lab.artefacts import ARTEFACT_KINDS, artefact_from_table
 from traverse.lab.artefacts.artefact import Touches
 
@@ -17,6 +22,8 @@ TABLES = [
             {"between": ["A", "C"], "distance_mm": 80.0},
         ],
     },
+    {"kind": "draw_wire"},
+    {"kind": "draw_wire", "offset_mm": WIRE_OFFSET_MM, "offset_std_mm": 0.1},
     {"kind": "sphere"},
     {"kind": "sphere", "radius_mm": 25.0, "radius_std_mm": 0.001, "side": "inside"},
     {"kind": "ball_bar", "radius_mm": [12.0, 15.0], "distance_mm": 300.0},
@@ -43,7 +50,9 @@ def made(table, seed=1, n=40, growth=0.0):
     features = np.array([listed.index(name) for name in names])
     unknown = np.full((n, 3), np.nan)
     growths = np.full(n, growth)
-    return artefact, centres, Touches(features, growths, unknown, 3.0, listed)
+    lengths = read_lengths(full, centres, place)
+    touches = Touches(features, growths, unknown, 3.0, listed, lengths)
+    return artefact, centres, touches
 
 
 def test_every_kind_is_tested_here():

@@ -79,6 +79,31 @@ def test_a_campaign_is_read_into_arrays(folder):
     assert len(campaign.digest) == 64
 
 
+WIRE = """\
+[[artefacts]]
+id = "wire"
+kind = "draw_wire"
+"""
+
+
+def test_the_length_of_a_wire_is_read_where_it_belongs(folder):
+    (folder / "campaign.toml").write_text(CAMPAIGN + WIRE)
+    header = HEADER.replace("\n", ",length_mm\n")
+    rows = ROWS.replace("\n", ",\n") + "9,wire,,0.1,0.3,,,,,,212.5\n"
+    (folder / "poses.csv").write_text(header + rows)
+    campaign = read_campaign(folder, ["J1", "J2"])
+    found = campaign.touches(3, np.array([4]), 3.0).known_lengths_mm
+    assert found.tolist() == [212.5]
+    rows += "10,wire,,0.2,0.3,,,,,,\n11,cone-1,,0.1,0.3,,,,,,7\n"
+    (folder / "poses.csv").write_text(header + rows)
+    assert problems(folder) == [
+        "line 7: length_mm is missing; 'wire' reads a length at every pose",
+        "line 8: length_mm does not belong to 'cone-1'; leave it empty",
+    ]
+    (folder / "poses.csv").write_text(HEADER + "9,wire,,0.1,0.3,,,,,\n")
+    assert "length_mm is missing" in problems(folder)[0]
+
+
 def test_points_that_nobody_touched_are_left_out(folder):
     campaign = read_campaign(folder, ["J1", "J2"])
     assert campaign.feature_names[2] == ("A", "C")

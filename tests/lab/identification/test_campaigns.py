@@ -17,6 +17,7 @@ DETERMINED = {
     "cones+bar": 4 * N_JOINTS - 3,
     "bars": 4 * N_JOINTS - 3,
     "seats": 4 * N_JOINTS - 3,
+    "wires": 4 * N_JOINTS - 3,
     "sphere-known": 4 * N_JOINTS - 3,
     "planes+length": 4 * N_JOINTS - 3,
     "points-own": 4 * N_JOINTS - 3,

@@ -13,6 +13,8 @@ from traverse.simulator.campaigns import (
     CampaignSpec,
     ConditionTable,
     Cone,
+    DrawWire,
+    NoiseTable,
     ParallelPlanes,
     Plane,
     Points,
@@ -20,6 +22,7 @@ from traverse.simulator.campaigns import (
     Seats,
     Sphere,
     UnreachableError,
+    draw_noise,
     make_poses,
     true_arm_file,
 )
@@ -65,6 +68,20 @@ def test_seats_in_a_row_are_as_far_apart_as_they_are_said_to_be():
             "distances"
         ]
     ] == [80.0, 160.0]
+
+
+def test_a_wire_reads_how_far_the_ball_is_less_its_offset():
+    wire = DrawWire(
+        id="w", n_poses=30, shortest_mm=60.0, longest_mm=200.0, offset_mm=35.0
+    )
+    poses = touched(wire, Cone(id="c", n_poses=2))
+    drawn = draw_noise(poses, 1, NoiseTable(contact_mm=0.0))
+    of_wire = poses.artefact_index == 0
+    anchor_mm = poses.artefacts[0].true_table()["anchor_mm"]
+    away_mm = np.linalg.norm(true_centres_mm(poses) - anchor_mm, axis=1)
+    assert_equal_mm(drawn.campaign.length_mm[of_wire], away_mm[of_wire] - 35.0)
+    assert np.all(np.isnan(drawn.campaign.length_mm[~of_wire]))
+    assert np.all((away_mm[of_wire] > 59.9) & (away_mm[of_wire] < 200.1))
 
 
 @pytest.mark.parametrize(("side", "sign"), [("outside", 1.0), ("inside", -1.0)])

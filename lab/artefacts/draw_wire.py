@@ -1,0 +1,115 @@
+"""A draw wire: an encoder reads how far the ball is from where the wire leaves it.
+
+State: the anchor a, and the offset o by which the distance is longer than what is
+read. With the length L that is read at a pose
+
+    w = |x - a| - L - o
+    certificate: o, where it is known
+"""
+
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from traverse.arrays import Floats
+from traverse.lab.artefacts.artefact import (
+    EXACT_MM,
+    Artefact,
+    Certificate,
+    Equations,
+    Length,
+    Touches,
+)
+from traverse.lab.artefacts.cone import PLACE_SCALE_MM
+from traverse.lab.artefacts.sphere import distances
+
+_STEPS = 20
+# Below this part of its largest, a singular value is flatness.
+_FLAT = 1e-6
+
+
+class DrawWire(Artefact):
+    """A wire whose end is held at the ball's centre; state: anchor and offset."""
+
+    kind: Literal["draw_wire"]
+    offset_mm: float | None = None
+    offset_std_mm: float | None = Field(default=None, gt=0.0)
+
+    @property
+    def reads_lengths(self) -> bool:
+        """Its poses have a length each."""
+        return True
+
+    def tells_length(self, touches: Touches) -> bool:
+        """Say whether it was drawn out by more than one length."""
+        return bool(np.ptp(touches.known_lengths_mm) > 0.0)
+
+    def unknown_scales(self, touches: Touches) -> Floats:
+        """Anchor and offset."""
+        return np.full(4, PLACE_SCALE_MM)
+
+    def start(self, centres_mm: Floats, touches: Touches) -> Floats:
+        """Intersect spheres: algebraically, then a few robust steps.
+
+        |x|^2 - L^2 = 2 x . a + 2 L o - (|a|^2 - o^2) is linear in a, o and the rest.
+        """
+        middle_mm = centres_mm.mean(axis=0)
+        local_mm = centres_mm - middle_mm
+        read_mm = touches.known_lengths_mm + (self.offset_mm or 0.0)
+        squares = np.einsum("ij,ij->i", local_mm, local_mm) - read_mm**2
+        columns = [2.0 * local_mm, -np.ones((len(read_mm), 1))]
+        if self.offset_mm is None:
+            columns.append(2.0 * read_mm[:, np.newaxis])
+        design = np.hstack(columns)
+        sizes = np.maximum(np.linalg.norm(design, axis=0), 1e-9)
+        found = np.linalg.lstsq(design / sizes, squares, rcond=_FLAT)[0] / sizes
+        anchor_mm = found[:3]
+        offset_mm = float(found[4]) if self.offset_mm is None else 0.0
+        for _ in range(_STEPS):
+            away_mm, units = distances(local_mm, anchor_mm)
+            residuals_mm = away_mm - read_mm - offset_mm
+            scale_mm = max(float(np.median(np.abs(residuals_mm))), 1e-9)
+            weights = 1.0 / np.sqrt(1.0 + (residuals_mm / (3.0 * scale_mm)) ** 2)
+            columns = [-units]
+            if self.offset_mm is None:
+                columns.append(-np.ones((len(units), 1)))
+            weighed = weights[:, np.newaxis] * np.hstack(columns)
+            step = np.linalg.lstsq(weighed, -weights * residuals_mm, rcond=_FLAT)[0]
+            anchor_mm = anchor_mm + step[:3]
+            offset_mm = offset_mm + float(step[3:].sum())
+            if np.max(np.abs(step)) < 1e-9:
+                break
+        return np.append(middle_mm + anchor_mm, offset_mm + (self.offset_mm or 0.0))
+
+    def equations(
+        self, state: Floats, centres_mm: Floats, touches: Touches
+    ) -> Equations:
+        """Set up w = |x - a| - L - o."""
+        away_mm, units = distances(centres_mm, state[:3])
+        misclosures_mm = away_mm - touches.known_lengths_mm - state[3]
+        by_unknowns = np.column_stack([-units, -np.ones(len(units))])
+        return Equations(
+            misclosures_mm[:, np.newaxis],
+            units[:, np.newaxis, :],
+            by_unknowns[:, np.newaxis, :],
+        )
+
+    def certificate(self, state: Floats, touches: Touches) -> Certificate:
+        """The offset, where it is known."""
+        if self.offset_mm is None:
+            return super().certificate(state, touches)
+        return Certificate(
+            np.array([state[3] - self.offset_mm]),
+            np.array([[0.0, 0.0, 0.0, 1.0]]),
+            np.array([self.offset_std_mm or EXACT_MM]),
+        )
+
+    def lengths(self, state: Floats) -> tuple[Length, ...]:
+        """The offset."""
+        by_unknowns = np.array([0.0, 0.0, 0.0, 1.0])
+        return (Length("offset_mm", float(state[3]), by_unknowns, None),)
+
+    def place(self, state: Floats) -> dict[str, Any]:
+        """The anchor."""
+        return {"anchor_mm": state[:3].tolist()}
