@@ -40,7 +40,11 @@ from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.poses import PoseBlock
 from traverse.daemon.pose.probe_library import LibraryProbe
 from traverse.daemon.pose.quality_monitor import QualityMonitor
-from traverse.daemon.pose.references import ReferenceMemory, ReferenceMonitor
+from traverse.daemon.pose.references import (
+    MAX_SPEED_RAD_S,
+    ReferenceMemory,
+    ReferenceMonitor,
+)
 from traverse.daemon.pose.trajectory import TrajectoryBuffer
 from traverse.daemon.pose.uncertainty import (
     CovarianceEvaluator,
@@ -333,6 +337,10 @@ class Measurement:
             or self.joint_devices.first_mismatched is not None
         ):
             return
+        speed_rad_s = getattr(
+            device.section.options, "max_speed_rad_s", MAX_SPEED_RAD_S
+        )
+        self.quality.references.add(samples, speed_rad_s)
         waited_ns = self.clock.running.monotonic_ns() - samples.received_ns
         self.sinks.latencies["queue_wait"].add(waited_ns)
         if self.joint_devices.is_single and samples.skew_ns is None:
@@ -454,7 +462,12 @@ def build_measurement(
     capture = Capture(clock, sinks.write_point, alignment, session)
     triggers = triggers_of(capture_settings)
     references = ReferenceMonitor(
-        configuration.quality, model, clock, events, sinks.references
+        configuration.quality,
+        model,
+        clock,
+        events,
+        sinks.references,
+        reset_turns=pipeline.reset_turns,
     )
     stage = MeasurementContext(
         clock,

@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.arrays import Booleans, Floats, Integers
+from traverse.arrays import Floats, Integers
 from traverse.drivers.base.values import (
-    STATUS_ERROR,
     STATUS_INTERPOLATED,
     STATUS_LATE,
     STATUS_MISSING,
+    are_valid,
 )
 
 
@@ -76,11 +76,6 @@ class InterpolationLimits:
     max_gap_ns: int
     late_ns: int
     jitter_ns: int
-
-
-def are_valid(status: NDArray[np.uint8]) -> Booleans:
-    """Which readings are counts at all."""
-    return np.asarray((status & (STATUS_ERROR | STATUS_MISSING)) == 0)
 
 
 def interpolate(

@@ -14,10 +14,9 @@ from traverse.arrays import Booleans, Floats, Indices, Integers
 from traverse.daemon.acquisition.interpolation import (
     EncoderReadings,
     InterpolationLimits,
-    are_valid,
     interpolate,
 )
-from traverse.drivers.base.values import CountSamples, LatchedCounts
+from traverse.drivers.base.values import CountSamples, LatchedCounts, are_valid
 
 KEPT_NS = 5_000_000_000  # an edge that is older finds nothing to interpolate
 MAX_READINGS = 100_000
@@ -39,16 +38,16 @@ class ReadingBuffer:
 
     Args:
         channels: of the device that are joints, (n_joints,).
-        counts_per_turn: of each, (n_joints,).
+        wraps_counts: where each wraps to 0, (n_joints,): one turn or several.
 
     Attributes:
         n_out_of_order: readings left out because their time was not after the
             last one's.
     """
 
-    def __init__(self, channels: Indices, counts_per_turn: Integers) -> None:
+    def __init__(self, channels: Indices, wraps_counts: Integers) -> None:
         self._channels = channels
-        self._turns = counts_per_turn
+        self.wraps_counts = wraps_counts
         self.n_out_of_order = 0
         self.reset()
 
@@ -148,8 +147,9 @@ class ReadingBuffer:
             latest >= 0, np.take_along_axis(raw, np.maximum(latest, 0), 0), self._counts
         )
         steps = np.diff(known, axis=0, prepend=self._counts[np.newaxis])
-        half = self._turns // 2
-        counts = self._counts + np.cumsum((steps + half) % self._turns - half, axis=0)
+        wraps = self.wraps_counts
+        half = wraps // 2
+        counts = self._counts + np.cumsum((steps + half) % wraps - half, axis=0)
         self._counts = counts[-1]
         for k in np.flatnonzero(latest[-1] >= 0).tolist():
             self._reach_ns[k] = times_ns[latest[-1, k], k]
@@ -184,7 +184,7 @@ class JointStream:
     Args:
         joints: which of the arm, (k,).
         channels: on which channels of the device, (k,).
-        counts_per_turn: of each, (k,).
+        wraps_counts: where each wraps to 0, (k,).
         wait_ns: how long readings are waited for.
 
     Attributes:
@@ -198,11 +198,11 @@ class JointStream:
         self,
         joints: Indices,
         channels: Indices,
-        counts_per_turn: Integers,
+        wraps_counts: Integers,
         wait_ns: int,
     ) -> None:
         self.joints = joints
-        self.history = ReadingBuffer(channels, counts_per_turn)
+        self.history = ReadingBuffer(channels, wraps_counts)
         self.period_ns = 0
         self.jitter_ns = 0
         self.lost = False

@@ -43,7 +43,8 @@ class DeviceStateTracker:
         device.problems = []
         if device in self.devices:
             device.problems = self.pipeline.model.mismatches_with(name, up.identity)
-            self.resampler.on_up(name, up.identity.jitter_ns, restarted=up.restarted)
+            self.pipeline.use_moduli(name, up.identity.moduli_counts)
+            self.resampler.on_up(name, up.identity, restarted=up.restarted)
         for problem in device.problems:
             self.events.report(
                 "error",

@@ -29,6 +29,7 @@ from traverse.drivers.base.values import (
     STATUS_LATE,
     STATUS_MISSING,
     CountSamples,
+    Identity,
     LatchedCounts,
 )
 
@@ -53,18 +54,20 @@ class Resampler:
         self.incomplete: Counter[str] = Counter()
         self.dropped: Counter[str] = Counter()
         self._waiting: deque[tuple[CountSamples, int]] = deque()
+        self._moduli: dict[str, tuple[int, ...]] = {}
         self.use_model(model)
 
     def use_model(self, model: ArmModel) -> None:
         """Resample for another arm from now on."""
         self.clock = self._settings.clock or model.devices[0]
-        self._turns = model.encoders.counts_per_turn
+        self._model = model
+        self._wraps = model.wraps_counts(self._moduli)
         self._sources = {}
         self._waiting.clear()
         for device in model.devices:
             joints = np.flatnonzero(np.array(model.joint_devices) == device)
             self._sources[device] = JointStream(
-                joints, model.channels[joints], self._turns[joints], self._wait_ns
+                joints, model.channels[joints], self._wraps[joints], self._wait_ns
             )
 
     def lacks(self) -> dict[str, dict[str, int]]:
@@ -78,10 +81,13 @@ class Resampler:
             for device in sorted({*self.late, *self.incomplete, *self.dropped})
         }
 
-    def on_up(self, device: str, jitter_ns: int, *, restarted: bool) -> None:
-        """A device is connected; its clock may be off by ``jitter_ns``."""
+    def on_up(self, device: str, identity: Identity, *, restarted: bool) -> None:
+        """A device is connected."""
         source = self._sources[device]
-        source.lost, source.jitter_ns = False, jitter_ns
+        source.lost, source.jitter_ns = False, identity.jitter_ns
+        self._moduli[device] = identity.moduli_counts
+        self._wraps = self._model.wraps_counts(self._moduli)
+        source.history.wraps_counts = self._wraps[source.joints]
         if restarted:
             source.history.reset()
 
@@ -201,7 +207,7 @@ class Resampler:
         columns = list(found.values())
         counts = np.concatenate([c.counts for c in columns], axis=1)[:, order]
         return (
-            (counts % self._turns).astype(np.uint32),
+            (counts % self._wraps).astype(np.uint32),
             np.concatenate([c.fractions for c in columns], axis=1)[:, order],
             np.concatenate([c.status for c in columns], axis=1)[:, order],
             np.concatenate([c.error_bounds_counts for c in columns], axis=1)[:, order],

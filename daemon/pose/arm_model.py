@@ -4,14 +4,14 @@ An arm file that requires what a running daemon cannot do is refused.
 """
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from traverse.arrays import Floats, Indices
+from traverse.arrays import Floats, Indices, Integers
 from traverse.daemon.pose.probe_library import LibraryProbe, with_probe
 from traverse.drivers.base.values import Identity
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, read_arm
@@ -213,6 +213,19 @@ class ArmModel:
             and np.array_equal(mine.counts_per_turn, theirs.counts_per_turn)
             and np.array_equal(mine.signs, theirs.signs)
         )
+
+    def wraps_counts(self, moduli: Mapping[str, Sequence[int]]) -> Integers:
+        """Where the counts of each joint wrap to 0, (n_joints,).
+
+        Args:
+            moduli: of devices, by channel; without one counts wrap after a turn.
+        """
+        wraps = self.encoders.counts_per_turn.copy()
+        for joint, channel in enumerate(self.channels.tolist()):
+            known = moduli.get(self.joint_devices[joint], ())
+            if channel < len(known) and known[channel] % wraps[joint] == 0:
+                wraps[joint] = known[channel]
+        return wraps
 
     @property
     def uses_temperature(self) -> bool:

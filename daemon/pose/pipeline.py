@@ -6,7 +6,7 @@ Blocks of timed samples go to the scan and to the live view; a latch at an edge 
 on request is passed to the capture. Plain calls, no queue, no waiting.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from traverse.drivers.base.values import (
     STATUS_WARNING,
     CountSamples,
     LatchedCounts,
+    are_valid,
 )
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import PoseFlags, corrected_pose
@@ -70,6 +71,8 @@ class Pipeline:
     def __init__(self, model: ArmModel, clock: HostClock) -> None:
         self._clock = clock
         self._unwrapper = Unwrapper(model.encoders)
+        self._moduli: dict[str, tuple[int, ...]] = {}
+        self._turn_resets: list[tuple[int, Sequence[int]]] = []
         self._set_model(model)
 
     def use_model(self, model: ArmModel) -> None:
@@ -81,8 +84,18 @@ class Pipeline:
             self._unwrapper = Unwrapper(model.encoders)
         self._set_model(model)
 
+    def use_moduli(self, device: str, moduli_counts: tuple[int, ...]) -> None:
+        """Follow a device's counts to where they wrap, by channel, beyond one turn."""
+        self._moduli[device] = moduli_counts
+        self._unwrapper.use_wraps(self.model.wraps_counts(self._moduli))
+
+    def reset_turns(self, joints: Sequence[int], from_ns: int) -> None:
+        """Take the turns of joints, from 0, as nearest to zero from some time on."""
+        self._turn_resets.append((from_ns, joints))
+
     def _set_model(self, model: ArmModel) -> None:
         self.model = model
+        self._unwrapper.use_wraps(model.wraps_counts(self._moduli))
         self._per_count_rad = model.per_count_rad
         self._covariates = CovariateBuilder(model, self._clock)
 
@@ -115,14 +128,21 @@ class Pipeline:
         """
         model = self.model
         if samples.fractions is None:
-            counts = self._unwrapper.unwrap(samples.counts[:, model.channels])
-            angles_rad = counts_to_angles(model.encoders, counts)
-            quality = _quality(samples.status[:, model.channels])
+            status = samples.status[:, model.channels]
+            valid = are_valid(status) if status.any() else None
+            counts = self._unwrapper.unwrap(samples.counts[:, model.channels], valid)
+            quality = _quality(status)
         else:
             counts = self._unwrapper.unwrap(samples.counts)
+            quality = _quality(samples.status)
+        until_ns = int(samples.sample_time_ns[-1])
+        while self._turn_resets and self._turn_resets[0][0] <= until_ns:
+            _, joints = self._turn_resets.pop(0)
+            counts = self._unwrapper.with_turns_near_zero(counts, joints)
+        angles_rad = counts_to_angles(model.encoders, counts)
+        if samples.fractions is not None:
             angles_rad = counts_to_angles(model.encoders, counts)
             angles_rad += samples.fractions * model.per_count_rad
-            quality = _quality(samples.status)
         xyz_mm, ijk, quality = self._corrected(
             *self._covariates.block(
                 samples.sample_time_ns, angles_rad, temperature_c, quality

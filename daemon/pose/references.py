@@ -5,19 +5,32 @@ are absolute. An absolute encoder reports its place within a turn, not how many 
 its joint has made; that matters where the pose is not the same a turn later, and where
 the joint's end stops do not exclude another turn. Until the operator confirms, every
 measurement is flagged `turns_uncertain`.
+
+Turns are counted from reading to reading. Where none was valid for so long that a joint
+may have made half a turn more than its encoder counts, its turn is in doubt too.
 """
 
-from collections.abc import Iterable, Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from traverse.arrays import Floats, Indices, Integers
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import QualitySection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.covariates import CovariateBuilder
-from traverse.drivers.base.values import DeviceUp, Identity
+from traverse.drivers.base.values import (
+    STATUS_ERROR,
+    STATUS_MISSING,
+    STATUS_STALE,
+    CountSamples,
+    DeviceUp,
+    Identity,
+)
 from traverse.kinematics.effects.pose import corrected_pose
 from traverse.protocol.messages import QualityFlag
 
@@ -25,6 +38,11 @@ CODE = "device.turns_uncertain"
 SAME_MM = 1e-6  # rounding moves the ball by less, an effect that matters by more
 POSTURES_RAD = (0.3, 1.1)  # from the base posture, times the joint's number
 PLACE, TURN = "place", "turn"
+MAX_SPEED_RAD_S = 20.0  # no joint turns faster, where a device's options do not say
+SPEED_NS = 50_000_000  # speed is taken from so much before and after an outage
+SPEED_RISE = 2.0  # a hand may have moved faster in between
+LONG_AGO_NS = -(2**62)
+NOT_READ = STATUS_ERROR | STATUS_MISSING | STATUS_STALE
 CONFIRM = "confirm (`traverse confirm`, or on the operator's page)"
 
 
@@ -50,6 +68,123 @@ class ReferenceMemory:
         self.confirmed |= boots
 
 
+@dataclass(frozen=True, slots=True)
+class Outage:
+    """A joint may have turned too far while it was not read.
+
+    Attributes:
+        place: the joint's in the monitor's ``channels``.
+        seconds: for how long.
+        after_ns: the time of the first reading after it.
+        has_turned: the joint turned so fast before or after that a turn may be lost.
+    """
+
+    place: int
+    seconds: float
+    after_ns: int
+    has_turned: bool
+
+
+class OutageMonitor:
+    """Finds joints of a device that may have turned too far while they were not read.
+
+    Args:
+        channels: of the joints, (k,).
+        half_wraps_rad: half of the angle after which each count repeats, (k,).
+        counts_per_turn: of each, (k,).
+        max_speed_rad_s: no joint turns faster.
+    """
+
+    def __init__(
+        self,
+        channels: Indices,
+        half_wraps_rad: Floats,
+        counts_per_turn: Integers,
+        max_speed_rad_s: float,
+    ) -> None:
+        self._channels = channels
+        self._half_wraps_rad = half_wraps_rad
+        self._counts_per_turn = counts_per_turn
+        self._excluded_ns = half_wraps_rad / max_speed_rad_s * 1e9
+        self._shortest_ns = int(self._excluded_ns.min())
+        # Of the last valid readings: times, numbers, and of which stream all were.
+        self._last_ns = np.full(len(channels), LONG_AGO_NS)
+        self._last_seq = np.zeros(len(channels), np.int64)
+        self._all_read_ns, self._stream = LONG_AGO_NS, -1
+        self._recent: deque[CountSamples] = deque(maxlen=3)  # without an outage
+
+    def add(self, samples: CountSamples) -> list[Outage]:
+        """Continue by a block; what it shows of outages."""
+        if samples.stream != self._stream:
+            self._last_seq[:] = -2  # some may be missing between two streams
+        until_ns = int(samples.sample_time_ns[-1])
+        if until_ns - self._all_read_ns < self._shortest_ns and not bool(
+            (samples.status & NOT_READ).any()
+        ):
+            self._last_ns[:], self._last_seq[:] = until_ns, samples.seq[-1]
+            self._recent.append(samples)
+            found = []
+        else:
+            places = range(len(self._channels))
+            outages = [self._outage(samples, place) for place in places]
+            found = [outage for outage in outages if outage is not None]
+        self._all_read_ns, self._stream = int(self._last_ns.min()), samples.stream
+        return found
+
+    def _outage(self, samples: CountSamples, place: int) -> Outage | None:
+        """The longest of one joint."""
+        times_ns, _, seq = self._readings(samples, place)
+        if not len(times_ns):
+            return None
+        before_ns, before_seq = int(self._last_ns[place]), self._last_seq[place]
+        self._last_ns[place], self._last_seq[place] = times_ns[-1], seq[-1]
+        if before_ns == LONG_AGO_NS:
+            return None
+        # A device that is silent while nothing moves loses nothing.
+        is_missing = np.diff(seq, prepend=before_seq) > 1
+        gaps_ns = np.where(is_missing, np.diff(times_ns, prepend=before_ns), 0)
+        gap_ns = int(gaps_ns.max())
+        if gap_ns < self._excluded_ns[place]:
+            return None
+        after_ns = int(times_ns[gaps_ns.argmax()])
+        parts = [self._readings(block, place) for block in (*self._recent, samples)]
+        times_ns, counts, _ = map(np.concatenate, zip(*parts, strict=True))
+        speeds = [
+            self._speed_rad_s(times_ns[rows], counts[rows], place)
+            for rows in (
+                (times_ns >= after_ns - gap_ns - SPEED_NS) & (times_ns < after_ns),
+                (times_ns >= after_ns) & (times_ns < after_ns + SPEED_NS),
+            )
+        ]
+        fastest_rad_s = max((s for s in speeds if s is not None), default=np.inf)
+        turned_rad = SPEED_RISE * fastest_rad_s * gap_ns * 1e-9
+        has_turned = bool(turned_rad >= self._half_wraps_rad[place])
+        return Outage(place, gap_ns * 1e-9, after_ns, has_turned)
+
+    def _readings(
+        self, block: CountSamples, place: int
+    ) -> tuple[Integers, Integers, Integers]:
+        """Times, counts and numbers of the valid readings of one joint in a block."""
+        channel = self._channels[place]
+        times_ns = block.sample_time_ns
+        if block.skew_ns is not None:
+            times_ns = times_ns + block.skew_ns[:, channel]
+        rows = (block.status[:, channel] & NOT_READ) == 0
+        counts = block.counts[rows, channel].astype(np.int64)
+        return times_ns[rows], counts, block.seq[rows]
+
+    def _speed_rad_s(
+        self, times_ns: Integers, counts: Integers, place: int
+    ) -> float | None:
+        """Mean speed over readings closer than half a turn; None of less than two."""
+        if len(times_ns) < 2 or times_ns[-1] <= times_ns[0]:
+            return None
+        turn = int(self._counts_per_turn[place])
+        step = (int(counts[-1] - counts[0]) + turn // 2) % turn - turn // 2
+        elapsed_s = int(times_ns[-1] - times_ns[0]) * 1e-9
+        return abs(step) / turn * 2.0 * np.pi / elapsed_s
+
+
 class ReferenceMonitor:
     """Knows which devices may count from another place, until the operator confirms.
 
@@ -59,6 +194,8 @@ class ReferenceMonitor:
         clock: the host's.
         events: where doubts are reported.
         memory: outlives the daemon.
+        reset_turns: called with joints, from 0, whose end stops tell their turn, and
+            the time [ns] from which on it is to be taken from them.
     """
 
     def __init__(
@@ -68,14 +205,23 @@ class ReferenceMonitor:
         clock: HostClock,
         events: EventLog,
         memory: ReferenceMemory,
+        *,
+        reset_turns: Callable[[Sequence[int], int], None] = lambda joints, ns: None,
     ) -> None:
         self._clock = clock
+        self._reset_turns = reset_turns
+        self._outages: dict[str, OutageMonitor] = {}
         self._events = events
         self._memory = memory
         self._boots: dict[str, str] = {}
+        self._moduli: dict[str, tuple[int, ...]] = {}
         self._doubts: dict[str, str] = {}
+        self._follow(section, model)
+
+    def _follow(self, section: QualitySection, model: ArmModel) -> None:
         self._model = model
-        self._turning = turn_dependent_joints(section, model, clock)
+        self._one_turn = one_turn_joints(section, model)
+        self._turning = turn_dependent_joints(section, model, self._clock)
 
     @property
     def bits(self) -> int:
@@ -95,9 +241,11 @@ class ReferenceMonitor:
 
     def use(self, section: QualitySection, model: ArmModel) -> None:
         """Follow another arm file or other end stops."""
-        before = self._turning if model.has_same_encoders(self._model) else ()
-        self._model = model
-        self._turning = turn_dependent_joints(section, model, self._clock)
+        before: Sequence[int] = self._turning
+        if not model.has_same_encoders(self._model):
+            before = ()
+            self._outages.clear()
+        self._follow(section, model)
         for device in self._boots:
             joints = self._joints_of(device)
             if any(joint in self._turning and joint not in before for joint in joints):
@@ -109,6 +257,9 @@ class ReferenceMonitor:
         joints = self._joints_of(device)
         if not joints:
             return
+        if up.restarted or self._moduli.get(device) != up.identity.moduli_counts:
+            self._outages.pop(device, None)
+        self._moduli[device] = up.identity.moduli_counts
         is_first = device not in self._boots
         self._boots[device] = boot
         is_absolute = [self._is_absolute(joint, up.identity) for joint in joints]
@@ -126,6 +277,43 @@ class ReferenceMonitor:
         if (is_first or up.restarted) and any(j in self._turning for j in joints):
             self._doubt(device, TURN)
 
+    def add(
+        self, samples: CountSamples, max_speed_rad_s: float = MAX_SPEED_RAD_S
+    ) -> None:
+        """A device's encoders have been read, perhaps not for a while."""
+        device = samples.device
+        known = self._outages.get(device)
+        if known is None:
+            known = self._outages[device] = self._monitor(device, max_speed_rad_s)
+        if not (found := known.add(samples)):
+            return
+        joints, names = self._joints_of(device), self._model.effects.joint_names
+        doubtful = []
+        for outage in found:
+            joint = joints[outage.place]
+            if joint in self._one_turn:
+                self._reset_turns([joint], outage.after_ns)
+            elif outage.has_turned or joint in self._turning:
+                # Elsewhere only an angle may be off, by whole turns, if it turned.
+                doubtful.append((joint, outage.seconds))
+        if doubtful:
+            named = ", ".join(names[joint] for joint, _ in doubtful)
+            longest_s = max(seconds for _, seconds in doubtful)
+            self._doubt(
+                device,
+                TURN,
+                f"{named} was not read for {longest_s:.2g} s and may have made a turn "
+                "unseen: its angle, and what depends on it, may be off by whole turns",
+                named,
+            )
+
+    def _monitor(self, device: str, max_speed_rad_s: float) -> OutageMonitor:
+        model, joints = self._model, self._joints_of(device)
+        turns = model.encoders.counts_per_turn[joints]
+        wraps = model.wraps_counts(self._moduli)[joints]
+        channels = model.channels[joints]
+        return OutageMonitor(channels, np.pi * wraps / turns, turns, max_speed_rad_s)
+
     def confirm(self) -> list[str]:
         """Accept the present positions as right; gives the devices that it concerns."""
         devices = list(self._doubts)
@@ -141,7 +329,7 @@ class ReferenceMonitor:
         if boots:
             self._memory.add(boots)
 
-    def _doubt(self, device: str, kind: str) -> None:
+    def _doubt(self, device: str, kind: str, text: str = "", named: str = "") -> None:
         known = self._doubts.get(device)
         if known in (kind, PLACE):
             return
@@ -152,7 +340,7 @@ class ReferenceMonitor:
         joints = self._joints_of(device)
         if kind == TURN:
             joints = [joint for joint in joints if joint in self._turning]
-        named = ", ".join(names[joint] for joint in joints)
+        named = named or ", ".join(names[joint] for joint in joints)
         if kind == PLACE:
             text = (
                 f"{device} has been without power: {named} may count from another "
@@ -164,7 +352,9 @@ class ReferenceMonitor:
                 "[joints.encoder] of the arm file"
             )
         else:
-            text = f"the turn of {named} is assumed, and the position depends on it"
+            text = text or (
+                f"the turn of {named} is assumed, and the position depends on it"
+            )
             remedy = (
                 f"turn {named} to within half a turn of the base posture and restart, "
                 f"or touch a point that you know and {CONFIRM}; for a joint that turns "
@@ -190,7 +380,6 @@ def turn_dependent_joints(
     """
     zeros_rad = model.geometry.zeros_rad
     n_joints = len(zeros_rad)
-    stops = {stop.joint: stop for stop in section.end_stops}
     moved = np.zeros(n_joints, dtype=np.bool_)
     turns_rad = 2.0 * np.pi * np.vstack([np.zeros(n_joints), np.eye(n_joints)])
     for share in POSTURES_RAD:
@@ -204,11 +393,18 @@ def turn_dependent_joints(
         xyz_mm, _, _ = corrected_pose(model.geometry, model.effects, block)
         moved |= np.linalg.norm(xyz_mm[1:] - xyz_mm[0], axis=1) > SAME_MM
 
-    def has_one_turn(joint: int) -> bool:
-        stop = stops.get(model.effects.joint_names[joint])
-        return stop is not None and bool(
-            stop.low_rad >= zeros_rad[joint] - np.pi
-            and stop.high_rad <= zeros_rad[joint] + np.pi
-        )
+    excluded = one_turn_joints(section, model)
+    return tuple(j for j in np.flatnonzero(moved).tolist() if j not in excluded)
 
-    return tuple(j for j in np.flatnonzero(moved).tolist() if not has_one_turn(j))
+
+def one_turn_joints(section: QualitySection, model: ArmModel) -> tuple[int, ...]:
+    """The joints, from 0, whose end stops leave one turn only, that nearest to zero."""
+    zeros_rad = model.geometry.zeros_rad
+    joints = {name: joint for joint, name in enumerate(model.effects.joint_names)}
+    return tuple(
+        joint
+        for stop in section.end_stops
+        if (joint := joints.get(stop.joint)) is not None
+        and stop.low_rad >= zeros_rad[joint] - np.pi
+        and stop.high_rad <= zeros_rad[joint] + np.pi
+    )

@@ -17,6 +17,11 @@ A driver does not set `STATUS_INTERPOLATED`, nor any bit that is not listed here
 """
 
 
+def are_valid(status: NDArray[np.uint8]) -> Booleans:
+    """Which readings are counts at all."""
+    return np.asarray((status & (STATUS_ERROR | STATUS_MISSING)) == 0)
+
+
 @dataclass(frozen=True, slots=True)
 class Identity:
     """Who a device is and what it can do.

@@ -1,11 +1,13 @@
 """Counts of encoders to readings of joints: alpha = sign 2 pi counts / counts_per_turn.
 
-An encoder counts modulo one turn. The first sample is put into the turn in which its
+An encoder counts modulo one turn, or several where it counts turns. The first sample is
+put into the turn in which its
 reading is nearest to zero_rad; every further one is put nearest to the sample before.
 Half a turn exactly, where both ways are equally near, is taken downwards in counts.
 Until the last step all is integer arithmetic, so nothing is lost over many turns.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -102,6 +104,10 @@ class Unwrapper:
 
     def __init__(self, encoders: Encoders) -> None:
         self._counts_per_turn = encoders.counts_per_turn
+        self._wraps = encoders.counts_per_turn
+        # Whole turns [counts] from what an encoder counts to `_last`, once known.
+        self._offsets = np.zeros(encoders.n_joints, dtype=np.int64)
+        self._offset_known = np.zeros(encoders.n_joints, dtype=np.bool_)
         # The reading zero_rad in counts; at most half a count of a turn is at stake.
         self._zero_counts = (
             encoders.signs
@@ -111,11 +117,18 @@ class Unwrapper:
         self._last = np.zeros(encoders.n_joints, dtype=np.int64)
         self._fresh = np.ones(encoders.n_joints, dtype=np.bool_)
 
-    def unwrap(self, counts: Counts) -> Integers:
+    def use_wraps(self, wraps_counts: Integers) -> None:
+        """Counts wrap to 0 after so many (n_joints,), each a number of whole turns."""
+        self._forget_offsets(self._wraps != wraps_counts)
+        self._wraps = wraps_counts
+
+    def unwrap(self, counts: Counts, valid: Booleans | None = None) -> Integers:
         """Continue the stream by a block.
 
         Args:
             counts: As the encoders gave them, (n_samples, n_joints).
+            valid: Which of them are counts at all, (n_samples, n_joints); others move
+                no turn. None: all.
 
         Returns:
             Counts over all turns, (n_samples, n_joints).
@@ -123,13 +136,28 @@ class Unwrapper:
         raw = self._checked(counts, dimensions=2)
         if len(raw) == 0:
             return raw
+        held = raw if valid is None else self._held(raw, valid)
         steps = np.empty_like(raw)
-        steps[0] = self._nearest(raw[0])
-        steps[1:] = self._shortest(raw[1:] - raw[:-1])
+        steps[0] = self._nearest(held[0])
+        steps[1:] = self._shortest(held[1:] - held[:-1])
         unwrapped = np.cumsum(steps, axis=0)
         self._last = unwrapped[-1].copy()
-        self._fresh[:] = False
-        return unwrapped
+        known = np.ones_like(self._fresh) if valid is None else valid.any(axis=0)
+        self._fresh &= ~known
+        if not self._offset_known.all():
+            now_known = ~self._offset_known & known
+            self._offsets[now_known] = (unwrapped[-1] - held[-1])[now_known]
+            self._offset_known |= known
+        return unwrapped if valid is None else unwrapped + self._shortest(raw - held)
+
+    def _held(self, raw: Integers, valid: Booleans) -> Integers:
+        """Each count, or the valid one before it; the first valid for a first one."""
+        rows = np.where(valid, np.arange(len(raw))[:, np.newaxis], -1)
+        latest = np.maximum.accumulate(rows, axis=0)
+        first = np.take_along_axis(raw, valid.argmax(axis=0)[np.newaxis], 0)
+        before = np.where(self._offset_known, self._last, first)
+        held = np.take_along_axis(raw, np.maximum(latest, 0), 0)
+        return np.where(latest >= 0, held, before)
 
     def near(self, counts: Counts) -> Integers:
         """Unwrap counts latched at an event, leaving the stream where it is.
@@ -141,6 +169,20 @@ class Unwrapper:
             Counts over all turns, nearest to the last sample, (n_joints,).
         """
         return self._nearest(self._checked(counts, dimensions=1))
+
+    def with_turns_near_zero(self, counts: Integers, joints: Sequence[int]) -> Integers:
+        """The last block's counts, with the turns of some joints taken afresh.
+
+        Args:
+            counts: What `unwrap` has just made of it, (n_samples, n_joints).
+            joints: Whose last count is put into the turn nearest to zero_rad, from 0.
+        """
+        shift = np.zeros_like(self._last)
+        chosen = list(joints)
+        shift[chosen] = self._to_zero(counts[-1])[chosen]
+        self._last = self._last + shift
+        self._offsets[self._offset_known] += shift[self._offset_known]
+        return counts + shift
 
     @property
     def turns(self) -> tuple[Integers, Booleans]:
@@ -158,6 +200,7 @@ class Unwrapper:
                 f"turns of {last.shape} and {fresh.shape} joints, expected {shape}"
             )
         self._last, self._fresh = last.astype(np.int64), fresh.astype(np.bool_)
+        self._forget_offsets(np.ones_like(self._fresh))
 
     def reset(self, joints: Booleans | None = None) -> None:
         """Forget turns: the next sample is a first one.
@@ -166,19 +209,31 @@ class Unwrapper:
             joints: Whose, (n_joints,); None for all.
         """
         self._fresh |= True if joints is None else joints
+        self._forget_offsets(self._fresh)
+
+    def _forget_offsets(self, joints: Booleans) -> None:
+        self._offset_known &= ~joints
+        self._offsets[joints] = 0
 
     def _nearest(self, raw: Integers) -> Integers:
         near_last = self._last + self._shortest(raw - self._last)
+        if not self._offset_known.all():
+            turn = self._counts_per_turn
+            step = (raw - self._last + turn // 2) % turn - turn // 2
+            near_last = np.where(self._offset_known, near_last, self._last + step)
         if not self._fresh.any():
             return near_last
-        turns = np.ceil((self._zero_counts - raw) / self._counts_per_turn - 0.5)
-        near_zero = raw + turns.astype(np.int64) * self._counts_per_turn
-        return np.where(self._fresh, near_zero, near_last)
+        return np.where(self._fresh, raw + self._to_zero(raw), near_last)
+
+    def _to_zero(self, counts: Integers) -> Integers:
+        """By how much whole turns bring counts (n_joints,) nearest to zero_rad."""
+        turns = np.ceil((self._zero_counts - counts) / self._counts_per_turn - 0.5)
+        return turns.astype(np.int64) * self._counts_per_turn
 
     def _shortest(self, differences: Integers) -> Integers:
-        """Reduce differences to -counts_per_turn/2 <= d < counts_per_turn/2."""
-        half = self._counts_per_turn // 2
-        return (differences + half) % self._counts_per_turn - half
+        """Reduce differences to half a wrap: -wrap/2 <= d < wrap/2."""
+        half = self._wraps // 2
+        return (differences + half) % self._wraps - half
 
     def _checked(self, counts: Counts, dimensions: int) -> Integers:
         n_joints = len(self._counts_per_turn)
@@ -188,7 +243,7 @@ class Unwrapper:
                 f"counts have shape {counts.shape}, expected {expected} with "
                 f"{n_joints} joints"
             )
-        return counts.astype(np.int64) % self._counts_per_turn
+        return counts.astype(np.int64) % self._wraps + self._offsets
 
 
 def counts_to_angles(encoders: Encoders, unwrapped_counts: Integers) -> Floats:

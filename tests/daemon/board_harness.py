@@ -18,7 +18,7 @@ INPUTS = {"base/0": "button", "base/1": "switch"}
 class Bench:
     """The measuring part of the daemon without ports and broker."""
 
-    def __init__(self, model) -> None:
+    def __init__(self, model, **sections) -> None:
         self.clock = SetClock()
         self.model, self.room = model, True
         self.points, self.events, self.live, self.scans = [], [], [], []
@@ -27,7 +27,7 @@ class Bench:
         self.health = HealthReporter(self.clock, latencies)
         self.device = self.open("base")
         self.measurement = build_measurement(
-            configuration("base", inputs=INPUTS),
+            configuration("base", inputs=INPUTS, **sections),
             model,
             Sinks(
                 EventLog(self.clock, self.events.append),

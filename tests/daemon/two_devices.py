@@ -9,12 +9,17 @@ from tests.daemon.values import ARM, arm_file
 from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.config.schema import AssemblySection
 from traverse.daemon.pose.arm_model import read_model
-from traverse.drivers.base.values import CountSamples
+from traverse.drivers.base.values import CountSamples, Identity
 
 BEGIN_NS = 10**12
 # J1 on channel 2 and J2 on channel 0 of the base, J3 on channel 1 of the wrist.
 TURNS = np.array([65536, 1048576, 8388608])
 ON_TWO = ARM.replace('source = "base/1"', 'source = "wrist/1"')
+
+
+def identity(jitter_ns=0):
+    """Of a device whose counts wrap to 0 after a turn, for all that is known."""
+    return Identity("device", "1", (), 0, 100.0, jitter_ns=jitter_ns)
 
 
 def model_on_two(folder):
@@ -25,7 +30,7 @@ def assembly_on_two(folder, rates_hz=(100.0, 80.0), **settings):
     """An assembly whose devices, base and wrist, are up and stream."""
     assembly = Resampler(model_on_two(folder), AssemblySection(**settings))
     for device, rate_hz in zip(("base", "wrist"), rates_hz, strict=True):
-        assembly.on_up(device, 0, restarted=False)
+        assembly.on_up(device, identity(), restarted=False)
         assembly.set_rate(device, rate_hz)
     return assembly
 

@@ -14,6 +14,7 @@ from tests.daemon.two_devices import (
     TURNS,
     assembly_on_two,
     base,
+    identity,
     true_counts,
     wrist,
 )
@@ -107,7 +108,7 @@ def test_an_arm_at_rest_is_in_no_doubt(tmp_path):
 
 def test_stamps_that_may_be_off_count_by_the_speed(tmp_path):
     assembly = assembly_on_two(tmp_path)
-    assembly.on_up("wrist", 200_000, restarted=False)
+    assembly.on_up("wrist", identity(200_000), restarted=False)
     assembly.add(wrist().samples(range(100)), AT_ONCE)
     assembly.add(base().samples(range(100)), AT_ONCE)
     made = assembly.resampled()

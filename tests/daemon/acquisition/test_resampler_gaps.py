@@ -11,7 +11,14 @@ from tests.daemon.acquisition.resampled import (
     joined,
     off_counts,
 )
-from tests.daemon.two_devices import BEGIN_NS, assembly_on_two, base, true_counts, wrist
+from tests.daemon.two_devices import (
+    BEGIN_NS,
+    assembly_on_two,
+    base,
+    identity,
+    true_counts,
+    wrist,
+)
 from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_INTERPOLATED,
@@ -66,7 +73,7 @@ def test_nothing_is_waited_for_from_a_lost_device(tmp_path):
     assert seq.tolist() == list(range(12, 20))
     assert (status[:, 2] == STATUS_MISSING).all()
     # It comes back with another stream; the turns go on where they were.
-    assembly.on_up("wrist", 0, restarted=False)
+    assembly.on_up("wrist", identity(), restarted=False)
     assembly.set_rate("wrist", 80.0)
     back = wrist(stream=2, first_ns=BEGIN_NS + 500_000_000)
     assembly.add(back.samples(range(30)), AT_ONCE)

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.daemon.board_harness import BOARD
-from tests.daemon.values import ARM, SetClock, arm_model, count_samples, latch
+from tests.daemon.board_harness import BOARD, Bench
+from tests.daemon.values import ARM, MODULI, SetClock, arm_model, count_samples, latch
 from traverse.daemon.config.schema import EndStopSection, QualitySection
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.executor import ConfirmReference, execute
@@ -19,7 +19,12 @@ from traverse.daemon.pose.references import (
     ReferenceMonitor,
     turn_dependent_joints,
 )
-from traverse.drivers.base.values import DeviceUp
+from traverse.drivers.base.values import (
+    STATUS_ERROR,
+    STATUS_MISSING,
+    STATUS_STALE,
+    DeviceUp,
+)
 from traverse.protocol.messages import ReferenceArgs
 
 SCALED = ARM + '\n[[effects]]\nkind = "encoder_scale"\njoint = "J2"\nscale_ppm = 40.0\n'
@@ -191,6 +196,85 @@ async def test_points_and_poses_are_flagged_until_confirmed(bench):
     bench.take(rest(10), press())
     assert bench.points[-1].quality.ok
     assert [e.active for e in bench.events if e.code == CODE] == [True, False]
+
+
+def turning(speed_rad_s, times_ns, *, from_rad=0.25, status=0):
+    """Samples of an arm that turns; counts of channel 0 go over 4096 turns."""
+    turns = np.array([1 << 20, 1 << 23, 1 << 16])
+    elapsed_s = (np.array(times_ns) - SetClock().now_ns)[:, np.newaxis] * 1e-9
+    angles_rad = np.array([1.0, from_rad, 1.234]) + speed_rad_s * elapsed_s
+    counts = np.rint(angles_rad * turns / (2 * np.pi)).astype(np.int64) % MODULI
+    samples = count_samples(counts, first=round(elapsed_s[0, 0] * 100))
+    return replace(samples, status=np.full(counts.shape, status, np.uint8))
+
+
+def blind(bench, speeds_rad_s, status, seconds=0.8, **more):
+    """Read for a while, not (or with a status), and again."""
+    begin = bench.clock.now_ns
+    speeds_rad_s = np.array(speeds_rad_s)
+    for first in range(0, 200, 4):
+        times_ns = begin + 10_000_000 * np.arange(first, first + 4)
+        is_out = 40 <= first < 40 + round(100 * seconds)
+        bench.clock.now_ns = int(times_ns[-1])
+        if status or not is_out:
+            missing = status if is_out else 0
+            bench.take(turning(speeds_rad_s, times_ns, status=missing, **more))
+
+
+SCALED_J3 = SCALED.replace('joint = "J2"', 'joint = "J3"')
+STOPS = EndStopSection(joint="J3", low_rad=-2.8, high_rad=3.3)
+
+
+@pytest.mark.parametrize("status", [0, STATUS_ERROR, STATUS_MISSING, STATUS_STALE])
+@pytest.mark.parametrize(
+    ("text", "speeds_rad_s", "seconds", "stops", "named"),
+    [
+        # J2, J3, J1; only J3's encoder does not count its turns.
+        (ARM, (0.0, 6.0, 0.0), 0.8, (), "J3 was not read for 0.81 s"),
+        (ARM, (0.0, 6.0, 0.0), 0.12, (), None),
+        (ARM, (0.0, 6.0, 6.0), 0.8, (), "J3 was not read"),
+        (ARM, (0.0, 0.0, 0.0), 0.8, (), None),
+        (ARM, (6.0, 0.0, 0.0), 0.8, (), None),
+        (SCALED, (6.0, 0.0, 0.0), 0.8, (), None),
+        (SCALED_J3, (0.0, 0.0, 0.0), 0.8, (), "J3 was not read"),
+        (SCALED_J3, (0.0, -2.0, 0.0), 0.8, (STOPS,), None),
+    ],
+)
+async def test_a_turn_that_may_be_lost_while_not_read(
+    tmp_path, text, *, speeds_rad_s, seconds, stops, named, status
+):
+    bench = Bench(arm_model(tmp_path, text), quality=QualitySection(end_stops=stops))
+    try:
+        bench.take(up(absolute=True))
+        bench.measurement.quality.references.confirm()
+        blind(bench, speeds_rad_s, status, seconds, from_rad=2.6 if stops else 0.25)
+        alarms = [e for e in bench.events if e.code == CODE and "not read" in e.text]
+        assert len(alarms) == (named is not None)
+        bench.take(replace(press(), sample_time_ns=bench.clock.now_ns))
+        flags = bench.points[-1].quality.flags
+        assert ("turns_uncertain" in flags) == (named is not None)
+        if named is not None:
+            assert named in alarms[0].text
+            assert bench.measurement.quality.references.confirm() == ["base"]
+    finally:
+        bench.device.driver.close()
+
+
+@pytest.mark.parametrize("status", [0, STATUS_ERROR])
+async def test_turns_that_are_known_are_right_after_an_outage(tmp_path, status):
+    """J2 counts its turns, and makes three; J3's end stops leave only one."""
+    bench = Bench(arm_model(tmp_path), quality=QualitySection(end_stops=(STOPS,)))
+    try:
+        bench.take(up(absolute=True))
+        blind(bench, (25.0, -3.0, 0.0), status, from_rad=3.0)
+        bench.measurement.process_timeouts()
+        angles_rad = bench.measurement.trajectory._blocks[-1].angles_rad[-1]
+        elapsed_s = 1.99
+        assert angles_rad[2] == pytest.approx(3.0 - 3.0 * elapsed_s, abs=1e-4)
+        # Its sign is -1, and its first turn the one nearest to zero_rad.
+        assert angles_rad[1] == pytest.approx(-1.0 - 25.0 * elapsed_s, abs=1e-4)
+    finally:
+        bench.device.driver.close()
 
 
 async def test_a_known_point_is_held_against_the_position(bench):
