@@ -118,16 +118,16 @@ class OutageMonitor:
         if samples.stream != self._stream:
             self._last_seq[:] = -2  # some may be missing between two streams
         until_ns = int(samples.sample_time_ns[-1])
-        if until_ns - self._all_read_ns < self._shortest_ns and not bool(
-            (samples.status & NOT_READ).any()
-        ):
+        is_read = not bool((samples.status & NOT_READ).any())
+        if is_read and until_ns - self._all_read_ns < self._shortest_ns:
             self._last_ns[:], self._last_seq[:] = until_ns, samples.seq[-1]
-            self._recent.append(samples)
             found = []
         else:
             places = range(len(self._channels))
             outages = [self._outage(samples, place) for place in places]
             found = [outage for outage in outages if outage is not None]
+        if is_read:
+            self._recent.append(samples)
         self._all_read_ns, self._stream = int(self._last_ns.min()), samples.stream
         return found
 

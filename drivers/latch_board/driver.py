@@ -21,6 +21,7 @@ from traverse.drivers.latch_board.identification import (
 from traverse.drivers.latch_board.line import LatchBoardLine, PartialReads, Response
 from traverse.drivers.latch_board.options import LatchBoardOptions
 from traverse.drivers.latch_board.session import LatchBoardSession
+from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.protocol import latch_board as wire
 
 ALL_INPUTS = 0xFF
@@ -28,6 +29,8 @@ HEARTBEAT_MS = 500
 EDGES_HEARTBEAT_MS = 20  # of a board that never streams: nothing else has its time
 TEMPERATURE_MS = 2000
 MAX_LATCHES = 16
+QUICK_ANSWER_NS = 2_000_000  # shorter than any motion that matters
+TIE_NS = 200_000_000  # longer than that nobody waits for a quick answer
 # The board sends an edge again after 50 ms. So it is acknowledged in a quiet moment,
 # not while its point is on its way, and several are at once.
 QUIET_S = 0.003
@@ -103,6 +106,7 @@ class LatchBoardDriver(Driver):
                 self.options.debounce_us,
             ),
         )
+        clock = self._learned_clock(line, hello)
         self._deliver_state(DeviceUp(self.device, board_identity(hello), restarted))
         # Not earlier: if CONFIGURE fails, the next try has to report the restart.
         if restarted:
@@ -112,13 +116,27 @@ class LatchBoardDriver(Driver):
             self.device,
             self._path,
             self._edges,
-            tick_rate_hz=hello.tick_rate_hz,
+            clock=clock,
             n_channels=len(hello.channels),
             put=self._delivery_queue.put,
             fault=self._fault,
             counters=self._counters,
         )
         self._streams_begun = 0  # the requested stream is to be requested again
+
+    def _learned_clock(self, line: LatchBoardLine, hello: wire.Hello) -> DeviceClock:
+        """The board's clock, tied to the host's by a quick answer, if there is one."""
+        clock, begun_ns = DeviceClock(hello.tick_rate_hz), self._now_ns()
+        while hello.channels and (sent_ns := self._now_ns()) - begun_ns < TIE_NS:
+            answer = self._ask_or_fault(line, "LATCH", wire.latch_request)
+            if not isinstance(answer, wire.Latched):
+                break
+            received_ns = line.last_message_ns
+            clock.update(clock.unwrap_one(answer.ticks), received_ns)
+            if received_ns - sent_ns < QUICK_ANSWER_NS:
+                clock.tie()
+                break
+        return clock
 
     def _serve(self) -> None:
         line, session, broken = self._line, self._session, 0

@@ -38,7 +38,7 @@ class LatchBoardSession:
         device: id in the configuration.
         path: of its port, for people.
         edges: their order, which outlives the connection.
-        tick_rate_hz: of its counter.
+        clock: of the board, perhaps tied to the host's already.
         n_channels: as in HELLO.
         put: hands a delivery over; False where it has no room.
         fault: reports survived faults: code, text, remedy, how often.
@@ -51,7 +51,7 @@ class LatchBoardSession:
         path: str,
         edges: EdgeSequencer,
         *,
-        tick_rate_hz: int,
+        clock: DeviceClock,
         n_channels: int,
         put: Callable[[CountSamples | LatchedCounts], bool],
         fault: Callable[[str, str, str, int], None],
@@ -60,7 +60,7 @@ class LatchBoardSession:
         self._device, self._path, self._n_channels = device, path, n_channels
         self._edges, self._put, self._fault = edges, put, fault
         self._counters = counters
-        self._clock = DeviceClock(tick_rate_hz)
+        self._clock = clock
         self._stream = self._request = 0
         self._sequence = StreamSequence()
 
@@ -138,7 +138,7 @@ class LatchBoardSession:
 
     def _take_edge(self, edge: wire.Edge, received_ns: int) -> None:
         """Hand over an edge, if it is its turn."""
-        if not self._clock.running:
+        if not self._clock.running or (self._clock.is_uncertain and not edge.counts):
             return  # the board sends it again; until then it has no time
         if not self._fits(edge.counts):
             return

@@ -7,7 +7,8 @@ all as it can be: its slope is the rate of the device's crystal, its height the 
 delay. That line is an edge of their lower convex hull, the one below their mean time
 (Moon, Skelly and Towsley, INFOCOM 1999), so that delays of a busy host do not move it.
 What remains is the smallest delay itself, which no one-way measurement separates from
-the offset.
+the offset. A request and its answer do: the delay of the answer is below the time of
+both, so a clock is tied at once by a quick answer.
 """
 
 from collections import deque
@@ -36,8 +37,8 @@ class DeviceClock:
     Attributes:
         running: something has been learned, so that times are not idle talk.
         steps: how often the mapping had to start afresh, because a latch seemed to
-            lie in the future (the device's counter or the host has jumped); not in
-            the first half second.
+            lie in the future (the device's counter or the host has jumped); not
+            while it is uncertain.
     """
 
     def __init__(self, tick_rate_hz: float, wrap: int = WRAP) -> None:
@@ -51,12 +52,17 @@ class DeviceClock:
         self._bin_index = 0
         self._height_ns = 0.0
         self.steps = 0
+        self._tied = False
         self._restart(0, 0)
 
     @property
     def is_uncertain(self) -> bool:
-        """Whether it started afresh, and half a second has not passed since."""
-        return bool(self.steps) and not self._bins
+        """Whether it has neither been tied nor learned for half a second."""
+        return not self._tied and not self._bins
+
+    def tie(self) -> None:
+        """Use what has been learned at once: one of the delays is known to be small."""
+        self._tied, self._jump_ns = True, 0.0
 
     @property
     def rate_error_ppm(self) -> float:
@@ -93,7 +99,7 @@ class DeviceClock:
             self.running = True
         elif self.to_ns(ticks) - received_ns > MAX_EARLY_NS:
             # In the first half second it was only the first latch that came late.
-            self.steps += bool(self._bins)
+            self.steps += not self.is_uncertain
             self._restart(ticks, received_ns)
         elapsed = ticks - self._anchor_ticks
         offset_ns = received_ns - self._anchor_ns - elapsed * self._ns_per_tick
@@ -132,6 +138,7 @@ class DeviceClock:
 
     def _restart(self, ticks: int, received_ns: int) -> None:
         self._anchor_ticks, self._anchor_ns = ticks, received_ns
+        self._tied = False
         self._bins.clear()
         self._bin_index = 0
         self._bin_best = None

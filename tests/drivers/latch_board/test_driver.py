@@ -12,7 +12,7 @@ from tests.drivers.driver_contract import (
     streaming,
 )
 from tests.drivers.latch_board import frame_bodies as bodies
-from tests.drivers.latch_board.fake_board import CONFIGURE, HELLO, START
+from tests.drivers.latch_board.fake_board import CONFIGURE, HELLO, LATCH, START
 from tests.drivers.latch_board.rig import board_rig
 from tests.drivers.taken import Taken
 from tests.protocol.latch_board_frames import framed
@@ -127,7 +127,10 @@ async def test_requests_are_those_of_the_specification(rig):
     assert rig.board.heard(HELLO)[0] == bytes((1, 1, 1, 1))
     # All inputs, heartbeat 500 ms, temperatures 2000 ms, 5000 us of debouncing.
     assert rig.board.heard(CONFIGURE)[0].hex(" ") == "02 02 ff f4 01 d0 07 88 13 00 00"
-    assert rig.board.heard(START)[0].hex(" ") == "03 03 20 a1 07 00"  # 500 000 mHz
+    number = 2 + len(rig.board.heard(LATCH))  # which tie the clocks
+    assert rig.board.heard(LATCH)[-1] == bytes((5, number))
+    start = bytes((3, number + 1)).hex(" ")
+    assert rig.board.heard(START)[0].hex(" ") == f"{start} 20 a1 07 00"  # 500 000 mHz
 
 
 async def test_the_makers_own_bits_of_status_are_a_warning(rig):

@@ -56,9 +56,9 @@ async def test_a_request_is_asked_again_and_answered_once(rig):
             return []
         return [p for b in late for p in rig.board.answer_latch(b)]  # both, late
 
-    rig.board.answers[LATCH] = latch
     with rig.driver:
         taken = await streaming(rig)
+        rig.board.answers[LATCH] = latch
         token = rig.driver.request_latch()
         await taken.until(lambda: taken.of(LatchedCounts), "the latch")
         rig.emit(1)

@@ -6,6 +6,7 @@ import numpy as np
 
 from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
 from traverse.drivers.latch_board.session import LatchBoardSession
+from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.protocol.latch_board import SampleBlock
 
 BEGUN_NS = 5_000_000_000
@@ -18,7 +19,7 @@ def test_the_read_with_the_smallest_delay_tells_the_time_of_all():
         "base",
         "port",
         EdgeSequencer(),
-        tick_rate_hz=1_000_000,
+        clock=DeviceClock(1_000_000),
         n_channels=2,
         put=taken.append,
         fault=print,
