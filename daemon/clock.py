@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 LOOK_NS = 1_000_000_000
 JITTER_NS = 50_000
+STEP_NS = 10_000_000  # UTC that moves by more was set, not adjusted gradually
 
 
 class HostClock:
@@ -37,7 +38,7 @@ class FrozenClock(HostClock):
 
     Whatever is decided by the time, within one step, is decided by the same time. The
     relation to UTC is frozen too; it is checked regularly, and adopted where it has
-    changed by more than jitter.
+    changed by more than jitter; a step of it at once.
 
     Args:
         host: where it gets the time from.
@@ -63,13 +64,20 @@ class FrozenClock(HostClock):
     def step(self) -> int:
         """Go on to the present; gives it."""
         now_ns = self._now_ns = self._host.monotonic_ns()
+        offset_ns = self._host.utc_offset_ns()
+        if abs(offset_ns - self._utc_offset_ns) > STEP_NS:
+            # Not if this thread only had to wait between its two readings.
+            offset_ns = min(offset_ns, self._host.utc_offset_ns(), key=self._change_ns)
+        limit_ns = STEP_NS
         if now_ns - self._looked_ns >= LOOK_NS:
-            self._looked_ns = now_ns
-            offset_ns = self._host.utc_offset_ns()
-            if abs(offset_ns - self._utc_offset_ns) > JITTER_NS:
-                self._utc_offset_ns = offset_ns
-                self._related(now_ns, offset_ns)
+            self._looked_ns, limit_ns = now_ns, JITTER_NS
+        if self._change_ns(offset_ns) > limit_ns:
+            self._utc_offset_ns = offset_ns
+            self._related(now_ns, offset_ns)
         return now_ns
+
+    def _change_ns(self, utc_offset_ns: int) -> int:
+        return abs(utc_offset_ns - self._utc_offset_ns)
 
     def monotonic_ns(self) -> int:
         """The time of this step."""

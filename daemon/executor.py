@@ -62,6 +62,7 @@ def execute(measurement: Measurement, command: MeasurementCommand[T]) -> T:
     measurement.listener.asked(
         now_ns, command.recorded_name, command.to_record(), measurement
     )
+    measurement.quality.check_clock()
     return command.apply(measurement, now_ns)
 
 

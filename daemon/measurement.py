@@ -285,6 +285,7 @@ class Measurement:
         """
         now_ns = self.clock.step()
         self.listener.passed(now_ns, self)
+        self.quality.check_clock()
         self._take_assembled(now_ns)
         self.points.settle(now_ns)
         self.late_readings.check()
@@ -293,6 +294,7 @@ class Measurement:
         """Process one delivery of a device."""
         device.last_ns = self.clock.step()
         self.listener.delivered(device.last_ns, delivery, self)
+        self.quality.check_clock()
         match delivery:
             case CountSamples():
                 self._take_samples(device, delivery)

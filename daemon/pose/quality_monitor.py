@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.daemon.clock import HostClock
+from traverse.daemon.clock import STEP_NS, HostClock
 from traverse.daemon.config.filters import flag_bits
 from traverse.daemon.config.schema import QualitySection
 from traverse.daemon.errors import CaptureRefusedError
@@ -20,6 +20,7 @@ from traverse.protocol.messages import FLAG_MEANINGS, QualityFlag
 from traverse.protocol.messages.quality import flag_names
 
 DAY_S = 86_400.0
+STEP_FLAGGED_NS = 1_000_000_000  # readings of before the step have been used by then
 Alarm = tuple[str, int, int | str]
 
 MOMENTARY = {
@@ -56,6 +57,8 @@ class PersistentFlags:
         self, section: QualitySection, model: ArmModel, clock: HostClock
     ) -> None:
         self._clock = clock
+        self._utc_offset_ns = clock.utc_offset_ns()
+        self._stepped_ns: int | None = None
         self._temperatures: deque[tuple[int, float]] = deque()
         self._alarms: set[Alarm] = set()
         self.use(section, model)
@@ -75,6 +78,15 @@ class PersistentFlags:
         if channel is not None and (device, channel) in self._channels:
             alarm = (device, channel, code)
             (self._alarms.add if raised else self._alarms.discard)(alarm)
+
+    def utc_step_s(self) -> float:
+        """By how much UTC was set since the last call [s]; 0 where it was not."""
+        offset_ns, before_ns = self._clock.utc_offset_ns(), self._utc_offset_ns
+        self._utc_offset_ns = offset_ns
+        if abs(offset_ns - before_ns) <= STEP_NS:
+            return 0.0
+        self._stepped_ns = self._clock.monotonic_ns()
+        return (offset_ns - before_ns) * 1e-9
 
     @property
     def temperatures(self) -> tuple[tuple[int, float], ...]:
@@ -96,6 +108,11 @@ class PersistentFlags:
             quality |= QualityFlag.TEMPERATURE
         if self._is_old():
             quality |= QualityFlag.STALE_IDENTIFICATION
+        if self._stepped_ns is not None:
+            if self._clock.monotonic_ns() - self._stepped_ns < STEP_FLAGGED_NS:
+                quality |= QualityFlag.TIME_UNCERTAIN
+            else:
+                self._stepped_ns = None
         return int(quality)
 
     def _is_out_of_band(self, temperature_c: float | None) -> bool:
@@ -180,6 +197,21 @@ class QualityMonitor:
     def use_model(self, model: ArmModel) -> None:
         """Look at another arm."""
         self.use(self._section, model)
+
+    def check_clock(self) -> None:
+        """Report that the host's clock was set; call it with every step."""
+        if step_s := self.persistent.utc_step_s():
+            self._events.report(
+                "warning",
+                "clock.stepped",
+                f"the host's clock was set {'forward' if step_s > 0 else 'back'} by "
+                f"{abs(step_s):.3f} s, or the host slept; times before and after do "
+                "not compare; measurements are flagged time_uncertain for a second",
+                source="host",
+                remedy="let the clock be set before measuring (chrony: makestep only "
+                "at its start); take the last points again if their times matter",
+                data={"step_s": step_s},
+            )
 
     def flag_block(
         self,

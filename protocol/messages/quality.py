@@ -48,8 +48,10 @@ FLAG_MEANINGS = {
     QualityFlag.STALE_IDENTIFICATION: "the identification is older than allowed",
     QualityFlag.STALE_EFFECT: "a correction bound to time is used beyond its time",
     QualityFlag.SURFACE_UNKNOWN: "a correction needs the surface's direction: left out",
-    QualityFlag.TIME_UNCERTAIN: "the device's clock is not yet tied to the host's",
-    QualityFlag.TURNS_UNCERTAIN: "counts restarted; the number of turns is assumed",
+    QualityFlag.TIME_UNCERTAIN: "the device's clock is not yet tied to the host's, or "
+    "the host's was set",
+    QualityFlag.TURNS_UNCERTAIN: "counts restarted, or a joint was not read for a "
+    "while: place or turns are assumed",
     QualityFlag.INTERPOLATED: "interpolated between samples, not latched at the edge",
     QualityFlag.EMPIRICAL: "corrected by an empirical effect, with no known cause",
     QualityFlag.BEYOND_KNOTS: "an empirical effect is held, beyond what was measured",

@@ -4,6 +4,7 @@ import asyncio
 
 from tests.daemon.values import MODULI, SetClock, configuration, kept_at_once
 from traverse.daemon.acquisition.device import open_device
+from traverse.daemon.clock import FrozenClock
 from traverse.daemon.measurement import Sinks, build_measurement
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import latencies_by_name
@@ -16,9 +17,12 @@ INPUTS = {"base/0": "button", "base/1": "switch"}
 
 
 class Bench:
-    """The measuring part of the daemon without ports and broker."""
+    """The measuring part of the daemon without ports and broker.
 
-    def __init__(self, model, **sections) -> None:
+    With ``frozen`` its time stands within each step, as in the service.
+    """
+
+    def __init__(self, model, *, frozen=False, **sections) -> None:
         self.clock = SetClock()
         self.model, self.room = model, True
         self.points, self.events, self.live, self.scans = [], [], [], []
@@ -37,7 +41,7 @@ class Bench:
                 status_changed=self.count_change,
                 latencies=latencies,
             ),
-            self.clock,
+            FrozenClock(self.clock) if frozen else self.clock,
             devices=[self.device],
         )
         self.scanner = self.measurement.scanner

@@ -7,7 +7,7 @@ CHECKOUT = Path(__file__).parent.parent.parent
 PAGE = (CHECKOUT / "docs" / "reference" / "events.md").read_text("utf-8")
 SUBJECTS = (
     "device command commands capture broker scan limit reload "
-    "watchdog realtime metrics outbox resend recording replay reference"
+    "clock watchdog realtime metrics outbox resend recording replay reference"
 )
 CODE = re.compile(rf'"((?:{"|".join(SUBJECTS.split())})\.(?!db")[a-z_]+)"')
 FAULT = re.compile(r'(?:fault|_by_node)\((?:\s*[\w.]+,)?\s*"([a-z_]+)"')
