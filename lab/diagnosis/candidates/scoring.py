@@ -179,10 +179,13 @@ def log_p_values(parts: Floats, degrees: Integers, redundancy: int) -> Floats:
         parts: T/T_0, (...,).
         degrees: q, (...,).
         redundancy: r.
+
+    Returns:
+        (...,); 0 where nothing is tested: without columns, or with as many as r.
     """
     parts = np.clip(parts, 0.0, 1.0 - 1e-15)
     shown = np.maximum(degrees, 1)
-    a, b = 0.5 * (redundancy - shown), 0.5 * shown
+    a, b = 0.5 * np.maximum(redundancy - shown, 1), 0.5 * shown
     rest = 1.0 - parts
     with np.errstate(divide="ignore"):
         plain = np.log(special.betainc(a, b, rest))
@@ -191,7 +194,7 @@ def log_p_values(parts: Floats, degrees: Integers, redundancy: int) -> Floats:
         front = a * np.log(rest) + b * np.log(parts) - np.log(a) - special.betaln(a, b)
     series = np.log(_series(a, b, rest))
     found: Floats = np.where(plain > -600.0, plain, front + series)
-    return np.where(degrees > 0, found, 0.0)
+    return np.where((degrees > 0) & (degrees < redundancy), found, 0.0)
 
 
 def _series(a: Floats, b: Floats, x: Floats) -> Floats:

@@ -28,8 +28,10 @@ _NOISY = 3.0
 _LONGEST_NAME = 44
 
 
-def ledger_picture(diagnosis: Diagnosis) -> bytes:
-    """Draw the gap after every term."""
+def ledger_picture(diagnosis: Diagnosis) -> bytes | None:
+    """Draw the gap after every term; None: no poses were kept aside."""
+    if diagnosis.gap.before.n == 0:
+        return None
     n_rows = len(diagnosis.ledger)
     return picture(
         180.0, 22.0 + 9.0 * n_rows, lambda figure: _paint_ledger(figure, diagnosis)

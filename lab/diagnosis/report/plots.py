@@ -17,7 +17,7 @@ class Plots:
         before: Measurement against the model without terms.
         after: Against the model of the arm that is written, in units of the same
             noise.
-        ledger: The gap after every term.
+        ledger: The gap after every term; None: no poses were kept aside.
         terms: Each term over what matters for it; None where there is no such picture.
         artefacts: Misclosures by artefact.
         joints: Discrepancy over the joints' angles.
@@ -26,7 +26,7 @@ class Plots:
 
     before: Discrepancies
     after: Discrepancies
-    ledger: bytes
+    ledger: bytes | None
     terms: tuple[bytes | None, ...]
     artefacts: bytes
     joints: bytes
@@ -36,11 +36,12 @@ class Plots:
     def files(self) -> dict[str, bytes]:
         """By name of the file."""
         found = {
-            "ledger.png": self.ledger,
             "artefacts.png": self.artefacts,
             "joints.png": self.joints,
             "conditions.png": self.conditions,
         }
+        if self.ledger is not None:
+            found["ledger.png"] = self.ledger
         for number, png in enumerate(self.terms, start=1):
             if png is not None:
                 found[f"term-{number}.png"] = png

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
@@ -23,10 +25,14 @@ from traverse.lab.diagnosis.search.forward_search import (
 )
 from traverse.lab.diagnosis.search.naming import NamedTerm, name_terms
 from traverse.lab.diagnosis.search.selection import ScoredCandidate, noise_draws
+from traverse.lab.identification.identify import IdentificationError
 
 # Another name must be better by this much to take a term's place.
 _BETTER = 1.0
 _SERIAL_LEVEL = 0.01
+# Less says nothing about noise, and so nothing about effects.
+_LEAST_REDUNDANCY = 10
+_LEAST_TRAVEL_RAD = np.radians(2.0)
 _MOST_REVISIONS = 4
 
 
@@ -60,10 +66,14 @@ def decide(
         eligible: Poses that are used for choosing, (n_poses,).
         options: Wishes.
         progress: Told what is done.
+
+    Raises:
+        IdentificationError: The poses are too few, or too much alike.
     """
     if progress is not None:
         progress("fitting the geometry", 0.05)
     start = fitted(campaign, arm, eligible)
+    _check(campaign, start)
     serial: SerialCorrelation | None = None
     if progress is not None:
         progress("judging every candidate", 0.15)
@@ -80,6 +90,25 @@ def decide(
             forward_search(start, eligible, options, serial, progress), eligible
         )
     return Decision(search, names, start)
+
+
+def _check(campaign: Campaign, start: Fit) -> None:
+    """Refuse what no test could judge."""
+    n_poses = int(np.count_nonzero(start.included))
+    travel_rad = np.ptp(campaign.poses.angles_rad, axis=0)
+    if np.max(travel_rad) < _LEAST_TRAVEL_RAD:
+        raise IdentificationError(
+            f"the {len(campaign.poses)} poses are nearly the same: no joint turned by "
+            f"more than {np.degrees(np.max(travel_rad)):.2g} degrees; nothing can be "
+            "found in them; measure in varied postures"
+        )
+    redundancy = start.adjustment.redundancy
+    if redundancy < _LEAST_REDUNDANCY:
+        raise IdentificationError(
+            f"{n_poses} poses leave {redundancy} equations beyond the unknowns "
+            "(redundancy), and effects cannot be told from noise with fewer than "
+            f"{_LEAST_REDUNDANCY}; measure more poses"
+        )
 
 
 def _revised(

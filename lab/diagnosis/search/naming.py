@@ -76,7 +76,7 @@ def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
     names = ranked(stage, NAMED_BANKS, joints_with_own_curve)
     curves = ranked(stage, (BankName.GENERIC,), joints_with_own_curve)
     # A term may be a function of a reading that got a curve after it.
-    own = own_choice(added, ranked(stage, tuple(BankName), ()))
+    own = own_choice(added, stage, ranked(stage, tuple(BankName), ()))
     if added.candidate.is_curve:
         rivals = _rivals(own, names + curves[:1], own.score)
         return NamedTerm(added, own, "unknown", None, rivals, own)
@@ -92,8 +92,14 @@ def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
     return NamedTerm(added, own, status, harmonic, rivals, best)
 
 
-def own_choice(added: AddedTerm, choices: Sequence[ScoredCandidate]) -> ScoredCandidate:
-    """Find a term among the candidates."""
+def own_choice(
+    added: AddedTerm, stage: CandidateScores, choices: Sequence[ScoredCandidate]
+) -> ScoredCandidate:
+    """Find a term among the candidates.
+
+    One that is not there any more, because the unknowns and the other terms do all
+    that it could do, explains nothing.
+    """
     wanted = added.candidate
     same = [
         choice
@@ -102,9 +108,16 @@ def own_choice(added: AddedTerm, choices: Sequence[ScoredCandidate]) -> ScoredCa
         and choice.candidate.covariate == wanted.covariate
         and (not wanted.is_curve or choice.candidate.component == "angle")
     ]
-    if not same:
-        raise ValueError(f"{wanted.name} is in no bank any more")
-    return same[0]
+    if same:
+        return same[0]
+    residuals = stage.rows.residuals
+    nothing = ProjectedCandidate(
+        wanted,
+        np.zeros((len(residuals), 0)),
+        np.zeros(0),
+        np.zeros((len(wanted.scales), 0)),
+    )
+    return ScoredCandidate(nothing, 0.0, 0.0, 0.0, added.bank, residuals)
 
 
 def correlation(

@@ -165,10 +165,12 @@ def select_next(
             beside(stage.rows, first.found),
             {BankName.LIBRARY: stage.banks[BankName.LIBRARY]},
         )
-        second = ranked(rest, (BankName.LIBRARY,), joints_with_own_curve)[0]
-        if first.score + max(
-            second.score, 0.0
-        ) >= needed and not fit_any_curve_together(first.candidate, second.candidate):
+        seconds = ranked(rest, (BankName.LIBRARY,), joints_with_own_curve)[:1]
+        if any(
+            first.score + max(second.score, 0.0) >= needed
+            and not fit_any_curve_together(first.candidate, second.candidate)
+            for second in seconds
+        ):
             return first
     adaptable = [one for one in curves if one.candidate.component == "angle"]
     if adaptable and adaptable[0].score >= curves[0].score - DECIDED:

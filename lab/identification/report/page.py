@@ -49,6 +49,9 @@ def combination(direction: Mapping[str, float]) -> str:
 _FILTERS: Filters = {
     "combination": combination,
     "median": lambda values: float(np.median(list(values))),
+    "most_travel_deg": lambda result: float(
+        np.degrees(np.max(np.ptp(result.campaign.poses.angles_rad, axis=0)))
+    ),
     "degrees": lambda angles_rad: np.degrees(angles_rad).tolist(),
 }
 WORDS = Words("identification/report/words.jinja", **_FILTERS)
@@ -87,7 +90,9 @@ def report_page(result: Identification, found: UncertaintyMap) -> str:
     """Make the page; the text is complete in itself."""
     test = result.global_test
     # Less noise than was given does no harm.
-    as_expected = test.passed or test.noise_estimated or result.sigma0 < 1.0
+    as_expected = result.redundancy > 0 and (
+        test.passed or test.noise_estimated or result.sigma0 < 1.0
+    )
     some_free = bool(result.parameters)
     pictures = {
         "artefacts": by_artefact(result),

@@ -146,7 +146,7 @@ def global_test(
         noise_estimated: From the same residuals.
     """
     if redundancy <= 0:
-        return GlobalTest(p_value=1.0, noise_estimated=noise_estimated)
+        return GlobalTest(p_value=None, noise_estimated=noise_estimated)
     upper = chi_square_p_value(sigma0**2 * redundancy, redundancy)
     p_value = 2.0 * min(upper, 1.0 - upper)
     return GlobalTest(p_value=p_value, noise_estimated=noise_estimated)

@@ -8,6 +8,7 @@ from traverse.arrays import Booleans
 from traverse.lab.identification.equations.network import (
     Network,
     Noise,
+    a_priori_noise,
     stations,
 )
 from traverse.lab.identification.equations.parameters import ArmValues
@@ -74,7 +75,8 @@ class IteratedAdjustment:
         included: Poses that took part, (n_poses,).
         critical: |w| above which a pose is excluded.
         iterations: Of all adjustments.
-        noise_estimated: Whether any noise was.
+        noise_estimated: Whether any noise was; with little redundancy it stays as
+            assumed.
     """
 
     adjustment: Adjustment
@@ -160,7 +162,16 @@ def iterate(
         included,
         critical,
         tuple(iterations),
-        variances.estimates,
+        variances.estimates and _is_estimated(adjustment.network),
+    )
+
+
+def _is_estimated(network: Network) -> bool:
+    """Say whether any standard deviation is not as stated or assumed."""
+    noise, given = network.noise, a_priori_noise(network.campaign)
+    return not (
+        np.array_equal(noise.encoder_rad, given.encoder_rad)
+        and np.array_equal(noise.contact_mm, given.contact_mm)
     )
 
 

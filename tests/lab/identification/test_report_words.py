@@ -118,7 +118,7 @@ def test_many_excluded_poses_are_counted_not_all_listed(good: Identification) ->
 
 
 def test_noise_names_its_origin(good: Identification) -> None:
-    assert WORDS.noise(good).startswith("Noise (given or assumed): readings 5 µrad")
+    assert WORDS.noise(good).startswith("Noise (stated): readings 5 µrad")
     estimated = replace(good, global_test=GlobalTest(p_value=1.0, noise_estimated=True))
     assert WORDS.noise(estimated).startswith("Noise (estimated)")
 

@@ -1,0 +1,74 @@
+"""Campaigns with hardly any poses: a report or a true sentence, never a traceback."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.lab.diagnosis.engine_campaigns import OPTIONS, measured_with, poses
+from traverse.kinematics.arm_file.arm import write_arm
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.lab.diagnosis.report.files import write_diagnosis
+from traverse.lab.diagnosis.report.page import summary_lines
+from traverse.lab.identification.identify import IdentificationError, identify
+from traverse.lab.identification.report.page import WORDS
+
+REFUSAL = r"leave \d equations beyond the unknowns .*; measure more poses"
+MOST_REFUSED = 8
+
+
+def every(step: int, *, stated: bool = True) -> Campaign:
+    """Take each so-manieth pose of a campaign with ball bar, sphere and cones."""
+    whole = measured_with()
+    if not stated:
+        whole = replace(whole, encoder_rad=None, contact_mm=None)
+    return whole.part(np.arange(0, len(whole.poses), step))
+
+
+@pytest.mark.parametrize("stated", [True, False])
+@pytest.mark.parametrize("step", [4, 6, 8, 12, 20, 40])
+def test_few_poses_give_a_report_or_a_reason(tmp_path, step, stated):
+    arm, campaign = poses().arm, every(step, stated=stated)
+    write_arm(tmp_path / "arm.toml", arm)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        if step > MOST_REFUSED:
+            with pytest.raises(IdentificationError, match=REFUSAL):
+                diagnose(campaign, arm, OPTIONS)
+            return
+        found = diagnose(campaign, arm, OPTIONS)
+        write_diagnosis(tmp_path / "out", found, tmp_path / "arm.toml")
+    assert (tmp_path / "out" / "report.html").stat().st_size > 10_000
+    (told,) = [line for line in summary_lines(found) if "kept aside" in line][1:2]
+    has_picture = (tmp_path / "out" / "ledger.png").exists()
+    assert has_picture == bool(np.any(found.held_out))
+    assert has_picture != told.startswith("No poses were kept aside")
+
+
+def test_poses_that_are_nearly_the_same_are_called_so():
+    whole = measured_with()
+    one = whole.poses.angles_rad[:1]
+    rng = np.random.default_rng(1)
+    angles_rad = one + 1e-4 * rng.standard_normal(whole.poses.angles_rad.shape)
+    campaign = replace(whole, poses=replace(whole.poses, angles_rad=angles_rad))
+    with pytest.raises(IdentificationError, match="nearly the same: no joint turned"):
+        diagnose(campaign, poses().arm, OPTIONS)
+
+
+def test_many_terms_may_be_asked_for():
+    # With each term some others have nothing left to explain.
+    options = replace(OPTIONS, most_terms=10, details=False)
+    found = diagnose(every(2, stated=False), poses().arm, options)
+    assert found.verdict in ("clean", "named", "tentative", "unknown")
+
+
+@pytest.mark.parametrize("step", [12, 20])
+def test_noise_that_could_not_be_estimated_is_called_assumed(step):
+    found = identify(every(step, stated=False), poses().arm)
+    assert not found.global_test.noise_estimated
+    assert WORDS.noise(found).startswith("Noise (assumed):")
+    assert "by construction" not in WORDS.sigma0(found)
+    if found.redundancy <= 0:
+        assert found.global_test.passed is None
