@@ -72,6 +72,7 @@ class _Session:
         self._ended = asyncio.Event()
         self._current: Target | None = None
         self._suspect: CollectedTouch | None = None
+        self._question = ""  # about the suspect
         self._go_on()
         self.reached = False
 
@@ -173,10 +174,11 @@ class _Session:
             self._count(touch)
             return
         self._suspect = touch
-        self._say(
+        self._question = (
             f"{number} is {off_mm:.1f} mm off the others on {target} and does not "
             f"count. Was it the right place? {ANSWERS}"
         )
+        self._say(self._question)
 
     def _believe(self, suspect: CollectedTouch, *, alone: bool) -> None:
         """The suspect was the right place; alone: the others were not."""
@@ -247,7 +249,8 @@ class _Session:
             self._live.update(self._shown(), refresh=True)
 
     def _shown(self) -> RenderableType:
-        return shown(self._collection, self._current, self._said)
+        question = self._question if self._suspect is not None else ""
+        return shown(self._collection, self._current, self._said, question)
 
 
 async def _keys() -> AsyncIterator[str]:

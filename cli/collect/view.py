@@ -17,9 +17,9 @@ KEYS = "n next   p previous   u undo   q quit"
 
 
 def shown(
-    collection: Collection, current: Target | None, said: Sequence[str]
+    collection: Collection, current: Target | None, said: Sequence[str], asked: str
 ) -> RenderableType:
-    """The whole picture, for a terminal."""
+    """The whole picture, for a terminal; a question takes the instruction's place."""
     targets = Table(box=None, pad_edge=False)
     for title in ("", "artefact", "done", "", "agreement"):
         targets.add_column(title)
@@ -47,7 +47,7 @@ def shown(
         volume.add_row(shell, f"│{marks}│")
     spaced: list[RenderableType] = [Text(), volume] if volume.row_count else []
     return Group(
-        Text(instruction(collection, current), style="bold"),
+        Text(asked or instruction(collection, current), style="bold"),
         Text(),
         targets,
         Text(),

@@ -91,7 +91,8 @@ def daily_check(
 
         lacking = _lacking()
         if lacking is not None and (show or campaign is not None):
-            refuse("daily-check", lacking)
+            typer.echo(lacking, err=True)
+            raise typer.Exit(REFUSED)
         address = broker.address("daily-check")
         model = read_arm(arm)
         path = _history(config, history)

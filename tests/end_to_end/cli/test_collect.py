@@ -21,6 +21,8 @@ from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.protocol.messages import PointArgs
 
+pytestmark = pytest.mark.needs("mosquitto")
+
 CAMPAIGN = """\
 schema = "traverse/campaign/1"
 poses = "poses.csv"
@@ -45,7 +47,6 @@ def campaign(bench: Workbench) -> Workbench:
     return bench
 
 
-@pytest.mark.needs("mosquitto")
 async def test_a_campaign_is_collected_as_it_is_touched(campaign: Workbench) -> None:
     bench = campaign
     lead_in = '[[motion]]\nkind = "rest"\nduration_s = 1.0'
@@ -80,7 +81,6 @@ async def test_a_campaign_is_collected_as_it_is_touched(campaign: Workbench) -> 
     assert (np.abs(np.nan_to_num(senses)).sum(axis=1) > 0).all()
 
 
-@pytest.mark.needs("mosquitto")
 async def test_an_ended_collection_goes_on_where_it_was(campaign: Workbench) -> None:
     bench = campaign
     bench.write_simulator(REST)
@@ -145,7 +145,6 @@ def terminal(bench: Workbench, *words: str) -> Iterator[Terminal]:
         os.close(theirs)
 
 
-@pytest.mark.needs("mosquitto")
 async def test_keys_at_a_terminal_undo_and_quit(campaign: Workbench) -> None:
     bench = campaign
     bench.write_simulator(REST)
@@ -167,7 +166,6 @@ async def test_keys_at_a_terminal_undo_and_quit(campaign: Workbench) -> None:
 ANOTHER = CONE.replace("600.0", "653.0")  # 53 mm beside
 
 
-@pytest.mark.needs("mosquitto")
 @pytest.mark.parametrize(
     ("key", "told", "left"),
     [
