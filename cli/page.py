@@ -11,6 +11,7 @@ from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.refusals import missing_library, refuse
 
 if TYPE_CHECKING:
+    from traverse.client.display.arm_state import Change
     from traverse.client.mqtt.address import BrokerAddress
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
@@ -78,8 +79,10 @@ def page(
     name = arm or _only_arm(address)
     scheme = "http" if certificate is None else "https"
     typer.echo(f"{name} on {address}: {scheme}://{host}:{port}")
+    follower = Follower(name, address)
+    follower.sight.listeners.append(_tell_absence)
     serve(
-        Follower(name, address),
+        follower,
         points_as,
         host=host,
         port=port,
@@ -102,6 +105,11 @@ def _check_pair(certificate: Path, key: Path | None) -> None:
             f"{certificate} and {key or certificate}: {error.reason or 'no PEM'}; "
             "expected a certificate and its key without a passphrase, PEM"
         ) from error
+
+
+def _tell_absence(change: "Change") -> None:
+    if change.kind == "absent":
+        typer.echo(f"{change.text}; waiting for it, Ctrl-C ends", err=True)
 
 
 def _only_arm(address: "BrokerAddress") -> str:

@@ -170,6 +170,7 @@ class SetLabel(MeasurementCommand["asyncio.Future[Label]"], recorded_name="label
         def set_label() -> Label:
             measurement.capture.label = label
             measurement.points.events.label(label)
+            measurement.sinks.status_changed()
             return label
 
         return measurement.points.in_order(set_label)

@@ -34,10 +34,15 @@ class StartupError(Exception):
 
 
 class Inputs(NamedTuple):
-    """What the daemon measures by."""
+    """What the daemon measures by.
+
+    Attributes:
+        probes: names of the probe library's; None where there is no library.
+    """
 
     configuration: Configuration
     model: ArmModel
+    probes: tuple[str, ...] | None = None
 
 
 def read_inputs(path: Path, embedded: bool) -> Inputs:
@@ -65,10 +70,10 @@ def read_inputs(path: Path, embedded: bool) -> Inputs:
         model = read_model(path.parent / configuration.arm.file, ids)
     except FileError as error:
         raise StartupError([*failures, error], REFUSED) from error
-    probes = configuration.arm.probes
-    if probes is not None:
+    library, probes = configuration.arm.probes, None
+    if library is not None:
         try:
-            read_probes(path.parent / probes)
+            probes = read_probes(path.parent / library).names
         except FileError as error:
             failures.append(error)
     clock = configuration.assembly.clock
@@ -82,7 +87,7 @@ def read_inputs(path: Path, embedded: bool) -> Inputs:
         failures.append(FileError(str(path), stops))
     if failures:
         raise StartupError(failures, REFUSED)
-    return Inputs(configuration, model)
+    return Inputs(configuration, model, probes)
 
 
 def _end_stop_problems(configuration: Configuration, model: ArmModel) -> list[Problem]:

@@ -107,6 +107,7 @@ class Measurement:
         latches: point requests that wait for a requested latch, by its token.
         latch_points: all requests of such points that are not done, by the same.
         probe: that of the library which measures; None for that of the arm file.
+        probes: names of the library's when it was last read; None without a library.
         rate_hz: of the arm's present sample stream.
     """
 
@@ -132,6 +133,7 @@ class Measurement:
     configuration: Configuration
     triggers: TriggerMap
     probe: LibraryProbe | None = None
+    probes: tuple[str, ...] | None = None
     rate_hz: float = 0.0
     latches: dict[int, PointFuture] = field(default_factory=dict)
     latch_points: dict[int, PointFuture] = field(default_factory=dict)

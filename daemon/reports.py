@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.commands.dispatcher import CommandDispatcher
@@ -29,6 +30,7 @@ from traverse.protocol.messages import (
 )
 
 MAX_ALARMS = 64  # in a status
+MAX_PROBES = 64
 SUMMED = (
     "samples_received",
     "samples_lost",
@@ -74,10 +76,21 @@ def status_message(
         session=measurement.capture.session.id,
         time_ns=clock.monotonic_ns() + clock.utc_offset_ns(),
         drivers=tuple(device.status() for device in devices),
-        alarms=tuple(_alarm(one, clock) for one in active[:MAX_ALARMS])
-        if online
-        else None,
+        **_arrangement(measurement, clock, active) if online else {},
     )
+
+
+def _arrangement(
+    measurement: Measurement, clock: HostClock, active: Sequence[Occurrence]
+) -> dict[str, Any]:
+    """Fields that the last will cannot tell."""
+    probe, probes = measurement.probe, measurement.probes
+    return {
+        "alarms": tuple(_alarm(one, clock) for one in active[:MAX_ALARMS]),
+        "probe": None if probe is None else probe.name,
+        "probes": None if probes is None else probes[:MAX_PROBES],
+        "label": measurement.capture.label,
+    }
 
 
 def _alarm(what: Occurrence, clock: HostClock) -> Alarm:

@@ -174,14 +174,13 @@ def compose(
     Raises:
         StartupError: a file has gone since it was read.
     """
-    configuration, model = inputs
+    configuration, model, probes = inputs
     arm, encoding, clock = model.name, broker.encoding, HostClock()
     latencies, notifier, status_due = latencies_by_name(), Notifier(), asyncio.Event()
 
     steps = StepRecorder(clock, flight=configuration.recording.flight)
     step_clock = FrozenClock(clock, steps.related)
-    active = ActiveSession(step_clock)
-    queue = OutgoingQueue()
+    active, queue = ActiveSession(step_clock), OutgoingQueue()
     publisher = MessagePublisher(arm, encoding, queue, clock, steps)
     events = EventLog(
         clock,
@@ -232,6 +231,7 @@ def compose(
     measurement = build_measurement(
         configuration, model, sinks, step_clock, steps, devices=devices, session=active
     )
+    measurement.probes = probes
 
     others = SecondDaemonWatch(arm, encoding, clock, events)
 
@@ -273,7 +273,7 @@ def compose(
     scans = ScanCommands(measurement)
 
     def apply_inputs(inputs: Inputs) -> None:
-        configuration, model = inputs
+        configuration, model, _ = inputs
         measurement.apply_settings(configuration, model)
         scans.request_tracking_rate()
         outbox.use(configuration.outbox)
@@ -297,9 +297,9 @@ def compose(
         events=events,
         notifier=notifier,
     )
-    probes = configuration.arm.probes
+    library = configuration.arm.probes
     points = PointCommands(
-        measurement, None if probes is None else path.parent / probes
+        measurement, None if library is None else path.parent / library
     )
     commands = CommandDispatcher(
         arm=arm,

@@ -94,7 +94,8 @@ def _chosen(
     probes = read_probes(library)
     chosen = probes.named(name)
     if chosen is None:
-        refuse(COMMAND, f"{library} has no probe {name!r}; it has: {probes.names}")
+        there = ", ".join(probes.names)
+        refuse(COMMAND, f"{library} has no probe {name!r}; it has: {there}")
     return probes, chosen
 
 

@@ -90,6 +90,31 @@ async def _display(broker: "BrokerAddress", arm: str) -> None:
 async def _follow(
     broker: "BrokerAddress", arm: str, kinds: list[str], as_json: bool
 ) -> None:
+    heard = asyncio.Event()
+    await asyncio.gather(
+        _write(broker, arm, kinds, as_json, heard), _tell_absence(broker, arm, heard)
+    )
+
+
+async def _tell_absence(
+    broker: "BrokerAddress", arm: str, heard: asyncio.Event
+) -> None:
+    from traverse.client.errors import ClientError  # noqa: PLC0415 - keeps --help quick
+    from traverse.client.mqtt.discovery import absence_of  # noqa: PLC0415
+
+    await asyncio.sleep(FIND_S)
+    with contextlib.suppress(ClientError):  # no broker, as is told elsewhere
+        if not heard.is_set() and (told := await absence_of(arm, broker, FIND_S)):
+            typer.echo(f"{told}; waiting for it, Ctrl-C ends", err=True)
+
+
+async def _write(
+    broker: "BrokerAddress",
+    arm: str,
+    kinds: list[str],
+    as_json: bool,
+    heard: asyncio.Event,
+) -> None:
     import aiomqtt  # noqa: PLC0415 - keeps --help quick
 
     from traverse.cli.message_lines import line  # noqa: PLC0415
@@ -103,6 +128,7 @@ async def _follow(
                 reached = True
                 await subscribe(client, arm, kinds)
                 async for item in received(client):
+                    heard.set()
                     if item.message is None:
                         typer.echo(f"{item.kind}: {item.error}", err=True)
                     elif as_json:

@@ -36,7 +36,8 @@ class Change:
 
     Attributes:
         kind: "point", "retraction", "stored" (either of them, of before, come late),
-            "scan" (ended), "refused", "alarm", "cleared", "link", "status".
+            "scan" (ended), "refused", "alarm", "cleared", "link", "status",
+            "absent" (no arm of this name has been heard).
         text: for the user; empty where there is none.
         point: received.
     """
@@ -88,6 +89,7 @@ class ArmSight:
         label: what the next points are taken on; None while unknown.
         probe: name of the probe; empty while unknown.
         aligned_ns: when the alignment was last set or cleared, as far as known.
+        absence: says that the broker has no arm of this name; empty while unknown.
         listeners: called with each change.
     """
 
@@ -107,6 +109,7 @@ class ArmSight:
     is_linked: bool = False
     link_reason: str = "not connected yet"
     lost_points: int = 0
+    absence: str = ""
     listeners: list[Callable[[Change], None]] = field(default_factory=list)
     _live_s: float = -np.inf
     _health_s: float = -np.inf
@@ -257,6 +260,8 @@ class ArmSight:
         elif status.alarms is not None:
             # Also those that began, or ended, while nobody here was connected.
             self.alarms = {(a.code, a.source): a for a in status.alarms}
+        self.label = status.label or self.label
+        self.probe = status.probe or self.probe
         self._tell(Change("status"))
 
     def take_health(self, health: Health) -> None:
@@ -292,8 +297,15 @@ class ArmSight:
             self.is_linked, self.link_reason = is_linked, reason
             if changed:
                 if not is_linked:  # what ends or begins meanwhile is not received
-                    self.scan, self.label = None, None
+                    self.scan = None
+                    self.label = None if self.status is None else self.status.label
                 self._tell(Change("link"))
+
+    def take_absence(self, text: str) -> None:
+        """The broker has no status of this arm."""
+        if text and self.status is None and text != self.absence:
+            self.absence = text
+            self._tell(Change("absent", text))
 
     def _points_of(self, session: str) -> dict[str, Point]:
         held = self.sessions.setdefault(session, {})

@@ -101,11 +101,14 @@ def _conditions(sight: ArmSight) -> Iterator[Verdict]:
         )
         return
     if status is None or not status.online:
-        told = "has never published its status" if status is None else "is off line"
+        told = "The arm is off line"
+        if status is None:
+            absence = sight.absence
+            told = absence[:1].upper() + absence[1:] or "The arm has sent no status yet"
         yield Verdict(
             "bad",
             "Arm gone",
-            f"The arm {told}.",
+            f"{told}.",
             "Start its daemon: systemctl start traverse, or traverse run.",
         )
         return

@@ -14,12 +14,14 @@ from traverse.client.display.condition import obstacle
 from traverse.client.display.point_cloud import Cloud
 from traverse.client.errors import BrokerUnreachableError, ClientError, CommandRefused
 from traverse.client.mqtt.address import BrokerAddress
+from traverse.client.mqtt.discovery import absence_of
 
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
 LOOK_S = 0.2
+ABSENT_S = 2.0
 AGAIN_S = 1.0
 PATIENCE_S = 5.0
 
@@ -68,6 +70,7 @@ class Follower:
                         self._points,
                         self._events,
                         self._scans,
+                        self._absence,
                     ):
                         tasks.create_task(follow(arm))
             except BrokerUnreachableError as error:
@@ -144,6 +147,14 @@ class Follower:
         async for status in _latest(arm.status):
             if status != self.sight.status:
                 self.sight.take_status(status)
+
+    async def _absence(self, _: Arm) -> None:
+        await asyncio.sleep(ABSENT_S)
+        if self.sight.status is None:
+            with contextlib.suppress(ClientError):  # the broker has gone, as is told
+                self.sight.take_absence(
+                    await absence_of(self.name, self.broker, ABSENT_S)
+                )
 
     async def _healths(self, arm: Arm) -> None:
         async for health in _latest(arm.health):

@@ -26,10 +26,42 @@ async def find_arms(address: BrokerAddress, patience_s: float) -> list[str]:
     Raises:
         BrokerUnreachableError: there is no broker.
     """
+    found = await _statuses(address, patience_s)
+    online = [arm for arm, is_online in found.items() if is_online]
+    return sorted(online or found)
+
+
+async def absence_of(arm: str, address: BrokerAddress, patience_s: float) -> str:
+    """Say that a broker has no status of an arm, and of which it has; else "".
+
+    Args:
+        arm: its name; + for any.
+        address: of the broker.
+        patience_s: so long the first status is waited for.
+
+    Raises:
+        BrokerUnreachableError: there is no broker.
+    """
+    found = await _statuses(address, patience_s, arm)
+    if arm in found or (arm == "+" and found):
+        return ""
+    there = (f"{name}{'' if found[name] else ' (off line)'}" for name in sorted(found))
+    who = "no arm" if arm == "+" else f"no arm named {arm}"
+    told = f"{who} has been heard at broker {address}"
+    return f"{told}; arms there: {', '.join(there) or 'none'}"
+
+
+async def _statuses(
+    address: BrokerAddress, patience_s: float, arm: str = "+"
+) -> dict[str, bool]:
+    """Which arms a broker has a status of, and whether they are on line."""
     found: dict[str, bool] = {}
+    every = topics.kind_filter("status")
+    # An access list may permit this one arm only, and refuse the question for all.
+    filters = {every, every.replace("+", arm, 1)}
     try:
         async with ConfiguredClient(address) as client:
-            await client.subscribe(topics.kind_filter("status"), qos=1)
+            await client.subscribe([(one, 1) for one in filters])
             messages = aiter(client.messages)
             with contextlib.suppress(TimeoutError):
                 wait_s = patience_s
@@ -42,8 +74,7 @@ async def find_arms(address: BrokerAddress, patience_s: float) -> list[str]:
                         found[arm] = _is_online(message.payload)
     except (aiomqtt.MqttError, OSError) as error:
         raise BrokerUnreachableError(f"broker {address}: {error}") from error
-    online = [arm for arm, is_online in found.items() if is_online]
-    return sorted(online or found)
+    return found
 
 
 def _is_online(payload: object) -> bool:

@@ -125,7 +125,7 @@ class OperatorPage:
         kind, point = change.kind, change.point
         if kind == "point" and point is not None and not point.quality.ok:
             kind = "doubt"
-        if kind in ("link", "status"):
+        if kind in ("link", "status", "absent"):
             self._show_verdict()
             self._tell_absence()
         elif kind != "stored":

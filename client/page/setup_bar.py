@@ -88,13 +88,16 @@ class SetupBar:
             await self._follower.do(lambda arm: arm.confirm_reference())
 
     async def _change_probe(self) -> None:
-        action, values = await self._dialogs.ask(
-            "Which probe is on the arm?",
-            ("Set",),
-            {"Name in the probe library": self._follower.sight.probe},
+        sight, field = self._follower.sight, "Name in the probe library"
+        names = (sight.status and sight.status.probes) or ()
+        # The first one is that of Enter: no change.
+        actions = sorted(names, key=lambda one: one != sight.probe) or ["Set"]
+        fields = {} if names else {field: sight.probe}
+        chosen, values = await self._dialogs.ask(
+            "Which probe is on the arm?", actions, fields
         )
-        name = values["Name in the probe library"]
-        if action and name:
+        name = chosen if names else values[field]
+        if chosen and name and (name != sight.probe or not names):
             await self._follower.do(lambda arm: arm.probe(name))
 
     def _turn_unit(self) -> None:

@@ -119,11 +119,13 @@ class PointCommands:
             raise RequestRefusedError(
                 PROBE_REFUSED, str(error)[:2000], "correct the probe library"
             ) from error
+        self.measurement.probes = library.names
         probe = library.named(args.name)
         if probe is None:
             raise RequestRefusedError(
                 PROBE_REFUSED,
-                f"{path.name} has no probe {args.name!r}; it has: {library.names}",
+                f"{path.name} has no probe {args.name!r}; it has: "
+                f"{', '.join(library.names)}",
                 "use one of these names, or add the probe to the library",
             )
         try:

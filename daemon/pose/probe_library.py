@@ -50,9 +50,9 @@ class ProbeLibrary(StrictModel):
         return next((probe for probe in self.probes if probe.name == name), None)
 
     @property
-    def names(self) -> str:
-        """All of them, for messages."""
-        return ", ".join(probe.name for probe in self.probes)
+    def names(self) -> tuple[str, ...]:
+        """All of them."""
+        return tuple(probe.name for probe in self.probes)
 
 
 def read_probes(path: Path) -> ProbeLibrary:

@@ -16,6 +16,7 @@ from traverse.protocol.messages.fields import (
     Word,
 )
 from traverse.protocol.messages.plain import PlainMap
+from traverse.protocol.messages.point import Label
 
 
 class DriverStatus(Value):
@@ -80,6 +81,14 @@ class Status(Message):
     alarms: Annotated[tuple[Alarm, ...], Field(max_length=64)] | None = None
     """What lasts now, oldest first, the first 64; null in the last will, and where an
     earlier version does not tell it."""
+    probe: Name | None = None
+    """Probe of the library that measures; null: that of the arm file."""
+    probes: Annotated[tuple[Name, ...], Field(max_length=64)] | None = None
+    """Probes that the library had when it was last read, the first 64; null where there
+    is no library."""
+    label: Label | None = None
+    """What the next points are taken on; null in the last will, and where an earlier
+    version does not tell it."""
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Self:

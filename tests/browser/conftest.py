@@ -112,11 +112,7 @@ async def _served_page(
     errors: list[str] = []
     port = free_port()
     where = ["--arm", arm, "--broker", broker, "--port", str(port)]
-    with pytest.MonkeyPatch.context() as environment:
-        # NiceGUI behaves otherwise where it believes to be tested by its own means.
-        environment.delenv("PYTEST_CURRENT_TEST", raising=False)
-        program = Program(folder, "page", "page", *where)
-    with program as server:
+    with Program(folder, f"page-{port}", "page", *where) as server:
         await server.says(f"http://{HOST}:{port}")
         await until(partial(_listens, port), "the page's server listens")
         size = {"viewport": {"width": 1600, "height": 900}}

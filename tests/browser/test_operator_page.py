@@ -6,7 +6,7 @@ import re
 import pytest
 from playwright.async_api import expect
 
-from tests.browser.conftest import Scene
+from tests.browser.conftest import OpenPage, Scene
 from tests.end_to_end.workbench import REST
 
 pytestmark = [
@@ -62,7 +62,9 @@ async def test_a_morning_with_the_page(scene: Scene) -> None:
     await expect(page.get_by_role("button", name="Start scan")).to_be_visible()
 
 
-async def test_points_are_labelled_and_saved(scene: Scene) -> None:
+async def test_points_are_labelled_and_saved(
+    scene: Scene, served_page: OpenPage
+) -> None:
     page = scene.page
     rows = page.locator("table.plain tbody tr", has=page.locator("td:nth-child(7)"))
     await expect(rows).to_have_count(3)
@@ -72,6 +74,12 @@ async def test_points_are_labelled_and_saved(scene: Scene) -> None:
     await expect(page.get_by_role("dialog")).to_have_count(0)
     await page.keyboard.press("Space")
     await expect(rows.first).to_contain_text("plate")
+    # A server that is started in mid-session knows all of it.
+    broker = f"{scene.broker.host}:{scene.broker.port}"
+    async with served_page(scene.bench.arm, broker) as later:
+        await expect(later.locator("table.plain td:nth-child(7)")).to_have_count(4)
+        await expect(later.get_by_text("Label: plate")).to_be_visible()
+        await later.wait_for_function("traverse_scene.points.size === 4")
     async with page.expect_download() as saving:
         await page.get_by_role("button", name="Save points as JSON").click()
     path = await (await saving.value).path()

@@ -23,6 +23,7 @@ from traverse.protocol.messages import (
     Message,
     Point,
     PointArgs,
+    ProbeArgs,
     RecordArgs,
     ReferenceArgs,
     Reply,
@@ -42,6 +43,7 @@ class VirtualDaemon:
 
     Attributes:
         outbox: points by session, then by number; sessions in the order of their begin.
+        probe, probes: as its status tells them.
         is_mute: points go into the outbox only.
         can_resend: whether the command is known.
         is_deaf: commands are not carried out.
@@ -59,6 +61,8 @@ class VirtualDaemon:
         self.outbox: dict[str, dict[int, Point]] = {}
         self.begun_ns: dict[str, int] = {}
         self.session = ""
+        self.probe: str | None = None
+        self.probes: tuple[str, ...] | None = None
         self.is_mute = False
         self.is_deaf = False
         self.heard = 0
@@ -152,6 +156,9 @@ class VirtualDaemon:
             "state": "ready" if online else "offline",
             "session": self.session or None,
             "alarms": None,
+            "probe": self.probe,
+            "probes": self.probes,
+            "label": None,
         }
         return encode(Status(**fields), "msgpack")
 
@@ -203,6 +210,10 @@ class VirtualDaemon:
                 result = file if args.action == "start" else RECORDED
             case ScanArgs():
                 result = {"scan": SCAN.scan, "rate_hz": args.rate_hz}
+            case ProbeArgs():
+                self.probe = args.name
+                await self._say_status(online=True)
+                result = {"probe": args.name, "model": POINT.model}
             case ReferenceArgs():
                 result = {"confirmed": ["base"]}
             case _:

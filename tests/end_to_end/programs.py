@@ -37,11 +37,14 @@ class Program(AbstractContextManager["Program"]):
     def __init__(self, folder: Path, name: str, *arguments: str) -> None:
         self.name = name
         self._out, self._err = folder / f"{name}.out", folder / f"{name}.err"
+        environment = {**os.environ, "PYTHONUNBUFFERED": "1", "TMPDIR": str(folder)}
+        # NiceGUI behaves otherwise where it believes to be tested by its own means.
+        environment.pop("PYTEST_CURRENT_TEST", None)
         with self._out.open("wb") as out, self._err.open("wb") as err:
             self.process = warm_start().start(
                 arguments,
                 folder,
-                {**os.environ, "PYTHONUNBUFFERED": "1", "TMPDIR": str(folder)},
+                environment,
                 stdout=out,
                 stderr=err,
             )

@@ -86,6 +86,9 @@ STATUS = Status(
             since_ns=TIME_NS,
         ),
     ),
+    probe="ball-6",
+    probes=("ball-6", "star-left"),
+    label=Label(artefact="plate"),
 )
 LAST_WILL = Status(
     online=False,

@@ -53,7 +53,7 @@ def library(folder, text=LIBRARY):
 
 def test_a_library_is_read_and_probes_are_found_by_name(tmp_path):
     found = read_probes(library(tmp_path))
-    assert found.names == "ball-6, long"
+    assert found.names == ("ball-6", "long")
     assert found.named("long").radius_mm == 1.5
     assert found.named("short") is None
 

@@ -10,6 +10,7 @@ import sys
 
 import pytest
 
+from tests.client.virtual_daemon import VirtualDaemon
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import PATIENCE_S, Program, until
 from tests.end_to_end.workbench import Workbench
@@ -67,6 +68,29 @@ async def test_json_lines_are_messages(resting: Workbench) -> None:
             first, *_, last = watching.output.splitlines()
     assert decode(Status, first.encode(), "json").arm == resting.arm
     assert decode(Point, last.encode(), "json") == listener.points[0]
+
+
+@pytest.mark.needs("mosquitto")
+async def test_an_arm_that_is_not_there_is_told_and_waited_for(
+    resting: Workbench,
+) -> None:
+    other = VirtualDaemon(f"{resting.arm}-other", resting.host, resting.port)
+    where = ("--broker", f"{resting.host}:{resting.port}", "--arm", resting.arm)
+    words = (*where, "--port", str(free_port()))
+    async with other.running():
+        with (
+            watch(resting) as watching,
+            Program(resting.folder, "page", "page", *words) as page,
+        ):
+            for program in (watching, page):
+                await program.says("Ctrl-C ends")
+                assert f"no arm named {resting.arm} has been heard" in program.log
+                assert other.arm in program.log.partition("arms there: ")[2]
+            async with measuring(resting):
+                await watching.says("status ready; base ready")
+            for program in (watching, page):
+                await program.stop(signal.SIGINT)
+                assert program.log.count("has been heard") == 1
 
 
 async def test_a_broker_that_is_not_there_is_told(resting: Workbench) -> None:
