@@ -12,11 +12,12 @@ from traverse.protocol.messages import (
     Scan,
     Status,
 )
+from traverse.protocol.printable import printable
 
 
 def line(arm: str, message: Message) -> str:
     """Format a message as one line, with units."""
-    return f"{arm}  {_content(message)}"
+    return printable(f"{arm}  {_content(message)}")
 
 
 def _content(message: Message) -> str:

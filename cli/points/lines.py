@@ -7,6 +7,7 @@ from traverse.daemon.store.records import StoredMessage, StoredSession
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Point
+from traverse.protocol.printable import printable
 
 
 def session_line(
@@ -28,7 +29,7 @@ def session_line(
     begun = datetime.fromtimestamp(session.begun_ns // 10**9, UTC)
     left = f", {unsent} not sent yet" if unsent else ""
     note = f"  {session.note}" if session.note else ""
-    return (
+    return printable(
         f"{session.session}  {begun:%Y-%m-%d %H:%M:%S} UTC  {session.first_seq} to "
         f"{session.last_seq}{left}{note}"
     )
@@ -65,4 +66,5 @@ def _said(message: StoredMessage) -> str:
     x, y, z = point.xyz_mm
     words = [w for w in (point.label.artefact, point.label.feature) if w is not None]
     flags = "" if point.quality.ok else "  " + ",".join(point.quality.flags)
-    return f"{x:10.4f} {y:10.4f} {z:10.4f} mm  {' '.join(words)}{flags}".rstrip()
+    text = f"{x:10.4f} {y:10.4f} {z:10.4f} mm  {' '.join(words)}{flags}"
+    return printable(text).rstrip()

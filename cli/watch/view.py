@@ -19,6 +19,7 @@ from traverse.client.display.figures import (
     place_mm,
 )
 from traverse.protocol.messages import Event, Point
+from traverse.protocol.printable import printable
 
 COLOURS = {
     "good": "bold white on green4",
@@ -34,10 +35,10 @@ MM = Unit("mm", 1.0, 4)
 def picture(name: str, sight: ArmSight) -> RenderableType:
     """All that is known of an arm, for a terminal."""
     said = verdict(sight)
-    head = Text(f" {said.word.upper()}  {said.text} ", style=COLOURS[said.level])
-    lines: list[RenderableType] = [head]
+    head = f" {said.word.upper()}  {printable(said.text)} "
+    lines: list[RenderableType] = [Text(head, style=COLOURS[said.level])]
     if said.remedy:
-        lines.append(Text(said.remedy))
+        lines.append(Text(printable(said.remedy)))
     system: System = "part" if sight.is_aligned else "arm"
     lines += [Text(), _read_out(sight, system), Text(), _points(sight, system)]
     lines += [Text(), _health(sight)]
@@ -96,8 +97,8 @@ def _health(sight: ArmSight) -> RenderableType:
     if sight.is_health_stale:
         at = time.strftime("%H:%M:%S", time.localtime(health.time_ns * 1e-9))
         return Text(f"health: not known now, last told at {at}", style="dim")
-    devices = ", ".join(
-        f"{d.id} {d.state} {d.rate_hz:.0f} samples/s" for d in health.devices
+    devices = printable(
+        ", ".join(f"{d.id} {d.state} {d.rate_hz:.0f} samples/s" for d in health.devices)
     )
     outbox = health.outbox
     return Text(
@@ -111,4 +112,4 @@ def _health(sight: ArmSight) -> RenderableType:
 def _event(event: Event) -> str:
     at = time.strftime("%H:%M:%S", time.localtime(event.last_ns * 1e-9))
     ended = " (ended)" if event.active is False else ""
-    return f"{at} {event.source}: {event.text}{ended}"
+    return printable(f"{at} {event.source}: {event.text}{ended}")

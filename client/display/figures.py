@@ -8,6 +8,7 @@ import numpy as np
 from traverse.protocol.messages import Live, Point
 from traverse.protocol.messages.fields import Vector
 from traverse.protocol.messages.point import Covariance
+from traverse.protocol.printable import printable
 
 System = Literal["arm", "part"]
 SYSTEMS: dict[System, str] = {"arm": "arm's system", "part": "part's system"}
@@ -77,7 +78,8 @@ def expanded_place_mm(covariance_mm2: Covariance | None) -> float | None:
 
 def label_words(point: Point) -> str:
     """What a point was taken on."""
-    return " ".join(filter(None, (point.label.artefact, point.label.feature)))
+    words = filter(None, (point.label.artefact, point.label.feature))
+    return printable(" ".join(words))
 
 
 def flag_words(of: Live | Point) -> str:

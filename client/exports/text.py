@@ -12,6 +12,7 @@ from traverse.client.exports.point_table import Coordinates, PointTable
 from traverse.client.exports.sink import Sink
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Point, Quality
+from traverse.protocol.printable import printable
 
 TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 COLUMNS = (
@@ -32,6 +33,8 @@ SCAN_COLUMNS = (
 )
 """Of a point of a scan."""
 MAX_TEMPLATE = 1000
+LABEL = slice(COLUMNS.index("artefact"), COLUMNS.index("feature") + 1)
+FORMULA = tuple("=+-@")
 
 
 def row_of(point: Point) -> list[Any]:
@@ -72,13 +75,19 @@ def scan_rows(table: PointTable) -> Iterable[list[Any]]:
 
 
 class Csv(Sink):
-    """Comma-separated, a header line first; what is not known is empty."""
+    """Comma-separated, a header line first; what is not known is empty.
+
+    A label that a spreadsheet would take for a formula has an apostrophe before it.
+    """
 
     _has_head = False
 
     def points(self, points: Sequence[Point]) -> None:
         """Write points with all that is known of them."""
-        self._write(COLUMNS, [row_of(point) for point in points])
+        rows = [row_of(point) for point in points]
+        for row in rows:
+            row[LABEL] = [_not_a_formula(name) for name in row[LABEL]]
+        self._write(COLUMNS, rows)
 
     def table(self, table: PointTable) -> None:
         """Write rows of a scan."""
@@ -93,6 +102,12 @@ class Csv(Sink):
         writer.writerows(rows)
         self._file.write(text.getvalue().encode())
         self.n += len(rows)
+
+
+def _not_a_formula(name: str | None) -> str | None:
+    if name is None:
+        return None
+    return printable(f"'{name}" if name.startswith(FORMULA) else name)
 
 
 class JsonLines(Sink):

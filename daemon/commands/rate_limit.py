@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Final, NamedTuple
 
 from traverse.daemon.clock import HostClock
+from traverse.protocol.printable import printable
 
 log = logging.getLogger("traverse.daemon.commands")
 
@@ -163,4 +164,4 @@ class RefusalLog:
 
 def single_line(text: str) -> str:
     """Make a foreign text safe for a log."""
-    return "".join(c if c.isprintable() else " " for c in text)[:1000]
+    return printable(text[:1000])[:1000]

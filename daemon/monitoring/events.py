@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from traverse.daemon.clock import HostClock
+from traverse.protocol.printable import printable
 
 log = logging.getLogger("traverse.daemon.events")
 
@@ -93,6 +94,7 @@ class EventLog:
         With ``distinct`` every one is reported by itself, as for buttons, unless
         there are too many; the other arguments are those of the message.
         """
+        text, remedy = printable(text), printable(remedy)
         now_ns = first_ns = self._clock.monotonic_ns()
         key = (code, source)
         if distinct:
@@ -146,7 +148,8 @@ class EventLog:
         now_ns = self._clock.monotonic_ns()
         level: Severity = severity if active else "info"
         change = Occurrence(
-            level, code, text, remedy, source, active, now_ns, now_ns, 1, data or {}
+            *(level, code, printable(text), printable(remedy), source, active),
+            *(now_ns, now_ns, 1, data or {}),
         )
         if active:
             self._active[key] = change

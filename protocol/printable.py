@@ -1,0 +1,13 @@
+"""Text from outside, for one line of a log or a terminal."""
+
+
+def printable(text: str) -> str:
+    r"""Escape what does not print, such as `\n` and `\x1b`, as Python writes it.
+
+    So nobody can begin a line, move the cursor or turn the direction of writing.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        c if c.isprintable() else c.encode("unicode_escape").decode() for c in text
+    )
