@@ -145,15 +145,17 @@ def holdout_figures(
 ) -> dict[str, Any]:
     """Compare poses that took no part with the arm as given and as identified.
 
+    The probe's vector of the arm as given is fitted to the poses that took part.
+
     Args:
         result: Of the other poses.
         kept_aside: The poses, with the same artefacts.
         by: What the groups were that were chosen.
         seed: Of the choice.
     """
-    design = result.design
-    places = places_of(placed(result.campaign, design))
-    before = predict(kept_aside, design, places)
+    # The tool is part of the last link, which is free in the result.
+    given = placed(result.campaign, result.design, with_tool=True)
+    before = predict(kept_aside, given.arm, places_of(given))
     after = predict(kept_aside, result.arm, places_of(result))
     return {
         "by": by,
