@@ -82,6 +82,7 @@ class Campaign:
         joint_names: Of the arm, from the base outwards.
         poses: What was touched.
         start_utc: From where time_s counts.
+        time_is_order: time_s counts poses, not seconds.
         gravity_m_s2: Override of the arm's, or None.
         encoder_rad: A-priori standard deviation of a reading, or None.
         contact_mm: A-priori standard deviation of a contact, or None.
@@ -95,6 +96,7 @@ class Campaign:
     joint_names: tuple[str, ...]
     poses: Poses
     start_utc: datetime | None = None
+    time_is_order: bool = False
     gravity_m_s2: tuple[float, float, float] | None = None
     encoder_rad: float | None = None
     contact_mm: float | None = None
@@ -246,6 +248,7 @@ def _campaign(
         joint_names=joint_names,
         poses=replace(poses, features=features),
         start_utc=file.start_utc or table.start_utc,
+        time_is_order=file.time == "order",
         gravity_m_s2=file.gravity_m_s2,
         encoder_rad=file.noise.encoder_rad,
         contact_mm=file.noise.contact_mm,

@@ -47,6 +47,7 @@ class CampaignFile(StrictModel):
 
     schema_: Literal["traverse/campaign/1"] = Field(alias="schema")
     poses: str
+    time: Literal["seconds", "order"] = "seconds"
     start_utc: AwareDatetime | None = None
     gravity_m_s2: Vector | None = None
     noise: Noise = Noise()
@@ -66,7 +67,7 @@ def read_campaign_file(path: Path) -> CampaignFile:
     Raises:
         FileError: With everything that is wrong with the first file that is.
     """
-    file = read_strict(path, CampaignFile, _identity_problems)
+    file = read_strict(path, CampaignFile, _problems)
     artefacts = tuple(
         artefact.model_copy(
             update={"points_mm": read_points(path.parent / artefact.points_mm)}
@@ -115,7 +116,13 @@ def read_points(path: Path) -> dict[str, tuple[float, float, float]]:
     return points
 
 
-def _identity_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
+def _problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
+    if raw.get("time") == "order" and "start_utc" in raw:
+        yield Problem(
+            "start_utc",
+            'does not go with time = "order": numbers of poses do not count from a '
+            "moment; remove one of them",
+        )
     first_with_id: dict[str, int] = {}
     for index, table in enumerate(tables_in(raw.get("artefacts"))):
         name = table.get("id")

@@ -94,12 +94,17 @@ def column(campaign: Campaign, name: str) -> tuple[str, Floats]:
         if found is not None:
             return _LABELS[rest].format(own), found
     of_arm = {
-        "time_s": ("time [s]", poses.time_s),
+        "time_s": (time_label(campaign), poses.time_s),
         "temperature_c": ("temperature [°C]", poses.temperature_c),
         "force_n": ("contact force [N]", poses.force_n),
     }
     label, values = of_arm.get(name, (name, None))
     return label, np.full(len(poses), np.nan) if values is None else values
+
+
+def time_label(campaign: Campaign) -> str:
+    """Say what the times of a campaign are."""
+    return "number of the pose" if campaign.time_is_order else "time [s]"
 
 
 _LABELS = {

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from traverse.arrays import Booleans, Floats
 from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.report.covariates import time_label
 from traverse.lab.diagnosis.report.discrepancies import Discrepancies
 from traverse.lab.report.binning import Bins, binned
 from traverse.lab.report.figures import (
@@ -66,7 +67,7 @@ def condition_map(
 def conditions(campaign: Campaign) -> Iterator[tuple[str, Floats]]:
     """Go through what surrounds the poses and varies: label and values."""
     poses = campaign.poses
-    yield "time [s]", poses.time_s
+    yield time_label(campaign), poses.time_s
     columns: list[tuple[str, Floats | None]] = [
         ("temperature [°C]", poses.temperature_c)
     ]

@@ -83,6 +83,25 @@ def _covariate(column: str) -> str:
     return column
 
 
+def moves_base(term: Term) -> bool:
+    """Say whether a term moves the whole arm as time goes on."""
+    return _acts_on_base(term.candidate) and depends_on_time(term)
+
+
+def _acts_on_base(candidate: Candidate) -> bool:
+    if candidate.is_curve:
+        return candidate.joint is None and candidate.artefact is None
+    return EFFECT_KINDS[candidate.kind].acts_on == "base"
+
+
+def depends_on_time(term: Term) -> bool:
+    """Say whether a term depends on the time of the campaign."""
+    candidate = term.candidate
+    if candidate.is_curve:
+        return candidate.covariate == "time_s"
+    return "time_s" in EFFECT_KINDS[candidate.kind].covariates
+
+
 def step_names(diagnosis: Diagnosis) -> list[str]:
     """Name the steps of the ledger."""
     found = ["nothing added"]

@@ -14,6 +14,8 @@ from traverse.lab.diagnosis.report.detectable_table import (
 from traverse.lab.diagnosis.report.names import (
     candidate_label,
     cluster_text,
+    depends_on_time,
+    moves_base,
     step_names,
     term_size_text,
 )
@@ -44,6 +46,8 @@ _FILTERS: Filters = {
     "label": candidate_label,
     "size_text": term_size_text,
     "cluster_text": cluster_text,
+    "moves_base": moves_base,
+    "depends_on_time": depends_on_time,
     "terms_without_epoch": terms_without_epoch,
     "n_judged": _n_judged,
     "estimate_rows": _estimate_rows,

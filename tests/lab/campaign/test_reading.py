@@ -200,6 +200,8 @@ def test_all_mistakes_of_a_header_are_reported(folder):
         ('frame = "own"', 'frame = "mine"', "artefacts[2].frame", "'own_scaled'"),
         ("encoder_rad = 4e-6", "encoder = 4e-6", "noise.encoder", "encoder_rad"),
         ("radius_mm = 12.7", "radius_mm = nan", "artefacts[1].radius_mm", "finite"),
+        ("start_utc", 'time = "order"\nstart_utc', "start_utc", "remove one of them"),
+        ("start_utc", 'time = "rows"\nstart_utc', "time", "'order'"),
     ],
 )
 def test_mistakes_of_the_campaign_file_are_named(folder, old, new, where, what):
@@ -228,6 +230,13 @@ def test_a_missing_file_is_named(folder, name):
     (folder / name).unlink()
     with pytest.raises(FileError, match=rf"{name}: 1 problem\n.*cannot be read"):
         read_campaign(folder, ["J1", "J2"])
+
+
+def test_times_may_be_an_order(folder):
+    assert not read_campaign(folder, ["J1", "J2"]).time_is_order
+    text = CAMPAIGN.replace("start_utc = 2026-11-20T09:00:00Z", 'time = "order"')
+    (folder / "campaign.toml").write_text(text)
+    assert read_campaign(folder, ["J1", "J2"]).time_is_order
 
 
 def test_no_poses_are_refused(folder):

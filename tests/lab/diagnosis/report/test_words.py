@@ -13,6 +13,7 @@ from traverse.lab.diagnosis.report.detectable_table import (
     reasons,
     whole_arm_rows,
 )
+from traverse.lab.diagnosis.report.maps import conditions
 from traverse.lab.diagnosis.report.names import (
     candidate_label,
     term_size,
@@ -201,6 +202,26 @@ def test_what_is_bound_to_an_unknown_time_is_told():
     assert any(
         "is not written to the arm file" in line for line in summary_lines(drifting())
     )
+
+
+def test_times_that_are_an_order_are_called_so():
+    found = drifting()
+    order = replace(found, campaign=replace(found.campaign, time_is_order=True))
+    said = "\n".join(summary_lines(order))
+    assert "The campaign's times are the order of its poses" in said
+    assert "start_utc" not in said
+    assert dict(conditions(order.campaign)).keys() >= {"number of the pose"}
+
+
+def test_a_move_of_the_base_names_that_of_the_artefacts():
+    found = drifting()
+    (line,) = (one for one in WORDS.lines("missing", found) if "moved against" in one)
+    assert "all artefacts, together, moved against the base" in line
+    one = replace(found.campaign, artefacts=found.campaign.artefacts[:1])
+    said = " ".join(WORDS.lines("missing", replace(found, campaign=one)))
+    assert f"that {one.artefacts[0].id} moved against the base" in said
+    said = " ".join(WORDS.lines("missing", eccentric()))
+    assert "moved against" not in said
 
 
 def test_excluded_poses_are_named_by_their_lines():
