@@ -64,13 +64,14 @@ class FrozenClock(HostClock):
     def step(self) -> int:
         """Go on to the present; gives it."""
         now_ns = self._now_ns = self._host.monotonic_ns()
-        offset_ns = self._host.utc_offset_ns()
-        if abs(offset_ns - self._utc_offset_ns) > STEP_NS:
-            # Not if this thread only had to wait between its two readings.
-            offset_ns = min(offset_ns, self._host.utc_offset_ns(), key=self._change_ns)
-        limit_ns = STEP_NS
+        offset_ns, limit_ns = self._host.utc_offset_ns(), STEP_NS
         if now_ns - self._looked_ns >= LOOK_NS:
             self._looked_ns, limit_ns = now_ns, JITTER_NS
+        if -limit_ns <= offset_ns - self._utc_offset_ns <= limit_ns:
+            return now_ns
+        if self._change_ns(offset_ns) > STEP_NS:
+            # Not if this thread only had to wait between its two readings.
+            offset_ns = min(offset_ns, self._host.utc_offset_ns(), key=self._change_ns)
         if self._change_ns(offset_ns) > limit_ns:
             self._utc_offset_ns = offset_ns
             self._related(now_ns, offset_ns)

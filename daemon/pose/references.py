@@ -118,17 +118,20 @@ class OutageMonitor:
         if samples.stream != self._stream:
             self._last_seq[:] = -2  # some may be missing between two streams
         until_ns = int(samples.sample_time_ns[-1])
-        is_read = not bool((samples.status & NOT_READ).any())
+        is_read = not (samples.status & NOT_READ).any()
+        found: list[Outage] = []
         if is_read and until_ns - self._all_read_ns < self._shortest_ns:
-            self._last_ns[:], self._last_seq[:] = until_ns, samples.seq[-1]
-            found = []
+            self._last_ns.fill(until_ns)
+            self._last_seq.fill(samples.seq[-1])
+            self._all_read_ns = until_ns
         else:
             places = range(len(self._channels))
             outages = [self._outage(samples, place) for place in places]
             found = [outage for outage in outages if outage is not None]
+            self._all_read_ns = int(self._last_ns.min())
         if is_read:
             self._recent.append(samples)
-        self._all_read_ns, self._stream = int(self._last_ns.min()), samples.stream
+        self._stream = samples.stream
         return found
 
     def _outage(self, samples: CountSamples, place: int) -> Outage | None:

@@ -57,7 +57,7 @@ class MicroscribeDriver(Driver):
         self._stream = 0
         self._next_seq = 0
         self._told_ns = 0
-        self._answered_ns = 0
+        self._answered_ns = self._old_before = 0
 
     # -- in the reader thread -------------------------------------------------
 
@@ -89,6 +89,7 @@ class MicroscribeDriver(Driver):
         self._rejected = 0
         self._streams_begun = 0  # the requested stream is to be started again
         self._answered_ns = self._now_ns()
+        self._old_before = session.line.old
 
     def _serve(self) -> None:
         session = self._session
@@ -142,6 +143,13 @@ class MicroscribeDriver(Driver):
             self._read_errors.report(session.channels, now_ns)
         self._report_counters()
         if now_ns - self._answered_ns > SILENCE_NS:
+            if session.line.old > self._old_before:
+                raise DeviceError(
+                    f"{session.arm.name} on {self._path} answers, but by its timer "
+                    "too late for the requests",
+                    "set the adapter's latency timer to 1 ms, or timer_rate_hz = 0 "
+                    "not to use the arm's timer",
+                )
             raise DeviceError(
                 f"{session.arm.name} on {self._path} does not answer",
                 "check its cable; if it was off, put it into its home position "
@@ -154,6 +162,7 @@ class MicroscribeDriver(Driver):
         self._counters["bytes_stray"] = line.unrequested_bytes + faults["stray"]
         self._counters["packets_old"] = line.old
         self._counters["clock_steps"] = session.clock_steps
+        self._counters["timer_error_ppm"] = session.timer_error_ppm
         if rejected := faults["broken"] + faults["foreign"] - self._rejected:
             self._rejected += rejected
             self._fault(
@@ -237,6 +246,7 @@ class MicroscribeDriver(Driver):
             reported: sent without a request, because something had changed.
         """
         self._answered_ns = heard.received_ns
+        self._old_before = session.line.old
         self._counters["packets_received"] += 1
         sample, implausible = session.sample_of(heard)
         for number in implausible:

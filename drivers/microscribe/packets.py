@@ -4,7 +4,7 @@ A packet is latched after its request has left and before its answer begins; how
 of that is time on the line is known, the rest is taken to be the same both ways. The
 arm's own timer improves it: it advances by ticks whose rate and offset are learned,
 so that what the host or an adapter held back does not count. A timer that does not run
-as expected is left alone.
+nearly as expected is left alone.
 """
 
 from collections.abc import Sequence
@@ -12,62 +12,127 @@ from collections.abc import Sequence
 from traverse.drivers.microscribe.line import TimedPacket
 from traverse.drivers.timing.device_clock import DeviceClock
 
-EARLY_NS = 5_000_000  # latched so long before its request: an answer to an earlier one
 MAX_TIMER_ERROR = 0.2
+RATE_KNOWN = 3e-4  # so closely the rate is learned here; `DeviceClock` learns the rest
+
+
+class TimerRate:
+    """Bounds of a timer's rate, from the exchanges in which its ticks were latched.
+
+    Between two latches at least one tick less, and at most one more, passed than their
+    counts differ by; their times are bounded by request and answer.
+
+    Args:
+        rate_hz: as stated; the true one is within `MAX_TIMER_ERROR`.
+
+    Attributes:
+        assumed_hz: as stated, as long as it is possible; else the middle of the bounds.
+        low_hz, high_hz: the bounds.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self._stated_hz = rate_hz
+        self._first: tuple[int, TimedPacket] | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """The timer has jumped: begin again."""
+        self.assumed_hz = self._stated_hz
+        self.low_hz = self._stated_hz * (1.0 - MAX_TIMER_ERROR)
+        self.high_hz = self._stated_hz * (1.0 + MAX_TIMER_ERROR)
+        self._first = None
+
+    def add(self, ticks: int, heard: TimedPacket) -> bool:
+        """Learn from a packet with its ticks, unwrapped; False where they jumped."""
+        if self._first is None:
+            self._first = ticks, heard
+        if self.high_hz - self.low_hz < RATE_KNOWN * self._stated_hz:
+            return True
+        first_ticks, first = self._first
+        passed = ticks - first_ticks
+        self.low_hz = max(
+            self.low_hz, (passed - 1) * 1e9 / max(1, heard.begun_ns - first.sent_ns)
+        )
+        if heard.sent_ns > first.begun_ns:
+            self.high_hz = min(
+                self.high_hz, (passed + 1) * 1e9 / (heard.sent_ns - first.begun_ns)
+            )
+        if not self.low_hz <= self.assumed_hz <= self.high_hz:
+            self.assumed_hz = (self.low_hz + self.high_hz) / 2.0
+        return self.low_hz <= self.high_hz
 
 
 class PacketClock:
     """When a packet was latched, on the host's clock.
 
     Args:
-        rate_hz: of the arm's timer; 0 where it is not to be used.
+        rate_hz: of the arm's timer, as stated; 0 where it is not to be used.
         wrap: where the timer returns to 0.
         delay_ns: from the latch to the first bytes, where nothing is held back.
+
+    Attributes:
+        steps: how often the timer has jumped.
     """
 
     def __init__(self, rate_hz: float, wrap: int, delay_ns: int) -> None:
-        self._delay_ns = delay_ns
+        self._delay_ns, self._wrap = delay_ns, wrap
         self._last_ns = 0
-        self._clock = DeviceClock(rate_hz, wrap) if rate_hz else None
-        self._tick_ns = round(1e9 / rate_hz) if rate_hz else 0
+        self._last: tuple[int, TimedPacket] | None = None
+        self._rate = TimerRate(rate_hz) if rate_hz else None
+        self._clock = DeviceClock(rate_hz or 1.0)
+        self._clock_hz = rate_hz
+        self._clock_steps = self.steps = 0
 
     @property
-    def steps(self) -> int:
-        """How often the timer has jumped."""
-        return self._clock.steps if self._clock else 0
+    def rate_hz(self) -> float:
+        """Of the timer, as far as learned; 0 where it is not used."""
+        return self._rate.assumed_hz if self._rate else 0.0
 
     def is_old(self, heard: TimedPacket) -> bool:
         """Whether a packet was latched before it was requested."""
-        if self._clock is None or not self._clock.running:
+        if self._rate is None or self._last is None:
             return False
-        begins_ns = self._clock.to_ns(self._ticks(self._clock, heard)) - self._delay_ns
-        ends_ns = begins_ns + self._tick_ns
-        return ends_ns + EARLY_NS < heard.sent_ns
+        last_ticks, last = self._last
+        most_s = (self._ticks(heard) - last_ticks + 1) / self._rate.low_hz
+        return last.begun_ns + most_s * 1e9 < heard.sent_ns
 
     def time_of(self, heard: TimedPacket) -> tuple[int, int]:
         """Unwrapped ticks and the host's time of a packet; learns from it."""
         time_ns = heard.begun_ns - heard.delay_ns
         # Packets arrive in the order in which they were latched.
         earliest_ns = min(max(heard.sent_ns, self._last_ns), heard.begun_ns)
-        if self._clock is None:
+        if self._rate is None:
             self._last_ns = time_ns = max(time_ns, earliest_ns)
             return time_ns, time_ns
-        ticks = self._ticks(self._clock, heard)
-        self._clock.update(ticks, heard.begun_ns)
+        ticks = self._ticks(heard)
+        self._last = ticks, heard
+        if not self._rate.add(ticks, heard):
+            self.steps += 1
+            self._rate.reset()
+        if self._rate.assumed_hz != self._clock_hz:
+            self._clock_hz = self._rate.assumed_hz
+            self._clock, self._clock_steps = DeviceClock(self._clock_hz), 0
+        clock = self._clock
+        clock.update(ticks, heard.begun_ns)
+        self.steps += clock.steps - self._clock_steps
+        self._clock_steps = clock.steps
         # The tick had begun and the next one had not. Where in it the host knows
         # better: requests may keep step with the timer, and then ticks never show it.
-        tick_ns = self._clock.to_ns(ticks) - self._delay_ns
-        time_ns = min(max(time_ns, tick_ns), tick_ns + self._tick_ns)
+        tick_ns = clock.to_ns(ticks) - self._delay_ns
+        time_ns = min(max(time_ns, tick_ns), tick_ns + round(1e9 / self._clock_hz))
         self._last_ns = time_ns = min(max(time_ns, earliest_ns), heard.begun_ns)
         return ticks, time_ns
 
-    def _ticks(self, clock: DeviceClock, heard: TimedPacket) -> int:
-        return clock.unwrap_one(heard.packet.timer or 0)
+    def _ticks(self, heard: TimedPacket) -> int:
+        """Of the timer without wraps: the nearest to those of the last packet."""
+        timer = heard.packet.timer or 0
+        if self._last is None:
+            return timer
+        half = self._wrap // 2
+        return self._last[0] + (timer - self._last[0] + half) % self._wrap - half
 
 
 def timer_runs(heard: Sequence[TimedPacket], rate_hz: float, wrap: int) -> bool:
-    """Whether the arm's timer runs at a rate, judged by the first and last packet."""
-    first, last = heard[0], heard[-1]
-    elapsed_s = (last.begun_ns - first.begun_ns) * 1e-9
-    ticks = ((last.packet.timer or 0) - (first.packet.timer or 0)) % wrap
-    return abs(ticks - elapsed_s * rate_hz) <= MAX_TIMER_ERROR * elapsed_s * rate_hz + 2
+    """Whether the arm's timer may run at about a rate, for all that packets show."""
+    rate, first = TimerRate(rate_hz), heard[0].packet.timer or 0
+    return all(rate.add(((one.packet.timer or 0) - first) % wrap, one) for one in heard)

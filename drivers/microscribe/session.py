@@ -159,6 +159,7 @@ class MicroscribeSession:
         self.timer_used = timer_rate_hz > 0 and timer_runs(heard, timer_rate_hz, wrap)
         quickest = min(heard, key=lambda one: one.begun_ns - one.sent_ns)
         self.delay_ns = quickest.delay_ns
+        self._timer_rate_hz = timer_rate_hz
         used_hz = timer_rate_hz if self.timer_used else 0.0
         self._clock = PacketClock(used_hz, wrap, self.delay_ns)
         self.first = [self.sample_of(one)[0] for one in heard][-1]
@@ -189,6 +190,12 @@ class MicroscribeSession:
     def clock_steps(self) -> int:
         """How often the arm's timer has jumped."""
         return self._clock.steps
+
+    @property
+    def timer_error_ppm(self) -> int:
+        """How much faster than stated the arm's timer runs, as far as learned."""
+        stated_hz, rate_hz = self._timer_rate_hz, self._clock.rate_hz
+        return round((rate_hz / stated_hz - 1.0) * 1e6) if self.timer_used else 0
 
     def ask(self) -> TimedPacket | None:
         """Request a packet; None if none arrives."""

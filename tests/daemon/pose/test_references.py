@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.daemon.board_harness import BOARD, Bench
+from tests.daemon.two_devices import base
 from tests.daemon.values import ARM, MODULI, SetClock, arm_model, count_samples, latch
 from traverse.daemon.config.schema import EndStopSection, QualitySection
 from traverse.daemon.errors import CaptureRefusedError
@@ -275,6 +276,22 @@ async def test_turns_that_are_known_are_right_after_an_outage(tmp_path, status):
         assert angles_rad[1] == pytest.approx(-1.0 - 25.0 * elapsed_s, abs=1e-4)
     finally:
         bench.device.driver.close()
+
+
+@pytest.mark.parametrize("speed", [0.0, 4.0])
+async def test_a_joint_on_a_line_that_was_silent(arm_bench, speed):
+    """J3's readings are interpolated; they are missing for 0.8 s."""
+    bench = arm_bench
+    bench.measurement.quality.references.confirm()
+    bench.stream(0, 40, speed)
+    for first in range(40, 120, 4):
+        bench.take(base(speed=speed).samples(range(first, first + 4)))
+        bench.later(0.04)
+    bench.stream(120, 140, speed)
+    bench.later(0.5)
+    alarms = [e for e in bench.events if e.code == CODE and "not read" in e.text]
+    assert [e.source for e in alarms] == (["wrist"] if speed else [])
+    assert ("turns_uncertain" in bench.live[-1].quality.flags) == bool(speed)
 
 
 async def test_a_known_point_is_held_against_the_position(bench):

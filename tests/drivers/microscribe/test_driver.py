@@ -16,6 +16,7 @@ from traverse.drivers.base.registry import driver_class
 from traverse.drivers.base.values import (
     STATUS_MISSING,
     CountSamples,
+    DeviceCounters,
     DeviceFault,
     DeviceLost,
     DeviceUp,
@@ -217,6 +218,32 @@ async def test_a_late_answer_is_not_taken_for_the_next_one(rig):
     offsets_ns = times_ns - seqs * 20e6
     assert np.ptp(offsets_ns[-20:]) < 15e6
     assert abs(np.median(offsets_ns[-20:]) - np.median(offsets_ns[:5])) < 5e6
+
+
+@pytest.mark.parametrize("rate_hz", [900.0, 995.0, 1100.0])
+async def test_a_timer_that_runs_off_its_rate_loses_no_connection(tmp_path, rate_hz):
+    with FakeMicroscribe(tmp_path / "arm") as arm:
+        arm.timer_rate_hz = rate_hz
+        rig = MicroscribeRig(arm)
+        with rig.driver:
+            taken = await up(rig, 100.0)
+            await asyncio.sleep(1.5)
+            rig.lose(3)
+            await taken.until(
+                lambda: "samples_lost" in {f.code for f in taken.of(DeviceFault)},
+                "losses",
+            )
+            await asyncio.sleep(0.5)
+            await taken.until(lambda: taken.of(DeviceCounters), "counters")
+        counters = taken.of(DeviceCounters)[-1].values
+    assert not taken.of(DeviceLost)
+    codes = {fault.code for fault in taken.of(DeviceFault)}
+    assert "samples_lost" in codes
+    assert "timer_unused" not in codes
+    # A busy machine may be late now and then.
+    assert counters["packets_old"] < 0.05 * counters["packets_received"]
+    learned_hz = 1000.0 * (1.0 + counters["timer_error_ppm"] * 1e-6)
+    assert learned_hz == pytest.approx(rate_hz, rel=0.01)
 
 
 async def test_a_timer_of_another_rate_is_left_alone(tmp_path):

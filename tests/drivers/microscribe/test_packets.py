@@ -32,15 +32,18 @@ def heard(
     return TimedPacket(packet, sent_ns, begun_ns, begun_ns, delay_ns)
 
 
-def errors_ns(clock: PacketClock, period_ms: float) -> np.ndarray:
+def errors_ns(
+    clock: PacketClock, period_ms: float, true_hz: float = 1000.1
+) -> np.ndarray:
     """Of times in a stream whose host is busy for some ms in one of ten exchanges."""
     rng = np.random.default_rng(11)
     found = []
     for k in range(2000):
         latch_ns = 10**12 + round(k * period_ms * MS)
-        ticks = int((latch_ns - 10**12) * (1 + 100e-6) / MS + 15900.3)  # wraps soon
+        ticks = int((latch_ns - 10**12) * true_hz * 1e-9 + 15900.3)  # wraps soon
         busy = rng.exponential(4 * MS, 2) * (rng.random(2) < 0.1)
         one = heard(latch_ns, ticks, *map(int, busy))
+        assert not clock.is_old(one)
         unwrapped, time_ns = clock.time_of(one)
         assert one.sent_ns <= time_ns <= one.begun_ns
         assert unwrapped in (ticks, time_ns)
@@ -60,6 +63,34 @@ def test_the_timer_bounds_what_a_busy_host_adds(period_ms):
     assert np.abs(np.median(with_timer)) < 0.1 * MS
     assert np.abs(without).max() > 5 * MS
     assert np.percentile(np.abs(without), 99) > 2 * MS
+
+
+@pytest.mark.parametrize("true_hz", [900.0, 995.0, 999.0, 1002.0, 1100.0, 1190.0])
+def test_the_rate_of_a_timer_is_learned(true_hz):
+    """It bounds the times like a timer of the stated rate, and loses no packet."""
+    clock = PacketClock(1000.0, 16384, heard(0, 0).delay_ns)
+    found_ns = errors_ns(clock, 7.3, true_hz)
+    assert clock.rate_hz == pytest.approx(true_hz, rel=1.1e-3)
+    assert clock.steps == 0
+    settled_ns = found_ns[len(found_ns) // 2 :]
+    assert np.abs(settled_ns).max() < 2.1 * MS
+    assert np.percentile(np.abs(settled_ns), 99) < 1.1 * MS
+    # An answer to an earlier request is still recognised.
+    begin_ns = 10**12 + 2000 * 7_300_000
+    ticks = int((begin_ns - 10**12) * true_hz * 1e-9 + 15900.3)
+    assert clock.is_old(heard(begin_ns, ticks, -60 * MS, 80 * MS))
+    assert not clock.is_old(heard(begin_ns, ticks))
+
+
+def test_a_timer_that_jumps_is_learned_anew():
+    clock = PacketClock(1000.0, 16384, REPLY_NS)
+    for k in range(400):
+        ticks = 9 * k + (5000 if k > 200 else 0)
+        one = heard(10 * MS * k, ticks)
+        assert not clock.is_old(one)
+        clock.time_of(one)
+    assert clock.steps
+    assert clock.rate_hz == pytest.approx(900.0, rel=3e-3)
 
 
 def test_an_undisturbed_exchange_is_known_to_what_is_not_line():
