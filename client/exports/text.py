@@ -8,6 +8,9 @@ from collections.abc import Iterable, Sequence
 from string import Formatter
 from typing import IO, Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from traverse.client.exports.point_table import Coordinates, PointTable
 from traverse.client.exports.sink import Sink
 from traverse.protocol.encoding import encode
@@ -16,7 +19,7 @@ from traverse.protocol.printable import printable
 
 TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 COLUMNS = (
-    *("session", "seq", "id", "retracts", "time_ns", "trigger"),
+    *("session", "seq", "id", "retracts", "time_ns", "time_utc", "trigger"),
     *("x_mm", "y_mm", "z_mm"),
     *("i", "j", "k"),
     *("surface_x_mm", "surface_y_mm", "surface_z_mm"),
@@ -28,7 +31,7 @@ COLUMNS = (
 )
 """Of a point in CSV, and the names of a template."""
 SCAN_COLUMNS = (
-    *("seq", "time_ns", "x_mm", "y_mm", "z_mm", "i", "j", "k"),
+    *("seq", "time_ns", "time_utc", "x_mm", "y_mm", "z_mm", "i", "j", "k"),
     *("std_x_mm", "std_y_mm", "std_z_mm", "ok", "flags"),
 )
 """Of a point of a scan."""
@@ -41,7 +44,7 @@ def row_of(point: Point) -> list[Any]:
     """A point in the order of `COLUMNS`; None for what is not known."""
     return [
         *(point.session, point.seq, point.id, point.retracts),
-        *(point.time_ns, point.trigger),
+        *(point.time_ns, *_iso_times([point.time_ns]), point.trigger),
         *point.xyz_mm,
         *point.ijk,
         *(point.surface_mm or [None] * 3),
@@ -61,17 +64,24 @@ def scan_rows(table: PointTable) -> Iterable[list[Any]]:
     columns = zip(
         table.seq.tolist(),
         table.time_ns.tolist(),
+        _iso_times(table.time_ns),
         table.xyz_mm.tolist(),
         table.ijk.tolist(),
         table.std_mm.tolist(),
         table.quality.tolist(),
         strict=True,
     )
-    for seq, time_ns, xyz_mm, ijk, std_mm, bits in columns:
+    for seq, time_ns, time_utc, xyz_mm, ijk, std_mm, bits in columns:
         quality = Quality.from_bits(bits)
         known = [None if math.isnan(std) else std for std in std_mm]
         said = (int(quality.ok), " ".join(quality.flags))
-        yield [seq, time_ns, *xyz_mm, *ijk, *known, *said]
+        yield [seq, time_ns, time_utc, *xyz_mm, *ijk, *known, *said]
+
+
+def _iso_times(time_ns: ArrayLike) -> list[str]:
+    """Write times [ns, UTC] as ISO 8601 with all nine digits of a second."""
+    times = np.asarray(time_ns, dtype="datetime64[ns]")
+    return [str(text) for text in np.datetime_as_string(times, timezone="UTC")]
 
 
 class Csv(Sink):

@@ -70,6 +70,11 @@ def test_csv_in_pandas(tmp_path: Path) -> None:
     scan = pandas.read_csv(scanned("csv", tmp_path))
     assert (scan[["x_mm", "y_mm", "z_mm"]].to_numpy() == SCAN.xyz_mm).all()
     assert scan["ok"].tolist() == [1, 0, 1, 1]  # interpolated is a remark
+    for one in (table, scan):
+        moments = pandas.to_datetime(one["time_utc"]).dt.tz_localize(None)
+        ns = moments.astype("datetime64[ns]").astype("int64")
+        assert ns.tolist() == one["time_ns"].tolist()
+        assert one["time_utc"].str.endswith("Z").all()
 
 
 def test_json_lines_are_the_messages(tmp_path: Path) -> None:
