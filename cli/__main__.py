@@ -1,11 +1,12 @@
-"""Entry point: the console script `traverse`, and `python -m traverse`."""
+"""All commands, and how they end."""
 
 import sys
 from collections.abc import Callable
 from importlib.metadata import version
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 try:  # before everything else that computes
     from traverse.kinematics.kernel.choice import KERNEL
@@ -37,8 +38,26 @@ from traverse.cli.simulate import simulate
 from traverse.cli.verify import verify
 from traverse.cli.watch.command import watch
 
+
+class Commands(TyperGroup):
+    """All commands; a value of an option that is refused is shown as it was typed."""
+
+    def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - of click, or of typer's own
+        """Run the command that is named."""
+        try:
+            return super().invoke(ctx)
+        except typer.BadParameter as error:
+            found = getattr(error.__cause__, "errors", None)  # pydantic's
+            if found is not None:
+                from traverse.strict_toml.problems import problem_from_error  # noqa: PLC0415
+
+                error.message = problem_from_error(found()[0], ()).message
+            raise
+
+
 app = typer.Typer(
     name="traverse",
+    cls=Commands,
     help="Measurement daemon of an articulated-arm coordinate measuring machine.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,

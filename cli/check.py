@@ -26,12 +26,15 @@ def check(
     Reports all mistakes at once. Exit status 2 if there are any.
     """
     from traverse.daemon.inputs import StartupError  # noqa: PLC0415 - keeps --help quick
-    from traverse.strict_toml.problems import FileError  # noqa: PLC0415
+    from traverse.strict_toml.problems import FileError, Problem  # noqa: PLC0415
 
     if (file / "campaign.toml").is_file():
         file /= "campaign.toml"
     kind, read = _reader(file)
     try:
+        if file.is_file() and not file.stat().st_size:
+            what = "is empty; expected an arm file, a configuration, a campaign, ..."
+            raise FileError(str(file), [Problem("", what)])
         read(file)
     except (FileError, StartupError) as error:
         wrong = error.files if isinstance(error, StartupError) else [error]
@@ -107,12 +110,8 @@ def _read_campaign(path: Path) -> object:
     from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
     from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
     from traverse.lab.campaign.csv_rows import header_cells  # noqa: PLC0415
-    from traverse.strict_toml.problems import FileError, Problem  # noqa: PLC0415
 
     poses = path.parent / read_campaign_file(path).poses
-    if not poses.exists():
-        text = f"no poses yet: `traverse collect {path.parent}` writes {poses.name}"
-        raise FileError(str(path), [Problem("poses", text)])
     columns: list[str] = []
     with (
         contextlib.suppress(OSError, ValueError),

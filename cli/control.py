@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -79,6 +80,8 @@ def scan(
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
+    if rate_hz is not None and spacing_mm is not None:
+        refuse("scan", "--rate-hz or --spacing-mm, not both")
     if action == "stop":
         _send("scan", arm, broker, lambda it: it.stop_scan())
         _show({"scan": None}, "no scan is running", as_json=as_json)
@@ -94,7 +97,7 @@ def scan(
             {"scan": started.scan}, f"scan {started.scan} is running", as_json=as_json
         )
     else:
-        refuse("scan", f"{action!r} is neither start nor stop")
+        refuse("scan", f"{action!r} is neither start nor stop; give one of them")
 
 
 @with_broker
@@ -230,6 +233,8 @@ def _send(
 def _place(text: str) -> tuple[float, float, float]:
     try:
         x_mm, y_mm, z_mm = (float(part) for part in text.split(","))
+        if not math.isfinite(x_mm + y_mm + z_mm):
+            raise ValueError
     except ValueError:
         refuse("confirm", f"--at {text}: expected x,y,z in mm, such as 120.5,-30,75")
     return x_mm, y_mm, z_mm

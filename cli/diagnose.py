@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.options import Json
-from traverse.cli.refusals import refusals, refuse
+from traverse.cli.options import Json, campaign_folder
+from traverse.cli.refusals import check_results, refusals, refuse
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
@@ -20,7 +20,10 @@ NO = 1
 
 
 def diagnose(
-    campaign: Annotated[Path, typer.Argument(help="Folder with campaign.toml.")],
+    campaign: Annotated[
+        Path,
+        typer.Argument(help="Folder with campaign.toml.", callback=campaign_folder),
+    ],
     *,
     arm: Annotated[
         Path, typer.Option("--arm", help="Arm file: the design, or an identified arm.")
@@ -77,6 +80,8 @@ def diagnose(
                 "diagnose",
                 "--out missing: name a folder for the results, or give --plan",
             )
+        if not accept:
+            check_results("diagnose", out, arm)
         from traverse.lab.diagnosis.model.result import DiagnosisOptions  # noqa: PLC0415
 
         options = DiagnosisOptions(

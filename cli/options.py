@@ -3,6 +3,7 @@
 import functools
 import inspect
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -10,7 +11,13 @@ import typer
 Json = Annotated[
     bool, typer.Option("--json", help="Report as JSON on standard output.")
 ]
+Force = Annotated[bool, typer.Option("--force", help="Replace a file that exists.")]
 Command = Callable[..., None]
+
+
+def campaign_folder(path: Path | None) -> Path | None:
+    """Take the folder where its campaign.toml is named; for arguments."""
+    return path.parent if path is not None and path.name == "campaign.toml" else path
 
 
 def with_options(parameter: str, group: type[Any]) -> Callable[[Command], Command]:

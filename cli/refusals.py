@@ -1,7 +1,9 @@
 """How commands refuse: exit status 2 and a sentence."""
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import NoReturn
 
 import typer
@@ -42,11 +44,42 @@ def refuse(command: str, text: str) -> NoReturn:
     raise typer.Exit(REFUSED)
 
 
+def system_refusal(error: OSError) -> str:
+    """Say which file or folder the system refuses, why, and what to do."""
+    from traverse.strict_toml.problems import system_reason  # noqa: PLC0415
+
+    if error.filename is None:
+        return system_reason(error)
+    path = Path(str(error.filename))
+    if isinstance(error, FileNotFoundError) and not path.parent.is_dir():
+        return f"{path}: there is no folder {path.parent}; make it first"
+    return f"{path}: {system_reason(error)}"
+
+
+def check_target(command: str, path: Path, *, force: bool) -> None:
+    """Refuse a file that cannot be written, or that is there, before any work."""
+    if not path.parent.is_dir():
+        refuse(command, f"{path}: there is no folder {path.parent}; make it first")
+    if path.is_dir():
+        refuse(command, f"{path} is a folder; name a file in it")
+    if path.exists() and not force:
+        refuse(command, f"{path} exists; name another, or replace it with --force")
+
+
+def check_results(command: str, folder: Path, arm: Path) -> None:
+    """Refuse a folder of results whose arm.toml is the arm file that is read."""
+    if (folder / "arm.toml").resolve() == arm.resolve():
+        told = f"--out {folder}: its arm.toml is the arm file, and would be replaced"
+        refuse(command, f"{told}; name another folder")
+
+
 @contextmanager
 def client_errors(command: str) -> Iterator[None]:
     """End with exit status 2 where the arm refuses, 3 where it is not reached."""
     from traverse.client.errors import ClientError, CommandRefused  # noqa: PLC0415
 
+    # What goes wrong ends the command with the same words.
+    logging.getLogger("traverse.client").addHandler(logging.NullHandler())
     try:
         yield
     except (CommandRefused, ValueError) as error:
@@ -73,5 +106,5 @@ def refusals(command: str) -> Iterator[None]:
         typer.echo(told, err=True)
         raise typer.Exit(REFUSED) from error
     except OSError as error:
-        typer.echo(f"{error.filename}: {error.strerror}; check the path", err=True)
+        typer.echo(system_refusal(error), err=True)
         raise typer.Exit(REFUSED) from error

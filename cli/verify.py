@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.cli.options import Json
+from traverse.cli.options import Json, campaign_folder
 from traverse.cli.refusals import refusals, refuse
 
 if TYPE_CHECKING:
@@ -19,7 +19,10 @@ NO = 1
 def verify(
     data: Annotated[
         Path | None,
-        typer.Argument(help="Folder with campaign.toml, or a recording (.mcap)."),
+        typer.Argument(
+            help="Folder with campaign.toml, or a recording (.mcap).",
+            callback=campaign_folder,
+        ),
     ] = None,
     *,
     standard: Annotated[

@@ -5,6 +5,7 @@ Rules of this file: no pydantic here; validation errors arrive as plain mappings
 """
 
 import difflib
+import errno
 import math
 import re
 import tomllib
@@ -16,11 +17,24 @@ from typing import Any
 _SHOWN_LENGTH = 60
 _SYNTAX_PLACE = re.compile(r" \(at (line \d+, column \d+|end of document)\)$")
 
+_REMEDIES = {
+    errno.EISDIR: "expected a file",
+    errno.ENOTDIR: "expected a folder",
+    errno.EEXIST: "expected a folder",
+    **dict.fromkeys(
+        (errno.EACCES, errno.EPERM, errno.EROFS),
+        "correct its rights, or name another place",
+    ),
+    errno.ENOSPC: "make room on that disk",
+}
+
 _WORDING: Mapping[str, str] = {
     "float_type": "{found} is not a number",
     "finite_number": "{found} is not a finite number",
     "int_type": "{found} is not an integer",
     "int_from_float": "{found} is not an integer",
+    "float_parsing": "{found} is not a number; expected one, without its unit",
+    "int_parsing": "{found} is not an integer; expected one, without its unit",
     "string_type": "{found} is not a string; put it in quotes",
     "bool_type": "{found} is not true or false",
     "tuple_type": "{found} is not a list",
@@ -90,6 +104,12 @@ def shown(value: object) -> str:
     return text if len(text) <= _SHOWN_LENGTH else text[: _SHOWN_LENGTH - 3] + "..."
 
 
+def system_reason(error: OSError) -> str:
+    """Say why the system did not read or write a file, and what to do."""
+    remedy = _REMEDIES.get(error.errno or 0, "check the path")
+    return f"{error.strerror or error}; {remedy}"
+
+
 def unknown_name_message(what: str, name: str, known: Collection[str]) -> str:
     """Refuse a name, of a key for example, and say the nearest one that exists."""
     with_unit = [entry for entry in known if entry.startswith(f"{name}_")]
@@ -152,10 +172,8 @@ def toml_text(path: Path) -> str:
     try:
         content = path.read_bytes()
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise FileError(
-            str(path), [Problem("", f"cannot be read: {reason}; check the path")]
-        ) from error
+        what = f"cannot be read: {system_reason(error)}"
+        raise FileError(str(path), [Problem("", what)]) from error
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:

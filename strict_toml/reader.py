@@ -16,6 +16,7 @@ from traverse.strict_toml.problems import (
     Problem,
     in_file_order,
     problem_from_error,
+    shown,
     toml_table,
     toml_text,
 )
@@ -79,6 +80,12 @@ def parse_strict(
         value = model.model_validate(tuples_for_lists(raw))
     except ValidationError as error:
         errors = error.errors(include_url=False)
+        other = next((e for e in errors if e["loc"] == ("schema",)), None)
+        if other is not None and other["type"] == "literal_error":
+            # Whatever else is in it belongs to that other kind.
+            kind, wanted = shown(raw["schema"]), other["ctx"]["expected"]
+            told = f"this is a file {kind}; expected {wanted}"
+            raise FileError(source, [Problem("schema", told)]) from error
         problems = [*problems, *_model_problems(model, raw, errors, problems)]
         raise FileError(source, in_file_order(problems, raw)) from error
     if problems:

@@ -6,10 +6,11 @@ module beside `arm_file`, whose part it is, that knows tomlkit.
 
 import json
 import os
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from contextlib import contextmanager
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import tomlkit
 from tomlkit.items import AoT, Item
@@ -35,17 +36,30 @@ def canonical_text(values: object) -> str:
 
 def write_atomically(path: Path, text: str) -> None:
     """Put a file in place of an old one, whole or not at all, and onto the disk."""
+    with replacing(path) as file:
+        file.write(text.encode())
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[IO[bytes]]:
+    """Open a file that takes the place of an old one once it is whole and on the disk.
+
+    Raises:
+        OSError: it cannot be written; its `filename` is `path`.
+    """
     # A symbolic link goes on pointing to the file; the file is replaced.
     target = path.resolve()
     fresh = target.with_name(f".{target.name}.{os.getpid()}.new")
     try:
-        with fresh.open("x", encoding="utf-8", newline="\n") as file:
-            file.write(text)
+        with fresh.open("x+b") as file:
+            yield file
             file.flush()
             os.fsync(file.fileno())
         fresh.replace(target)
-    except BaseException:
+    except BaseException as error:
         fresh.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename == str(fresh):
+            error.filename = str(path)  # the name that people know
         raise
     folder = os.open(target.parent, os.O_RDONLY)
     try:

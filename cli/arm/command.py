@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.arm.options import ArmOptions, Out
-from traverse.cli.options import Json, with_options
-from traverse.cli.refusals import refusals
+from traverse.cli.options import Force, Json, with_options
+from traverse.cli.refusals import check_target, refusals
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
@@ -91,6 +91,7 @@ def from_dh(
     base_rpy_rad: Annotated[
         str | None, typer.Option(help="Its attitude there: roll,pitch,yaw.")
     ] = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Make an arm file of a Denavit-Hartenberg table.
@@ -102,6 +103,7 @@ def from_dh(
     from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415 - keeps --help quick
     from traverse.kinematics.importers.dh_file import Units  # noqa: PLC0415
 
+    check_target("arm from-dh", out, force=force)
     units = Units(lengths and lengths.value, angles and angles.value)
     with refusals("arm"):
         made = arm_from_dh_file(
@@ -129,6 +131,7 @@ def from_urdf(
         str | None, typer.Option(help="Link with the probe; default the only end.")
     ] = None,
     options: ArmOptions,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Make an arm file of a robot description (URDF).
@@ -139,6 +142,7 @@ def from_urdf(
     from traverse.cli.arm.making import arm_from_urdf_file  # noqa: PLC0415
     from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415 - keeps --help quick
 
+    check_target("arm from-urdf", out, force=force)
     with refusals("arm"):
         made = arm_from_urdf_file(file, root, tip, options)
         write_arm(out, made)
@@ -159,6 +163,7 @@ def to_dh(
     ] = 1e-6,
     postures: Annotated[int, typer.Option(min=1, max=100_000)] = 1000,
     seed: Annotated[int, typer.Option(min=0)] = 1,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Find the nearest classic Denavit-Hartenberg table and its misfit at the probe."""
@@ -167,6 +172,8 @@ def to_dh(
     from traverse.kinematics.importers.dh_report import dh_report, remark_lines  # noqa: PLC0415
     from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
 
+    if out is not None:
+        check_target("arm to-dh", out, force=force)
     with refusals("arm"):
         report, csv_text = dh_report(read_arm(file), parallel_below_rad, postures, seed)
         if out is not None:

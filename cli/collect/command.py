@@ -18,7 +18,10 @@ INCOMPLETE, UNREACHABLE = 1, 3
 @with_broker
 def collect(
     campaign: Annotated[
-        Path, typer.Argument(help="The campaign.toml; poses are put beside it.")
+        Path,
+        typer.Argument(
+            help="The campaign.toml, or its folder; poses are put beside it."
+        ),
     ],
     *,
     arm: Annotated[Path, typer.Option(help="The arm file that the daemon uses.")],
@@ -72,6 +75,8 @@ def collect(
                 f"--allow: no quality flag {', '.join(unknown)}; there are: "
                 f"{', '.join(sorted(known))}",
             )
+        if campaign.is_dir():
+            campaign /= "campaign.toml"
         file = read_campaign_file(campaign)
         if not file.poses.endswith(".csv"):
             refuse(

@@ -29,6 +29,8 @@ def export_campaign(
         ValueError: a file was refused, or a label names nothing of the campaign.
         OSError: a file cannot be read or written.
     """
+    if campaign.is_dir():
+        campaign /= "campaign.toml"
     file = read_campaign_file(campaign)
     names = [joint.name for joint in read_arm(arm).joints]
     if folder.exists() and any(folder.iterdir()):

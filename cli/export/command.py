@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from traverse.cli.options import Json
-from traverse.cli.refusals import REFUSED, missing_library, refuse
+from traverse.cli.options import Force, Json
+from traverse.cli.refusals import check_target, refusals, refuse
 
 KINDS = ("points", "scans")
 
@@ -49,18 +49,21 @@ def export(
         Path | None, typer.Option(help="With --to campaign: the arm file.")
     ] = None,
     campaign: Annotated[
-        Path | None, typer.Option(help="With --to campaign: a campaign.toml.")
+        Path | None,
+        typer.Option(help="With --to campaign: a campaign.toml, or its folder."),
     ] = None,
     retracted: Annotated[
         bool,
         typer.Option("--retracted", help="Retracted points and retractions, too."),
     ] = False,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Turn points, or the scans of a recording, into a file.
 
     Retracted points are left out unless --retracted is given. The file
-    appears whole or not at all. Exit status 2: a file or an option was refused.
+    appears whole or not at all, and replaces another with --force only.
+    Exit status 2: a file or an option was refused.
     """
     from traverse.cli.export.campaign import (  # noqa: PLC0415
         campaign_words,
@@ -81,38 +84,28 @@ def export(
     ):
         if value not in known:
             refuse("export", f"{name} {value}: one of {', '.join(known)}")
-    try:
-        if to == "campaign":
-            if arm is None or campaign is None:
-                refuse("export", "--to campaign needs --arm and --campaign")
-            folder = out or source.with_suffix("")
-            report = export_campaign(source, arm, campaign, folder, session)
-            said = campaign_words(report)
-        else:
-            path = out or source.with_suffix(f".{'txt' if to == 'text' else to}")
-            if path.exists() and path.samefile(source):
-                refuse("export", f"{path} is the source; name another with --out")
-            coordinate = next(c for c in COORDINATES if c == coordinates)
-            wanted = Wanted(to, kind, coordinate, session, filters, template, retracted)
-            report = write_file(source, path, wanted)
-            said = file_words(source, report)
-    except OSError as error:
-        refuse("export", _reason(error, out or source))
-    except ValueError as error:
-        refuse("export", str(error))
-    except ModuleNotFoundError as error:
-        told = missing_library("export", error)
-        if told is None:
-            raise
-        typer.echo(told, err=True)
-        raise typer.Exit(REFUSED) from error
+    with refusals("export"):
+        try:
+            if to == "campaign":
+                if arm is None or campaign is None:
+                    refuse("export", "--to campaign needs --arm and --campaign")
+                folder = out or source.with_suffix("")
+                report = export_campaign(source, arm, campaign, folder, session)
+                said = campaign_words(report)
+            else:
+                path = out or source.with_suffix(f".{'txt' if to == 'text' else to}")
+                if path.exists() and source.exists() and path.samefile(source):
+                    refuse("export", f"{path} is the source; name another with --out")
+                check_target("export", path, force=force)
+                coordinate = next(c for c in COORDINATES if c == coordinates)
+                wanted = Wanted(
+                    to, kind, coordinate, session, filters, template, retracted
+                )
+                report = write_file(source, path, wanted)
+                said = file_words(source, report)
+        except ValueError as error:
+            refuse("export", str(error))
     if as_json:
         typer.echo(json.dumps(report, indent=1))
     else:
         typer.echo("\n".join(said), err=True)
-
-
-def _reason(error: OSError, place: Path) -> str:
-    if not place.parent.is_dir():
-        return f"{place.parent}: there is no such folder; make it first"
-    return f"{place}: {error.strerror or error}; check the path"

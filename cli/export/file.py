@@ -1,7 +1,5 @@
 """One file out of a source: points or scans, filtered, whole or not at all."""
 
-import contextlib
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +15,7 @@ from traverse.daemon.config.filters import AnyFilter, filter_chain
 from traverse.kinematics.filters import FilterChain, PointBlock
 from traverse.protocol.messages import Point, QualityFlag
 from traverse.strict_toml.reader import StrictModel, read_strict
+from traverse.strict_toml.writing import replacing
 
 BITS = {flag.name.lower(): flag.value for flag in QualityFlag if flag.name}
 
@@ -60,20 +59,19 @@ def write_file(source: Path, path: Path, wanted: Wanted) -> dict[str, Any]:
         options["template"] = wanted.template
     elif wanted.template:
         raise ValueError("--template needs --to text")
-    with _whole(path) as partial, partial.open("w+b") as file:
-        with FORMATS[wanted.to](file, **options) as sink:
-            if wanted.kind == "scans":
-                _write_scans(source, sink, chain, wanted)
-            else:
-                _write_points(source, sink, chain, wanted)
-        n = sink.n
-        file.flush()
-        os.fsync(file.fileno())
+    with (
+        replacing(path) as file,
+        FORMATS[wanted.to](file, **options) as sink,
+    ):
+        if wanted.kind == "scans":
+            _write_scans(source, sink, chain, wanted)
+        else:
+            _write_points(source, sink, chain, wanted)
     passed = [] if chain is None else zip(chain.filters, chain.removed, strict=True)
     return {
         "file": str(path),
         "kind": wanted.kind,
-        "points": n,
+        "points": sink.n,
         "held_back": [
             {"filter": one.kind, "points": removed}
             for one, removed in passed
@@ -174,14 +172,3 @@ def _filtered(table: PointTable, chain: FilterChain) -> PointTable:
         quality=passed.quality,
         std_mm=np.full((len(passed), 3), np.nan),
     )
-
-
-@contextlib.contextmanager
-def _whole(path: Path) -> Iterator[Path]:
-    """A file beside the target, which it replaces on success."""
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        yield partial
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)

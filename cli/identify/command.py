@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from traverse.cli.options import Json
-from traverse.cli.refusals import refusals, refuse
+from traverse.cli.options import Json, campaign_folder
+from traverse.cli.refusals import check_results, refusals, refuse
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
@@ -23,7 +23,8 @@ NO = 1
 
 def identify(
     campaign: Annotated[
-        Path | None, typer.Argument(help="Folder with campaign.toml.")
+        Path | None,
+        typer.Argument(help="Folder with campaign.toml.", callback=campaign_folder),
     ] = None,
     *,
     arm: Annotated[
@@ -87,6 +88,7 @@ def identify(
         ]
         if campaign is None or arm is None or out is None:
             refuse("identify", f"{', '.join(missing)} missing; or give --compare A B")
+        check_results("identify", out, arm)
         options = _options(hold or [], free or [], masks)
         kept_aside = None if holdout is None else (holdout, holdout_by, seed)
         result = _identified(campaign, arm, options, kept_aside)

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from traverse.cli.options import Json
-from traverse.cli.refusals import refusals, refuse
+from traverse.cli.options import Force, Json
+from traverse.cli.refusals import check_target, refusals, refuse
 
 UNREACHABLE = 3
 CONFIGURATION = """\
@@ -66,9 +66,7 @@ def arm_file(
         float,
         typer.Option("--radius-mm", min=0.0, help="Radius of the ball; 0 for a point."),
     ] = 0.0,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace files that exist.")
-    ] = False,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Write an arm file and, beside it, `traverse.toml` to measure with at once.
@@ -141,8 +139,5 @@ def _check_names(
         refuse(command, f"--device {device!r}: expected letters, digits, _ and -")
     if out.name == config.name:
         refuse(command, f"--out {out}: the configuration beside it has this name")
-    if not out.parent.is_dir():
-        refuse(command, f"--out {out}: there is no folder {out.parent}; make it")
     for path in (out, config):
-        if path.exists() and not force:
-            refuse(command, f"{path} exists; choose another folder, or add --force")
+        check_target(command, path, force=force)

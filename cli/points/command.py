@@ -9,8 +9,9 @@ from typing import IO, TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.cli.options import Force
 from traverse.cli.points.resend import LAST, FromOption, ToOption, resend
-from traverse.cli.refusals import refuse
+from traverse.cli.refusals import check_target, refusals, refuse
 
 if TYPE_CHECKING:
     from sqlite3 import Connection
@@ -82,6 +83,7 @@ def export(
     out: Annotated[
         Path | None, typer.Option(help="File to write; else standard output.")
     ] = None,
+    force: Force = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="With --out: report as JSON.")
     ] = False,
@@ -92,6 +94,7 @@ def export(
     """
     from traverse.cli.points.export import FORMATS, write_points  # noqa: PLC0415
     from traverse.daemon.store.queries import iter_messages, read_sessions  # noqa: PLC0415
+    from traverse.strict_toml.writing import replacing  # noqa: PLC0415
 
     command = "points export"
     if as_format not in FORMATS:
@@ -99,16 +102,15 @@ def export(
     if as_json and out is None:
         refuse(command, "--json needs --out; without it --format jsonl is JSON")
     last = LAST if to_seq is None else to_seq
-    with ExitStack() as stack:
+    if out is not None:
+        check_target(command, out, force=force)
+    with refusals(command), ExitStack() as stack:
         connection = stack.enter_context(_opened(command, db, config))
         if session is not None:
             _check(command, connection, session)
         file: IO[bytes] = sys.stdout.buffer
         if out is not None:
-            try:
-                file = stack.enter_context(out.open("wb"))
-            except OSError as error:
-                refuse(command, f"{out}: {error.strerror}; name another file")
+            file = stack.enter_context(replacing(out))
         names = [s.session for s in read_sessions(connection, LAST)]
         messages = (
             message
@@ -141,6 +143,8 @@ def _opened(
     if (db is None) == (config is None):
         refuse(command, "give --db FILE or --config FILE, one of them")
     path = db or state_path(config or Path()) / OUTBOX
+    if config is not None and not (config.is_file() or path.is_file()):
+        refuse(command, f"{config}: there is no such file; check the path")
     connection = None
     try:
         connection = open_read_only(path)

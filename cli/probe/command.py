@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.control import use_probe
-from traverse.cli.options import Json
+from traverse.cli.options import Json, campaign_folder
 from traverse.cli.refusals import refusals, refuse
 
 if TYPE_CHECKING:
@@ -28,7 +28,10 @@ def _group() -> None:
 
 @probe.command("pivot")
 def pivot(
-    campaign: Annotated[Path, typer.Argument(help="Folder with campaign.toml.")],
+    campaign: Annotated[
+        Path,
+        typer.Argument(help="Folder with campaign.toml.", callback=campaign_folder),
+    ],
     arm: Annotated[Path, typer.Option("--arm", help="Arm file, identified.")],
     *,
     library: Annotated[

@@ -2,12 +2,15 @@
 
 import asyncio
 import logging
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.options import Force
+from traverse.cli.refusals import UNREACHABLE, check_target, refusals, refuse
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,7 +20,7 @@ if TYPE_CHECKING:
     from traverse.protocol.messages import Point
     from traverse.recording.run_reader import RunReader
 
-DIFFERENT, REFUSED, UNREACHABLE = 1, 2, 3
+DIFFERENT = 1
 
 
 @with_broker
@@ -40,6 +43,7 @@ def replay(
         typer.Option("--publish", help="Publish the points, in their own session."),
     ] = False,
     broker: BrokerOptions,
+    force: Force = False,
     as_json: Annotated[bool, typer.Option("--json", help="Report as JSON.")] = False,
 ) -> None:
     """Compute the points of a recording again, and compare.
@@ -51,32 +55,27 @@ def replay(
     """
     from traverse.cli.replay.report import report_of, report_text  # noqa: PLC0415
     from traverse.recording.run_reader import RunReader  # noqa: PLC0415 - quick help
+    from traverse.strict_toml.writing import replacing  # noqa: PLC0415
 
     address = broker.address("replay")
     points: list[Point] = []
-    try:
-        lines = None if out is None else out.open("w", encoding="utf-8")
+    if out is not None:
+        check_target("replay", out, force=force)
+    with refusals("replay"), ExitStack() as stack:
         try:
+            reader = stack.enter_context(RunReader(file))
+            lines = None if out is None else stack.enter_context(replacing(out))
 
             def take(point: "Point") -> None:
                 if lines is not None:
-                    lines.write(point.model_dump_json() + "\n")
+                    lines.write(point.model_dump_json().encode() + b"\n")
                 if publish:
                     points.append(point)
 
-            with RunReader(file) as reader:
-                about = dict(reader.about)
-                result = asyncio.run(_replayed(reader, block, take))
-        finally:
-            if lines is not None:
-                lines.close()
-    except OSError as error:
-        text = f"{error.filename or file}: {error.strerror or error}; check the path"
-        typer.echo(f"traverse replay: {text}", err=True)
-        raise typer.Exit(REFUSED) from error
-    except ValueError as error:
-        typer.echo(f"traverse replay: {error}", err=True)
-        raise typer.Exit(REFUSED) from error
+            about = dict(reader.about)
+            result = asyncio.run(_replayed(reader, block, take))
+        except ValueError as error:
+            refuse("replay", str(error))
     typer.echo(report_of(about, result) if as_json else report_text(about, result))
     if publish:
         _publish(points, address)

@@ -64,9 +64,10 @@ def open_read_only(path: Path) -> sqlite3.Connection:
         sqlite3.Error: it cannot be read.
     """
     if not path.is_file():
+        found = "is a folder" if path.is_dir() else "there is no such file"
         raise StoreRefusedError(
-            f"{path}: there is no such file; name the outbox of a daemon with --db, or "
-            "its configuration with --config"
+            f"{path}: {found}; name the outbox of a daemon with --db, or its "
+            "configuration with --config"
         )
     connection = sqlite3.connect(
         f"file:{quote(str(path))}?mode=ro", uri=True, isolation_level=None

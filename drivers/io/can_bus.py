@@ -266,9 +266,15 @@ def _opened(interface: str, channel: str, bit_rate: int) -> can.BusABC:
     try:
         return can.Bus(channel, interface, ignore_config=True, **options)
     except (can.CanError, OSError, ValueError, ImportError) as error:
+        reason = getattr(error, "strerror", None) or error
         raise DeviceNotFoundError(
-            f"cannot open the bus {interface}:{channel}: {error}",
+            f"cannot open the bus {interface}:{channel}: {reason}",
             _remedy(interface, channel),
+        ) from error
+    except NotImplementedError as error:
+        known = ", ".join(sorted(can.VALID_INTERFACES))
+        raise DeviceNotFoundError(
+            f"python-can has no interface {interface!r}", f"expected one of {known}"
         ) from error
 
 

@@ -151,6 +151,8 @@ def _opened(path: str, baud_rate: int, parity: str, stop_bits: int) -> serial.Se
 
 def _explain(path: str, error: Exception) -> DeviceNotFoundError:
     number = getattr(error, "errno", None)
+    if isinstance(error.__context__, termios.error):  # pyserial has put it into words
+        number = error.__context__.args[0]
     if number == errno.ENOENT:
         reason, remedy = "there is no such port", "plug the device in, check its name"
     elif number in (errno.EACCES, errno.EPERM):
@@ -159,5 +161,6 @@ def _explain(path: str, error: Exception) -> DeviceNotFoundError:
     elif number in (errno.EAGAIN, errno.EBUSY):
         reason, remedy = "in use by another program", "stop that program"
     else:
-        reason, remedy = str(error), "check that this is a serial port"
+        reason = os.strerror(number) if number else str(error)
+        remedy = "check that this is a serial port"
     return DeviceNotFoundError(f"cannot open {path}: {reason}", remedy)

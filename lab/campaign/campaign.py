@@ -194,6 +194,9 @@ def read_campaign(folder: str | Path, joint_names: Sequence[str]) -> Campaign:
     file = read_campaign_file(path)
     poses = path.parent / file.poses
     features = {artefact.id: artefact.features for artefact in file.artefacts}
+    if poses.suffix != SUFFIX and not poses.exists():
+        text = f"no poses yet: `traverse collect {path.parent}` writes {poses.name}"
+        raise FileError(str(path), [Problem("poses", text)])
     if poses.suffix == SUFFIX:
         table = read_stream_table(poses, joint_names, features, file.start_utc)
     else:

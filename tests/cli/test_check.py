@@ -80,7 +80,7 @@ def test_all_mistakes_of_an_arm_file_are_told_at_once(tmp_path: Path) -> None:
     [
         (b"\xff\xfe", "UTF-8"),
         ("a = ", "line 1"),
-        ("", "schema: is missing"),
+        ("", "is empty; expected an arm file"),
         ('schema = "traverse/simulator/1"', "motion: is missing"),
         ("[arm]\nfile = 1", "arm.file: 1 is not a string"),
         (DAEMON.format(rest=""), "device[0].driver: is missing"),

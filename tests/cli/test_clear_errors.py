@@ -2,6 +2,8 @@
 
 import shutil
 import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -34,6 +36,9 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "campaign").mkdir()
     (tmp_path / "campaign" / "campaign.toml").write_text(CAMPAIGN)
     (tmp_path / "wire.toml").write_text(CAMPAIGN.replace("cone", "draw_wire"))
+    (tmp_path / "empty").touch()
+    (tmp_path / "there.csv").write_text("mine")
+    (tmp_path / "there.mcap").write_text("mine")
     return tmp_path
 
 
@@ -42,9 +47,69 @@ def folder(tmp_path: Path) -> Path:
     [
         ("watch --lines --broker localhost:abc", 2, "'localhost:abc': its port is no"),
         ("run --config arm.toml", 2, "this is a file 'traverse/arm/1'; expected a dae"),
+        ("simulate --config arm.toml", 2, "'traverse/arm/1'; expected 'traverse/simul"),
+        ("simulate --config campaign", 2, "Is a directory; expected a file"),
         ("check campaign", 2, "no poses yet: `traverse collect campaign` writes"),
         ("collect wire.toml --arm arm.toml", 2, "'seat' reads a length at every pose"),
-        ("export arm.toml --out no/such.csv", 2, "no: there is no such folder; make"),
+        ("check empty", 2, "empty: 1 problem\n  is empty"),
+        ("collect empty --arm arm.toml", 2, "schema: is missing; add it"),
+        ("collect campaign --arm arm.toml --each ten", 2, "'ten' is not an integer"),
+        ("identify campaign --arm arm.toml --out o", 2, "no poses yet: `traverse coll"),
+        (
+            "identify arm.toml --arm arm.toml --out o",
+            2,
+            "Not a directory; expected a f",
+        ),
+        ("identify campaign --arm arm.toml --out .", 2, "and would be replaced; name"),
+        ("diagnose campaign --arm arm.toml --out .", 2, "and would be replaced; name"),
+        ("diagnose campaign/campaign.toml --arm arm.toml --plan", 2, "no poses yet"),
+        (
+            "verify --plan vdi2617-9 --arm arm.toml --out empty",
+            2,
+            "empty: File exists; ",
+        ),
+        (
+            "align there.csv --nominal there.csv --std 3mm",
+            2,
+            "'3mm' is not a number; e",
+        ),
+        ("export arm.toml --out no/such.csv", 2, "no/such.csv: there is no folder no"),
+        ("export empty --out campaign", 2, "campaign is a folder; name a file in it"),
+        ("export empty --out there.csv", 2, "there.csv exists; name another, or repla"),
+        ("export there.mcap --to csv", 2, "there.csv exists; name another, or replac"),
+        ("export there.csv --to csv --force", 2, "there.csv is the source; name anoth"),
+        ("export empty", 2, "is no recording (MCAP), no outbox (SQLite) and no points"),
+        ("replay there.mcap --out there.mcap", 2, "there.mcap exists; name another"),
+        ("replay there.mcap --out there.csv --force", 2, "there.mcap: is no MCAP file"),
+        (
+            "points export --db there.mcap --out there.mcap",
+            2,
+            "there.mcap exists; name",
+        ),
+        ("points list --db campaign", 2, "campaign: is a folder; name the outbox"),
+        ("points list --config no.toml", 2, "no.toml: there is no such file"),
+        (
+            "arm from-dh there.csv --out arm.toml",
+            2,
+            "arm.toml exists; name another, or",
+        ),
+        ("arm from-urdf empty --out no/arm.toml", 2, "there is no folder no; make it"),
+        ("arm to-dh arm.toml --out campaign", 2, "campaign is a folder; name a file"),
+        ("confirm --at nan,1,2 --arm a", 2, "expected x,y,z in mm, such as 120.5,-30"),
+        (
+            "scan start --rate-hz 9 --spacing-mm 1",
+            2,
+            "--rate-hz or --spacing-mm, not b",
+        ),
+        ("scan go", 2, "'go' is neither start nor stop; give one of them"),
+        ("point --seconds 2s", 2, "'2s' is not a number; expected one, without its un"),
+        ("point --arm a --broker localhost:9", 3, "nothing listens there; start it"),
+        (
+            "amt21 scan --port there.csv",
+            3,
+            "ioctl for device; check that this is a ser",
+        ),
+        ("can scan --channel x --interface no", 3, "python-can has no interface 'no'"),
     ],
 )
 def test_a_mistake_is_named(
@@ -52,8 +117,40 @@ def test_a_mistake_is_named(
 ) -> None:
     result = run_traverse(folder, *words.split())
     assert result.returncode == status
-    assert expected in result.stdout + result.stderr
-    assert "Errno" not in result.stdout + result.stderr
+    said = result.stdout + result.stderr
+    assert expected in said
+    assert "Errno" not in said
+    assert "Traceback" not in said
+    # Whatever was there still is.
+    assert (folder / "arm.toml").read_bytes() == ARM.read_bytes()
+    assert {(folder / f"there.{kind}").read_text() for kind in ("csv", "mcap")} == {
+        "mine"
+    }
+
+
+@pytest.mark.parametrize(
+    "module", ["typer", "traverse.cli.export.command", "traverse.cli.arm.summary"]
+)
+def test_ctrl_c_ends_a_command_without_a_traceback(folder: Path, module: str) -> None:
+    """Also while modules are imported, at the start or by the command."""
+    code = f"""
+import os, signal, sys
+class Interrupting:
+    def find_spec(self, name, *_):
+        if name == {module!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupting())
+from traverse.__main__ import main
+main()
+"""
+    ended = subprocess.run(
+        [sys.executable, "-c", code, "arm", "show", "arm.toml"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (ended.returncode, ended.stderr.strip()) == (130, "")
 
 
 def test_a_busy_port_of_the_embedded_broker_is_named(folder: Path) -> None:

@@ -86,7 +86,7 @@ def test_points_that_stand_come_out_of_every_source(
     assert said.stderr == f"{out}: 3 points\n"
     rows = list(csv.DictReader(out.read_text().splitlines()))
     assert [row["x_mm"] for row in rows] == ["0.0", "10.0", "20.0"]
-    export(path, "--out", out, "--retracted")
+    export(path, "--out", out, "--retracted", "--force")
     assert len(out.read_text().splitlines()) == 1 + 5
 
 
@@ -113,12 +113,13 @@ def test_filters_are_those_of_the_daemon(lines: Path, tmp_path: Path) -> None:
     assert kept == [1, 2]
     assert "filter slab: 1 held back" in said.stderr
     filters.write_text('[[filters]]\nkind = "slap"\n')
-    said = export(lines, "--filters", filters, "--out", out, status=2)
+    other = tmp_path / "other.csv"
+    said = export(lines, "--filters", filters, "--out", other, status=2)
     assert "did you mean 'slab'" in said.stderr
     filters.write_text(
         '[[filters]]\nkind = "sections"\nnormal = [1, 0, 0]\nspacing_mm = 1\n'
     )
-    said = export(lines, "--filters", filters, "--out", out, status=2)
+    said = export(lines, "--filters", filters, "--out", other, status=2)
     assert "--kind scans" in said.stderr
 
 

@@ -141,7 +141,7 @@ def test_what_cannot_be_read_is_named_and_the_rest_is_written(path):
         (("list", "--db", "nowhere.db"), "there is no such file"),
         (("export", "--db", "{path}", "--format", "xml"), "csv, jsonl"),
         (("export", "--db", "{path}", "--session", "never"), "no points of session"),
-        (("export", "--db", "{path}", "--out", "/no/such/folder/x"), "another file"),
+        (("export", "--db", "{path}", "--out", "/no/such/folder/x"), "make it first"),
         (("resend", "s", "--arm", "a", "--from", "4", "--to", "3"), "below --from"),
         (("resend", "s", "--arm", "a", "--broker", "ftp://x"), "ftp"),
     ],

@@ -44,7 +44,7 @@ def test_a_picture_that_cannot_be_written_is_refused(tmp_path):
     words = ["arm", "show", str(file), "--png", str(tmp_path / "no" / "arm.png")]
     ended = CliRunner().invoke(app, words)
     assert ended.exit_code == 2
-    assert "No such file or directory" in ended.output
+    assert f"there is no folder {tmp_path / 'no'}; make it" in ended.output
 
 
 @pytest.mark.parametrize("n_joints", [1, 7])

@@ -106,9 +106,8 @@ def test_another_base_posture_is_the_same_arm(made):
     _, _, out = made(ROBOT, "--tip", "ball")
     readings_rad = np.random.default_rng(1).uniform(-3, 3, (20, 2))
     before_mm, _ = probe_pose(geometry_from_arm(read_arm(out)), readings_rad)
-    status, _, out = made(
-        ROBOT, "--tip", "ball", "--base-posture-deg", "30,-40", "--counts-per-turn=4096"
-    )
+    posture = ("--base-posture-deg", "30,-40", "--force")
+    status, _, out = made(ROBOT, "--tip", "ball", *posture, "--counts-per-turn=4096")
     arm = read_arm(out)
     after_mm, _ = probe_pose(geometry_from_arm(arm), readings_rad)
     assert status == 0
