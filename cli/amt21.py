@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from traverse.cli.options import Json, with_options
+from traverse.plurals import counted
 
 if TYPE_CHECKING:
     from traverse.drivers.amt21.line import Amt21Line
@@ -86,7 +87,7 @@ def scan(
         turns = "" if encoder["turns"] is None else f", turns {encoder['turns']}"
         typer.echo(f"0x{encoder['address']:02X}: position {encoder['position']}{turns}")
     echo = "echoes what is sent" if opened.echoed else "does not echo"
-    typer.echo(f"{len(found)} encoders; the adapter {echo}")
+    typer.echo(f"{counted(len(found), 'encoder')}; the adapter {echo}")
 
 
 @amt21.command()

@@ -15,6 +15,7 @@ from traverse.cli.refusals import (
     missing_library,
     refuse,
 )
+from traverse.plurals import counted
 
 if TYPE_CHECKING:
     from traverse.drivers.canopen.commissioning import Commissioning, FoundNode
@@ -65,7 +66,7 @@ def scan(
         return
     for one in found:
         typer.echo(_line(one))
-    typer.echo(f"{len(found)} nodes on {name}")
+    typer.echo(f"{counted(len(found), 'node')} on {name}")
 
 
 @can.command()
@@ -173,7 +174,8 @@ def _line(one: dict[str, Any]) -> str:
         turns = one["modulus"] / one["counts_per_turn"]
         text += (
             f"{one['kind']} encoder, {one['counts_per_turn']} counts per turn, "
-            f"{turns:g} turns, position {one['position']}; vendor {_hex(one['vendor'])}"
+            f"{counted(turns, 'turn')}, position {one['position']}; vendor "
+            f"{_hex(one['vendor'])}"
             f", product {_hex(one['product'])}, serial number {_hex(one['serial'])}"
         )
         if one["alarms"]:

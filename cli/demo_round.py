@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from traverse.kinematics.fits import fit_sphere, spread_about_mean
+from traverse.plurals import counted
 from traverse.protocol.messages import Point, Scan
 
 DATA = Path(__file__).parent / "demo_data"
@@ -90,7 +91,8 @@ class Round:
 
     def summary(self) -> list[str]:
         """Lines about how well the arm has measured."""
-        lines = [f"measured {self.rounds} round(s), {len(self._points)} points"]
+        rounds = counted(self.rounds, "round")
+        lines = [f"measured {rounds}, {counted(len(self._points), 'point')}"]
         if self.rounds:
             lines += self._artefact_lines()
         if self._latencies_ms:
@@ -103,7 +105,8 @@ class Round:
             seconds = (self._last_ns - self._first_ns) * 1e-9
             rate_hz = (self._scanned + self._missing - 1) / seconds
             lines.append(
-                f"scan       {rate_hz:.2f} Hz achieved, {self._scanned} points, "
+                f"scan       {rate_hz:.2f} Hz achieved, "
+                f"{counted(self._scanned, 'point')}, "
                 f"{self._missing} missing"
             )
         return lines

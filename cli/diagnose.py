@@ -9,6 +9,7 @@ import typer
 
 from traverse.cli.options import Json, campaign_folder
 from traverse.cli.refusals import check_results, refusals, refuse
+from traverse.plurals import counted
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
@@ -200,8 +201,8 @@ def _plan(folder: Path, arm_file: Path, *, as_json: bool) -> None:
         typer.echo(json.dumps({"detectable": detectable_json(found)}, indent=1))
         return
     typer.echo(
-        f"{arm.name}: what {len(campaign.poses)} poses could show, with a probability "
-        "of 95 %, in the worst phase or direction"
+        f"{arm.name}: what {counted(len(campaign.poses), 'pose')} could show, with a "
+        "probability of 95 %, in the worst phase or direction"
     )
     typer.echo("\n".join(detectable_lines(found)))
 

@@ -9,6 +9,7 @@ import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.refusals import client_errors
+from traverse.plurals import counted
 
 if TYPE_CHECKING:
     from traverse.client.mqtt.address import BrokerAddress
@@ -74,8 +75,9 @@ async def _record(
 
 def _told(recorded: Mapping[str, Any]) -> str:
     gaps = recorded["gaps"]
-    lacking = f", {gaps} gaps: the disk did not keep up" if gaps else ""
+    lacking = f", {counted(gaps, 'gap')}: the disk did not keep up" if gaps else ""
     return (
-        f"{recorded['file']}: {recorded['seconds']:.1f} s, {recorded['bytes']} bytes, "
-        f"{recorded['messages']} messages{lacking}"
+        f"{recorded['file']}: {recorded['seconds']:.1f} s, "
+        f"{counted(recorded['bytes'], 'byte')}, "
+        f"{counted(recorded['messages'], 'message')}{lacking}"
     )

@@ -24,6 +24,7 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.plurals import counted
 from traverse.protocol.message_error import MessageError
 
 ARRAY_CODE = 1
@@ -50,7 +51,7 @@ def array_to_bytes(array: NDArray[np.generic]) -> bytes:
         )
     if not 1 <= array.ndim <= MAX_DIMENSIONS:
         raise MessageError.of(
-            "array", f"{array.ndim} dimensions", f"1 to {MAX_DIMENSIONS}"
+            "array", f"{counted(array.ndim, 'dimension')}", f"1 to {MAX_DIMENSIONS}"
         )
     head = _HEAD.pack(ord(kind), size, array.ndim)
     shape = struct.pack(f"<{array.ndim}I", *array.shape)
@@ -72,8 +73,8 @@ def bytes_to_array(content: bytes) -> NDArray[np.generic]:
     if len(content) != expected:
         raise MessageError.of(
             "array",
-            f"{len(content)} bytes for shape {shape} of {dtype}",
-            f"{expected} bytes",
+            f"{counted(len(content), 'byte')} for shape {shape} of {dtype}",
+            f"{counted(expected, 'byte')}",
         )
     # The slice is a copy, and so aligned for any element.
     elements = np.frombuffer(content[start:], dtype)
@@ -91,7 +92,7 @@ def _read_head(content: bytes) -> tuple[np.dtype[np.generic], tuple[int, ...], i
     """Dtype, shape and offset of the first element."""
     if len(content) < _HEAD.size:
         raise MessageError.of(
-            "array", f"{len(content)} bytes", "a head of at least 3 bytes"
+            "array", f"{counted(len(content), 'byte')}", "a head of at least 3 bytes"
         )
     kind_byte, size, n_dimensions = _HEAD.unpack_from(content)
     kind = chr(kind_byte)
@@ -103,12 +104,12 @@ def _read_head(content: bytes) -> tuple[np.dtype[np.generic], tuple[int, ...], i
         )
     if not 1 <= n_dimensions <= MAX_DIMENSIONS:
         raise MessageError.of(
-            "array", f"{n_dimensions} dimensions", f"1 to {MAX_DIMENSIONS}"
+            "array", f"{counted(n_dimensions, 'dimension')}", f"1 to {MAX_DIMENSIONS}"
         )
     start = _HEAD.size + 4 * n_dimensions
     if len(content) < start:
         raise MessageError.of(
-            "array", f"{len(content)} bytes", f"a head of {start} bytes"
+            "array", f"{counted(len(content), 'byte')}", f"a head of {start} bytes"
         )
     shape = struct.unpack_from(f"<{n_dimensions}I", content, _HEAD.size)
     return np.dtype(f"<{kind}{size}" if kind != "b" else "?"), shape, start

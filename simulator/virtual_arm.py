@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm, read_arm
+from traverse.plurals import counted
 from traverse.simulator.arm.inverse import Reach
 from traverse.simulator.arm.truth import Deviations, EncoderSet, TrueArm, true_arm
 from traverse.simulator.config import SimulatorConfig
@@ -75,8 +76,8 @@ def build_arm(config: SimulatorConfig, folder: Path, source: str) -> VirtualArm:
     )
     if len(limits) != len(nominal.joints) or any(low >= high for low, high in limits):
         message = (
-            f"{len(limits)} pairs given; needs one [low, high] for each of the "
-            f"{len(nominal.joints)} joints, low below high"
+            f"{counted(len(limits), 'pair')} given; needs one [low, high] for each of "
+            f"{counted(len(nominal.joints), 'joint')}, low below high"
         )
         problems.append(Problem("arm.turn_limits_rad", message))
     problems += effect_problems(really, true_key)
@@ -228,7 +229,10 @@ def _source_problems(devices: Sequence[DeviceTable], arm: Arm) -> list[Problem]:
             )
             problems.append(Problem(f"device[{number}].id", message))
         elif len(channels) > device.MOST_CHANNELS:
-            message = f"the arm file has {len(channels)} encoders on '{device.id}'; "
+            message = (
+                f"'{device.id}' has {counted(len(channels), 'encoder')} in the arm "
+                "file; "
+            )
             message += f"a device of kind '{device.kind}' has {device.MOST_CHANNELS}"
             problems.append(Problem(f"device[{number}].id", message))
         else:

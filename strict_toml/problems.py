@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from traverse.plurals import counted
+
 _SHOWN_LENGTH = 60
 _SYNTAX_PLACE = re.compile(r" \(at (line \d+, column \d+|end of document)\)$")
 
@@ -50,8 +52,8 @@ _WORDING: Mapping[str, str] = {
     "less_than_equal": "{found} is too large; it must be at most {le}",
     "string_too_short": "{found} is too short",
     "string_pattern_mismatch": "{found} does not have the form {pattern}",
-    "too_short": "has {actual_length} entries; at least {min_length} are needed",
-    "too_long": "has {actual_length} entries; at most {max_length} are allowed",
+    "too_short": "has {entries}; expected at least {min_length}",
+    "too_long": "has {entries}; expected at most {max_length}",
     "missing": "is missing; add it",
 }
 
@@ -83,7 +85,7 @@ class FileError(ValueError):
 
     def __str__(self) -> str:
         count = len(self.problems)
-        head = f"{self.source}: {count} problem{'' if count == 1 else 's'}"
+        head = f"{self.source}: {counted(count, 'problem')}"
         return "\n".join([head, *(f"  {problem}" for problem in self.problems)])
 
 
@@ -140,12 +142,14 @@ def problem_from_error(error: Mapping[str, Any], known: Collection[str]) -> Prob
     elif kind == "missing" and isinstance(location[-1], int):
         length = len(error["input"])
         location = location[:-1]
-        message = f"has {length} entries, which is too few"
+        message = f"has {counted(length, 'entry')}, which is too few"
     elif kind == "value_error":
         message = str(error["ctx"]["error"])
     elif kind in _WORDING:
         found = shown(error["input"])
-        message = _WORDING[kind].format(found=found, **error.get("ctx", {}))
+        context = error.get("ctx", {})
+        entries = counted(context.get("actual_length", 0), "entry")
+        message = _WORDING[kind].format(found=found, entries=entries, **context)
     else:
         message = f"{shown(error['input'])}: {error['msg']}"
     return Problem(key_path(location), message)

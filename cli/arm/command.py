@@ -10,6 +10,7 @@ import typer
 from traverse.cli.arm.options import ArmOptions, Out
 from traverse.cli.options import Force, Json, with_options
 from traverse.cli.refusals import check_target, refusals
+from traverse.plurals import counted
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
@@ -193,4 +194,4 @@ def _tell_made(file: Path, made: "Arm", *, as_json: bool) -> None:
         report = {"file": str(file), "arm": made.name, "joints": names}
         typer.echo(json.dumps(report, indent=1))
     else:
-        typer.echo(f"{file}: arm {made.name} with {len(made.joints)} joints")
+        typer.echo(f"{file}: arm {made.name} with {counted(len(made.joints), 'joint')}")

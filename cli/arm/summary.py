@@ -10,6 +10,7 @@ import numpy as np
 from traverse.kinematics.arm_file.arm import Arm, Joint, arm_digest
 from traverse.kinematics.model.forward import joint_positions
 from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
+from traverse.plurals import counted
 
 
 def arm_summary(arm: Arm) -> dict[str, Any]:
@@ -65,7 +66,8 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
     head = f"{'joint':<{width}}  {'axis in the base posture':^26}{'link':>10}"
     units = f"{'':<{width}}  {'x':>8} {'y':>8} {'z':>8}{'mm':>10}{'mm':>11}"
     lines = [
-        f"{summary['name']}: {len(joints)} joints, reach {summary['reach_mm']:.1f} mm, "
+        f"{summary['name']}: {counted(len(joints), 'joint')}, "
+        f"reach {summary['reach_mm']:.1f} mm, "
         f"digest {summary['digest'][:12]}",
         "",
         f"{head}{'reach':>11}{'counts':>14}{'step at reach':>16}",

@@ -27,6 +27,7 @@ from traverse.lab.collection.collection import (
 )
 from traverse.lab.collection.figures import implausible_mm, same_place
 from traverse.lab.collection.plan import Target
+from traverse.plurals import counted
 from traverse.protocol.messages import Live, Point
 
 APPROACH_BAND_RAD = 5e-4  # hands that rest tremble less
@@ -147,7 +148,9 @@ class _Session:
                 self._go_on()
             return
         if len(point.angles_rad) != len(self._collection.joint_names):
-            self._say(f"{number} has {len(point.angles_rad)} joints: left out")
+            self._say(
+                f"{number} has {counted(len(point.angles_rad), 'joint')}: left out"
+            )
             return
         target = self._current
         if point.label.artefact is not None:

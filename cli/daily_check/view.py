@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from traverse.lab.daily_check.chart_pictures import chart_lines
 from traverse.lab.daily_check.control_chart import rules
 from traverse.lab.daily_check.report import DailyCheckReport, FigureChart
+from traverse.plurals import counted
 
 CHECKS_A_YEAR = 250
 
@@ -14,8 +15,9 @@ def report_lines(report: DailyCheckReport) -> Iterator[str]:
     check = report.checks[-1]
     warm = check.figures.temperature_c
     yield (
-        f"{check.arm}, {check.time_utc}, {len(report.checks)} checks since the base "
-        f"began" + ("" if warm is None else f", {warm:.1f} C")
+        f"{check.arm}, {check.time_utc}, "
+        f"{counted(len(report.checks), 'check')} since the base began"
+        + ("" if warm is None else f", {warm:.1f} C")
     )
     if report.acceptance is not None:
         yield f"beside the acceptance {report.acceptance}"

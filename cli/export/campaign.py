@@ -9,6 +9,7 @@ from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.lab.collection.collection import CollectedTouch, Collection, touch_of
 from traverse.lab.collection.plan import targets_of
+from traverse.plurals import counted
 from traverse.protocol.messages import Point
 from traverse.strict_toml.writing import write_atomically
 
@@ -47,9 +48,12 @@ def export_campaign(
 
 def campaign_words(report: dict[str, Any]) -> list[str]:
     """What `export_campaign` did, for people."""
-    said = [f"{report['folder']}: {report['poses']} poses"]
+    said = [f"{report['folder']}: {counted(report['poses'], 'pose')}"]
     if left_out := report["left_out"]:
-        said.append(f"{len(left_out)} points are left out, the first: {left_out[0]}")
+        said.append(
+            f"{counted(len(left_out), 'point', 'are')} left out, the first: "
+            f"{left_out[0]}"
+        )
     return said
 
 
@@ -72,7 +76,9 @@ def _touches(
             )
         if len(point.angles_rad) != n_joints:
             raise ValueError(
-                f"{name} has {len(point.angles_rad)} angles, but the arm has "
-                f"{n_joints} joints; give the arm file that it was taken with"
+                f"{name} has {counted(len(point.angles_rad), 'angle')}, but the arm "
+                "has "
+                f"{counted(n_joints, 'joint')}; give the arm file that it was taken "
+                "with"
             )
         yield touch_of(point, target, None, None)

@@ -13,6 +13,7 @@ from traverse.client.exports.point_table import Coordinates, PointTable
 from traverse.client.exports.sink import Sink
 from traverse.daemon.config.filters import AnyFilter, filter_chain
 from traverse.kinematics.filters import FilterChain, PointBlock
+from traverse.plurals import counted
 from traverse.protocol.messages import Point, QualityFlag
 from traverse.strict_toml.reader import StrictModel, read_strict
 from traverse.strict_toml.writing import replacing
@@ -83,8 +84,8 @@ def write_file(source: Path, path: Path, wanted: Wanted) -> dict[str, Any]:
 
 def file_words(source: Path, report: dict[str, Any]) -> list[str]:
     """What `write_file` did, for people."""
-    what = "points of scans" if report["kind"] == "scans" else "points"
-    said = [f"{report['file']}: {report['points']} {what}"]
+    what = " of scans" if report["kind"] == "scans" else ""
+    said = [f"{report['file']}: {counted(report['points'], 'point')}{what}"]
     said += [
         f"filter {one['filter']}: {one['points']} held back"
         for one in report["held_back"]

@@ -10,6 +10,7 @@ import typer
 
 from traverse.cli.options import Json, campaign_folder
 from traverse.cli.refusals import check_results, refusals, refuse
+from traverse.plurals import counted
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
@@ -218,7 +219,7 @@ class _Progress:
             f"iteration {self._n_told:3d}: misfit {misfit:.4g} sigma, "
             f"{iteration.rms_mm:.4g} mm rms, "
             f"step {iteration.step:.3g} sigma{shortened}, "
-            f"{iteration.n_determined} directions determined",
+            f"{counted(iteration.n_determined, 'direction')} determined",
             err=True,
         )
 

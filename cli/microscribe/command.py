@@ -9,6 +9,7 @@ import typer
 
 from traverse.cli.options import Force, Json
 from traverse.cli.refusals import check_target, refusals, refuse
+from traverse.plurals import counted
 
 UNREACHABLE = 3
 CONFIGURATION = """\
@@ -120,7 +121,7 @@ def arm_file(
         typer.echo(json.dumps(report, indent=1))
         return
     typer.echo(f"{said.name}, {said.framing.name} at {said.baud_rate} baud")
-    typer.echo(f"{out}: arm {arm.name} with {len(arm.joints)} joints")
+    typer.echo(f"{out}: arm {arm.name} with {counted(len(arm.joints), 'joint')}")
     typer.echo(f"{config}: measure with")
     typer.echo(f"    traverse run --config {config} --embedded-broker")
 

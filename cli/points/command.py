@@ -12,6 +12,7 @@ import typer
 from traverse.cli.options import Force
 from traverse.cli.points.resend import LAST, FromOption, ToOption, resend
 from traverse.cli.refusals import check_target, refusals, refuse
+from traverse.plurals import counted
 
 if TYPE_CHECKING:
     from sqlite3 import Connection
@@ -124,7 +125,7 @@ def export(
         report = {"file": str(out), "points": n, "unreadable": unreadable}
         typer.echo(json.dumps(report, indent=1))
     elif out is not None:
-        typer.echo(f"{out}: {n} points", err=True)
+        typer.echo(f"{out}: {counted(n, 'point')}", err=True)
     if unreadable:
         raise typer.Exit(1)
 

@@ -8,6 +8,7 @@ import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.refusals import client_errors, refuse
+from traverse.plurals import counted
 
 if TYPE_CHECKING:
     from traverse.client.mqtt.address import BrokerAddress
@@ -91,12 +92,14 @@ def _lines(answer: dict[str, Any]) -> list[str]:
         if not answer["blocks"]:
             return [f"the daemon has nothing of that of scan {answer['scan']}"]
         return [
-            f"{answer['blocks']} blocks of scan {answer['scan']} are sent again; the "
+            f"sent again: {counted(answer['blocks'], 'block')} of scan "
+            f"{answer['scan']}; the "
             f"daemon has points {answer['first_seq']} to {answer['last_seq']}"
         ]
     if answer["last_seq"] is None:
         return [f"the outbox has no points of session {answer['session']}"]
     return [
-        f"{answer['points']} points of session {answer['session']} are sent again; the "
-        f"outbox has {answer['first_seq']} to {answer['last_seq']}"
+        f"sent again: {counted(answer['points'], 'point')} of session "
+        f"{answer['session']}; the outbox has {answer['first_seq']} to "
+        f"{answer['last_seq']}"
     ]

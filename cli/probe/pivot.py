@@ -17,6 +17,7 @@ from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
 from traverse.kinematics.probing.pivot import Pivot, fit_pivot
 from traverse.lab.campaign.campaign import Campaign, read_campaign
+from traverse.plurals import counted
 from traverse.strict_toml.problems import FileError, Problem
 from traverse.strict_toml.writing import arm_text, write_atomically
 
@@ -67,8 +68,9 @@ class Check:
             for value, std in zip(pivot.vector_mm, std_mm, strict=True)
         )
         return [
-            f"{self.n} poses in {self.cone}: rms {pivot.rms_mm:.4f} mm (of the balls' "
-            f"distances from the seat), redundancy {pivot.redundancy}",
+            f"{counted(self.n, 'pose')} in {self.cone}: rms {pivot.rms_mm:.4f} mm (of "
+            "the "
+            f"balls' distances from the seat), redundancy {pivot.redundancy}",
             f"vector {shown} mm (standard deviations)",
             f"known  {', '.join(f'{value:.4f}' for value in self.known_mm)} mm",
             f"off by {self.off_mm:.4f} mm, {self.off_sigma:.1f} standard deviations",

@@ -11,6 +11,7 @@ import typer
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.options import Force
 from traverse.cli.refusals import UNREACHABLE, check_target, refusals, refuse
+from traverse.plurals import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -105,4 +106,4 @@ def _publish(points: "list[Point]", broker: "BrokerAddress") -> None:
     except OSError as error:
         typer.echo(f"traverse replay: broker {broker}: {error}", err=True)
         raise typer.Exit(UNREACHABLE) from error
-    typer.echo(f"{n} points published", err=True)
+    typer.echo(f"{counted(n, 'point')} published", err=True)

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 from traverse.daemon.replay.compare import Tally
 from traverse.daemon.replay.result import ReplayResult
+from traverse.plurals import counted
 
 
 def report_of(about: Mapping[str, str], result: ReplayResult) -> str:
@@ -40,7 +41,7 @@ def report_text(about: Mapping[str, str], result: ReplayResult) -> str:
             f"TRAVERSE_KERNEL={result.kernel_then} takes that one)"
         )
     lines = [
-        f"arm {about.get('arm')}, {result.samples} samples, kernel {kernel}",
+        f"arm {about.get('arm')}, {counted(result.samples, 'sample')}, kernel {kernel}",
         *_lines("points", result.points, result, is_same=is_same),
         *_lines("points of scans", result.scans, result, is_same=is_same),
     ]
@@ -48,26 +49,30 @@ def report_text(about: Mapping[str, str], result: ReplayResult) -> str:
     if early.n:
         lines.append(
             f"first seconds of a recording that began in the middle, not judged: "
-            f"{early.same} of {early.n} points the same"
+            f"{early.same} of {counted(early.n, 'point')} the same"
         )
     if result.excused:
         lines.append(
-            f"{result.excused} interpolated points: another covariance, as blocks are "
+            f"{counted(result.excused, 'interpolated point')}: another covariance, as "
+            "blocks are "
             "cut otherwise"
         )
     if result.left_out:
-        lines.append(f"{result.left_out} points of scans begun before: not compared")
+        said = counted(result.left_out, "point")
+        lines.append(f"{said} of scans begun before: not compared")
     if result.missing or result.missing_scan:
         told.append(
-            f"missing: {result.missing} points, {result.missing_scan} points of scans"
+            f"missing: {counted(result.missing, 'point')}, "
+            f"{counted(result.missing_scan, 'point')} of scans"
         )
     if result.new:
         told.append(
-            f"{result.new} points more than were published ({result.not_kept} could "
+            f"{counted(result.new, 'point')} more than published ({result.not_kept} "
+            "could "
             "not be kept then)"
         )
     if result.gaps:
-        told.append(f"{result.gaps} gaps: the disk did not keep up then")
+        told.append(f"{counted(result.gaps, 'gap')}: the disk did not keep up then")
     if result.tear is not None:
         told.append(f"the file is {result.tear}")
     verdict = "the same" if is_same else "within the tolerance"

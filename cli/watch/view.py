@@ -18,6 +18,7 @@ from traverse.client.display.figures import (
     label_words,
     place_mm,
 )
+from traverse.plurals import counted
 from traverse.protocol.messages import Event, Point
 from traverse.protocol.printable import printable
 
@@ -74,7 +75,7 @@ def _points(sight: ArmSight, system: System) -> RenderableType:
         table.add_row(*_row(point, system), style=style)
     lost = f", {sight.lost_points} lost" if sight.lost_points else ""
     old = "" if sight.is_online else ", not of now"
-    title = f"{len(points)} points{lost}{old}, {SYSTEMS[system]}"
+    title = f"{counted(len(points), 'point')}{lost}{old}, {SYSTEMS[system]}"
     return Group(Text(title, style="bold"), table)
 
 
@@ -102,7 +103,8 @@ def _health(sight: ArmSight) -> RenderableType:
     )
     outbox = health.outbox
     return Text(
-        f"{devices}; broker {health.broker.state}; {outbox.points} points kept, "
+        f"{devices}; broker {health.broker.state}; {counted(outbox.points, 'point')} "
+        "kept, "
         f"{outbox.unsent} to be sent; {health.cpu_share:.0%} of a core, "
         f"{health.rss_bytes / 1e6:.0f} MB",
         style="dim",

@@ -8,6 +8,7 @@ import numpy as np
 
 from traverse.arrays import Integers
 from traverse.client.display.figures import flag_words
+from traverse.plurals import counted
 from traverse.protocol.messages import (
     REMARKS,
     Alarm,
@@ -66,7 +67,7 @@ class ScanProgress:
     @property
     def text(self) -> str:
         """For people."""
-        words = f"{self.points:,} points, {self.lost or 'none'} lost"
+        words = f"{counted(self.points, 'point')}, {self.lost or 'none'} lost"
         doubt = f", {self.in_doubt:,} in doubt" if self.in_doubt else ""
         return f"{'Scanning' if self.runs else 'Scan ended'}: {words}{doubt}"
 

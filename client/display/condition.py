@@ -6,6 +6,7 @@ from typing import Literal
 
 from traverse.client.display.arm_state import ArmSight
 from traverse.client.display.figures import flag_words
+from traverse.plurals import counted
 from traverse.protocol.messages import Alarm, Event
 
 Level = Literal["good", "busy", "warning", "bad"]
@@ -135,7 +136,7 @@ def _conditions(sight: ArmSight) -> Iterator[Verdict]:
                 "bad", "No points", "Points cannot be kept on disk.", "Free the disk."
             )
         elif health.outbox.unsent > UNSENT_WARNING:
-            told = f"{health.outbox.unsent} points wait for the broker."
+            told = f"{counted(health.outbox.unsent, 'point', 'wait')} for the broker."
             yield Verdict("warning", "Wait", told, "They are safe on the arm's disk.")
     if live is not None and not live.quality.ok and not sight.is_stale:
         if live.quality.flags == ("overspeed",):  # matters for points, not for moving

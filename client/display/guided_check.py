@@ -14,6 +14,7 @@ from traverse.kinematics.fits import (
     off_sphere,
     spread_about_mean,
 )
+from traverse.plurals import counted
 from traverse.protocol.messages import Label, Point
 
 
@@ -99,7 +100,7 @@ class GuidedCheck:
     def verdict(self) -> tuple[Level, str]:
         """Whether it passed; nothing passes without a limit."""
         if not self.is_done:
-            return "busy", f"{len(self.points)} of {self.wanted} points"
+            return "busy", f"{len(self.points)} of {counted(self.wanted, 'point')}"
         doubtful = sum(not point.quality.ok for point in self.points)
         if doubtful:
             return "warning", f"No verdict: {doubtful} of the points in doubt."

@@ -6,6 +6,7 @@ from html import escape
 import numpy as np
 
 from traverse.client.display.arm_state import SECTORS, ArmSight
+from traverse.plurals import counted
 
 WORDS = {"ready": "good", "connected": "good", "starting": "warning"}
 
@@ -32,7 +33,10 @@ def health_table(sight: ArmSight) -> str:
         ]
     broker, outbox = health.broker, health.outbox
     rows.append(_row("broker", state(broker.state), f"{broker.host}:{broker.port}"))
-    waits = f"{outbox.points} points kept, {outbox.unsent} wait for the broker"
+    waits = (
+        f"{counted(outbox.points, 'point')} kept, {outbox.unsent} waiting for the "
+        "broker"
+    )
     rows.append(_row("disk", state(outbox.state), waits))
     names = {
         "capture_to_publish": "trigger to handing over",

@@ -18,6 +18,7 @@ from traverse.client.page.health_tables import alarm_list, health_table
 from traverse.client.page.points_panel import PointsPanel
 from traverse.client.page.readout import Choices, Figures
 from traverse.client.page.setup_bar import SetupBar
+from traverse.plurals import counted
 from traverse.protocol.messages import Point
 
 HERE = Path(__file__).parent
@@ -243,7 +244,8 @@ class OperatorPage:
         answer = "New session"
         if n:
             answer, _ = await self._dialogs.ask(
-                f"Begin a new session with an empty list? It has {n} points now.",
+                "Begin a new session with an empty list? It has "
+                f"{counted(n, 'point')} now.",
                 ("New session",),
                 more="They stay on the arm's disk, and here: Earlier session shows "
                 "them again.",

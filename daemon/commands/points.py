@@ -24,6 +24,7 @@ from traverse.daemon.measurement import Measurement
 from traverse.daemon.points.averaging import MAX_AVERAGING_NS
 from traverse.daemon.pose.probe_library import read_probes
 from traverse.drivers.base.values import DeviceError
+from traverse.plurals import counted
 from traverse.protocol.messages import (
     AlignArgs,
     LabelArgs,
@@ -150,7 +151,7 @@ class PointCommands:
         ):
             raise RequestRefusedError(
                 "command.bad_args",
-                f"{args.samples} samples take longer than "
+                f"{counted(args.samples, 'sample', 'take')} longer than "
                 f"{MAX_AVERAGING_NS * 1e-9:g} s at the {rate_hz:g} Hz in use",
                 "average fewer samples, or while a faster scan runs",
             )

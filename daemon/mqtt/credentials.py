@@ -15,6 +15,7 @@ from pathlib import Path
 from traverse.broker.credential import CREDENTIAL, credential_file
 from traverse.broker.tls import tls_context
 from traverse.daemon.config.schema import BrokerSection
+from traverse.plurals import counted
 from traverse.strict_toml.problems import Problem
 
 MAX_FILE_BYTES = 1 << 20
@@ -144,7 +145,8 @@ def _password(address: BrokerAddress) -> str | None:
         # Not `from` it: a UnicodeDecodeError holds the password.
         raise CredentialsError(key, f"{path} is no text in UTF-8") from None
     if not 1 <= len(content) <= MAX_PASSWORD_BYTES:
-        text = f"holds {len(content)} bytes; a password has 1 to {MAX_PASSWORD_BYTES}"
+        said = counted(len(content), "byte")
+        text = f"holds {said}; a password has 1 to {MAX_PASSWORD_BYTES}"
         raise CredentialsError(key, f"{path} {text}")
     return password
 

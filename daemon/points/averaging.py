@@ -13,6 +13,7 @@ from traverse.arrays import Floats
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.pose.poses import LatchedPose, PoseBlock
 from traverse.kinematics.effects.base.block import Block
+from traverse.plurals import counted
 from traverse.protocol.messages import QualityFlag
 
 MAX_AVERAGING_NS = 60_000_000_000
@@ -219,7 +220,8 @@ class SampleAverage:
         ):
             wanted = "" if self._samples is None else f" of {self._samples}"
             raise CaptureRefusedError(
-                f"{self.n}{wanted} samples were averaged, then no more arrived",
+                f"{counted(self.n, 'sample', 'were')} averaged{wanted}, then no more "
+                "arrived",
                 "see the device's events; average fewer samples, or for a shorter time",
             )
 

@@ -25,6 +25,7 @@ from traverse.kinematics.uncertainty.arm_covariance import (
     parameter_names,
     read_arm_covariance,
 )
+from traverse.plurals import counted
 from traverse.protocol.messages.point import Compensation
 from traverse.strict_toml.problems import FileError, Problem
 
@@ -248,7 +249,7 @@ class ArmModel:
             if channel >= len(moduli_counts):
                 found.append(
                     f"joint {joint + 1} of the arm is on channel {channel}, but "
-                    f"{device} has {len(moduli_counts)} channels, from 0"
+                    f"{device} has {counted(len(moduli_counts), 'channel')}, from 0"
                 )
                 continue
             given = (*identity.counts_per_turn, *[None] * len(moduli_counts))[channel]

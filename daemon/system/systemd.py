@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterable, Mapping
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.monitoring.events import EventLog
 from traverse.drivers.base.heartbeat import Heartbeat
+from traverse.plurals import counted
 
 ABSTRACT = "@"  # how the name of a socket outside the file system begins
 
@@ -120,7 +121,7 @@ class StatusLine:
         ready = sum(state == "ready" for state in devices.values())
         since = {name: self._time(name, state) for name, state in devices.items()}
         broker_since = self._time("broker/", broker)
-        parts = [f"{ready} device{'s' * (ready != 1)}"]
+        parts = [counted(ready, "device")]
         parts += [
             f"{name} {state} since {since[name]}"
             for name, state in devices.items()
@@ -129,7 +130,7 @@ class StatusLine:
         if broker != "connected":
             parts.append(f"broker {broker} since {broker_since}")
         if waiting:
-            parts.append("1 point waits" if waiting == 1 else f"{waiting} points wait")
+            parts.append(counted(waiting, "point", "wait"))
         return f"{doing}: {', '.join(parts)}"
 
     def _time(self, name: str, state: str) -> str:

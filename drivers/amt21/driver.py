@@ -12,6 +12,7 @@ from traverse.drivers.amt21.line import Amt21Line, TimedValue
 from traverse.drivers.amt21.options import Amt21Options
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
 from traverse.drivers.polling.polled_driver import PolledDriver
+from traverse.plurals import counted
 from traverse.protocol import amt21
 
 TURNS_CHECK_NS = 1_000_000_000  # in between, whole turns are counted by the host
@@ -115,7 +116,8 @@ class Amt21Driver(PolledDriver[Amt21Line]):
         if known.time_ns is not None and count != self._nearest(known, position.count):
             self._fault(
                 "turns_corrected",
-                f"{known.name} reports {turns} whole turns, unlike the count",
+                f"{known.name} reports {counted(turns, 'whole turn')}, unlike the "
+                "count",
                 "check a known point before measuring on",
             )
             known.reset()

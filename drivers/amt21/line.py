@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from traverse.drivers.base.values import DeviceError
 from traverse.drivers.io.ports import BytePort
 from traverse.drivers.polling.channel import ReadError
+from traverse.plurals import counted
 from traverse.protocol import amt21
 
 ECHO_TRIES = 4
@@ -112,7 +113,7 @@ class Amt21Line:
                 'check baud rate and wiring, or set echo = "yes" or "no"',
             )
         raise DeviceError(
-            f"nothing answers at {len(addresses)} addresses",
+            f"nothing answers at {counted(len(addresses), 'address')}",
             "check power, wires A and B, addresses and baud rate",
         )
 

@@ -15,6 +15,7 @@ from traverse.drivers.canopen.options import CanOpenOptions
 from traverse.drivers.canopen.sdo import NodeError, NodeSdo
 from traverse.drivers.canopen.sync_cycles import SyncCycleAssembler
 from traverse.drivers.io.can_bus import CanBus
+from traverse.plurals import counted
 from traverse.protocol.canopen import frames as wire
 from traverse.protocol.canopen import objects
 from traverse.protocol.canopen.errors import decode_error
@@ -212,7 +213,8 @@ class NodeSupervisor:
         if lost:
             self.report_fault(
                 "samples_lost",
-                f"{lost} samples lost: no node answered, or no SYNC was sent",
+                f"{counted(lost, 'sample')} lost: no node answered, or no SYNC was "
+                "sent",
                 "lower the rate; check the load of bus and computer",
                 lost,
             )

@@ -19,6 +19,7 @@ from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
 from traverse.drivers.latch_board.line import PartialReads
 from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.drivers.timing.stream_sequence import StreamSequence
+from traverse.plurals import counted
 from traverse.protocol import latch_board as wire
 
 # The maker's own bits of a status byte are unspecified warnings.
@@ -219,7 +220,8 @@ class LatchBoardSession:
             return True
         self._fault(
             "channels_changed",
-            f"{len(counts)} channels in a frame of a board with {self._n_channels}",
+            f"{counted(len(counts), 'channel')} in a frame of a board with "
+            f"{self._n_channels}",
             "update the board's firmware",
             1,
         )
@@ -229,7 +231,7 @@ class LatchBoardSession:
         if lost:
             self._fault(
                 "samples_lost",
-                f"{lost} samples lost between board and host",
+                f"{counted(lost, 'sample')} lost between board and host",
                 "lower the rate, or use a faster line",
                 lost,
             )

@@ -25,6 +25,7 @@ from traverse.drivers.microscribe.session import (
 from traverse.drivers.polling.alarms import ReadErrorLog
 from traverse.drivers.polling.channel import IMPLAUSIBLE
 from traverse.drivers.polling.sampling import SampleBlockBuilder, SampleSchedule
+from traverse.plurals import counted
 
 PEDAL_HZ = 100.0  # a press is seen in two packets; least rate of requests
 SILENCE_NS = 500_000_000
@@ -183,7 +184,7 @@ class MicroscribeDriver(Driver):
             self._lost_samples = 0
             self._fault(
                 "samples_lost",
-                f"{lost} samples lost between {session.arm.name} and host",
+                f"{counted(lost, 'sample')} lost between {session.arm.name} and host",
                 "lower the rate, or check cable and adapter",
                 lost,
             )

@@ -6,6 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from traverse.drivers.polling.alarms import Condition
 from traverse.drivers.polling.polled_driver import PolledOptions
+from traverse.plurals import counted
 from traverse.protocol.modbus import PositionRegisters
 
 FIXED_SILENCE_ABOVE_BAUD = 19_200
@@ -68,7 +69,8 @@ class ModbusEncoder(BaseModel):
     def _check_range(self) -> "ModbusEncoder":
         if self.modulus > 2**32:
             raise ValueError(
-                f"{self.counts_per_turn} counts per turn in {self.turns} turns are "
+                f"{self.counts_per_turn} counts per turn in "
+                f"{counted(self.turns, 'turn', 'are')} "
                 "more than 2^32 counts; lower turns, they are taken modulo"
             )
         if self.status_register is None and (self.error_mask or self.warning_mask):

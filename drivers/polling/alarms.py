@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from traverse.drivers.base.values import DeviceAlarm, DeviceError, DeviceFault
 from traverse.drivers.polling.channel import UNCONFIRMED, PolledChannel, ReadError
+from traverse.plurals import counted
 
 REPORT_INTERVAL_NS = 200_000_000  # so often at most, together
 
@@ -48,7 +49,8 @@ class ReadErrorLog:
         if all(channel.missing for channel in channels):
             miss = self._last[0]
             raise DeviceError(
-                f"none of the {len(channels)} encoders of {self._device} can be read: "
+                f"none of {counted(len(channels), 'encoder')} of {self._device} can "
+                "be read: "
                 f"{channels[0].name} {miss.text}",
                 miss.remedy,
             )

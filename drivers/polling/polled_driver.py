@@ -27,6 +27,7 @@ from traverse.drivers.polling.sampling import (
     SampleSchedule,
     sample_of_readings,
 )
+from traverse.plurals import counted
 
 FIRST_CYCLES = 8  # to get acquainted, and to learn how long a cycle takes
 LENGTHS = 256  # of polling, that are stored
@@ -218,7 +219,8 @@ class PolledDriver(Driver, Generic[LineT]):
         if skipped:
             self._fault(
                 "samples_lost",
-                f"{skipped} samples lost because reading {self.device} took too long",
+                f"{counted(skipped, 'sample')} lost because reading {self.device} "
+                "took too long",
                 "lower the rate; see the counters for encoders that do not answer",
                 skipped,
             )

@@ -20,6 +20,7 @@ from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.values import DeviceUp, Identity, LatchedCounts
+from traverse.plurals import counted
 
 LOOK_S = 0.5  # at least so often
 RETRY_S = 0.02  # while edges wait for room
@@ -227,7 +228,7 @@ class TriggerDriver(Driver):
     def _lose_edges(self, count: int, why: str) -> None:
         self._fault(
             "edges_lost",
-            f"{count} edges or more of {self.device} were lost: {why}",
+            f"{counted(count, 'edge')} or more of {self.device} lost: {why}",
             "repeat the last points",
             count,
         )

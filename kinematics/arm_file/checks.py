@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind
+from traverse.plurals import counted
 from traverse.strict_toml.problems import (
     Problem,
     numbers_in,
@@ -93,7 +94,9 @@ def _knot_problems(where: str, effect: Mapping[str, Any]) -> Iterator[Problem]:
     if knots is None:
         return
     if len(knots) < 2:
-        yield Problem(f"{where}.knots", f"has {len(knots)} entries; 2 are needed")
+        yield Problem(
+            f"{where}.knots", f"has {counted(len(knots), 'entry')}; 2 are needed"
+        )
     elif any(after <= before for before, after in pairwise(knots)):
         yield Problem(f"{where}.knots", f"{shown(effect['knots'])} does not increase")
     if (
@@ -103,7 +106,8 @@ def _knot_problems(where: str, effect: Mapping[str, Any]) -> Iterator[Problem]:
     ):
         yield Problem(
             f"{where}.values_rad",
-            f"has {len(values)} entries for {len(knots)} knots; one each is needed",
+            f"has {counted(len(values), 'entry')} for {counted(len(knots), 'knot')}; "
+            "expected one each",
         )
 
 

@@ -13,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.plurals import counted
 
 _MOST_STEPS = 200
 # Steps, in extents of the points: below the first, sums of squares are equal but for
@@ -191,7 +192,7 @@ def checked_points(points_mm: Floats, at_least: int) -> Floats:
         raise ValueError("points hold values that are not finite; leave those out")
     if len(points_mm) < at_least:
         raise ValueError(
-            f"{len(points_mm)} points given, at least {at_least} are needed; "
+            f"{counted(len(points_mm), 'point')} given, expected at least {at_least}; "
             "measure more"
         )
     return points_mm

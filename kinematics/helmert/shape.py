@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.plurals import counted
 
 Kind = Literal["none", "one place", "line", "plane", "space"]
 
@@ -90,4 +91,4 @@ def direction_text(direction: Floats) -> str:
 
 
 def _points(n: int) -> str:
-    return "one common point" if n == 1 else f"{n} common points"
+    return counted(n, "common point")

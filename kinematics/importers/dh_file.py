@@ -19,6 +19,7 @@ from pydantic import Field
 from traverse.kinematics.effect_table import Vector
 from traverse.kinematics.importers.dh import DHTable
 from traverse.kinematics.importers.urdf import roll_pitch_yaw
+from traverse.plurals import counted
 from traverse.strict_toml.problems import (
     FileError,
     Problem,
@@ -307,7 +308,7 @@ def _parse_csv(text: str, source: str, units: Units) -> DHFile:
     rows: list[DHRow] = []
     for number, cells in body:
         if len(cells) != len(keys):
-            what = f"has {len(cells)} cells; the header has {len(keys)}"
+            what = f"has {counted(len(cells), 'cell')}; the header has {len(keys)}"
             problems.append(Problem(f"line {number}", what))
             continue
         values = dict(zip(keys, cells, strict=True))

@@ -16,6 +16,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.importers.urdf import Body, ChainJoint, moved_body, transform
+from traverse.plurals import counted
 from traverse.strict_toml.problems import (
     FileError,
     Problem,
@@ -221,9 +222,7 @@ class _Reading:
         numbers = [float(word) for word in words if _NUMBER.fullmatch(word)]
         good = len(words) == len(numbers) == len(default)
         if not good or not all(abs(number) < _LARGEST for number in numbers):
-            expected = (
-                f"{len(default)} number{'s' if len(default) > 1 else ''} below 1e6"
-            )
+            expected = f"{counted(len(default), 'number')} below 1e6"
             what = f"<{element.tag}> {key} = {shown(text)}: expected {expected}"
             self._refuse(element, what)
             return default

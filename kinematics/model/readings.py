@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.arrays import Booleans, Floats, Integers
+from traverse.plurals import counted
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
@@ -241,7 +242,7 @@ class Unwrapper:
             expected = "(n_samples, n_joints)" if dimensions == 2 else "(n_joints,)"
             raise ValueError(
                 f"counts have shape {counts.shape}, expected {expected} with "
-                f"{n_joints} joints"
+                f"{counted(n_joints, 'joint')}"
             )
         return counts.astype(np.int64) % self._wraps + self._offsets
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.plurals import counted
 
 _LEAST_POSES = 4
 # Of the smallest singular value to the largest: below, the poses hardly differ.
@@ -51,7 +52,8 @@ def fit_pivot(vector_mm: Floats, centres_mm: Floats, by_vector: Floats) -> Pivot
     """
     n = len(centres_mm)
     if n < _LEAST_POSES:
-        raise ValueError(f"{n} poses in the cone, expected at least {_LEAST_POSES}")
+        said = counted(n, "pose")
+        raise ValueError(f"{said} in the cone, expected at least {_LEAST_POSES}")
     # Unknowns: the change of p, and the seat relative to the mean of the balls.
     mean_mm = centres_mm.mean(axis=0)
     seats = np.broadcast_to(-np.eye(3), (n, 3, 3))

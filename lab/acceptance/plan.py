@@ -26,6 +26,7 @@ from traverse.lab.acceptance.standards import (
 from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.lab.collection.plan import PLAN, read_plan
 from traverse.lab.measured_points.measurement import reach_of
+from traverse.plurals import counted
 from traverse.strict_toml.problems import FileError, Problem
 from traverse.strict_toml.writing import write_atomically
 
@@ -270,7 +271,10 @@ def write_plan(plan: Plan, standard: str, folder: Path) -> dict[str, Any]:
 
 def plan_words(report: Mapping[str, Any]) -> list[str]:
     """What was written, and what there is to do."""
-    counts = [f"{report[what]} {what}" for what in ("artefacts", "steps", "touches")]
+    counts = [
+        counted(report[f"{what}{end}"], what)
+        for what, end in (("artefact", "s"), ("step", "s"), ("touch", "es"))
+    ]
     folder = report["folder"]
     return [
         ", ".join(counts),

@@ -36,6 +36,7 @@ from traverse.lab.alignment.result import (
     point_p_value,
 )
 from traverse.lab.alignment.touches import Touch, stated_covariances
+from traverse.plurals import counted
 
 _AXES = ("along the line", "across the line", "off the plane")
 
@@ -253,8 +254,8 @@ def _groups(touches: Sequence[Touch], nominal: Nominal) -> list[list[Touch]]:
         group = [touch for touch in touches if name in touch.names]
         if len(group) < least:
             problems.append(
-                f"the {what} '{name}' has {len(group)} touches, at least {least} are "
-                "needed"
+                f"the {what} '{name}' has {counted(len(group), 'touch')}, expected at "
+                f"least {least}"
             )
         groups.append([replace(touch, names=(name,)) for touch in group])
     if problems:

@@ -13,6 +13,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.fits import fit_sphere
+from traverse.plurals import counted
 from traverse.protocol.messages import Point
 from traverse.strict_toml.problems import FileError, Problem, shown
 
@@ -258,11 +259,12 @@ def places_by_name(
         groups.setdefault(name, []).append(touch)
     remarks = []
     if nameless:
-        remarks.append(f"{nameless} touches have no name and are left out")
+        remarks.append(f"left out: {counted(nameless, 'touch')} without a name")
     if unknown:
         remarks.append(
-            f"{unknown} touches have names that the other side does not know, and are "
-            "left out"
+            f"left out: {counted(unknown, 'touch')} with a name that the other side "
+            "does "
+            "not know"
         )
     for name, group in groups.items():
         flags = sorted({flag for touch in group for flag in touch.flags})

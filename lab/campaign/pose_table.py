@@ -15,6 +15,7 @@ import numpy as np
 
 from traverse.arrays import Floats, Integers
 from traverse.lab.campaign.csv_rows import csv_rows
+from traverse.plurals import counted
 from traverse.strict_toml.problems import (
     FileError,
     Problem,
@@ -119,7 +120,7 @@ def row_problems(
     for line, cells in enumerate(rows, first_line):
         where = f"line {line}"
         if len(cells) != len(columns.names):
-            found = "is empty" if not cells else f"has {len(cells)} columns"
+            found = "is empty" if not cells else f"has {counted(len(cells), 'column')}"
             expected = f"expected {len(columns.names)}, as in the header"
             if len(cells) > len(columns.names):
                 expected += "; decimal commas need ';' or tabs between the columns"

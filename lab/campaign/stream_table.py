@@ -20,6 +20,7 @@ from traverse.kinematics.model.readings import (
     encoders_from_arm,
 )
 from traverse.lab.campaign.pose_table import PoseTable
+from traverse.plurals import counted
 from traverse.recording.reader import read_recording
 from traverse.recording.values import Recording
 from traverse.strict_toml.problems import FileError, Problem, unknown_name_message
@@ -270,12 +271,12 @@ def _notes(recording: Recording, since_s: Floats) -> Iterator[str]:
     """Yield what is not as it should be, but no reason to refuse."""
     if recording.tear is not None:
         n = len(recording.samples)
-        yield f"{recording.tear}; the {n} samples before that are used"
+        yield f"{recording.tear}; what is used before that: {counted(n, 'sample')}"
     gaps_s = np.diff(since_s)
     n_long = int(np.count_nonzero(gaps_s > _LONG_GAP_S))
     if n_long:
         yield (
-            f"{n_long} gaps of more than {_LONG_GAP_S} s, the longest "
+            f"{counted(n_long, 'gap')} of more than {_LONG_GAP_S} s, the longest "
             f"{float(gaps_s.max()):.3g} s: a joint that turned by half a turn "
             "meanwhile is taken to be a turn off"
         )

@@ -18,6 +18,7 @@ import numpy as np
 
 from traverse.lab.campaign.campaign_file import CampaignFile
 from traverse.lab.collection.plan import PlanFile, Target
+from traverse.plurals import counted
 from traverse.protocol.messages import Point
 from traverse.strict_toml.problems import FileError, Problem
 from traverse.strict_toml.writing import write_atomically
@@ -166,8 +167,8 @@ class Collection:
         touch = CollectedTouch(**entry)
         if len(touch.angles_rad) != len(self.joint_names):
             raise ValueError(
-                f"{len(touch.angles_rad)} angles, but the arm has "
-                f"{len(self.joint_names)} joints"
+                f"{counted(len(touch.angles_rad), 'angle')}, but the arm has "
+                f"{counted(len(self.joint_names), 'joint')}"
             )
         if self.target(touch.artefact, touch.feature) is None:
             name = f"{touch.artefact} {touch.feature}".strip()

@@ -18,6 +18,7 @@ from traverse.lab.measured_points.measurement import (
     fitted_sphere,
     reach_of,
 )
+from traverse.plurals import counted
 
 FEWEST_CONE, FEWEST_SPHERE = 5, 9
 SIZE_MM = 1.0
@@ -129,7 +130,8 @@ def daily_check_figures(measured: Measurement) -> DailyCheckFigures:
         (ball, len(touched), FEWEST_SPHERE),
     ):
         if n < fewest:
-            raise IncompleteError(f"{name}: {n} touches, expected {fewest} or more")
+            said = counted(n, "touch")
+            raise IncompleteError(f"{name}: {said}, expected {fewest} or more")
     scatter, found = articulation_of(seat), fitted_sphere(sphere, touched, ball)
     off_mm = off_seat(seat.places_mm, seat.places_mm)
     if scatter.largest_mm > PLAUSIBLE_MM:

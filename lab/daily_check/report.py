@@ -11,6 +11,7 @@ from traverse.lab.acceptance.conformity.limits import NO_LIMITS, Limits
 from traverse.lab.daily_check.control_chart import ChartPoint, charted, rules
 from traverse.lab.daily_check.figures import KINDS, FigureKind
 from traverse.lab.daily_check.history import Check, since_base
+from traverse.plurals import counted
 from traverse.strict_toml.problems import FileError, Problem
 
 SCHEMA = "traverse/interim/1"
@@ -191,7 +192,8 @@ def _remarks(
             found.append("the sphere is another than at the check before")
     if len(checks) < 3:
         found.append(
-            f"{len(checks)} checks since the base began: the charts judge from the "
+            f"{counted(len(checks), 'check')} since the base began: the charts judge "
+            "from the "
             "third on"
         )
     if certificate is not None:

@@ -18,6 +18,7 @@ from traverse.lab.artefacts.parallel_planes import ParallelPlanes
 from traverse.lab.artefacts.points import Points
 from traverse.lab.artefacts.seats import Seats
 from traverse.lab.artefacts.sphere import Sphere
+from traverse.plurals import counted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -238,7 +239,8 @@ def certified_length(artefact: Artefact) -> tuple[float, float]:
     if isinstance(artefact, Points) and isinstance(artefact.points_mm, dict):
         if len(artefact.points_mm) != 2 or artefact.frame != "own":
             raise IncompleteError(
-                f'{artefact.id}: has {len(artefact.points_mm)} points, frame = "'
+                f"{artefact.id}: has {counted(len(artefact.points_mm), 'point')}, "
+                'frame = "'
                 f'{artefact.frame}"; a length has two points with frame = "own"'
             )
         first, second = (np.array(at) for at in artefact.points_mm.values())

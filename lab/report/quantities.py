@@ -58,11 +58,6 @@ def length_mm(value_mm: float) -> str:
     return f"{value_mm:.{digits}f} mm"
 
 
-def counted(count: int, noun: str) -> str:
-    """Write a number with its noun: `1 pose`, `2 poses`."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
-
-
 def often(times: int) -> str:
     """Write how often: `once`, `twice`, `3 times`."""
     return {1: "once", 2: "twice"}.get(times, f"{times} times")

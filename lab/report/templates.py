@@ -12,6 +12,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from traverse.lab.report import quantities
+from traverse.plurals import counted
 
 _LAB = Path(__file__).parents[1]
 Filters = dict[str, Callable[..., Any]]
@@ -20,7 +21,7 @@ _FILTERS: Filters = {
     "number": quantities.number,
     "quantity": quantities.quantity,
     "length_mm": quantities.length_mm,
-    "counted": quantities.counted,
+    "counted": counted,
     "often": quantities.often,
     "probability": quantities.probability,
     "probability_of_log": quantities.probability_of_log,

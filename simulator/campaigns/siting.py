@@ -6,6 +6,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.plurals import counted
 from traverse.simulator.arm.physics import Mechanism, probe_pose
 from traverse.simulator.campaigns.artefacts import Artefact
 from traverse.simulator.campaigns.artefacts.artefact import (
@@ -55,7 +56,8 @@ def misfits(spec: CampaignSpec, arm: Arm) -> Iterator[Problem]:
     ):
         if given is not None and len(given) != len(joints):
             message = (
-                f"has {len(given)} entries; the arm has {len(joints)} joints, "
+                f"has {counted(len(given), 'entry')}; the arm has "
+                f"{counted(len(joints), 'joint')}, "
                 f"{', '.join(joints)}; give one for each"
             )
             yield Problem(key, message)

@@ -11,6 +11,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, field_validator
 
+from traverse.plurals import counted
 from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
 
@@ -52,7 +53,10 @@ class Amt21Table(SerialTable):
         """Report what does not match the arm file's encoders on this line."""
         n_joints = len(counts_per_turn)
         if n_joints != len(self.addresses):
-            text = f"{len(self.addresses)} given for the {n_joints} joints on this line"
+            text = (
+                f"{len(self.addresses)} given for {counted(n_joints, 'joint')} on "
+                "this line"
+            )
             yield "addresses", text
         for channel, counts in enumerate(counts_per_turn):
             if counts != 1 << self.bits:

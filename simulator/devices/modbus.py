@@ -16,6 +16,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, field_validator
 
+from traverse.plurals import counted
 from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
 
@@ -83,7 +84,10 @@ class ModbusTable(SerialTable):
     ) -> Iterator[tuple[str, str]]:
         """Report what does not match the arm file's encoders on this line."""
         if len(counts_per_turn) != len(self.addresses):
-            text = f"{len(self.addresses)} given for {len(counts_per_turn)} joints"
+            text = (
+                f"{len(self.addresses)} given for "
+                f"{counted(len(counts_per_turn), 'joint')}"
+            )
             yield "addresses", text
         most = 1 << 16 * self.words
         for channel, counts in enumerate(counts_per_turn):

@@ -16,6 +16,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
+from traverse.plurals import counted
 from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
 from traverse.simulator.scenario.faults import StatusFault
@@ -48,7 +49,9 @@ class RlsTable(SerialTable):
     ) -> Iterator[tuple[str, str]]:
         """Report what does not match the arm file's encoders on these ports."""
         if len(counts_per_turn) != len(self.ports):
-            text = f"{len(self.ports)} given for {len(counts_per_turn)} joints"
+            text = (
+                f"{len(self.ports)} given for {counted(len(counts_per_turn), 'joint')}"
+            )
             yield "ports", text
         for channel, counts in enumerate(counts_per_turn):
             if counts != 1 << self.bits:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.plurals import counted
 from traverse.simulator.motions.stage import CourseBuilder, IsClear, UnreachableError
 from traverse.simulator.scenario.script import ScriptEvent
 
@@ -93,8 +94,8 @@ def solve_contacts(stage: CourseBuilder, contacts: list[Contact]) -> Floats:
     if not np.all(reached):
         missed = [_shown(centres_mm[i]) for i in np.flatnonzero(~reached)]
         raise UnreachableError(
-            f"{len(missed)} of {len(contacts)} contacts cannot be reached: ball "
-            f"centres {', '.join(missed[:4])} mm; bring them nearer, or allow the "
+            f"{len(missed)} of {counted(len(contacts), 'contact')} cannot be reached: "
+            f"ball centres {', '.join(missed[:4])} mm; bring them nearer, or allow the "
             "shank to lean more (operator.tilt_rad)"
         )
     return postures

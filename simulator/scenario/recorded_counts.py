@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from traverse.arrays import Floats, Integers
+from traverse.plurals import counted
 from traverse.strict_toml.problems import FileError, Problem
 
 INPUTS = ("button", "switch")
@@ -107,7 +108,9 @@ def read_recording(path: Path) -> Recording:
     for number, row in enumerate(rows[1:], start=2):
         try:
             if len(row) != len(header):
-                raise ValueError(f"{len(row)} cells, the header has {len(header)}")
+                raise ValueError(
+                    f"{counted(len(row), 'cell')}, the header has {len(header)}"
+                )
             time_s, *counts = float(row[0]), *(int(cell) for cell in row[1:])
             if not np.isfinite(time_s) or (times_s and time_s <= times_s[-1]):
                 raise ValueError(f"time_s {row[0]} is not later than the row before")
@@ -119,7 +122,9 @@ def read_recording(path: Path) -> Recording:
             times_s.append(time_s)
             values.append(counts)
     if not problems and len(values) < 2:
-        problems.append(Problem("", f"{len(values)} rows of counts; needs 2 or more"))
+        problems.append(
+            Problem("", f"{counted(len(values), 'row')} of counts; needs 2 or more")
+        )
     if problems:
         raise FileError(str(path), problems)
     table = np.array(values, dtype=np.int64)

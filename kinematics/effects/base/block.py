@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.effects.base.covariate import Covariate, Need
+from traverse.plurals import counted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +120,8 @@ class Block:
             return None
         return (
             f"{need.covariate.value} is unknown in {np.count_nonzero(unknown)} of "
-            f"{len(self)} samples, the first is number {int(np.argmax(unknown))}"
+            f"{counted(len(self), 'sample')}, the first is number "
+            f"{int(np.argmax(unknown))}"
         )
 
     def _column(self, need: Need) -> NDArray[Any] | None:

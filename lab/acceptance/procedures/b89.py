@@ -24,6 +24,7 @@ from traverse.lab.measured_points.measurement import (
     Measurement,
     articulation_of,
 )
+from traverse.plurals import counted
 
 ZONES = {"near": (0.0, 0.2), "middle": (0.2, 0.8), "far": (0.8, 1.0)}
 N_BARS = 20
@@ -154,4 +155,5 @@ def _bar_remarks(measured: Measurement, found: Sequence[LengthError]) -> Iterato
     places = [measured.of(error.artefact).places_mm.mean(axis=0) for error in found]
     octants = {tuple((place > measured.shoulder_mm).tolist()) for place in places}
     if len(octants) < 4:
-        yield f"the bars' middles lie in {len(octants)} octants about the shoulder"
+        said = counted(len(octants), "octant")
+        yield f"the bars' middles lie in {said} about the shoulder"

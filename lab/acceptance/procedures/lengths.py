@@ -30,6 +30,7 @@ from traverse.lab.measured_points.measurement import (
     growth,
     warmer_c,
 )
+from traverse.plurals import counted
 
 _LEAST_PER_PLANE = 3
 SET = 3
@@ -98,8 +99,9 @@ def _pairs(
         ends = [touched.of(name) for name in names]
         if len(ends[0]) != len(ends[1]):
             raise IncompleteError(
-                f"{artefact.id}: seat {names[0]} was touched {len(ends[0])} times, "
-                f"seat {names[1]} {len(ends[1])} times; expected as often"
+                f"{artefact.id}: seat {names[0]} was touched "
+                f"{counted(len(ends[0]), 'time')}, "
+                f"seat {names[1]} {counted(len(ends[1]), 'time')}; expected as often"
             )
         return [
             (ends[0].part([row]), ends[1].part([row])) for row in range(len(ends[0]))
@@ -107,7 +109,8 @@ def _pairs(
     runs = touched.runs()
     if len(runs) % 2:
         raise IncompleteError(
-            f"{artefact.id}: {len(runs)} runs of touches, ending with feature "
+            f"{artefact.id}: {counted(len(runs), 'run')} of touches, ending with "
+            "feature "
             f"{runs[-1].features[0]}; expected one of each feature in every repeat"
         )
     pairs = []
@@ -143,8 +146,8 @@ def _between_planes_mm(
     for part in (first, second):
         if len(part) < _LEAST_PER_PLANE:
             raise IncompleteError(
-                f"{where}: {len(part)} points on face {part.features[0]}, expected at "
-                f"least {_LEAST_PER_PLANE}"
+                f"{where}: {counted(len(part), 'point')} on face {part.features[0]}, "
+                f"expected at least {_LEAST_PER_PLANE}"
             )
     middles_mm = [part.places_mm.mean(axis=0) for part in (first, second)]
     within_mm = np.concatenate(
@@ -197,7 +200,7 @@ def length_sets(
             errors = errors_of(measured, name, key, limits)
             if len(errors) not in times:
                 raise IncompleteError(
-                    f"{name}: was measured {len(errors)} times, expected "
+                    f"{name}: was measured {counted(len(errors), 'time')}, expected "
                     f"{', or '.join(times.values())}"
                 )
         except IncompleteError as error:

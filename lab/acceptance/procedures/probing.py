@@ -31,6 +31,7 @@ from traverse.lab.measured_points.measurement import (
     growth,
     warmer_c,
 )
+from traverse.plurals import counted
 
 SIZE = (
     "25 points on a calibrated sphere, least-squares sphere (c, r) of them: "
@@ -61,10 +62,12 @@ def refuse_another_count(touched: ArtefactTouches, wanted: int, what: str) -> No
     """
     if len(touched) < wanted:
         missing = wanted - len(touched)
-        raise IncompleteError(f"{what}: {missing} of {wanted} points are missing")
+        raise IncompleteError(
+            f"{what}: {counted(missing, 'point', 'are')} missing of {wanted}"
+        )
     if len(touched) > wanted:
         raise IncompleteError(
-            f"{what}: {len(touched)} points, expected {wanted}; take "
+            f"{what}: {counted(len(touched), 'point')}, expected {wanted}; take "
             f"{len(touched) - wanted} out"
         )
 

@@ -15,6 +15,7 @@ from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.model.result import Alternative
 from traverse.lab.diagnosis.search.naming import NamedTerm
+from traverse.plurals import counted
 
 # Evidence that takes a name out of the printed set, as natural logarithm.
 _SETTLED = float(np.log(100.0))
@@ -235,7 +236,7 @@ def _poses_in_words(
     names = " and ".join(other.candidate.name for other in others)
     known = known_pair(own, others[0].candidate, rows)
     instead = "" if known is None else f"; or {known.experiment}"
-    poses = "1 more pose" if n == 1 else f"{n} more poses"
+    poses = counted(n, "more pose")
     return (
         f"To tell {own.name} from {names}: {poses} {where}, "
         f"{mostly}at {campaign.artefacts[best].id}, bring the chance of a wrong name "

@@ -8,6 +8,7 @@ from traverse.arrays import Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.lab.campaign.campaign import Campaign, Poses
 from traverse.lab.diagnosis.model.result import Term
+from traverse.plurals import counted
 
 # Waves that repeat more often are drawn one upon the other.
 _MOST_PERIODS = 6
@@ -66,7 +67,9 @@ def covariate_of(
         return DrawnCovariate(label, values, joint is not None, away)
     periods = _periods(term)
     if periods > _MOST_PERIODS and name == f"{joint}_rad":
-        label = f"reading of {joint} within one of {periods:.4g} periods [degrees]"
+        label = (
+            f"reading of {joint} within one of {counted(periods, 'period')} [degrees]"
+        )
         values = np.mod(values, 360.0 / periods)
     one_direction = row.family is Family.SLOW and joint is None
     return DrawnCovariate(label, values, row.is_function, plain, one_direction)

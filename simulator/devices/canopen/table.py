@@ -5,6 +5,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from traverse.plurals import counted
 from traverse.simulator.devices.table import DeviceTable
 
 NodeNumber = Annotated[int, Field(ge=1, le=127)]
@@ -63,7 +64,10 @@ class CanOpenTable(DeviceTable):
         """Report what does not match the encoders of the arm file."""
         n = len(counts_per_turn)
         if self.nodes and len(self.nodes) != n:
-            yield "nodes", f"{len(self.nodes)} given, the arm file has {n} encoders"
+            yield (
+                "nodes",
+                f"{len(self.nodes)} given, the arm file has {counted(n, 'encoder')}",
+            )
         if len(set(self.nodes)) < len(self.nodes):
             yield "nodes", "a number is given twice; use the fault 'duplicate' for that"
         if self.told_counts_per_turn and len(self.told_counts_per_turn) != n:

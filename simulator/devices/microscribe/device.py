@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from traverse.plurals import counted
 from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.microscribe import box as wire
 from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
@@ -118,7 +119,9 @@ class MicroscribeTable(SerialTable):
         """Report what does not match the arm file's encoders on this arm."""
         most = wire.ENCODERS[self.hci][3]
         if len(counts_per_turn) > most:
-            text = f"{self.hci} has {most} encoders at most; the arm file has "
+            text = (
+                f"{self.hci} has at most {counted(most, 'encoder')}; the arm file has "
+            )
             yield "hci", f"{text}{len(counts_per_turn)} here"
         for channel, counts in enumerate(counts_per_turn):
             if counts > MOST_COUNTS:

@@ -99,7 +99,7 @@ async def test_a_stream_that_stops_ends_a_mean_with_the_reason(bench):
     bench.stream(40, 45)
     bench.take(DeviceLost("base", "gone", "plug it in"))
     bench.later(1.0)
-    with pytest.raises(RequestRefusedError, match="of 20 samples were averaged"):
+    with pytest.raises(RequestRefusedError, match="averaged of 20, then"):
         await asking
 
 

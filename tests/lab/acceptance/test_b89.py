@@ -66,7 +66,7 @@ def test_nine_touches_are_too_few():
     (missing,) = of_kind(
         articulation(cones({"far": np.zeros((9, 3))}), limits()), Missing
     )
-    assert missing.what == ("spat-far: 1 of 10 points are missing",)
+    assert missing.what == ("spat-far: 1 point is missing of 10",)
 
 
 def bars(errors_mm):

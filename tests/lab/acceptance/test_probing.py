@@ -102,7 +102,7 @@ def test_budget_of_a_diameter_by_hand():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda places: places[:-2], "2 of 25 points are missing"),
+        (lambda places: places[:-2], "2 points are missing of 25"),
         (lambda places: np.concatenate([places, places[:1]]), "take 1 out"),
         (lambda places: places * [1, 1, 0], "one plane"),
     ],

@@ -61,7 +61,7 @@ def test_flags_of_touches_are_told():
     given = [touch("A", (0, 0, 0), flags=("fast",)), Touch((), np.zeros(3))]
     _, remarks = places_by_name(given, None, std_mm=None, spheres=False)
     assert "A: touches carry flags: fast" in remarks
-    assert "1 touches have no name and are left out" in remarks
+    assert "left out: 1 touch without a name" in remarks
 
 
 def test_centres_of_spheres_are_fitted():

@@ -6,7 +6,8 @@ import pytest
 from jinja2 import UndefinedError
 
 from traverse.lab.report import templates
-from traverse.lab.report.quantities import counted, often, shown_unit
+from traverse.lab.report.quantities import often, shown_unit
+from traverse.plurals import counted
 
 WORDS = """\
 {% macro two(name) %}
