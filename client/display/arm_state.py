@@ -67,7 +67,8 @@ class ScanProgress:
     @property
     def text(self) -> str:
         """For people."""
-        words = f"{counted(self.points, 'point')}, {self.lost or 'none'} lost"
+        noun = counted(self.points, "point").split()[-1]
+        words = f"{self.points:,} {noun}, {self.lost or 'none'} lost"
         doubt = f", {self.in_doubt:,} in doubt" if self.in_doubt else ""
         return f"{'Scanning' if self.runs else 'Scan ended'}: {words}{doubt}"
 
