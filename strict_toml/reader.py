@@ -16,7 +16,6 @@ from traverse.strict_toml.problems import (
     Problem,
     in_file_order,
     problem_from_error,
-    shown,
     toml_table,
     toml_text,
 )
@@ -80,17 +79,22 @@ def parse_strict(
         value = model.model_validate(tuples_for_lists(raw))
     except ValidationError as error:
         errors = error.errors(include_url=False)
-        other = next((e for e in errors if e["loc"] == ("schema",)), None)
-        if other is not None and other["type"] == "literal_error":
+        wanted = next((e["ctx"]["expected"] for e in errors if _is_schema(e)), None)
+        found = str(raw.get("schema"))
+        kind = found.rpartition("/")[0]
+        if wanted and kind.startswith("traverse/") and f"{kind}/" not in wanted:
             # Whatever else is in it belongs to that other kind.
-            kind, wanted = shown(raw["schema"]), other["ctx"]["expected"]
-            told = f"this is a file {kind}; expected {wanted}"
+            told = f"this is a file {found!r}; expected {wanted}"
             raise FileError(source, [Problem("schema", told)]) from error
         problems = [*problems, *_model_problems(model, raw, errors, problems)]
         raise FileError(source, in_file_order(problems, raw)) from error
     if problems:
         raise FileError(source, in_file_order(problems, raw))
     return value
+
+
+def _is_schema(error: Mapping[str, Any]) -> bool:
+    return (error["loc"], error["type"]) == (("schema",), "literal_error")
 
 
 def _model_problems(
