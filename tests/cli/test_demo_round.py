@@ -63,7 +63,7 @@ def test_a_perfect_arm_on_a_long_bar_shows_the_bars_deviation() -> None:
         measured.add_point(taken, taken.time_ns + 9_000_000)  # delivered again
     assert measured.rounds == 1
     text = "\n".join(measured.summary())
-    assert "measured 1 round(s), 48 points" in text
+    assert "measured 1 round, 48 points" in text
     assert "length 800.2500 mm, certificate 800.0000 mm, deviation +0.2500 mm" in text
     assert "radius 50.8000 mm, certificate 50.8000 mm, deviation " in text
     assert "form rms 0.0000 mm" in text
@@ -98,7 +98,7 @@ def test_a_scan_with_a_gap_tells_its_rate_and_what_is_missing() -> None:
 
 
 def test_nothing_measured_is_told_too() -> None:
-    assert Round().summary() == ["measured 0 round(s), 0 points"]
+    assert Round().summary() == ["measured 0 rounds, 0 points"]
 
 
 @pytest.mark.parametrize(("host", "port"), [("127.0.0.1", 1883), ("::1", 65535)])

@@ -70,7 +70,7 @@ def test_a_broker_that_is_not_there_and_a_wrong_name_are_told():
     [
         ({}, True, ["3 of 3 points the same to the last bit", "the same"]),
         ({"points": Tally(n=3, same=2)}, False, ["2 of 3 points", "NOT the same"]),
-        ({"missing": 1}, False, ["missing: 1 points", "NOT the same"]),
+        ({"missing": 1}, False, ["missing: 1 point,", "NOT the same"]),
         (
             {"kernel_now": "numpy", "points": Tally(n=3, same=0, within=3)},
             True,
@@ -80,7 +80,7 @@ def test_a_broker_that_is_not_there_and_a_wrong_name_are_told():
         (
             {"new": 2, "not_kept": 1, "gaps": 1, "tear": "torn after 7 bytes: x"},
             True,
-            ["2 points more", "(1 could not be kept then)", "1 gaps", "torn after 7"],
+            ["2 points more", "(1 could not be kept then)", "1 gap:", "torn after 7"],
         ),
         ({"early": Tally(n=4, same=3)}, True, ["not judged: 3 of 4"]),
         ({"excused": 5, "left_out": 9}, True, ["5 interpolated", "9 points of scans"]),

@@ -5,10 +5,13 @@ import importlib
 import json
 import re
 import tomllib
+from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from tests.docs.pages import PAGES, name_of
+from traverse.cli.__main__ import app
 
 _BLOCK = re.compile(
     r"^ *```(?P<language>python|toml|json)\n(?P<text>.*?)^ *```$", re.DOTALL | re.M
@@ -28,6 +31,21 @@ def of(language: str) -> list[tuple[str, str]]:
 @pytest.mark.parametrize(("page", "text"), of("toml"))
 def test_toml_can_be_read(page: str, text: str) -> None:
     assert tomllib.loads(text), page
+
+
+@pytest.mark.parametrize(
+    ("page", "text"),
+    [
+        (page, text)
+        for page, text in of("toml")
+        if re.search(r'"traverse/(acceptance-limits|probes|collection-plan)/', text)
+    ],
+)
+def test_files_of_ours_are_valid(page: str, text: str, tmp_path: Path) -> None:
+    path = tmp_path / "shown.toml"
+    path.write_text(text, "utf-8")
+    result = CliRunner().invoke(app, ["check", str(path)])
+    assert result.exit_code == 0, (page, result.output)
 
 
 @pytest.mark.parametrize(("page", "text"), of("json"))

@@ -110,7 +110,7 @@ def test_joints_may_be_on_several_devices(tmp_path):
     # Each device is asked only for its own joints.
     assert model.mismatches_with("wrist", device((1, 1 << 23))) == []
     (missing,) = model.mismatches_with("wrist", device((1 << 23,)))
-    assert "joint 3 of the arm is on channel 1, but wrist has 1 channels" in missing
+    assert "joint 3 of the arm is on channel 1, but wrist has 1 channel" in missing
 
 
 def test_a_modulus_must_be_whole_turns_and_a_channel_there(tmp_path):

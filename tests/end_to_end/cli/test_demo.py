@@ -50,7 +50,7 @@ async def measure_some_seconds(folder: Path) -> None:
     with Program(folder, "seconds", "demo", "--for", "10", "--no-page") as demo:
         assert await demo.ended(45.0) == 0
         assert " point " in demo.output
-        assert "measured 0 round(s)" in demo.output
+        assert "measured 0 rounds" in demo.output
         assert demo.log == ""
 
 
@@ -59,7 +59,7 @@ async def measure_until_ctrl_c(folder: Path) -> None:
     with Program(folder, "interrupted", "demo", "--rate", "250") as demo:
         await until(lambda: demo.output.count(" point ") > 2, "three points", 30.0)
         assert await demo.stop(signal.SIGINT) == 0
-        assert "measured 0 round(s)" in demo.output
+        assert "measured 0 rounds" in demo.output
         assert "latency" in demo.output
         assert "250." in demo.output
         assert "Traceback" not in demo.log

@@ -139,7 +139,7 @@ async def test_on_a_terminal_it_is_a_display(resting: Workbench) -> None:
 
             await until(lambda: shows(b"Ready to measure."), "a display")
             await listener.command(PointArgs())
-            await until(lambda: shows(b"1 points"), "the point on the display")
+            await until(lambda: shows(b"1 point"), "the point on the display")
             process.send_signal(signal.SIGINT)
             await until(
                 lambda: shows(b"") and process.returncode is not None, "its end"

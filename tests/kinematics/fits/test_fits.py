@@ -80,7 +80,7 @@ def of_radius_one(points):
 @pytest.mark.parametrize(
     ("points", "message"),
     [
-        (np.eye(3), "3 points given, at least 4"),
+        (np.eye(3), "3 points given, expected at least 4"),
         (np.empty((0, 3)), "0 points given"),
         (np.ones((5, 2)), "shape"),
         (np.full((5, 3), np.nan), "not finite"),

@@ -271,7 +271,7 @@ def test_a_gross_error_stands_out_at_its_point():
 @pytest.mark.parametrize(
     ("points", "said"),
     [
-        ([[1.0, 2, 3]], "one common point"),
+        ([[1.0, 2, 3]], "1 common point"),
         ([[1.0, 2, 3]] * 4, "in one place: all three rotations"),
         ([[0.0, 0, 0], [0, 700, 0]], r"2 common points on one line.*\(0.000, 1.000, 0"),
         ([[0.0, 0, 0], [1, 1, 0], [2, 2, 0], [9, 9, 0]], r"\(0.707, 0.707, 0.000\)"),

@@ -178,7 +178,7 @@ def test_impossible_encoders_are_refused(counts_per_turn, signs, zeros_rad, what
 
 def test_counts_of_another_number_of_joints_are_refused():
     unwrapper = Unwrapper(one_encoder(1000))
-    with pytest.raises(ValueError, match="with 1 joints"):
+    with pytest.raises(ValueError, match="with 1 joint"):
         unwrapper.unwrap(np.zeros((4, 2), dtype=np.int64))
     with pytest.raises(ValueError, match="n_joints"):
         unwrapper.near(np.zeros((1, 1), dtype=np.int64))

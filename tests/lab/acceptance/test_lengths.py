@@ -82,7 +82,7 @@ def test_parallel_planes_by_hand():
 @pytest.mark.parametrize(
     ("features", "message"),
     [
-        (["1"] * 8, "1 runs of touches, ending with feature 1"),
+        (["1"] * 8, "1 run of touches, ending with feature 1"),
         (["1"] * 6 + ["2"] * 2, "2 points on face 2"),
     ],
 )

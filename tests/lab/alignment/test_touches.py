@@ -40,7 +40,7 @@ def test_repeated_touches_are_a_mean_whose_error_is_not_divided():
     assert found["A"].spread_mm == pytest.approx(0.1)
     np.testing.assert_allclose(found["A"].covariance_mm2, 0.01 * np.eye(3))
     assert remarks == [
-        "1 touches have names that the other side does not know, and are left out"
+        "left out: 1 touch with a name that the other side does not know"
     ]
 
 

@@ -228,7 +228,9 @@ def test_mistakes_of_a_list_of_points_are_named(folder, grid, what):
 @pytest.mark.parametrize("name", ["campaign.toml", "poses.csv", "grid.csv"])
 def test_a_missing_file_is_named(folder, name):
     (folder / name).unlink()
-    with pytest.raises(FileError, match=rf"{name}: 1 problem\n.*cannot be read"):
+    # No poses yet is how every campaign begins.
+    told = "no poses yet" if name == "poses.csv" else rf"{name}: 1 problem\n.*cannot be"
+    with pytest.raises(FileError, match=told):
         read_campaign(folder, ["J1", "J2"])
 
 

@@ -144,7 +144,7 @@ def test_gaps_divide_and_long_ones_are_noted(tmp_path):
     rows = set((found.poses.time_s / 0.005).round().astype(int).tolist())
     assert rows == {*range(4, 46), *range(174, 396)}
     (note,) = found.notes
-    assert "1 gaps of more than 0.5 s, the longest 0.605 s" in note
+    assert "1 gap of more than 0.5 s, the longest 0.605 s" in note
 
 
 def test_a_torn_recording_is_used_up_to_the_tear(tmp_path):
