@@ -32,6 +32,7 @@ from traverse.daemon.store.records import (
     StoreStatistics,
     StoreStatus,
 )
+from traverse.plurals import counted
 
 log = logging.getLogger("traverse.daemon.outbox")
 T = TypeVar("T")
@@ -279,7 +280,9 @@ class ResilientDatabase:
         ]
         if is_new or n_taken:
             begun = "a new one has been begun, " if is_new else ""
-            parts.append(f"{begun}with {n_taken} points that had not been sent")
+            parts.append(
+                f"{begun}with {counted(n_taken, 'point')} that had not been sent"
+            )
         if self._unsent.n_lost:
             parts.append(f"{self._unsent.n_lost} more of those cannot be read")
         if store.n_missing:
