@@ -216,8 +216,10 @@ def compose(
         else:
             button_scans.request("start" if action == "scan" else "stop")
 
-    loop = asyncio.get_running_loop()
-    devices = [open_device(section, loop) for section in configuration.device]
+    devices = [
+        open_device(section, asyncio.get_running_loop())
+        for section in configuration.device
+    ]
     sinks = Sinks(
         events,
         steps.following(outbox.put_point),
@@ -248,6 +250,7 @@ def compose(
         )
 
     def broker_changed(connected: bool, text: str) -> None:
+        others.connected(connected)
         if connected:
             publisher.publish("status", status(True))
         events.change(

@@ -13,8 +13,11 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.protocol.encoding import Encoding, decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Status
+from traverse.protocol.topics import status_topic
 
 CODE = "broker.second_daemon"
+UNREAD = "broker.status_unread"
+UNREAD_NS = 10_000_000_000
 MAX_SESSIONS = 1000
 AWAY_S = 60.0
 """How long the one of the two that gives way stays away."""
@@ -43,6 +46,13 @@ class SecondDaemonWatch:
         self._retained = 0
         self._other = ""
         self._seen_ns = 0
+        self._unread_since_ns: int | None = None
+        self._has_read = False
+
+    def connected(self, is_connected: bool) -> None:
+        """The connection was made, and our status is on its way; or it was lost."""
+        waits = is_connected and not self._has_read
+        self._unread_since_ns = self._clock.monotonic_ns() if waits else None
 
     def sending(self, status: Status) -> Status:
         """Remember a status as ours; gives it back."""
@@ -52,6 +62,7 @@ class SecondDaemonWatch:
 
     def receive(self, payload: bytes, *, retained: bool) -> None:
         """A status of this arm has arrived, perhaps our own."""
+        self._unread_since_ns, self._has_read = None, True
         try:
             status = decode(Status, payload, self._encoding)
         except MessageError:
@@ -84,8 +95,25 @@ class SecondDaemonWatch:
         return AWAY_S if gives_way and str(self._own[0]) > self._other else 0.0
 
     def poll(self) -> None:
-        """Report its end after some minutes without a status of it."""
-        if self._other and self._clock.monotonic_ns() - self._seen_ns > OVER_NS:
+        """Report its end after some minutes without a status of it.
+
+        Also, once, that no status is received at all, not even our own: many brokers
+        accept a subscription and withhold what their access list does not allow.
+        """
+        now_ns, since_ns = self._clock.monotonic_ns(), self._unread_since_ns
+        if since_ns is not None and now_ns - since_ns > UNREAD_NS:
+            self._unread_since_ns, self._has_read = None, True
+            topic = status_topic(self._arm)
+            self._events.report(
+                "warning",
+                UNREAD,
+                f"the broker does not let this daemon read {topic}: a second daemon of "
+                "this arm would not be noticed",
+                source="broker",
+                remedy=f"allow the daemon's account to read and write {topic} in the "
+                "broker's access list, as deploy/mosquitto/acl does",
+            )
+        if self._other and now_ns - self._seen_ns > OVER_NS:
             self._other, self._retained = "", 0
             text = f"no other daemon reports as arm {self._arm} any more"
             self._events.change(False, "error", CODE, text, source="broker")

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from paho.mqtt.client import MQTTMessage
+from paho.mqtt.reasoncodes import ReasonCode
 
 from traverse.daemon.mqtt.client import BrokerClient
 
@@ -62,11 +63,13 @@ class CommandSubscriber:
         await self._flooded.wait()
 
     async def _subscribe(self, client: BrokerClient) -> None:
-        for code in await client.subscribe(self._subscriptions):
+        codes: Sequence[int | ReasonCode] = await client.subscribe(self._subscriptions)
+        for (topic, _), code in zip(self._subscriptions, codes, strict=True):
             if (code if isinstance(code, int) else code.value) >= REFUSED_SUBSCRIPTION:
                 log.warning(
-                    "the broker refuses the subscription to commands (%s); correct its "
+                    "the broker refuses the subscription to %s (%s); correct its "
                     "access list",
+                    topic,
                     code,
                 )
 

@@ -5,7 +5,12 @@ import pytest
 from tests.daemon.values import SetClock
 from tests.protocol.message_examples import STATUS
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.mqtt.second_daemon import AWAY_S, CODE, SecondDaemonWatch
+from traverse.daemon.mqtt.second_daemon import (
+    AWAY_S,
+    CODE,
+    UNREAD,
+    SecondDaemonWatch,
+)
 from traverse.protocol.encoding import encode
 
 
@@ -54,6 +59,20 @@ def test_own_sessions_are_no_others():
     rig.hear("m")
     rig.watch.receive(b"no status", retained=False)
     assert rig.active() == []
+
+
+@pytest.mark.parametrize("is_heard", [True, False])
+def test_a_status_that_cannot_be_read_is_reported_once(is_heard):
+    rig = Rig()
+    for _ in range(2):
+        rig.watch.connected(True)
+        if is_heard:
+            rig.hear("m")
+        for _ in range(3):
+            rig.clock.now_ns += 6 * 10**9
+            rig.watch.poll()
+        rig.watch.connected(False)
+    assert [event.code for event in rig.events] == ([] if is_heard else [UNREAD])
 
 
 @pytest.mark.parametrize(("other", "away_s"), [("a", AWAY_S), ("z", 0.0)])

@@ -7,7 +7,8 @@ import pytest
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import REST, Workbench
-from traverse.daemon.mqtt.second_daemon import CODE
+from tests.mosquitto import Mosquitto
+from traverse.daemon.mqtt.second_daemon import CODE, UNREAD
 
 pytestmark = pytest.mark.needs("mosquitto")
 
@@ -32,6 +33,24 @@ async def test_two_daemons_of_one_arm_are_reported(
                 assert "end one of the two" in event.remedy
                 assert await second.stop() == 0
             assert await simulator.stop() == 0
+
+
+async def test_a_daemon_that_may_not_read_its_status_says_so(tmp_path: Path) -> None:
+    acl = tmp_path / "old.acl"
+    acl.write_text("topic write traverse/#\npattern read traverse/+/cmd/+\n", "utf-8")
+    broker = Mosquitto(tmp_path, acl=acl)
+    broker.start()
+    try:
+        bench = Workbench(tmp_path, broker.host, broker.port)
+        bench.write_simulator(REST)
+        bench.write_daemon()
+        with bench.simulator() as simulator, bench.daemon() as daemon:
+            await daemon.says(UNREAD, 40.0)
+            assert f"read and write traverse/{bench.arm}/status" in daemon.log
+            assert await daemon.stop() == 0
+            assert await simulator.stop() == 0
+    finally:
+        broker.stop()
 
 
 async def test_a_daemon_that_is_started_again_is_not_another_one(
