@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import aiomqtt
+from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.reasoncodes import ReasonCode
 
 from traverse.broker.diagnosing_client import ConnectionClosedError
@@ -42,6 +43,8 @@ _OF_TLS = (
     ("UNKNOWN_CA", f"it does not trust {{who}}'s certificate; {_SIGN}"),
     ("BAD_CERTIFICATE", f"it does not trust {{who}}'s certificate; {_SIGN}"),
 )
+_LOST = (MQTTErrorCode.MQTT_ERR_NO_CONN, MQTTErrorCode.MQTT_ERR_CONN_LOST)
+CUT_OFF = "the connection was cut; the broker has ended, or the network between"
 _CUT = "it cuts the connection; does it require a certificate_file that it trusts?"
 
 
@@ -96,7 +99,12 @@ def reason_of(error: BaseException, address: Address, wording: Wording) -> str:
 
 
 def reason_code(error: aiomqtt.MqttCodeError) -> int | None:
-    """The number that a broker gives as its reason, of MQTT 5 or 3.1.1."""
+    """The number that a broker gives as its reason, of MQTT 5 or 3.1.1.
+
+    None where the library gives one of its own, which may be the same number.
+    """
+    if isinstance(error.rc, MQTTErrorCode):
+        return None
     return error.rc.value if isinstance(error.rc, ReasonCode) else error.rc
 
 
@@ -142,6 +150,8 @@ def _known(error: BaseException | None, address: Address, wording: Wording) -> s
 
 
 def _of_code(error: aiomqtt.MqttCodeError, address: Address, wording: Wording) -> str:
+    if isinstance(error.rc, MQTTErrorCode) and error.rc in _LOST:
+        return CUT_OFF
     code = reason_code(error)
     if code == _BANNED:
         return "it has banned this client; see its log"

@@ -18,7 +18,7 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
-from traverse.broker.reasons import Wording, reason_code
+from traverse.broker.reasons import CUT_OFF, Wording, reason_code
 from traverse.broker.reasons import reason_of as connect_error_text
 from traverse.daemon.mqtt.client import (
     BrokerClient,
@@ -45,7 +45,7 @@ WORDING = Wording(
 )
 # Why a connection has ended; paho gives 128 where it was cut.
 _DISCONNECT_REASONS = {
-    128: "the connection was cut; the broker has ended, or the network between",
+    128: CUT_OFF,
     137: "the broker is too busy",
     139: "the broker is shutting down",
     141: "nothing was received for longer than keepalive_s of [broker]",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import aiomqtt
 import pytest
+from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.reasoncodes import ReasonCode
 
@@ -101,6 +102,20 @@ def test_a_refused_account_is_told_with_what_was_shown(code, door, words):
     for error in (aiomqtt.MqttCodeError(code), refused_with(code + 130)):
         assert words in told(error, **door)
         assert is_refusal(error)
+
+
+@pytest.mark.parametrize("code", MQTTErrorCode)
+def test_a_code_of_the_library_is_none_of_the_protocol(code):
+    """They share numbers: 4 is a lost connection there, and a bad password here."""
+    error = aiomqtt.MqttCodeError(code, "could not publish")
+    assert "account" not in told(error)
+    assert "banned" not in told(error)
+    assert not is_refusal(error)
+
+
+def test_a_connection_that_is_gone_was_cut():
+    for code in (MQTTErrorCode.MQTT_ERR_NO_CONN, MQTTErrorCode.MQTT_ERR_CONN_LOST):
+        assert told(aiomqtt.MqttCodeError(code)).startswith("the connection was cut")
 
 
 def test_a_ban_is_a_refusal():
