@@ -21,6 +21,14 @@ radius_mm = 3.0
 vector_mm = [0.0, 0.0, 50.0]
 kind = "hard"
 """
+NOMINAL = """\
+schema = "traverse/nominal/1"
+[[points]]
+name = "A"
+x_mm = 10.0
+y_mm = 20.0
+z_mm = 0.0
+"""
 
 
 def check(text: str | bytes, folder: Path, *options: str) -> Result:
@@ -38,6 +46,7 @@ def check(text: str | bytes, folder: Path, *options: str) -> Result:
         ((DATA / "simulator.toml").read_text("utf-8"), "simulator's configuration"),
         (DAEMON.format(rest=DEVICE), "daemon's configuration"),
         (PROBES, "probe library"),
+        (NOMINAL, "nominal places"),
     ],
 )
 def test_good_files_are_told_by_what_they_are(
@@ -83,6 +92,7 @@ def test_all_mistakes_of_an_arm_file_are_told_at_once(tmp_path: Path) -> None:
         ("", "is empty; expected an arm file"),
         ('schema = "traverse/simulator/1"', "motion: is missing"),
         ("[arm]\nfile = 1", "arm.file: 1 is not a string"),
+        ('schema = "traverse/nominal/1"\npoint = 1', "point: "),
         (DAEMON.format(rest=""), "device[0].driver: is missing"),
     ],
 )
