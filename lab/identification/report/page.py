@@ -52,6 +52,9 @@ _FILTERS: Filters = {
     "most_travel_deg": lambda result: float(
         np.degrees(np.max(np.ptp(result.campaign.poses.angles_rad, axis=0)))
     ),
+    "rms_all_mm": lambda result: float(
+        np.sqrt(np.nanmean(result.statistics.misclosures_mm**2))
+    ),
     "degrees": lambda angles_rad: np.degrees(angles_rad).tolist(),
 }
 WORDS = Words("identification/report/words.jinja", **_FILTERS)

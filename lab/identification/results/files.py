@@ -136,9 +136,15 @@ def identification_json(result: Identification) -> dict[str, Any]:
 
 
 def _artefact(entry: ArtefactResult) -> dict[str, Any]:
-    values: dict[str, Any] = {"n": entry.n_poses, "rms_mm": entry.rms_mm}
+    values: dict[str, Any] = {
+        "n": entry.n_poses,
+        "rms_mm": entry.rms_mm,
+        "n_all": entry.n_all,
+        "rms_all_mm": entry.rms_all_mm,
+    }
     if entry.mean_distance_mm is not None:
         values["mean_distance_mm"] = entry.mean_distance_mm
+        values["mean_distance_all_mm"] = entry.mean_distance_all_mm
     for length in entry.lengths:
         values[length.name] = {"value": length.value_mm, "std": length.std_mm}
     values["place"] = dict(entry.place)

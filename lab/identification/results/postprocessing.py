@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from traverse.arrays import Floats
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm, Probe
-from traverse.lab.artefacts.artefact import Length
+from traverse.lab.artefacts.artefact import Artefact, Length
 from traverse.lab.identification.equations.network import Station
 from traverse.lab.identification.equations.parameters import ArmValues
 from traverse.lab.identification.equations.station_equations import rms_mm
@@ -192,16 +192,19 @@ def _artefact_result(
     factor: float,
 ) -> ArtefactResult:
     artefact = station.artefact
-    own_mm = found.misclosures_mm[station.poses, : artefact.rows_per_pose]
-    distances_mm = np.linalg.norm(own_mm, axis=1)
+    poses = adjustment.network.campaign.poses
+    everyone = np.flatnonzero(poses.artefacts == station.index)
+    rms_mm, mean_distance_mm = _sizes(found, station.poses, artefact)
+    rms_all_mm, mean_distance_all_mm = _sizes(found, everyone, artefact)
     return ArtefactResult(
         id=artefact.id,
         kind=artefact.kind,
         n_poses=len(station.poses),
-        rms_mm=float(np.sqrt(np.mean(own_mm**2))),
-        mean_distance_mm=float(distances_mm.mean())
-        if artefact.kind == "points"
-        else None,
+        rms_mm=rms_mm,
+        mean_distance_mm=mean_distance_mm,
+        n_all=len(everyone),
+        rms_all_mm=rms_all_mm,
+        mean_distance_all_mm=mean_distance_all_mm,
         lengths=tuple(
             _estimated_length(adjustment, at, length, factor)
             for length in artefact.lengths(adjustment.state.unknowns[at])
@@ -209,6 +212,17 @@ def _artefact_result(
         contact_mm=float(adjustment.network.noise.contact_mm[station.index]),
         place=artefact.place(adjustment.state.unknowns[at]),
     )
+
+
+def _sizes(
+    found: PoseStatistics, poses: Integers, artefact: Artefact
+) -> tuple[float, float | None]:
+    """Say the rms of some misclosures, and of known points the mean length."""
+    own_mm = found.misclosures_mm[poses, : artefact.rows_per_pose]
+    rms_mm = float(np.sqrt(np.mean(own_mm**2)))
+    if artefact.kind != "points":
+        return rms_mm, None
+    return rms_mm, float(np.linalg.norm(own_mm, axis=1).mean())
 
 
 def _estimated_length(

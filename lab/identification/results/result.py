@@ -64,8 +64,11 @@ class ArtefactResult:
         id: As in the campaign.
         kind: As in the campaign.
         n_poses: That took part.
-        rms_mm: Root mean square of scalar misclosures.
+        rms_mm: Root mean square of scalar misclosures of the poses that took part.
         mean_distance_mm: Mean length of the misclosures of known points, else None.
+        n_all: Poses that were measured.
+        rms_all_mm: As `rms_mm`, of all poses, the excluded ones too.
+        mean_distance_all_mm: As `mean_distance_mm`, likewise.
         lengths: As estimated.
         contact_mm: Standard deviation of a contact that was used.
         place: Where it stands in the arm's system, by the keys of its kind.
@@ -76,6 +79,9 @@ class ArtefactResult:
     n_poses: int
     rms_mm: float
     mean_distance_mm: float | None
+    n_all: int
+    rms_all_mm: float
+    mean_distance_all_mm: float | None
     lengths: tuple[EstimatedLength, ...]
     contact_mm: float
     place: Mapping[str, Any]

@@ -103,7 +103,13 @@ def test_identification_json_follows_the_contract(folders):
     assert set(parameter) == {"name", "value", "unit", "std", "controllability"}
     assert 0.0 < parameter["controllability"] <= 1.0
     assert values["undetermined"] == []
-    assert values["artefacts"]["cone-0"].keys() == {"n", "rms_mm", "place"}
+    cone, net = values["artefacts"]["cone-0"], values["artefacts"]["net"]
+    assert cone.keys() == {"n", "rms_mm", "n_all", "rms_all_mm", "place"}
+    hurt = [a for a in values["artefacts"].values() if a["n_all"] > a["n"]]
+    assert [
+        (a["n_all"] - a["n"], a["rms_all_mm"] > 2.0 * a["rms_mm"]) for a in hurt
+    ] == [(1, True)]
+    assert net["mean_distance_all_mm"] >= net["mean_distance_mm"]
     distance = values["artefacts"]["bar"]["distance_mm"]
     assert distance["value"] == pytest.approx(400.0, abs=5 * distance["std"])
     assert values["artefacts"]["net"]["mean_distance_mm"] > 0
