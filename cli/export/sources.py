@@ -1,5 +1,6 @@
 """Sources of points and scans: outboxes, recordings, lines of JSON."""
 
+import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from traverse.daemon.store.records import StoreRefusedError
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Point
+from traverse.protocol.printable import printable
 from traverse.recording.run_reader import RunReader
 from traverse.recording.views import bytes_to_timed_cloud
 
@@ -84,11 +86,9 @@ def _table(time_ns: int, cloud: NDArray[np.void]) -> PointTable:
 
 
 def _of_outbox(source: Path) -> Iterator[Point]:
+    connection = None
     try:
         connection = open_read_only(source)
-    except StoreRefusedError as error:
-        raise ValueError(str(error)) from error
-    try:
         for session in read_sessions(connection, LAST):
             for held in iter_messages(connection, session.session, 0, LAST):
                 if not held.is_whole:
@@ -98,10 +98,15 @@ def _of_outbox(source: Path) -> Iterator[Point]:
                         "writes the others"
                     )
                 yield decode(Point, held.payload, held.encoding)
+    except StoreRefusedError as error:
+        raise ValueError(str(error)) from error
     except MessageError as error:
         raise ValueError(f"{source}: {error}") from error
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # even its message is damaged
+        raise ValueError(f"{source}: is damaged: {printable(str(error))}") from error
     finally:
-        connection.close()
+        if connection is not None:
+            connection.close()
 
 
 def _of_lines(source: Path) -> Iterator[Point]:

@@ -13,6 +13,7 @@ from traverse.cli.options import Force
 from traverse.cli.points.resend import LAST, FromOption, ToOption, resend
 from traverse.cli.refusals import check_target, refusals, refuse
 from traverse.plurals import counted
+from traverse.protocol.printable import printable
 
 if TYPE_CHECKING:
     from sqlite3 import Connection
@@ -152,8 +153,9 @@ def _opened(
         yield connection
     except StoreRefusedError as error:
         refuse(command, str(error))
-    except sqlite3.Error as error:
-        refuse(command, f"{path}: cannot be read: {error}; check file and rights")
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # its message may be damaged
+        text = printable(str(error))
+        refuse(command, f"{path}: cannot be read: {text}; check file and rights")
     finally:
         if connection is not None:
             connection.close()
