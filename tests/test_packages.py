@@ -69,6 +69,7 @@ def test_the_root_has_nothing_else() -> None:
         "__main__.py",
         "arrays.py",
         "installation.py",
+        "plurals.py",
         "py.typed",
     }
 

@@ -258,7 +258,7 @@ def test_a_missing_extra_is_named(measured: Path, package: str) -> None:
     )
     assert ran.returncode == 2
     assert f"needs {package}" in ran.stderr
-    assert "traverse-cmm[lab]" in ran.stderr
+    assert "run: make venv" in ran.stderr
     assert "Traceback" not in ran.stderr
 
 
