@@ -207,7 +207,7 @@ def points_of(
     for delivery in deliveries:
         match delivery:
             case DeviceUp():
-                assembly.on_up(device, delivery.identity.jitter_ns, restarted=False)
+                assembly.on_up(device, delivery.identity, restarted=False)
             case StreamStarted():
                 assembly.set_rate(device, delivery.rate_hz)
             case CountSamples():

@@ -86,7 +86,7 @@ def errors(arm: Moving, deliveries: list[Delivery], first_ns: int) -> Errors:
     for delivery in deliveries:
         match delivery:
             case DeviceUp():
-                assembly.on_up("base", delivery.identity.jitter_ns, restarted=False)
+                assembly.on_up("base", delivery.identity, restarted=False)
             case StreamStarted():
                 rate_hz = delivery.rate_hz
                 assembly.set_rate("base", rate_hz)

@@ -137,12 +137,12 @@ def test_what_takes_too_long_is_refused_with_how_many_there_were(maker):
     average.add(maker.block(range(5)))
     last_ns = START_NS + 4 * PERIOD_NS
     average.refuse_if_over_time(last_ns + 1000, 1000)
-    with pytest.raises(CaptureRefusedError, match="5 of 50 samples"):
+    with pytest.raises(CaptureRefusedError, match="5 samples were averaged of 50"):
         average.refuse_if_over_time(last_ns + 1001, 1000)
     dwelling = SampleAverage(START_NS, None, PERIOD_NS, WIDE)
     with pytest.raises(CaptureRefusedError, match="0 samples"):
         dwelling.refuse_if_over_time(START_NS + PERIOD_NS + 1001, 1000)
     endless = SampleAverage(START_NS, 10**6, None, WIDE)
     endless.add(maker.block([0, 1], at=6000))
-    with pytest.raises(CaptureRefusedError, match="2 of 1000000 samples"):
+    with pytest.raises(CaptureRefusedError, match="2 samples were averaged of 1000000"):
         endless.refuse_if_over_time(START_NS + MAX_AVERAGING_NS + 1001, 1000)

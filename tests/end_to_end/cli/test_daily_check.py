@@ -60,7 +60,7 @@ async def test_without_scipy_it_says_so_first_and_computes_later(
     begun = read_campaign_file(bench.folder / folder / "campaign.toml").start_utc
     with Program(bench.folder, "later", *later.split()[1:]) as computed:
         assert await computed.ended() == 0
-    assert "checks since the base began" in computed.output
+    assert "check since the base began" in computed.output
     (check,) = checks_of(bench.folder / "interim.db", bench.arm)
     assert begun is not None
     assert check.time_utc == f"{begun:%Y-%m-%dT%H:%M:%SZ}"  # when it was touched

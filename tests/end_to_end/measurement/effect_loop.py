@@ -175,14 +175,25 @@ def measured(
     text = SIMULATION.format(noise_rad=noise_rad)
     (folder / "simulator.toml").write_text(text, "utf-8")
     board = VirtualBoard(folder)
-    adapted = Daemon(folder / "true.toml", board.clock)
-    bare = Daemon(folder / "bare.toml", board.clock)
+    early: list[tuple[Any, Delivery]] = []
+    daemons: list[Daemon] = []
 
     def take(driver, delivery: Delivery) -> None:
-        bare.take(driver, delivery)
-        adapted.take(driver, delivery)
+        if not board.is_begun:
+            early.append((driver, delivery))
+            return
+        # Only now does the board's clock know the date: to daemons that had begun
+        # before the host's clock would have been set.
+        if not daemons:
+            for name in ("true.toml", "bare.toml"):
+                daemons.append(Daemon(folder / name, board.clock))
+                for one in early:
+                    daemons[-1].take(*one)
+        for daemon in daemons:
+            daemon.take(driver, delivery)
 
     played(board, monkeypatch, RATE_HZ, take)
+    adapted, bare = daemons
     lines = (folder / "truth.jsonl").read_text("utf-8").splitlines()
     edges = [json.loads(line) for line in lines]
     truth = [edge for edge in edges if edge["input_name"] == "switch" and edge["level"]]

@@ -185,7 +185,9 @@ def played(
             if board.over.is_set():
                 return super().wait(0.05)
             if self.said > board.port.heard:
+                # What was said is there at once.
                 board.port.await_bytes()
+                seconds = 0.0
             board.live(seconds)
             return super().wait(BYTES_S if board.port.sent > self.taken else 0.0)
 

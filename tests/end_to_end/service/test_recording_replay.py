@@ -31,7 +31,8 @@ async def replayed(
     bench: Workbench, path: Path, *options: str
 ) -> tuple[dict[str, Any], list[Point]]:
     """What `traverse replay` says, and the points that it writes."""
-    arguments = ("replay", str(path), "--json", "--out", "points.jsonl", *options)
+    written = ("--out", "points.jsonl", "--force")
+    arguments = ("replay", str(path), "--json", *written, *options)
     with Program(bench.folder, "replay", *arguments) as program:
         status = await program.ended()
         assert status == 0, program.output + program.log

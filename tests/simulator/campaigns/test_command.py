@@ -87,7 +87,7 @@ distance_mm = 250
         (FILE + '[[artefacts]]\nid="a"\nkind="cone"\nn_poses=1', "both are given"),
         (FILE + '[[artefacts]]\nid="a"\nkind="cube"\nn_poses=1', "unknown kind of art"),
         (FILE + "limits_rad = [[1, -1]]", "the first must be smaller"),
-        (FILE + "limits_rad = [[-1, 1]]", "has 1 entries; the arm has 7 joints"),
+        (FILE + "limits_rad = [[-1, 1]]", "has 1 entry; the arm has 7 joints"),
         (FILE + "[noise]\nblunder_kinds = []", "is empty; name at least one kind"),
         (FILE + "[noise]\nencoders_rad = [-1e-6]", "-1e-06 is negative"),
         (FILE.replace('schema = "traverse/simulated-campaign/1"', ""), "schema"),
