@@ -113,7 +113,8 @@ bench-recording: venv system  ## what recording costs at 10 kHz, and how fast a 
 bench-page: venv system  ## the operator's page in a browser: latency, a million points, memory; takes 13 minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.clients.page all
 
-screenshots: venv system  ## pictures of the operator's page in docs/, from a real run
+screenshots: venv system  ## pictures of the operator's page and of reports in docs/, from real runs
+	$(BIN)/python -m benchmarks.clients.reports docs/reports
 	$(BIN)/python -m benchmarks.clients.screenshots docs/page-states
 
 bench-identification: venv  ## the adjustment beside scipy's least squares; takes many minutes

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.options import Json, campaign_folder
+from traverse.cli.options import Json, Operator, campaign_folder
 from traverse.cli.refusals import check_results, refusals, refuse
 from traverse.plurals import counted
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from traverse.lab.campaign.campaign import Campaign
     from traverse.lab.diagnosis.model.result import Diagnosis, DiagnosisOptions
     from traverse.lab.diagnosis.scans.scan_diagnosis import StreamDiagnosis
+    from traverse.lab.report.provenance import ReportProvenance
 
 NO = 1
 
@@ -52,6 +53,7 @@ def diagnose(
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit status 1 if anything is missing.")
     ] = False,
+    operator: Operator = None,
     as_json: Json = False,
     plan: Annotated[
         bool,
@@ -89,13 +91,16 @@ def diagnose(
             seed=seed, most_terms=max_terms, accept_tentative=accept_tentative
         )
         result, stream = _diagnosed(campaign, arm, options)
-        lines = _written(result, arm, out, accept=accept)
+        from traverse.lab.report.provenance import campaign_provenance  # noqa: PLC0415
+
+        provenance = campaign_provenance(result.campaign, operator)
+        lines = _written(result, arm, out, provenance, accept=accept)
         if stream is not None:
             lines = _with_stream(stream, lines, out)
     if as_json:
         from traverse.lab.diagnosis.report.files import diagnosis_json  # noqa: PLC0415
 
-        typer.echo(json.dumps(diagnosis_json(result), indent=1))
+        typer.echo(json.dumps(diagnosis_json(result, provenance), indent=1))
     else:
         typer.echo("\n".join(lines))
     if strict and result.verdict != "clean":
@@ -137,14 +142,19 @@ def _diagnosed(
 
 
 def _written(
-    result: "Diagnosis", arm_file: Path, out: Path, *, accept: bool
+    result: "Diagnosis",
+    arm_file: Path,
+    out: Path,
+    provenance: "ReportProvenance",
+    *,
+    accept: bool,
 ) -> list[str]:
     """Write the results and print the summary."""
     from traverse.lab.diagnosis.report import summary_lines  # noqa: PLC0415
     from traverse.lab.diagnosis.report.adapted_arm import write_adapted  # noqa: PLC0415
     from traverse.lab.diagnosis.report.files import write_diagnosis  # noqa: PLC0415
 
-    adapted = write_diagnosis(out, result, arm_file)
+    adapted = write_diagnosis(out, result, arm_file, provenance=provenance)
     names = "arm.toml, diagnosis.json, discrepancies.csv, report.html, pictures"
     lines = [*summary_lines(result), f"wrote {out}: {names}"]
     if accept:

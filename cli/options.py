@@ -12,6 +12,12 @@ Json = Annotated[
     bool, typer.Option("--json", help="Report as JSON on standard output.")
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace a file that exists.")]
+Operator = Annotated[
+    str | None,
+    typer.Option(
+        help="Who computes, for the report; else TRAVERSE_OPERATOR, else user@host."
+    ),
+]
 Command = Callable[..., None]
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.cli.options import Json, campaign_folder
+from traverse.cli.options import Json, Operator, campaign_folder
 from traverse.cli.refusals import refusals, refuse
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ def verify(
     check: Annotated[
         Path | None, typer.Option(help="Check a certificate instead.")
     ] = None,
+    operator: Operator = None,
     as_json: Json = False,
 ) -> None:
     """Decide on conformity by the figures of a standard.
@@ -76,7 +77,8 @@ def verify(
                 "verify",
                 f"{', '.join(missing)} missing; or give --plan STANDARD, or --check",
             )
-        certificate = _certificate(data, _known(standard, "--standard"), arm, limits)
+        known = _known(standard, "--standard")
+        certificate = _certificate(data, known, arm, limits, operator)
         values = certificate.values
         if out is not None:
             from traverse.lab.acceptance.certificate.files import write_certificate  # noqa: PLC0415
@@ -104,23 +106,44 @@ def _known(standard: str, option: str) -> str:
 
 
 def _certificate(
-    data: Path, standard: str, arm_file: Path | None, limits_file: Path | None
+    data: Path,
+    standard: str,
+    arm_file: Path | None,
+    limits_file: Path | None,
+    computed_by: str | None,
 ) -> "SealedCertificate":
     """Read everything, compute everything."""
+    from traverse.lab.acceptance.certificate.administration import (  # noqa: PLC0415
+        administration_of,
+    )
     from traverse.lab.acceptance.certificate.check import ARM, LIMITS  # noqa: PLC0415
-    from traverse.lab.acceptance.certificate.values import sealed  # noqa: PLC0415
+    from traverse.lab.acceptance.certificate.values import SealedCertificate  # noqa: PLC0415
     from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits  # noqa: PLC0415
     from traverse.lab.acceptance.standards import verified  # noqa: PLC0415
     from traverse.lab.measured_points.reading import files_read, read_measured  # noqa: PLC0415
+    from traverse.lab.report.provenance import (  # noqa: PLC0415
+        ReportSource,
+        digest_of_files,
+        report_provenance,
+    )
 
     arm, text = _arm(data, arm_file)
     permitted = NO_LIMITS if limits_file is None else read_limits(limits_file)
     measured = read_measured(data, arm)
-    files = {path.name: path.read_bytes() for path in files_read(data)}
+    read = files_read(data)
+    files = {path.name: path.read_bytes() for path in read}
     files[ARM] = text
     if limits_file is not None:
         files[LIMITS] = limits_file.read_bytes()
-    return sealed(verified(measured, standard, permitted), arm, permitted, files)
+    source = ReportSource(data.resolve().name, digest_of_files(read))
+    return SealedCertificate(
+        verified(measured, standard, permitted),
+        arm,
+        permitted,
+        files,
+        administration_of(measured, arm),
+        report_provenance(source, computed_by),
+    )
 
 
 def _arm(data: Path, file: Path | None) -> "tuple[Arm, bytes]":

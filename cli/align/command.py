@@ -8,7 +8,7 @@ import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.control import clear_alignment
-from traverse.cli.options import Json
+from traverse.cli.options import Json, Operator
 from traverse.cli.refusals import client_errors, refusals, refuse
 
 if TYPE_CHECKING:
@@ -72,6 +72,7 @@ def align(
         Path | None,
         typer.Option("--out", "-o", help="Folder for alignment.json and .html."),
     ] = None,
+    operator: Operator = None,
     as_json: Json = False,
     send: Annotated[
         bool, typer.Option("--send", help="Have the daemon use it from now on.")
@@ -122,6 +123,7 @@ def align(
                 volume=volume,
                 onto=onto,
                 name=name,
+                computed_by=operator,
             )
             values = _computed(options)
         if out is not None:

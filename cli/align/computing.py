@@ -28,6 +28,12 @@ from traverse.lab.alignment.touches import (
     common_points,
     places_by_name,
 )
+from traverse.lab.measured_points.reading import files_read
+from traverse.lab.report.provenance import (
+    ReportSource,
+    digest_of_files,
+    report_provenance,
+)
 
 METHODS = ("best-fit", "3-2-1", "leapfrog")
 
@@ -47,6 +53,7 @@ class AlignmentOptions:
     volume: str | None = None
     onto: Path | None = None
     name: str | None = None
+    computed_by: str | None = None
 
 
 def compute_alignment(options: AlignmentOptions) -> dict[str, Any]:
@@ -74,10 +81,17 @@ def compute_alignment(options: AlignmentOptions) -> dict[str, Any]:
         arm=arm_name,
         measured=str(options.points),
         nominal=str(options.nominal),
+        provenance=report_provenance(_source(options.points), options.computed_by),
     )
     if options.onto is None:
         return values
     return chained_values(values, read_alignment(options.onto), str(options.onto))
+
+
+def _source(points: Path) -> ReportSource:
+    """The measured file, or the files of a campaign."""
+    files = files_read(points) if points.is_dir() else (points,)
+    return ReportSource(points.resolve().name, digest_of_files(files))
 
 
 def _onto_nominal(

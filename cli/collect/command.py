@@ -57,7 +57,10 @@ def collect(
     address = broker.address("collect")
     with refusals("collect"):
         from traverse.cli.collect.session import collected  # noqa: PLC0415
-        from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
+        from traverse.lab.campaign.campaign_file import (  # noqa: PLC0415
+            example_problems,
+            read_campaign_file,
+        )
         from traverse.lab.collection.collection import Collection  # noqa: PLC0415
         from traverse.lab.collection.plan import (  # noqa: PLC0415  # noqa: PLC0415
             PLAN,
@@ -78,6 +81,8 @@ def collect(
         if campaign.is_dir():
             campaign /= "campaign.toml"
         file = read_campaign_file(campaign)
+        for problem in example_problems(file):
+            typer.echo(f"{campaign}: {problem}", err=True)
         if not file.poses.endswith(".csv"):
             refuse(
                 "collect",

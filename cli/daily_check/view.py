@@ -40,7 +40,7 @@ def report_lines(report: DailyCheckReport) -> Iterator[str]:
         f"values above count); all together {report.false_alarms:.2%} at most, "
         f"{CHECKS_A_YEAR * report.false_alarms:.1f} in {CHECKS_A_YEAR} checks"
     )
-    yield "in control" if report.is_in_control else "OUT OF CONTROL"
+    yield report.word
 
 
 def _figure(chart: FigureChart) -> str:

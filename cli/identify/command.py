@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from traverse.cli.options import Json, campaign_folder
+from traverse.cli.options import Json, Operator, campaign_folder
 from traverse.cli.refusals import check_results, refusals, refuse
 from traverse.plurals import counted
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from traverse.lab.identification.identify import Options
     from traverse.lab.identification.results.result import Identification
     from traverse.lab.identification.solve.adjustment import Iteration
+    from traverse.lab.report.provenance import ReportProvenance
 
 NO = 1
 
@@ -65,6 +66,7 @@ def identify(
         typer.Option("--strict", help="Exit status 1 if anything is undetermined."),
     ] = False,
     as_json: Json = False,
+    operator: Operator = None,
     compare: Annotated[
         tuple[Path, Path] | None,
         typer.Option(
@@ -90,15 +92,18 @@ def identify(
         if campaign is None or arm is None or out is None:
             refuse("identify", f"{', '.join(missing)} missing; or give --compare A B")
         check_results("identify", out, arm)
+        from traverse.lab.report.provenance import campaign_provenance  # noqa: PLC0415
+
         options = _options(hold or [], free or [], masks)
         kept_aside = None if holdout is None else (holdout, holdout_by, seed)
         result = _identified(campaign, arm, options, kept_aside)
-        lines = _written(result, out)
+        provenance = campaign_provenance(result.campaign, operator)
+        lines = _written(result, out, provenance)
     undetermined = bool(result.undetermined)
     if as_json:
         from traverse.lab.identification.results.files import identification_json  # noqa: PLC0415
 
-        typer.echo(json.dumps(identification_json(result), indent=1))
+        typer.echo(json.dumps(identification_json(result, provenance), indent=1))
     else:
         typer.echo("\n".join(lines))
     if not result.converged or (strict and undetermined):
@@ -175,7 +180,9 @@ def _split(
     return campaign.part(chosen), campaign.part(held_out)
 
 
-def _written(result: "Identification", out: Path) -> list[str]:
+def _written(
+    result: "Identification", out: Path, provenance: "ReportProvenance"
+) -> list[str]:
     """Write the results and print the summary."""
     from traverse.lab.identification.report import (  # noqa: PLC0415
         summary_lines,
@@ -193,12 +200,12 @@ def _written(result: "Identification", out: Path) -> list[str]:
     if not result.converged:
         # An arm file of it might be measured with.
         out.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(identification_json(result), indent=1) + "\n"
+        text = json.dumps(identification_json(result, provenance), indent=1) + "\n"
         write_atomically(out / "identification.json", text)
-        write_report(result, found, out / "report.html")
+        write_report(result, found, out / "report.html", provenance)
         return [*lines, f"wrote {out}: identification.json, report.html; no arm.toml"]
-    write_result(result, out)
-    write_report(result, found, out / "report.html")
+    write_result(result, out, provenance=provenance)
+    write_report(result, found, out / "report.html", provenance)
     names = "arm.toml, arm.cov.npz, identification.json, residuals.csv, report.html"
     return [*lines, f"wrote {out}: {names}"]
 

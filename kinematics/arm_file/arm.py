@@ -161,6 +161,7 @@ class Arm(StrictModel):
 
     schema_: Literal["traverse/arm/1"] = Field(alias="schema")
     name: str
+    serial_number: str | None = None
     origin_mm: Vector
     joints: tuple[Joint, ...]
     probe: Probe

@@ -4,8 +4,7 @@ Written as campaign and plan for `traverse collect`.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from datetime import datetime
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ from traverse.lab.acceptance.standards import (
     PROBING,
     UNIDIRECTIONAL,
 )
-from traverse.lab.campaign.campaign_file import read_campaign_file
+from traverse.lab.campaign.campaign_file import EXAMPLE, read_campaign_file
 from traverse.lab.collection.plan import PLAN, read_plan
 from traverse.lab.measured_points.measurement import reach_of
 from traverse.plurals import counted
@@ -238,8 +237,10 @@ def _repeated(
 CAMPAIGN = "campaign.toml"
 _HEAD = """\
 # What `traverse verify --plan {standard}` proposes to touch.
-# Before collecting: put in the lengths, radii, uncertainties and expansion of YOUR
-# certificates. Ids and features say which test a touch belongs to; keep them.
+# Put in the lengths, radii, uncertainties and expansion of YOUR certificates, and then
+# the serial number of each standard in place of EXAMPLE: until then nothing counts.
+# Beside it may stand calibration_date = 2026-01-31 and certificate_number = "...".
+# Ids and features say which test a touch belongs to; keep them.
 """
 
 
@@ -254,8 +255,11 @@ def write_plan(plan: Plan, standard: str, folder: Path) -> dict[str, Any]:
         if (folder / name).exists():
             told = "is there already; give another folder, or move it away"
             raise FileError(str(folder / name), [Problem("", told)])
+    marked = replace(plan, artefacts=dict(_marked(plan.artefacts)))
     write_atomically(
-        folder / CAMPAIGN, _HEAD.format(standard=standard) + campaign_text(plan)
+        folder / CAMPAIGN,
+        _HEAD.format(standard=standard)
+        + campaign_text(marked, f'operator = "{EXAMPLE}"', f'place = "{EXAMPLE}"'),
     )
     write_atomically(folder / PLAN, plan_text(plan))
     read_campaign_file(folder / CAMPAIGN)
@@ -279,16 +283,38 @@ def plan_words(report: Mapping[str, Any]) -> list[str]:
     return [
         ", ".join(counts),
         f"wrote {folder}: {', '.join(report['files'])}",
-        f"put your certificates into {CAMPAIGN}, then: traverse collect "
-        f"{Path(folder) / CAMPAIGN} --arm ARM",
+        f"put the values and serial numbers of your certificates into {CAMPAIGN}, "
+        f"where EXAMPLE stands, then: traverse collect {Path(folder) / CAMPAIGN} "
+        "--arm ARM",
     ]
 
 
-def campaign_text(plan: Plan, start_utc: datetime | None = None) -> str:
-    """The text of campaign.toml; `start_utc` is the zero of its times."""
-    lines = ['schema = "traverse/campaign/1"', 'poses = "poses.csv"']
-    if start_utc is not None:
-        lines.append(f"start_utc = {start_utc.isoformat()}")
+def _marked(
+    artefacts: Mapping[str, Mapping[str, Any]],
+) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Mark calibrated artefacts as examples, standards of one kind and size alike."""
+    sizes_mm: dict[str, list[float]] = {}
+    for name, table in artefacts.items():
+        points_mm = table.get("points_mm")
+        size_mm = table.get("distance_mm", table.get("radius_mm"))
+        if points_mm is not None:
+            size_mm = points_mm["b"][0]
+        if size_mm is None:  # a cone has no certificate
+            yield name, table
+            continue
+        word = {"sphere": "sphere", "parallel_planes": "block"}.get(
+            table["kind"], "bar"
+        )
+        sizes = sizes_mm.setdefault(word, [])
+        if size_mm not in sizes:
+            sizes.append(size_mm)
+        number = f"{EXAMPLE} {word} {sizes.index(size_mm) + 1}"
+        yield name, {**table, "serial_number": number}
+
+
+def campaign_text(plan: Plan, *more: str) -> str:
+    """The text of campaign.toml, with further lines above the artefacts."""
+    lines = ['schema = "traverse/campaign/1"', 'poses = "poses.csv"', *more]
     for name, table in plan.artefacts.items():
         lines += ["", "[[artefacts]]", f'id = "{name}"']
         lines += _entries(table)

@@ -74,23 +74,22 @@ def verified(
     """
     chosen = STANDARDS[standard]
     parts = list(chosen.tests(measured, limits))
-    remarks = [*measured.notes, *_without_guard(parts, limits)]
+    remarks = [*measured.notes, *_not_stated(parts, limits)]
     return verification(standard, chosen.title, parts, remarks)
 
 
-def _without_guard(parts: list[Part], limits: Limits) -> Iterator[str]:
-    """Say which decisions have no guard band because nothing was stated."""
-    if limits.decision == "simple":
-        return
-    names = [
-        part.name
-        for part in parts
-        if isinstance(part, Figure)
-        and part.decision is not None
-        and part.budget.standard_mm == 0.0
-    ]
-    if names:
-        yield (
-            f"no uncertainty is stated for {', '.join(names)}: decided without a guard "
-            "band; see [standards] of the limits"
-        )
+def _not_stated(parts: list[Part], limits: Limits) -> Iterator[str]:
+    """Say which decisions fail for want of an uncertainty, and where to state it."""
+    names: dict[str, list[str]] = {}
+    for part in parts:
+        if isinstance(part, Figure) and part.decision is not None:
+            for line in part.budget.lines:
+                if line.standard_mm is None:
+                    names.setdefault(f"{line.name}: {line.formula}", []).append(
+                        part.name
+                    )
+    for what, figures in names.items():
+        told = f"no uncertainty is stated for {', '.join(figures)} ({what})"
+        if limits.decision != "simple":
+            told += ", so ISO 14253-1 decides nothing"
+        yield told

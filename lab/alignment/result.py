@@ -4,7 +4,6 @@ Words and page are made of these values, schema traverse/alignment/1.
 """
 
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,11 @@ from traverse.kinematics.helmert.volume import (
     VolumeError,
     place_covariances,
     volume_error,
+)
+from traverse.lab.report.provenance import (
+    ReportProvenance,
+    ReportSource,
+    report_provenance,
 )
 from traverse.lab.statistics.distributions import GLOBAL_LEVEL, GlobalTest
 
@@ -208,7 +212,7 @@ def alignment_values(
     arm: str | None,
     measured: str,
     nominal: str,
-    when: datetime | None = None,
+    provenance: ReportProvenance | None = None,
 ) -> dict[str, Any]:
     """Put everything into plain values.
 
@@ -218,14 +222,15 @@ def alignment_values(
         arm: Name of the arm; None where it is not known.
         measured: Where the touches come from.
         nominal: Where the nominal places come from.
-        when: Of the computation; default now.
+        provenance: Of the computation; default this user, now.
     """
-    moment = (when or datetime.now(UTC)).replace(microsecond=0)
+    origin = provenance or report_provenance(ReportSource(measured, ""))
     transformation, test = found.transformation, found.test
     return {
         "schema": SCHEMA,
         "method": found.method,
-        "date_utc": moment.isoformat().replace("+00:00", "Z"),
+        "date_utc": origin.date_utc,
+        "provenance": origin.values,
         "arm": arm,
         "measured": measured,
         "nominal": nominal,

@@ -10,6 +10,7 @@ than the state (a unit vector turns in two directions only).
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import date
 from typing import Any, Self
 
 import numpy as np
@@ -112,10 +113,21 @@ class Length:
 
 
 class Artefact(StrictModel):
-    """A table `[[artefacts]]`; a child a kind."""
+    """A table `[[artefacts]]`; a child a kind.
+
+    Attributes:
+        id: What poses call it.
+        kind: What it is.
+        serial_number: Of the standard, as certificates name it.
+        calibration_date: Of its calibration.
+        certificate_number: Of that.
+    """
 
     id: str = Field(min_length=1)
     kind: str
+    serial_number: str | None = None
+    calibration_date: date | None = None
+    certificate_number: str | None = None
 
     @field_validator("id")
     @classmethod

@@ -14,7 +14,11 @@ from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import Span, utc_ns
 from traverse.lab.artefacts.artefact import Artefact, Touches
 from traverse.lab.artefacts.points import Points
-from traverse.lab.campaign.campaign_file import CampaignFile, read_campaign_file
+from traverse.lab.campaign.campaign_file import (
+    CampaignFile,
+    example_problems,
+    read_campaign_file,
+)
 from traverse.lab.campaign.copies import without_copies
 from traverse.lab.campaign.pose_table import PoseTable, read_pose_table
 from traverse.lab.campaign.stream_table import SUFFIX, read_stream_table
@@ -86,6 +90,9 @@ class Campaign:
         gravity_m_s2: Override of the arm's, or None.
         encoder_rad: A-priori standard deviation of a reading, or None.
         contact_mm: A-priori standard deviation of a contact, or None.
+        name: Of its folder; empty if there was none.
+        operator: Who measured, or None.
+        place: Where, or None.
         digest: SHA-256 over the files, hexadecimal; empty if there were none.
         is_stream: Poses are the samples of a recording: their errors are correlated.
         notes: What is not as it should be, but no reason to refuse.
@@ -100,6 +107,9 @@ class Campaign:
     gravity_m_s2: tuple[float, float, float] | None = None
     encoder_rad: float | None = None
     contact_mm: float | None = None
+    name: str = ""
+    operator: str | None = None
+    place: str | None = None
     digest: str = ""
     is_stream: bool = False
     notes: tuple[str, ...] = ()
@@ -192,6 +202,8 @@ def read_campaign(folder: str | Path, joint_names: Sequence[str]) -> Campaign:
     """
     path = Path(folder) / "campaign.toml"
     file = read_campaign_file(path)
+    if problems := example_problems(file):
+        raise FileError(str(path), problems)
     poses = path.parent / file.poses
     features = {artefact.id: artefact.features for artefact in file.artefacts}
     if poses.suffix != SUFFIX and not poses.exists():
@@ -255,6 +267,9 @@ def _campaign(
         gravity_m_s2=file.gravity_m_s2,
         encoder_rad=file.noise.encoder_rad,
         contact_mm=file.noise.contact_mm,
+        name=path.parent.resolve().name,
+        operator=file.operator,
+        place=file.place,
         digest=_digest(path, file),
         is_stream=is_stream,
         notes=notes,

@@ -1,5 +1,6 @@
 """The strict reading of `campaign.toml` and of the point lists that it names."""
 
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -42,13 +43,31 @@ class Noise(StrictModel):
     contact_mm: float | None = Field(default=None, gt=0.0)
 
 
+# How `traverse verify --plan` marks what is to be replaced.
+EXAMPLE = "EXAMPLE"
+_CERTIFIED = re.compile(r"(radius|distance|points)(_std)?_mm|expansion_per_c")
+
+
 class CampaignFile(StrictModel):
-    """`campaign.toml` as written."""
+    """`campaign.toml` as written.
+
+    Attributes:
+        schema_: Of the file.
+        poses: File beside it.
+        start_utc: From where the poses' time_s counts.
+        operator: Who measured.
+        place: Where.
+        gravity_m_s2: Override of the arm's.
+        noise: A-priori standard deviations.
+        tables: The artefacts.
+    """
 
     schema_: Literal["traverse/campaign/1"] = Field(alias="schema")
     poses: str
     time: Literal["seconds", "order"] = "seconds"
     start_utc: AwareDatetime | None = None
+    operator: str | None = None
+    place: str | None = None
     gravity_m_s2: Vector | None = None
     noise: Noise = Noise()
     tables: tuple[
@@ -77,6 +96,33 @@ def read_campaign_file(path: Path) -> CampaignFile:
         for artefact in file.artefacts
     )
     return file.model_copy(update={"tables": artefacts})
+
+
+def example_problems(file: CampaignFile) -> list[Problem]:
+    """Say what is still as `traverse verify --plan` wrote it; empty where nothing is.
+
+    The values of such a standard are nobody's: they must not count.
+    """
+    problems = [
+        Problem(key, f"is {shown(value)}; say what it is, or leave the line out")
+        for key, value in (("operator", file.operator), ("place", file.place))
+        if (value or "").startswith(EXAMPLE)
+    ]
+    marked: dict[str, list[Artefact]] = {}
+    for artefact in file.artefacts:
+        if (artefact.serial_number or "").startswith(EXAMPLE):
+            marked.setdefault(artefact.serial_number or "", []).append(artefact)
+    for serial_number, artefacts in marked.items():
+        keys = [key for key in artefacts[0].model_fields_set if _CERTIFIED.match(key)]
+        ids = [artefact.id for artefact in artefacts]
+        more = f" and {len(ids) - 3} more" if len(ids) > 3 else ""
+        told = (
+            f"of {', '.join(ids[:3])}{more} is {shown(serial_number)}: "
+            f"{', '.join(sorted(keys))} are an example and do not count; put in the "
+            "values of your standard's certificate, and then its serial number"
+        )
+        problems.append(Problem("artefacts.serial_number", told))
+    return problems
 
 
 def read_points(path: Path) -> dict[str, tuple[float, float, float]]:

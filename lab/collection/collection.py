@@ -9,8 +9,10 @@ import csv
 import io
 import json
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,8 @@ from traverse.strict_toml.problems import FileError, Problem
 from traverse.strict_toml.writing import write_atomically
 
 JOURNAL = "collected.jsonl"
+CAMPAIGN = "campaign.toml"
+_SCHEMA_LINE = re.compile(r"^schema\s*=.*\n", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,6 +179,18 @@ class Collection:
             raise ValueError(f"{name!r} is not in the campaign")
         self.touches[touch.id] = touch
 
+    def _note_start(self, first_ns: int) -> None:
+        """Write into the campaign when it began: certificates state the dates."""
+        if self.file.start_utc is not None:
+            return
+        start = datetime.fromtimestamp(first_ns // 10**9, UTC)
+        self.file = self.file.model_copy(update={"start_utc": start})
+        path = self.folder / CAMPAIGN
+        if path.is_file():
+            line = f"start_utc = {start:%Y-%m-%dT%H:%M:%SZ}\n"
+            text = path.read_text("utf-8")
+            write_atomically(path, _SCHEMA_LINE.sub(rf"\g<0>{line}", text, count=1))
+
     def _write_table(self) -> None:
         text = io.StringIO()
         names = self.joint_names
@@ -190,10 +206,10 @@ class Collection:
             ]
         )
         touches = sorted(self.touches.values(), key=lambda touch: touch.time_ns)
+        if touches:
+            self._note_start(touches[0].time_ns)
         start = self.file.start_utc
-        begin_ns = touches[0].time_ns if touches else 0
-        if start is not None:
-            begin_ns = round(start.timestamp() * 1e6) * 1000
+        begin_ns = 0 if start is None else round(start.timestamp() * 1e6) * 1000
         nothing: list[float | None] = [None] * len(names)
         for touch in touches:
             table.writerow(

@@ -10,6 +10,7 @@ from traverse.arrays import Integers
 from traverse.lab.daily_check.control_chart import EWMA_LIMIT, ChartPoint
 from traverse.lab.daily_check.report import DailyCheckReport, FigureChart
 from traverse.lab.report.figures import BLUE, GREY, ORANGE, VERMILION, picture
+from traverse.lab.report.provenance import ReportSource, report_provenance
 from traverse.lab.report.templates import page
 from traverse.strict_toml.writing import write_atomically
 
@@ -50,7 +51,11 @@ def write_charts(report: DailyCheckReport, folder: Path) -> list[str]:
     folder.mkdir(parents=True, exist_ok=True)
     png = chart_png(report)
     (folder / "chart.png").write_bytes(png)
-    text = page("daily_check/chart.jinja", {}, report=report, picture=png)
+    check = report.checks[-1]
+    provenance = report_provenance(ReportSource("daily check", check.data_digest))
+    text = page(
+        "daily_check/chart.jinja", {}, report=report, picture=png, provenance=provenance
+    )
     write_atomically(folder / "chart.html", text)
     return ["chart.png", "chart.html"]
 

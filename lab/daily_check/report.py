@@ -12,6 +12,7 @@ from traverse.lab.daily_check.control_chart import ChartPoint, charted, rules
 from traverse.lab.daily_check.figures import KINDS, FigureKind
 from traverse.lab.daily_check.history import Check, since_base
 from traverse.plurals import counted
+from traverse.lab.report.provenance import ReportSource, report_provenance
 from traverse.strict_toml.problems import FileError, Problem
 
 SCHEMA = "traverse/interim/1"
@@ -69,6 +70,44 @@ class DailyCheckReport:
     def is_in_control(self) -> bool:
         """Neither a rule is broken at the last check, nor a limit."""
         return not any(chart.last.alarms or chart.exceeds for chart in self.charts)
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether the charts, or limits, judge every figure of the last check."""
+        return all(
+            chart.last.q is not None or chart.limit_mm is not None
+            for chart in self.charts
+        )
+
+    @property
+    def word(self) -> str:
+        """The verdict in a word."""
+        if not self.is_in_control:
+            return "OUT OF CONTROL"
+        return "in control" if self.is_judged else "NOT JUDGED YET"
+
+    @property
+    def reasons(self) -> list[str]:
+        """What the verdict rests on, in sentences."""
+        found = [
+            f"{chart.kind.name}: {name}."
+            for chart in self.charts
+            for name in chart.last.alarms
+        ]
+        found += [
+            f"{chart.kind.name}: beyond the permitted "
+            f"{1000 * (chart.limit_mm or 0.0):.1f} µm."
+            for chart in self.charts
+            if chart.exceeds
+        ]
+        if not found and not self.is_judged:
+            found.append(
+                f"The charts judge from the third check on; this is check "
+                f"{len(self.checks)} since the base began, and not every figure has "
+                "a permitted error. Remedy: give --limits or --acceptance, or check "
+                "again."
+            )
+        return found
 
     @property
     def false_alarms(self) -> float:
@@ -140,6 +179,10 @@ def report_values(report: DailyCheckReport) -> dict[str, Any]:
         "arm": {"name": check.arm, "digest": check.arm_digest},
         "checks": len(report.checks),
         "in_control": report.is_in_control,
+        "judged": report.is_judged,
+        "provenance": report_provenance(
+            ReportSource("daily check", check.data_digest)
+        ).values,
         "acceptance": report.acceptance,
         "false_alarms_per_check": report.false_alarms,
         "figures": [_values(chart) for chart in report.charts],

@@ -6,6 +6,7 @@ least-squares one beside the calibrated one.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 
 import numpy as np
 
@@ -68,6 +69,23 @@ class ArtefactTouches:
         ]
 
 
+@dataclass(frozen=True, slots=True)
+class Occasion:
+    """Who measured, where and when; None where it is not stated.
+
+    Attributes:
+        operator: As in the campaign file.
+        place: As in the campaign file.
+        first_utc: Of the first touch.
+        last_utc: Of the last one.
+    """
+
+    operator: str | None = None
+    place: str | None = None
+    first_utc: datetime | None = None
+    last_utc: datetime | None = None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurement:
     """Everything that was touched, with the artefacts' certificates.
@@ -79,6 +97,7 @@ class Measurement:
         shoulder_mm: Where the arm's reach is counted from, (3,).
         reach_mm: How far the ball gets from there, at most.
         notes: What is not as it should be, but no reason to refuse.
+        occasion: Who measured, where and when.
     """
 
     artefacts: Mapping[str, Artefact]
@@ -87,6 +106,16 @@ class Measurement:
     shoulder_mm: Floats
     reach_mm: float
     notes: tuple[str, ...] = ()
+    occasion: Occasion = Occasion()
+
+    @property
+    def temperature_c(self) -> Floats:
+        """Known temperatures of all touches."""
+        all_c = np.concatenate(
+            [np.empty(0), *(t.temperature_c for t in self.touched.values())]
+        )
+        known_c: Floats = all_c[np.isfinite(all_c)]
+        return known_c
 
     def of(self, name: str) -> ArtefactTouches:
         """The touches of an artefact; none where there are none."""
@@ -118,6 +147,8 @@ def measurement_of_touches(
     names: tuple[Sequence[str], Sequence[str]],
     numbers: Floats,
     notes: Iterable[str],
+    *,
+    occasion: Occasion,
 ) -> Measurement:
     """Sort touches by artefact.
 
@@ -127,6 +158,7 @@ def measurement_of_touches(
         names: Of the artefact and the feature of every touch, (n,) each.
         numbers: Place of the ball's centre, temperature, radius of the tip, (n, 5).
         notes: What is not as it should be.
+        occasion: Who measured, where and when.
     """
     by_name: dict[str, list[int]] = {}
     for row, name in enumerate(names[0]):
@@ -148,6 +180,7 @@ def measurement_of_touches(
         shoulder_mm=shoulder_mm,
         reach_mm=reach_mm,
         notes=tuple(notes),
+        occasion=occasion,
     )
 
 

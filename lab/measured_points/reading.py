@@ -8,6 +8,8 @@ are taken as the daemon gave them.
 import csv
 import tempfile
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +23,16 @@ from traverse.kinematics.effects.pose import PoseFlags, corrected_pose
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.artefacts import Artefact
 from traverse.lab.campaign.campaign import Campaign, read_campaign
-from traverse.lab.campaign.campaign_file import CampaignFile, read_campaign_file
-from traverse.lab.measured_points.measurement import Measurement, measurement_of_touches
+from traverse.lab.campaign.campaign_file import (
+    CampaignFile,
+    example_problems,
+    read_campaign_file,
+)
+from traverse.lab.measured_points.measurement import (
+    Measurement,
+    Occasion,
+    measurement_of_touches,
+)
 from traverse.recording.reader import read_recording
 from traverse.strict_toml.problems import (
     FileError,
@@ -51,7 +61,8 @@ def _header(path: Path) -> list[str]:
 def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
     """Read a table of points: artefact, feature, x_mm, y_mm, z_mm, in any order.
 
-    Of further columns temperature_c and probe_radius_mm are looked at, no others.
+    Of further columns temperature_c, probe_radius_mm and time_ns are looked at, no
+    others.
     """
     header = _header(path)
     problems = [
@@ -64,6 +75,7 @@ def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
     artefacts = {artefact.id: artefact for artefact in file.artefacts}
     names: tuple[list[str], list[str]] = ([], [])
     numbers: list[list[float]] = []
+    times_ns: list[int] = []
     with path.open(encoding="utf-8-sig", newline="") as lines:
         reader = csv.DictReader(lines, fieldnames=header)
         next(reader)
@@ -83,6 +95,8 @@ def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
                 continue
             if not np.all(np.isfinite(place)):
                 problems.append(Problem(where, f"{shown(place)} is not finite"))
+            if (time_ns := row.get("time_ns") or "").isdecimal():
+                times_ns.append(int(time_ns))
             names[0].append(name)
             names[1].append(row["feature"] or "")
             numbers.append([*place, warm, tip_mm])
@@ -90,7 +104,16 @@ def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
         problems.append(Problem("", "holds no points; measure some"))
     if problems:
         raise FileError(str(path), problems)
-    return measurement_of_touches(arm, artefacts, names, np.array(numbers), ())
+    occasion = Occasion(file.operator, file.place)
+    if times_ns:
+        first, last = (
+            datetime.fromtimestamp(ns // 10**9, UTC)
+            for ns in (min(times_ns), max(times_ns))
+        )
+        occasion = replace(occasion, first_utc=first, last_utc=last)
+    return measurement_of_touches(
+        arm, artefacts, names, np.array(numbers), (), occasion=occasion
+    )
 
 
 def read_measured(data: Path, arm: Arm) -> Measurement:
@@ -108,6 +131,8 @@ def read_measured(data: Path, arm: Arm) -> Measurement:
     file = read_campaign_file(data / "campaign.toml")
     poses = data / file.poses
     if is_point_table(poses):
+        if problems := example_problems(file):
+            raise FileError(str(data / "campaign.toml"), problems)
         return read_points_table(poses, file, arm)
     campaign = read_campaign(data, [joint.name for joint in arm.joints])
     return measured_campaign(campaign, arm, file.artefacts, str(data))
@@ -192,7 +217,22 @@ def measured_campaign(
         (touched, features),
         np.column_stack([places_mm, temperature_c, tip_mm]),
         notes,
+        occasion=Occasion(
+            campaign.operator, campaign.place, *_first_and_last(campaign)
+        ),
     )
+
+
+def _first_and_last(campaign: Campaign) -> tuple[datetime | None, datetime | None]:
+    """Times of the first and the last pose, to the second; None without a start."""
+    start, times_s = campaign.start_utc, campaign.poses.time_s
+    if start is None or not len(times_s):
+        return None, None
+    first, last = (
+        (start + timedelta(seconds=float(s))).astimezone(UTC).replace(microsecond=0)
+        for s in (times_s.min(), times_s.max())
+    )
+    return first, last
 
 
 def _flag_notes(flags: PoseFlags) -> Iterator[str]:

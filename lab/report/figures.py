@@ -21,6 +21,8 @@ Paint = Callable[[Figure], None]
 Look = tuple[str, str, str | None]
 
 BLUE, ORANGE, VERMILION, GREY = "#0072B2", "#E69F00", "#D55E00", "#707070"
+# Of the box of a verdict; as in frame.jinja.
+STATE_COLOURS = {"good": BLUE, "doubt": ORANGE, "bad": VERMILION, "open": GREY}
 # Nobody sees more dots than that, and the page stays small.
 MOST_DOTS = 12_000
 

@@ -33,10 +33,12 @@ def campaigns(tmp_path_factory):
     return folder
 
 
-def limits_file(folder, **mpe):
+def limits_file(folder, form_mm=0.0006, **mpe):
     file = folder / "limits.toml"
     lines = ['schema = "traverse/acceptance-limits/1"', "[mpe]"]
-    file.write_text("\n".join([*lines, *(f"{k} = {v}" for k, v in mpe.items()), ""]))
+    lines += [f"{k} = {v}" for k, v in mpe.items()]
+    lines += ["[standards]", f"form_mm = {form_mm}", ""]
+    file.write_text("\n".join(lines))
     return file
 
 
@@ -74,6 +76,27 @@ def test_a_certificate_is_written_and_checked(campaigns, tmp_path):
     assert checked.exit_code == 1
     (problem,) = json.loads(checked.output)["problems"]
     assert "data/poses.csv was changed" in problem
+
+
+def test_nothing_is_accepted_without_its_uncertainty(campaigns, tmp_path):
+    limits = limits_file(tmp_path, 0.0, p_form_mm=0.05, e_uni_mm=0.1)
+    ran = run(
+        *(campaigns / "iso10360-12", "--standard", "iso10360-12", "--arm", ARM),
+        *("--limits", limits),
+    )
+    assert ran.exit_code == 1
+    assert "U not stated, MPE 0.0500 mm: no decision by ISO 14253-1" in ran.output
+    assert "No decision by ISO 14253-1: P_FORM. Accepted: E_UNI." in ran.output
+    assert "give form_mm in [standards] of the limits" in ran.output
+    text = limits.read_text().replace("[mpe]", 'decision = "simple"\n[mpe]')
+    limits.write_text(text)
+    ran = run(
+        *(campaigns / "iso10360-12", "--standard", "iso10360-12", "--arm", ARM),
+        *("--limits", limits),
+    )
+    assert ran.exit_code == 0
+    assert "U not stated, MPE 0.0500 mm: accepted" in ran.output
+    assert "Without a limit: P_SIZE, L_DIA (5x5)." in ran.output
 
 
 def test_a_limit_exceeded_is_told_by_the_exit_status(campaigns, tmp_path):
@@ -115,6 +138,17 @@ def test_a_plan_is_a_campaign_that_can_be_collected(standard, tmp_path):
         assert path.is_file()
     checked = CliRunner().invoke(app, ["check", str(out / "plan.toml")])
     assert "valid collection plan" in checked.output
+    # What is an example counts for nothing until somebody has put in his own.
+    ran = run(out, "--standard", standard, "--arm", ARM)
+    assert ran.exit_code == 2
+    assert f"{out / 'campaign.toml'}: " in ran.output
+    assert "operator: is 'EXAMPLE'" in ran.output
+    for key in ("artefacts.serial_number: of ", " are an example"):
+        assert key in ran.output
+    text = (out / "campaign.toml").read_text()
+    (out / "campaign.toml").write_text(text.replace("EXAMPLE", "K"))
+    ran = run(out, "--standard", standard, "--arm", ARM)
+    assert (ran.exit_code, "poses.csv" in ran.output) == (2, True)
     again = run("--plan", standard, "--arm", ARM, "--out", out)
     assert (again.exit_code, "is there already" in again.output) == (2, True)
 

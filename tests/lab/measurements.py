@@ -8,6 +8,8 @@ from traverse.lab.measured_points.measurement import ArtefactTouches, Measuremen
 
 TIP_MM = 3.0
 REACH_MM = 1000.0
+# Stated, as a decision needs it, and too small to matter in figures by hand.
+SURE_MM = 1e-9
 OCTAHEDRON = np.vstack([np.eye(3), -np.eye(3)])
 
 
@@ -43,7 +45,7 @@ def limits(decision="iso14253-1", standards=None, **mpe):
         schema="traverse/acceptance-limits/1",
         decision=decision,
         mpe=Mpe(**mpe),
-        standards=Standards(**(standards or {})),
+        standards=Standards(**{"form_mm": SURE_MM, **(standards or {})}),
     )
 
 

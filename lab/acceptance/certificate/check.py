@@ -7,7 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from traverse.kinematics.arm_file.arm import read_arm
-from traverse.lab.acceptance.certificate.values import SCHEMA, digest_values
+from traverse.lab.acceptance.certificate.administration import administration_of
+from traverse.lab.acceptance.certificate.values import (
+    SCHEMA,
+    administration_values,
+    digest_values,
+)
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
 from traverse.lab.acceptance.standards import STANDARDS, verified
 from traverse.lab.measured_points.reading import read_measured
@@ -84,7 +89,11 @@ def _figure_problems(values: Mapping[str, Any], folder: Path) -> Iterator[str]:
     recordings = sorted(folder.glob("*.mcap"))
     has_campaign = (folder / "campaign.toml").is_file()
     data = folder if has_campaign or not recordings else recordings[0]
-    measured = read_measured(data, read_arm(folder / ARM))
+    arm = read_arm(folder / ARM)
+    measured = read_measured(data, arm)
+    administration = administration_values(administration_of(measured, arm))
+    if values.get("administration", administration) != administration:
+        yield "operator, dates, temperature or standards are not those of the data"
     again = verified(
         measured,
         str(values["standard"]),

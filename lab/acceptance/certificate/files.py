@@ -6,7 +6,6 @@ from pathlib import Path
 from traverse.lab.acceptance.certificate.check import DATA
 from traverse.lab.acceptance.certificate.page import certificate_page
 from traverse.lab.acceptance.certificate.pdf import certificate_pdf
-from traverse.lab.acceptance.certificate.pdf_attachments import with_attachments
 from traverse.lab.acceptance.certificate.values import SealedCertificate
 from traverse.strict_toml.writing import write_atomically
 
@@ -29,7 +28,6 @@ def write_certificate(certificate: SealedCertificate, folder: Path) -> None:
     lines = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
     text = f"{lines}\n".encode()
     write_atomically(folder / "certificate.html", certificate_page(certificate))
-    document = certificate_pdf(values)
-    document = with_attachments(document, {**certificate.files, CERTIFICATE: text})
+    document = certificate_pdf(values, {**certificate.files, CERTIFICATE: text})
     (folder / "certificate.pdf").write_bytes(document)
     write_atomically(folder / CERTIFICATE, text.decode())

@@ -1,89 +1,228 @@
-"""The certificate on paper: A4 pages by matplotlib."""
+"""The certificate on paper: typeset A4 pages, with its data attached."""
 
 import io
-import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
+from datetime import datetime
 from typing import Any
 
-import matplotlib as mpl
-from matplotlib.backends.backend_pdf import PdfPages
-from matplotlib.figure import Figure
+from fpdf import FPDF
+from fpdf.enums import TableBordersLayout
+from fpdf.fonts import FontFace
+from matplotlib.font_manager import FontProperties, findfont
 
-from traverse.lab.acceptance.certificate.page import WORDS, figure_lines
+from traverse.lab.acceptance.certificate.page import (
+    WIDTH_MM,
+    WORDS,
+    administration_rows,
+    figure_cells,
+    standard_cells,
+)
 from traverse.lab.acceptance.certificate.pictures import paintings
+from traverse.lab.report.figures import STATE_COLOURS, picture
 
-_INCHES_PER_MM = 1.0 / 25.4
-_A4_MM = (210.0, 297.0)
-_MARGIN_MM, _LINE_MM = 18.0, 4.1
-_COLUMNS = 104
-_FONT = {"font.family": "DejaVu Sans", "font.size": 8.0, "pdf.fonttype": 42}
+_MARGIN_MM = 20.0
+_LINE_MM = 4.6
+_NOTE_LINE_MM = 3.9
+_TEXT_PT, _NOTE_PT, _HEADING_PT, _TITLE_PT = 9.0, 7.5, 11.5, 17.0
+_BLACK, _GREY, _RULE = (20, 20, 20), (95, 95, 95), (200, 200, 200)
+_SHADE = (242, 242, 242)
+_SIGNATURE_MM = 28.0
 
 
-def certificate_pdf(values: Mapping[str, Any]) -> bytes:
+class _Document(FPDF):
+    """A page's header and footer, and the few kinds of blocks of a certificate."""
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        super().__init__(format="A4")
+        self._values = values
+        self.set_margins(_MARGIN_MM, _MARGIN_MM)
+        self.set_auto_page_break(True, margin=_MARGIN_MM)
+        for style, weight in (("", "normal"), ("B", "bold")):
+            file = findfont(FontProperties(family="DejaVu Sans", weight=weight))
+            self.add_font("sans", style, file)
+        self.set_draw_color(*_RULE)
+        self.set_title(f"{values['title']}: {values['arm']['name']}")
+        self.set_subject(f"SHA-256 {values['digest']['digest']}")
+        self.set_creation_date(datetime.fromisoformat(values["date_utc"]))
+        self.add_page()
+
+    def header(self) -> None:
+        self._font(_NOTE_PT, colour=_GREY)
+        self.set_y(10.0)
+        self.cell(0, 5, f"Verification by {self._values['title']}")
+        self.set_x(_MARGIN_MM)
+        self.cell(0, 5, f"Arm {self._values['arm']['name']}", align="R")
+        self.line(_MARGIN_MM, 15.5, self.w - _MARGIN_MM, 15.5)
+        self.set_y(_MARGIN_MM)
+
+    def footer(self) -> None:
+        self._font(_NOTE_PT, colour=_GREY)
+        self.set_y(-14.0)
+        self.cell(0, 5, f"SHA-256 {self._values['digest']['digest'][:32]}…")
+        self.set_x(-_MARGIN_MM - 25.0)
+        self.cell(0, 5, f"page {self.page_no()} of {{nb}}")
+
+    def _font(
+        self, points: float, style: str = "", colour: tuple[int, int, int] = _BLACK
+    ) -> None:
+        self.set_font("sans", style, points)
+        self.set_text_color(*colour)
+
+    def text_block(self, text: str, *, note: bool = False, bold: bool = False) -> None:
+        """Set a paragraph."""
+        size, line_mm = (_NOTE_PT, _NOTE_LINE_MM) if note else (_TEXT_PT, _LINE_MM)
+        self._font(size, "B" if bold else "", _GREY if note else _BLACK)
+        self.multi_cell(0, line_mm, text, align="L", new_x="LMARGIN", new_y="NEXT")
+        self.ln(1.2)
+
+    def heading(self, text: str, *, keep_mm: float = 30.0) -> None:
+        """Begin a section, on a new page where too little of it would fit."""
+        if self.will_page_break(keep_mm):
+            self.add_page()
+        self.ln(3.0)
+        self._font(_HEADING_PT, "B")
+        self.cell(0, 6.5, text, new_x="LMARGIN", new_y="NEXT")
+        self.ln(1.0)
+
+    def rows(
+        self,
+        head: Sequence[str],
+        rows: Sequence[Sequence[str]],
+        widths: Sequence[int],
+        texts: int = 1,
+    ) -> None:
+        """Set a table; the first columns hold words, all others numbers."""
+        self._font(8.0)
+        aligned = ["LEFT"] * texts + ["RIGHT"] * (len(widths) - texts)
+        with self.table(
+            borders_layout=TableBordersLayout.HORIZONTAL_LINES,
+            col_widths=tuple(widths),
+            text_align=tuple(aligned),
+            headings_style=FontFace(emphasis="BOLD", color=_BLACK, fill_color=_SHADE),
+            first_row_as_headings=bool(head),
+            line_height=_LINE_MM,
+            padding=(0.5, 1.2),
+            v_align="TOP",
+        ) as table:
+            for cells in ([head] if head else []) + list(rows):
+                table.row(list(cells))
+        self.ln(2.0)
+
+    def verdict(self, state: str, title: str, sentences: Sequence[str]) -> None:
+        """Set the verdict in a box of its colour."""
+        self.ln(2.0)
+        top, left = self.get_y(), _MARGIN_MM
+        self.set_xy(left + 6.0, top + 2.0)
+        self.set_left_margin(left + 6.0)
+        self._font(13.0, "B")
+        self.multi_cell(0, 6.5, title, align="L", new_x="LMARGIN", new_y="NEXT")
+        for sentence in sentences:
+            self.text_block(sentence)
+        self.set_left_margin(left)
+        bottom = self.get_y() + 1.0
+        self.set_fill_color(STATE_COLOURS[state])
+        self.rect(left, top, 2.2, bottom - top, style="F")
+        self.set_fill_color(255)
+        self.rect(left, top, self.w - 2.0 * left, bottom - top)
+        self.set_xy(left, bottom + 3.0)
+
+    def signature(self) -> None:
+        """Leave a place for a signature."""
+        if self.will_page_break(_SIGNATURE_MM):
+            self.add_page()
+        self.set_y(self.get_y() + _SIGNATURE_MM - 8.0)
+        width = (self.w - 2.0 * _MARGIN_MM - 12.0) / 3.0
+        self._font(_NOTE_PT, colour=_GREY)
+        for number, what in enumerate(("place, date", "name", "signature")):
+            left = _MARGIN_MM + number * (width + 6.0)
+            self.set_draw_color(*_BLACK)
+            self.line(left, self.get_y(), left + width, self.get_y())
+            self.set_x(left)
+            self.cell(width, 5, what)
+        self.set_draw_color(*_RULE)
+        self.ln(8.0)
+
+
+def certificate_pdf(values: Mapping[str, Any], files: Mapping[str, bytes]) -> bytes:
     """Make the document.
 
     Args:
         values: The certificate.
+        files: To be attached, by name.
     """
-    file = io.BytesIO()
-    with mpl.rc_context(_FONT), PdfPages(file) as pages:  # type: ignore[arg-type] # the stubs want literal keys
-        for number, lines in enumerate(_text_pages(values), 1):
-            pages.savefig(_text_page(lines, number))
-        for title, height_mm, paint in paintings(values):
-            figure = Figure(
-                figsize=(
-                    _A4_MM[0] * _INCHES_PER_MM,
-                    (height_mm + 25.0) * _INCHES_PER_MM,
-                ),
-                layout="constrained",
-            )
-            figure.suptitle(title)
-            paint(figure)
-            pages.savefig(figure)
-        document = pages.infodict()
-        document["Title"] = f"{values['title']}: {values['arm']['name']}"
-        document["Subject"] = f"SHA-256 {values['digest']['digest']}"
-    return file.getvalue()
+    document = _Document(values)
+    _first_page(document, values)
+    _definitions(document, values)
+    for title, height_mm, paint in paintings(values):
+        document.heading(title, keep_mm=height_mm + 14.0)
+        png = picture(WIDTH_MM, height_mm, paint)
+        document.image(io.BytesIO(png), w=WIDTH_MM, h=height_mm)
+    _digests(document, values)
+    for name, content in sorted(files.items()):
+        document.embed_file(bytes=content, basename=name, compress=True)
+    return bytes(document.output())
 
 
-def _text_pages(values: Mapping[str, Any]) -> Iterator[list[str]]:
-    title, *rest = figure_lines(values)
-    lines = [
-        title,
-        "",
-        *rest,
-        "",
-        WORDS.uncertainty(),
-        "",
-        f"Arm file: {values['arm']['digest']}",
-        *(f"{name}: {digest}" for name, digest in values["digest"]["files"].items()),
-        f"Result: {values['digest']['result']}",
-        f"Over all ({values['digest']['algorithm']}): {values['digest']['digest']}",
-    ]
-    wrapped: list[str] = []
-    for line in lines:
-        indent = " " * (len(line) - len(line.lstrip()))
-        wrapped += textwrap.wrap(
-            line, _COLUMNS, subsequent_indent=indent, break_long_words=True
-        ) or [""]
-    per_page = int((_A4_MM[1] - 2.0 * _MARGIN_MM) / _LINE_MM)
-    for first in range(0, len(wrapped), per_page):
-        yield wrapped[first : first + per_page]
-
-
-def _text_page(lines: list[str], number: int) -> Figure:
-    figure = Figure(figsize=(_A4_MM[0] * _INCHES_PER_MM, _A4_MM[1] * _INCHES_PER_MM))
-    left = _MARGIN_MM / _A4_MM[0]
-    for row, line in enumerate(lines):
-        up = 1.0 - (_MARGIN_MM + row * _LINE_MM) / _A4_MM[1]
-        is_title = number == 1 and row == 0
-        figure.text(
-            left,
-            up,
-            line.replace("$", r"\$"),
-            va="top",
-            fontweight="bold" if is_title or " mm, U = " in line else "normal",
-            fontsize=11 if is_title else 8,
+def _first_page(document: _Document, values: Mapping[str, Any]) -> None:
+    document.set_font("sans", "B", _TITLE_PT)
+    document.cell(0, 9, "Certificate of verification", new_x="LMARGIN", new_y="NEXT")
+    document.text_block(f"{values['title']}; arm {values['arm']['name']}")
+    document.verdict(
+        WORDS.state(values), WORDS.title(values), WORDS.lines("conclusion", values)
+    )
+    document.heading("Figures")
+    document.rows(
+        WORDS.lines("columns", values),
+        [figure_cells(figure) for figure in values["figures"]],
+        (34, 44, 22, 24, 22, 24),
+        texts=2,
+    )
+    for remark in [
+        *(f"{f['name']}: {one}" for f in values["figures"] for one in f["remarks"]),
+        *values["remarks"],
+    ]:
+        document.text_block(f"{remark[0].upper()}{remark[1:]}.", note=True)
+    if values["missing"]:
+        document.heading("Missing")
+        rows = [
+            (one["name"], what) for one in values["missing"] for what in one["what"]
+        ]
+        document.rows(("not computed", "because"), rows, (45, 125), texts=2)
+    document.heading("Measurement", keep_mm=60.0)
+    document.rows((), administration_rows(values), (45, 125), texts=2)
+    if values["administration"]["standards"]:
+        document.heading("Standards")
+        document.rows(
+            ("standard", "serial number", "calibrated", "certificate", "touched as"),
+            standard_cells(values),
+            (28, 38, 24, 34, 46),
+            texts=5,
         )
-    figure.text(0.5, 0.03, str(number), ha="center", fontsize=7)
-    return figure
+    document.signature()
+
+
+def _definitions(document: _Document, values: Mapping[str, Any]) -> None:
+    document.add_page()
+    document.heading("Definitions, uncertainties and parts")
+    document.text_block(WORDS.uncertainty(), note=True)
+    for figure in values["figures"]:
+        if document.will_page_break(30.0):
+            document.add_page()
+        document.text_block(figure["name"], bold=True)
+        document.text_block(WORDS.definition(values, figure))
+        document.text_block(f"Uncertainty: {WORDS.budget(figure)}.", note=True)
+        parts = [(part["name"], f"{part['value_mm']:.4f}") for part in figure["parts"]]
+        if parts:
+            document.rows(("part", "mm"), parts, (110, 60))
+
+
+def _digests(document: _Document, values: Mapping[str, Any]) -> None:
+    digest = values["digest"]
+    document.heading("Data and digests")
+    document.text_block(WORDS.digests())
+    rows = [
+        *sorted(digest["files"].items()),
+        ("result", digest["result"]),
+        ("over all", digest["digest"]),
+    ]
+    document.rows(("file, attached", digest["algorithm"]), rows, (40, 130), texts=2)

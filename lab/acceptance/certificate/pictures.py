@@ -15,7 +15,13 @@ from traverse.lab.report.figures import (
     zero_line,
 )
 
-_COLOURS = {"accept": BLUE, "neither": ORANGE, "reject": VERMILION, None: GREY}
+_COLOURS = {
+    "accept": BLUE,
+    "neither": ORANGE,
+    "undecided": ORANGE,
+    "reject": VERMILION,
+    None: GREY,
+}
 _MARKS = ("o", "s", "^", "D", "v", "P", "X")
 
 
@@ -45,7 +51,7 @@ def _against_limits(figures: list[Mapping[str, Any]]) -> Paint:
         colours = [_COLOURS[entry["verdict"]] for entry in figures]
         axes.barh(rows, shares, color=colours, height=0.55)
         for row, entry in zip(rows, figures, strict=True):
-            guard = entry["guard_mm"] / entry["limit_mm"]
+            guard = (entry["guard_mm"] or 0.0) / entry["limit_mm"]
             axes.plot([1 - guard, 1 - guard], [row - 0.4, row + 0.4], color=GREY)
             axes.plot([1 + guard, 1 + guard], [row - 0.4, row + 0.4], color=GREY)
         axes.axvline(1.0, color="black", linewidth=0.9)
@@ -72,12 +78,12 @@ def _lengths(lengths: list[Mapping[str, Any]]) -> Paint:
                 alpha=0.75,
             )
         limited = sorted(
-            (entry["length_mm"], entry["limit_mm"], entry["standard_mm"])
+            (entry["length_mm"], entry["limit_mm"])
             for entry in lengths
             if entry["limit_mm"] is not None
         )
         if limited:
-            at_mm, limit_mm, _ = np.array(limited).T
+            at_mm, limit_mm = np.array(limited).T
             for side in (-1.0, 1.0):
                 axes.plot(at_mm, side * 1e3 * limit_mm, color="black", linewidth=0.9)
         zero_line(axes)

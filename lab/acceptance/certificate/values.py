@@ -4,12 +4,13 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from typing import Any
 
 from traverse.kinematics.arm_file.arm import Arm, arm_digest
+from traverse.lab.acceptance.certificate.administration import Administration
 from traverse.lab.acceptance.conformity.figure import Figure, Verification
 from traverse.lab.acceptance.conformity.limits import Limits
+from traverse.lab.report.provenance import ReportProvenance
 
 SCHEMA = "traverse/acceptance/1"
 ALGORITHM = "SHA-256"
@@ -24,14 +25,16 @@ class SealedCertificate:
         arm: As read.
         limits: As read, or none.
         files: Contents of the files, by the names that they get in the folder `data`.
-        when: Of the computation.
+        administration: Who measured, where, when, with which standards.
+        provenance: Of the computation.
     """
 
     verification: Verification
     arm: Arm
     limits: Limits
     files: Mapping[str, bytes]
-    when: datetime
+    administration: Administration
+    provenance: ReportProvenance
 
     @property
     def values(self) -> dict[str, Any]:
@@ -44,26 +47,6 @@ class SealedCertificate:
         return {**result, "digest": digest_values(result, files)}
 
 
-def sealed(
-    verification: Verification,
-    arm: Arm,
-    limits: Limits,
-    files: Mapping[str, bytes],
-    when: datetime | None = None,
-) -> SealedCertificate:
-    """Put together what the certificate is made of.
-
-    Args:
-        verification: The figures.
-        arm: As read.
-        limits: As read.
-        files: Contents by the names that they get.
-        when: Of the computation; default now.
-    """
-    moment = (when or datetime.now(UTC)).replace(microsecond=0)
-    return SealedCertificate(verification, arm, limits, dict(files), moment)
-
-
 def result_values(certificate: SealedCertificate) -> dict[str, Any]:
     """Put everything but the digest into plain values."""
     found, limits = certificate.verification, certificate.limits
@@ -71,7 +54,9 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
         "schema": SCHEMA,
         "standard": found.standard,
         "title": found.title,
-        "date_utc": certificate.when.isoformat().replace("+00:00", "Z"),
+        "date_utc": certificate.provenance.date_utc,
+        "provenance": certificate.provenance.values,
+        "administration": administration_values(certificate.administration),
         "arm": {"name": certificate.arm.name, "digest": arm_digest(certificate.arm)},
         "verdict": found.verdict,
         "complete": not found.missing,
@@ -92,6 +77,12 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
         ],
         "remarks": list(found.remarks),
     }
+
+
+def administration_values(administration: Administration) -> dict[str, Any]:
+    """Put the administrative data into plain values."""
+    values: dict[str, Any] = json.loads(json.dumps(asdict(administration)))
+    return values
 
 
 def digest_values(
@@ -122,7 +113,7 @@ def canonical(values: Mapping[str, Any]) -> bytes:
 
 
 def _figure(figure: Figure, limits: Limits) -> dict[str, Any]:
-    decision = figure.decision
+    decision, standard_mm = figure.decision, figure.budget.standard_mm
     return {
         "key": figure.key,
         "name": figure.name,
@@ -130,7 +121,9 @@ def _figure(figure: Figure, limits: Limits) -> dict[str, Any]:
         "source": figure.source,
         "confirm": figure.confirm,
         "value_mm": figure.value_mm,
-        "expanded_uncertainty_mm": limits.coverage_factor * figure.budget.standard_mm,
+        "expanded_uncertainty_mm": None
+        if standard_mm is None
+        else limits.coverage_factor * standard_mm,
         "budget": [asdict(line) for line in figure.budget.lines],
         "limit_mm": None if decision is None else decision.limit_mm,
         "guard_mm": None if decision is None else decision.guard_mm,

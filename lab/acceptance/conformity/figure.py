@@ -8,7 +8,8 @@ the limit:
     simple       |e| <= MPE           |e| > MPE            never
 
 Between the guard bands neither conformity nor its opposite is proved: who has to prove
-loses (the supplier cannot prove conformity, nor the customer the opposite).
+loses (the supplier cannot prove conformity, nor the customer the opposite). Where u is
+not stated ISO 14253-1 decides nothing: "undecided".
 
 The uncertainty of a test value is what the standard adds, not what the arm does: the
 arm's own errors, its repeatability included, are what is tested. What remains are the
@@ -17,14 +18,14 @@ stood (in the manner of ISO/TS 23165 [K]).
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from traverse.lab.acceptance.conformity.limits import Limits, Standards
 
-Verdict = Literal["accept", "reject", "neither"]
+Verdict = Literal["accept", "reject", "neither", "undecided"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,44 +33,47 @@ class Decision:
     """What was decided, and by which rule.
 
     Attributes:
-        verdict: accept, reject or neither.
+        verdict: accept, reject, neither, or undecided for want of an uncertainty.
         limit_mm: The maximum permissible error.
-        guard_mm: Width of the guard band; 0 with simple acceptance.
+        guard_mm: Width of the guard band; 0 with simple acceptance, None where the
+            uncertainty is not stated.
         rule: In words.
     """
 
     verdict: Verdict
     limit_mm: float
-    guard_mm: float
+    guard_mm: float | None
     rule: str
 
 
 def decision_of(
-    error_mm: float, limit_mm: float, standard_mm: float, limits: Limits
+    error_mm: float, limit_mm: float, standard_mm: float | None, limits: Limits
 ) -> Decision:
     """Decide on one error.
 
     Args:
         error_mm: Signed or not.
         limit_mm: The maximum permissible error.
-        standard_mm: Standard uncertainty of the test value.
+        standard_mm: Standard uncertainty of the test value; None where not stated.
         limits: Name the rule.
     """
     guard_mm = guard_of(standard_mm, limits)
     size_mm = abs(error_mm)
     verdict: Verdict = "neither"
-    if size_mm <= limit_mm - guard_mm:
+    if guard_mm is None:
+        verdict = "undecided"
+    elif size_mm <= limit_mm - guard_mm:
         verdict = "accept"
     elif size_mm > limit_mm + guard_mm:
         verdict = "reject"
     return Decision(verdict, limit_mm, guard_mm, rule_text(limits))
 
 
-def guard_of(standard_mm: float, limits: Limits) -> float:
-    """Say how wide the guard band is."""
+def guard_of(standard_mm: float | None, limits: Limits) -> float | None:
+    """Say how wide the guard band is; None where its uncertainty is not stated."""
     if limits.decision == "simple":
         return 0.0
-    return limits.guard_factor * standard_mm
+    return None if standard_mm is None else limits.guard_factor * standard_mm
 
 
 def rule_text(limits: Limits) -> str:
@@ -81,7 +85,7 @@ def rule_text(limits: Limits) -> str:
 
 def worst(verdicts: list[Verdict]) -> Verdict:
     """Say what many verdicts come to: one rejection rejects."""
-    for verdict in ("reject", "neither"):
+    for verdict in ("reject", "undecided", "neither"):
         if verdict in verdicts:
             return verdict
     return "accept"
@@ -93,13 +97,31 @@ class Contribution:
 
     Attributes:
         name: What it comes from.
-        formula: With the numbers in it.
-        standard_mm: Standard uncertainty of the test value from it.
+        formula: With the numbers in it; or where to state it.
+        standard_mm: Standard uncertainty of the test value from it; None where it is
+            required and not stated.
     """
 
     name: str
     formula: str
-    standard_mm: float
+    standard_mm: float | None
+
+
+def required(name: str, formula: str, standard_mm: float, where: str) -> Contribution:
+    """Make a line without which no uncertainty is stated.
+
+    Args:
+        name: What it comes from.
+        formula: With the numbers in it.
+        standard_mm: 0 where it is not stated.
+        where: Keys that state it, and their file.
+    """
+    if standard_mm > 0.0:
+        return Contribution(name, formula, standard_mm)
+    return Contribution(name, f"give {where}", None)
+
+
+IN_LIMITS = "in [standards] of the limits"
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,9 +131,27 @@ class Budget:
     lines: tuple[Contribution, ...]
 
     @property
-    def standard_mm(self) -> float:
-        """Root of the sum of squares."""
-        return float(np.sqrt(sum(line.standard_mm**2 for line in self.lines)))
+    def standard_mm(self) -> float | None:
+        """Root of the sum of squares; None where a required line is not stated."""
+        sizes_mm = [line.standard_mm for line in self.lines]
+        if None in sizes_mm:
+            return None
+        return float(np.sqrt(sum((size_mm or 0.0) ** 2 for size_mm in sizes_mm)))
+
+    def times(self, factor: float) -> "Budget":
+        """Give the budget of a multiple of the test value."""
+        return Budget(
+            tuple(
+                line
+                if line.standard_mm is None
+                else replace(
+                    line,
+                    formula=f"{factor:g} x {line.formula}",
+                    standard_mm=factor * line.standard_mm,
+                )
+                for line in self.lines
+            )
+        )
 
 
 def length_budget(
@@ -134,17 +174,25 @@ def length_budget(
     temperature_mm = length_mm * abs(per_c) * standards.temperature_std_c
     return Budget(
         (
-            Contribution("calibration", "of the certificate", calibration_mm),
+            required(
+                "calibration",
+                "of the certificate",
+                calibration_mm,
+                "distance_std_mm, radius_std_mm or points_std_mm in campaign.toml",
+            ),
             Contribution(
                 "expansion coefficient",
                 f"{length_mm:g} mm x {standards.expansion_std_per_c:g} /C x "
                 f"{abs(warmer_c):.2f} C",
                 expansion_mm,
             ),
-            Contribution(
+            Contribution("temperature", "the standard does not expand", 0.0)
+            if per_c == 0.0
+            else required(
                 "temperature",
                 f"{length_mm:g} mm x {per_c:g} /C x {standards.temperature_std_c:g} C",
                 temperature_mm,
+                f"temperature_std_c {IN_LIMITS}",
             ),
             Contribution("fixture", "as stated", standards.fixture_std_mm),
         )
@@ -155,10 +203,11 @@ def form_budget(standards: Standards) -> Budget:
     """Draw up the budget of what the form of a test sphere disturbs."""
     return Budget(
         (
-            Contribution(
+            required(
                 "form of the sphere",
                 f"{standards.form_mm:g} mm / 2",
                 standards.form_mm / 2.0,
+                f"form_mm {IN_LIMITS}",
             ),
             Contribution("its uncertainty", "as stated", standards.form_std_mm),
             Contribution("fixture", "as stated", standards.fixture_std_mm),
@@ -168,7 +217,9 @@ def form_budget(standards: Standards) -> Budget:
 
 def fixture_budget(standards: Standards) -> Budget:
     """Draw up the budget of a test that needs no calibrated standard."""
-    return Budget((Contribution("fixture", "as stated", standards.fixture_std_mm),))
+    fixture_mm = standards.fixture_std_mm
+    where = f"fixture_std_mm {IN_LIMITS}"
+    return Budget((required("fixture", "as stated", fixture_mm, where),))
 
 
 # What a definition was taken from.
@@ -231,7 +282,7 @@ class LengthError:
         length_mm: Certified.
         error_mm: Measured less certified, at the temperature of the measurement.
         limit_mm: None without a limit.
-        standard_mm: Standard uncertainty of the error.
+        standard_mm: Standard uncertainty of the error; None where not stated.
         role: "set", or "repeat" of the ten that were measured again.
     """
 
@@ -240,7 +291,7 @@ class LengthError:
     length_mm: float
     error_mm: float
     limit_mm: float | None
-    standard_mm: float
+    standard_mm: float | None
     role: Literal["set", "repeat"] = "set"
 
 

@@ -113,7 +113,7 @@ def volumetric(measured: Measurement, limits: Limits) -> Iterator[Part]:
     yield from found
     values = np.array([error.error_mm for error in found])
     worst, budget = largest_of(found, measured, limits)
-    two_rms_mm = 2.0 * float(np.sqrt(np.mean(values**2)))
+    two_rms_mm, twice = 2.0 * float(np.sqrt(np.mean(values**2))), budget.times(2.0)
     remarks = tuple(_bar_remarks(measured, found))
     yield Figure(
         "volumetric_max",
@@ -135,10 +135,8 @@ def volumetric(measured: Measurement, limits: Limits) -> Iterator[Part]:
         f"{_VOLUME}; 2 sqrt(sum D^2/20)",
         "general knowledge",
         two_rms_mm,
-        budget,
-        figure_decision(
-            limits, "volumetric_2rms", two_rms_mm, 2.0 * budget.standard_mm
-        ),
+        twice,
+        figure_decision(limits, "volumetric_2rms", two_rms_mm, twice.standard_mm),
     )
 
 

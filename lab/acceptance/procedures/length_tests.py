@@ -109,6 +109,8 @@ def _judged(
         verdicts = [_verdict(error, limits) for error in found]
         if None in verdicts:
             return None, remarks
+        if "undecided" in verdicts:
+            return "undecided", remarks
         bad = [row for row in range(SET) if verdicts[row] != "accept"]
         again = verdicts[SET:]
         cured = len(bad) == 1 and len(again) == AGAIN and set(again) == {"accept"}

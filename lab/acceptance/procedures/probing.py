@@ -73,7 +73,7 @@ def refuse_another_count(touched: ArtefactTouches, wanted: int, what: str) -> No
 
 
 def figure_decision(
-    limits: Limits, key: str, error_mm: float, standard_mm: float
+    limits: Limits, key: str, error_mm: float, standard_mm: float | None
 ) -> Decision | None:
     """Decide on a figure, where it has a limit that does not depend on a length."""
     limit = limits.mpe.of(key)

@@ -28,6 +28,7 @@ from traverse.lab.diagnosis.report.adapted_arm import (
     write_adapted,
 )
 from traverse.lab.diagnosis.report.discrepancies import write_discrepancies
+from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
 from traverse.strict_toml.writing import write_atomically
 
 SCHEMA = "traverse/diagnosis/1"
@@ -42,6 +43,7 @@ def write_diagnosis(
     diagnosis: Diagnosis,
     source: str | Path,
     when: datetime | None = None,
+    provenance: ReportProvenance | None = None,
 ) -> Arm:
     """Write everything into a folder, which is made if need be.
 
@@ -50,6 +52,7 @@ def write_diagnosis(
         diagnosis: The result.
         source: The arm file that was diagnosed: its comments are kept.
         when: Date of the diagnosis; default now.
+        provenance: Of the computation; default this user, now.
 
     Returns:
         The adapted arm as written, with its provenance.
@@ -58,7 +61,9 @@ def write_diagnosis(
     target.mkdir(parents=True, exist_ok=True)
     arm = arm_with_provenance(diagnosis, when)
     write_adapted(target / "arm.toml", arm, Path(source))
-    text = json.dumps(diagnosis_json(diagnosis), indent=1, allow_nan=False)
+    origin = provenance or campaign_provenance(diagnosis.campaign, when=when)
+    values = diagnosis_json(diagnosis, origin)
+    text = json.dumps(values, indent=1, allow_nan=False)
     write_atomically(target / "diagnosis.json", text + "\n")
     plots = plots_of(diagnosis)
     parts = pose_parts(diagnosis)
@@ -69,17 +74,25 @@ def write_diagnosis(
     for path in target.glob("term-*.png"):
         if _TERM_PICTURE.fullmatch(path.name) and path.name not in plots.files:
             path.unlink()
-    write_atomically(target / "report.html", report_page(diagnosis, plots))
+    write_atomically(target / "report.html", report_page(diagnosis, plots, origin))
     return arm
 
 
-def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Put a diagnosis into the plain values of `diagnosis.json`."""
+def diagnosis_json(
+    diagnosis: Diagnosis, provenance: ReportProvenance | None = None
+) -> dict[str, Any]:
+    """Put a diagnosis into the plain values of `diagnosis.json`.
+
+    Args:
+        diagnosis: The result.
+        provenance: Of the computation; default this user, now.
+    """
     lines = sorted(diagnosis.campaign.poses.lines[diagnosis.excluded].tolist())
     noise, ids = diagnosis.noise, [one.id for one in diagnosis.campaign.artefacts]
     unwritten = terms_without_epoch(diagnosis)
     values = {
         "schema": SCHEMA,
+        "provenance": (provenance or campaign_provenance(diagnosis.campaign)).values,
         "verdict": diagnosis.verdict,
         "terms": [
             _term(term, written=term.accepted and term not in unwritten)

@@ -20,6 +20,7 @@ from traverse.lab.diagnosis.report.names import (
     term_size_text,
 )
 from traverse.lab.diagnosis.report.plots import Plots
+from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
 from traverse.lab.report.templates import Filters, Words, page
 
 
@@ -60,14 +61,23 @@ def summary_lines(diagnosis: Diagnosis) -> list[str]:
     return WORDS.lines("summary", diagnosis)
 
 
-def report_page(diagnosis: Diagnosis, plots: Plots) -> str:
-    """Make the page; the text is complete in itself."""
+def report_page(
+    diagnosis: Diagnosis, plots: Plots, provenance: ReportProvenance | None = None
+) -> str:
+    """Make the page; the text is complete in itself.
+
+    Args:
+        diagnosis: The result.
+        plots: Its pictures.
+        provenance: Of the computation; default this user, now.
+    """
     joint_names = list(diagnosis.campaign.joint_names)
     return page(
         "diagnosis/report/page.jinja",
         _FILTERS,
         diagnosis=diagnosis,
         plots=plots,
+        provenance=provenance or campaign_provenance(diagnosis.campaign),
         words=WORDS,
         step_names=step_names(diagnosis),
         joint_names=joint_names,

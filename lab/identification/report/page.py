@@ -18,16 +18,17 @@ from traverse.lab.identification.report.residual_pictures import (
     by_artefact,
     by_joint,
 )
-from traverse.lab.identification.report.undetermined_effects import (
+from traverse.lab.identification.results.result import Identification
+from traverse.lab.identification.results.undetermined_effects import (
     undetermined_effects_mm,
 )
-from traverse.lab.identification.results.result import Identification
 from traverse.lab.identification.volume.uncertainty_map import (
     UncertaintyMap,
     arm_uncertainty,
     noise_deviations_mm,
     uncertainty_map,
 )
+from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
 from traverse.lab.report.templates import Filters, Words, page
 from traverse.strict_toml.writing import write_atomically
 
@@ -84,18 +85,28 @@ def comparison_lines(values: Mapping[str, Any]) -> list[str]:
     return WORDS.lines("comparison", values)
 
 
-def write_report(result: Identification, found: UncertaintyMap, path: Path) -> None:
+def write_report(
+    result: Identification,
+    found: UncertaintyMap,
+    path: Path,
+    provenance: ReportProvenance | None = None,
+) -> None:
     """Write the page in place of an old one, whole or not at all."""
-    write_atomically(path, report_page(result, found))
+    write_atomically(path, report_page(result, found, provenance))
 
 
-def report_page(result: Identification, found: UncertaintyMap) -> str:
-    """Make the page; the text is complete in itself."""
-    test = result.global_test
-    # Less noise than was given does no harm.
-    as_expected = result.redundancy > 0 and (
-        test.passed or test.noise_estimated or result.sigma0 < 1.0
-    )
+def report_page(
+    result: Identification,
+    found: UncertaintyMap,
+    provenance: ReportProvenance | None = None,
+) -> str:
+    """Make the page; the text is complete in itself.
+
+    Args:
+        result: Of `identify`.
+        found: Its uncertainty map.
+        provenance: Of the computation; default this user, now.
+    """
     some_free = bool(result.parameters)
     pictures = {
         "artefacts": by_artefact(result),
@@ -112,7 +123,7 @@ def report_page(result: Identification, found: UncertaintyMap) -> str:
         found=found,
         words=WORDS,
         pictures=pictures,
-        is_good=result.converged and as_expected,
+        provenance=provenance or campaign_provenance(result.campaign),
         controllability=_known(result, result.statistics.controllability),
         detectable_mm=_known(result, result.statistics.detectable_mm),
         effects_mm=_effects_mm(result) if some_free else [],

@@ -17,6 +17,10 @@ from traverse.lab.identification.results.result import (
     CartesianCovariance,
     Identification,
 )
+from traverse.lab.identification.results.undetermined_effects import (
+    undetermined_effects_mm,
+)
+from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
 from traverse.strict_toml.writing import write_atomically
 
 SCHEMA = "traverse/identification/1"
@@ -26,7 +30,10 @@ _BLOCK_ROWS = 10_000
 
 
 def write_result(
-    result: Identification, folder: str | Path, when: datetime | None = None
+    result: Identification,
+    folder: str | Path,
+    when: datetime | None = None,
+    provenance: ReportProvenance | None = None,
 ) -> Arm:
     """Write everything but the report into a folder, which is made if need be.
 
@@ -34,6 +41,7 @@ def write_result(
         result: Of `identify`.
         folder: Where to.
         when: Date of the identification; default now.
+        provenance: Of the computation; default this user, now.
 
     Returns:
         The arm as written, with its provenance.
@@ -55,16 +63,26 @@ def write_result(
         }
     )
     write_arm(target / "arm.toml", arm)
-    text = json.dumps(identification_json(result), indent=1, allow_nan=False)
+    values = identification_json(result, provenance)
+    text = json.dumps(values, indent=1, allow_nan=False)
     write_atomically(target / "identification.json", text + "\n")
     _write_residuals(result, target / "residuals.csv")
     return arm
 
 
-def identification_json(result: Identification) -> dict[str, Any]:
-    """Put a result into the plain values of `identification.json`."""
+def identification_json(
+    result: Identification, provenance: ReportProvenance | None = None
+) -> dict[str, Any]:
+    """Put a result into the plain values of `identification.json`.
+
+    Args:
+        result: Of `identify`.
+        provenance: Of the computation; default this user, now.
+    """
+    effects_mm = undetermined_effects_mm(result)
     return {
         "schema": SCHEMA,
+        "provenance": (provenance or campaign_provenance(result.campaign)).values,
         "converged": result.converged,
         "iterations": len(result.iterations),
         "sigma0": result.sigma0,
@@ -86,8 +104,12 @@ def identification_json(result: Identification) -> dict[str, Any]:
             for entry in result.parameters
         ],
         "undetermined": [
-            {"direction": entry.direction, "why": entry.why}
-            for entry in result.undetermined
+            {
+                "direction": entry.direction,
+                "probe_mm": float(effect_mm) if np.isfinite(effect_mm) else None,
+                "why": entry.why,
+            }
+            for entry, effect_mm in zip(result.undetermined, effects_mm, strict=True)
         ],
         "weak": [
             {

@@ -42,10 +42,12 @@ class Undetermined:
         direction: Components by name, in units of the plausible deviations, of unit
             length together; small ones left out.
         why: The reason and the remedy.
+        is_scale: Whether it is how large the whole arm is.
     """
 
     direction: dict[str, float]
     why: str
+    is_scale: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +79,7 @@ def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
         scale = scale_direction(network.parameters, geometry)
         for direction in scale:
             named = _named(network.parameters, direction)
-            found.append(Undetermined(named, _NO_LENGTH))
+            found.append(Undetermined(named, _NO_LENGTH, is_scale=True))
         # The adjustment holds the scale by decree, as the last direction.
         rest = rest[: len(rest) - len(scale)]
     coverage = joint_coverage(network.campaign, _poses(network))

@@ -5,18 +5,21 @@ import shutil
 from datetime import UTC, datetime
 
 import numpy as np
+import pypdfium2
 import pytest
 
 from tests.docs.pages import CHECKOUT
 from tests.lab.report.pages import Page
 from traverse.kinematics.arm_file.arm import read_arm
+from traverse.lab.acceptance.certificate.administration import administration_of
 from traverse.lab.acceptance.certificate.check import certificate_problems
 from traverse.lab.acceptance.certificate.files import write_certificate
 from traverse.lab.acceptance.certificate.page import figure_lines
-from traverse.lab.acceptance.certificate.values import sealed
+from traverse.lab.acceptance.certificate.values import SealedCertificate
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
 from traverse.lab.acceptance.standards import verified
 from traverse.lab.measured_points.reading import files_read, read_measured
+from traverse.lab.report.provenance import ReportSource, report_provenance
 from traverse.simulator.campaigns import write_campaign
 from traverse.simulator.campaigns.acceptance.poses import (
     acceptance_poses,
@@ -32,6 +35,19 @@ interim_length_mm = 0.050
 """
 
 
+def stated(campaign):
+    """A campaign with the words of a laboratory in it."""
+    head = (
+        'operator = "M. Curie"\nplace = "Laboratory 2"\n'
+        "start_utc = 2026-11-20T09:00:00Z\n[noise]"
+    )
+    bar = (
+        'kind = "ball_bar"\nserial_number = "KB 0815"\n'
+        'calibration_date = 2026-05-04\ncertificate_number = "D-K-4711"'
+    )
+    return campaign.replace("[noise]", head, 1).replace('kind = "ball_bar"', bar)
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A simulated interim check, and the certificate of it."""
@@ -42,12 +58,22 @@ def made(tmp_path_factory):
     )
     (folder / "limits.toml").write_text(LIMITS)
     limits = read_limits(folder / "limits.toml")
-    found = verified(read_measured(folder, arm), "vdi2617-9", limits)
+    campaign = folder / "campaign.toml"
+    campaign.write_text(stated(campaign.read_text("utf-8")), "utf-8")
+    measured = read_measured(folder, arm)
+    found = verified(measured, "vdi2617-9", limits)
     files = {path.name: path.read_bytes() for path in files_read(folder)}
     files["arm.toml"] = ARM.read_bytes()
     files["limits.toml"] = LIMITS.encode()
     when = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
-    return sealed(found, arm, limits, files, when)
+    return SealedCertificate(
+        found,
+        arm,
+        limits,
+        files,
+        administration_of(measured, arm),
+        report_provenance(ReportSource("interim", "0" * 64), "C. Gauss", when),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -94,12 +120,47 @@ def test_page_and_document_say_every_figure(made, written):
     assert values["digest"]["digest"] in page
     assert 'download="poses.csv"' in page
     assert "http" not in page
-    document = (written / "certificate.pdf").read_bytes()
-    assert document.startswith(b"%PDF")
-    assert values["digest"]["digest"].encode() in document
     lines = list(figure_lines(values))
     assert "accepted" in lines[1]
     assert lines[-1] == "Complete: accepted."
+
+
+def test_the_document_is_typeset_and_has_its_data_attached(made, written):
+    with pypdfium2.PdfDocument(written / "certificate.pdf") as document:
+        pages = [page.get_textpage().get_text_bounded() for page in document]
+        attached = {
+            one.get_name(): bytes(one.get_data())
+            for one in (
+                document.get_attachment(at)
+                for at in range(document.count_attachments())
+            )
+        }
+    for number, text in enumerate(pages, 1):
+        assert f"page {number} of {len(pages)}" in text
+        assert "Verification by VDI/VDE 2617-9" in text
+    first = pages[0]
+    assert first.index("Accepted") < first.index("Figures")
+    assert "a ball bar in 7 positions" not in first
+    assert "a ball bar in 7 positions" in pages[1]
+    for said in (
+        *("2026-11-20 09:00:00 UTC to 2026-11-20", "20.00 °C", "M. Curie"),
+        *("Laboratory 2", "KB 0815", "2026-05-04", "D-K-4711", "C. Gauss"),
+        *("Serial number of the arm not stated", "signature", "0" * 64),
+    ):
+        assert said in first.replace("\r\n", " ")
+    assert attached == {
+        **made.files,
+        "certificate.json": (written / "certificate.json").read_bytes(),
+    }
+
+
+def test_the_page_says_who_measured_when_with_which_standards(made, written):
+    page = (written / "certificate.html").read_text()
+    for said in ("M. Curie", "Laboratory 2", "KB 0815", "2026-05-04", "not stated"):
+        assert f"<td>{said}</td>" in page
+    assert (
+        page.index("Accepted") < page.index("Measurement") < page.index("Definitions")
+    )
 
 
 def change(path, old, new):

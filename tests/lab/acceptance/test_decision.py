@@ -30,6 +30,12 @@ def test_by_hand(error, guarded, simple):
     assert (plain.verdict, plain.guard_mm) == (simple, 0.0)
 
 
+def test_nothing_is_decided_without_an_uncertainty():
+    decision = decision_of(0.0, 0.010, None, limits())
+    assert (decision.verdict, decision.guard_mm) == ("undecided", None)
+    assert decision_of(0.0, 0.010, None, limits(decision="simple")).verdict == "accept"
+
+
 @given(st.floats(-1, 1), st.floats(1e-6, 1), st.floats(0, 1))
 def test_guard_bands_only_take_away(error, limit, standard):
     guarded = decision_of(error, limit, standard, limits()).verdict
@@ -40,6 +46,7 @@ def test_guard_bands_only_take_away(error, limit, standard):
 
 def test_one_rejection_rejects():
     assert worst(["accept", "neither", "reject"]) == "reject"
+    assert worst(["accept", "undecided", "neither"]) == "undecided"
     assert worst(["accept", "neither"]) == "neither"
     assert worst([]) == "accept"
 

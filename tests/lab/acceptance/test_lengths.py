@@ -1,10 +1,13 @@
 """Errors of length by hand, and the rule for repeats."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.lab.measurements import (
     OCTAHEDRON,
+    SURE_MM,
     TIP_MM,
     artefact,
     limits,
@@ -24,6 +27,7 @@ SQUARE = np.array([[5.0, 5, 0], [-5, 5, 0], [-5, -5, 0], [5, -5, 0]])
 def seats(name, length_mm, errors_mm, **keys):
     """A bar with two seats, touched at both ends for every repeat."""
     points = {"a": (0.0, 0.0, 0.0), "b": (length_mm, 0.0, 0.0)}
+    keys = {"points_std_mm": SURE_MM, **keys}
     bar = artefact(name, "points", frame="own", points_mm=points, **keys)
     places = [
         place
@@ -160,7 +164,26 @@ def test_five_cured_sets_are_the_most():
     assert judged(changed).decision.verdict == "accept"
 
 
-def test_guard_band_leaves_undecided():
+def test_an_uncertainty_that_is_not_stated_leaves_undecided():
+    data = all_sets().touched
+    bars = {
+        name: artefact(
+            name,
+            "points",
+            frame="own",
+            points_mm={"a": (0.0, 0.0, 0.0), "b": (300.0 * int(name[-1]), 0.0, 0.0)},
+        )
+        for name in data
+    }
+    plain = replace(all_sets(), artefacts=bars)
+    figure = of_kind(
+        length_test(plain, "e_uni", "uni", limits(e_uni_mm=0.010)), Figure, "e_uni"
+    )
+    assert (figure.decision.verdict, figure.decision.guard_mm) == ("undecided", None)
+    assert figure.budget.standard_mm is None
+
+
+def test_guard_band_leaves_neither():
     # u = 1 um, band 1.65 um: 9 um of 10 is neither, and there is no second try of two.
     changed = {"uni-1-1": [0.009, 0.009, 0.0]}
     sure = {"fixture_std_mm": 0.001}

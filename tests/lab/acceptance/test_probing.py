@@ -5,6 +5,7 @@ import pytest
 
 from tests.lab.measurements import (
     OCTAHEDRON,
+    SURE_MM,
     TIP_MM,
     artefact,
     limits,
@@ -177,7 +178,7 @@ def test_location_needs_five_groups_of_five():
 
 def test_effective_diameter_is_the_largest_of_three():
     nine = np.vstack([OCTAHEDRON, OCTAHEDRON[:3]])
-    sphere = artefact("diameter", "sphere", radius_mm=10.0)
+    sphere = artefact("diameter", "sphere", radius_mm=10.0, radius_std_mm=SURE_MM)
     places = [on_a_ball([0, 0, 0], 10.0 + e, nine) for e in (0.001, -0.004, 0.002)]
     features = [repeat for repeat in "123" for _ in range(9)]
     data = measured((sphere, touches(np.concatenate(places), features)))

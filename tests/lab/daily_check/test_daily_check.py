@@ -209,6 +209,15 @@ def test_beside_the_acceptance_and_its_limits(tmp_path):
         read_certificate(path, "arm-7")
 
 
+def test_what_nothing_judges_is_not_in_control(tmp_path):
+    report = report_of([check(0)])
+    assert (report.is_in_control, report.word) == (True, "NOT JUDGED YET")
+    write_charts(report, tmp_path)
+    assert '<div class="verdict doubt">' in (tmp_path / "chart.html").read_text()
+    assert "third check" in report.reasons[0]
+    assert report_of([check(day) for day in range(5)]).word == "in control"
+
+
 def test_pictures_are_made_of_short_and_long_histories(tmp_path):
     for n in (1, 70):
         checks = [check(day) for day in range(n - 1)] + [check(n, factor=9.0)]
@@ -216,6 +225,7 @@ def test_pictures_are_made_of_short_and_long_histories(tmp_path):
         assert chart_png(report).startswith(b"\x89PNG")
     assert write_charts(report, tmp_path) == ["chart.png", "chart.html"]
     page = Page((tmp_path / "chart.html").read_text())
+    assert "Computed 2" in page.text
     page.check_is_self_contained()
     assert len(page.pictures) == 1
     assert "OUT OF CONTROL" in page.text

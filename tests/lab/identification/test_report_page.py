@@ -1,5 +1,7 @@
 """The page of a report: complete, in one piece, true to the result."""
 
+from datetime import UTC, datetime
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,9 @@ from traverse.lab.identification.report import report_page
 from traverse.lab.identification.report.page import result_map
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.identification.volume.uncertainty_map import UncertaintyMap
+from traverse.lab.report.provenance import campaign_provenance
+
+WHEN = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
 
 SECTIONS = [
     "verdict",
@@ -49,7 +54,18 @@ def found(result: Identification) -> UncertaintyMap:
 
 @pytest.fixture(scope="module")
 def text(result: Identification, found: UncertaintyMap) -> str:
-    return report_page(result, found)
+    provenance = campaign_provenance(result.campaign, "C. Gauss", WHEN)
+    return report_page(result, found, provenance)
+
+
+def test_the_head_says_who_computed_what_and_when(page: Page) -> None:
+    for said in (
+        "2026-11-21 12:00:00 UTC by C. Gauss",
+        "Traverse ",
+        "Python ",
+        "numpy ",
+    ):
+        assert said in page.text
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +143,8 @@ def test_suggested_poses_are_shown_in_degrees(
 def test_the_page_is_the_same_each_time(
     text: str, result: Identification, found: UncertaintyMap
 ) -> None:
-    assert report_page(result, found) == text
+    provenance = campaign_provenance(result.campaign, "C. Gauss", WHEN)
+    assert report_page(result, found, provenance) == text
 
 
 def test_a_page_without_free_parameters_says_so() -> None:

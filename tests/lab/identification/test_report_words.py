@@ -1,6 +1,7 @@
 """What a report says in words, for good and bad results."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,14 +9,14 @@ import pytest
 from tests.lab.simulated import arm_value, bar, cones, disturbed, seven_joints, simulate
 from traverse.lab.identification.equations.probe_effect import posture_columns
 from traverse.lab.identification.identify import identify
-from traverse.lab.identification.report import summary_lines
+from traverse.lab.identification.report import report_page, summary_lines
 from traverse.lab.identification.report.page import WORDS, combination, result_map
-from traverse.lab.identification.report.undetermined_effects import (
-    undetermined_effects_mm,
-)
 from traverse.lab.identification.results.result import (
     ExcludedPose,
     Identification,
+)
+from traverse.lab.identification.results.undetermined_effects import (
+    undetermined_effects_mm,
 )
 from traverse.lab.report.quantities import length_mm, probability
 from traverse.lab.statistics.distributions import GlobalTest
@@ -148,6 +149,51 @@ def test_lengths_have_digits_that_matter(value_mm: float, said: str) -> None:
 
 def test_small_probabilities_are_not_spelled_out() -> None:
     assert (probability(3e-9), probability(0.312)) == ("below 0.0001", "0.31")
+
+
+def test_an_undetermined_scale_is_no_clean_verdict(scaleless: Identification) -> None:
+    effects_mm = undetermined_effects_mm(scaleless)
+    assert WORDS.state(scaleless, effects_mm).strip() == "doubt"
+    size = length_mm(float(effects_mm[0]))
+    title = WORDS.title(scaleless, effects_mm)
+    assert f"the scale of the arm is undetermined, {size} at the probe" in title
+    first = WORDS.lines("verdict", scaleless, result_map(scaleless), effects_mm)[0]
+    assert size in first
+    assert "add a ball bar or another known length" in first
+    page = report_page(scaleless, result_map(scaleless))
+    assert '<div class="verdict doubt">' in page
+
+
+@pytest.mark.parametrize(
+    ("changed", "state", "title"),
+    [
+        ({}, "good", "Identified"),
+        ({"converged": False}, "bad", "Not identified"),
+        ({"redundancy": 0}, "bad", "Unchecked: no redundancy"),
+        (
+            {"sigma0": 2.0, "global_test": GlobalTest(p_value=1e-9)},
+            "bad",
+            "does not explain",
+        ),
+        (
+            {"sigma0": 1.1, "global_test": GlobalTest(p_value=0.03)},
+            "doubt",
+            "reservations",
+        ),
+        (
+            {"global_test": GlobalTest(p_value=0.9, noise_estimated=True)},
+            "doubt",
+            "Identified, with reservations",
+        ),
+        ({"zero_offsets_rad": np.full(7, 0.1)}, "doubt", "with reservations"),
+    ],
+)
+def test_only_a_tested_and_determined_result_is_good(
+    good: Identification, changed: dict[str, Any], state: str, title: str
+) -> None:
+    found = replace(good, **{"undetermined": (), "weak": (), **changed})
+    assert WORDS.state(found, np.empty(0)).strip() == state
+    assert title in WORDS.title(found, np.empty(0))
 
 
 def test_undetermined_scale_is_worth_what_it_moves(scaleless: Identification) -> None:

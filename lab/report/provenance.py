@@ -1,0 +1,132 @@
+"""Who computed a report, when, and with which versions."""
+
+import getpass
+import hashlib
+import os
+import platform
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Protocol, overload
+
+import numpy as np
+
+# Names who computes, where that is not the user of the computer.
+OPERATOR_VARIABLE = "TRAVERSE_OPERATOR"
+
+
+@dataclass(frozen=True, slots=True)
+class ReportSource:
+    """What was measured that a report is about.
+
+    Attributes:
+        name: Of the campaign's folder, or of the file.
+        sha256: Over its files; empty where there were none.
+    """
+
+    name: str
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReportProvenance:
+    """Where a report comes from.
+
+    Attributes:
+        date_utc: Of the computation, ISO 8601 to the second, with Z.
+        computed_by: A name, or user@host.
+        versions: Of Traverse, Python and numpy, by name.
+        campaign: What was measured.
+    """
+
+    date_utc: str
+    computed_by: str
+    versions: dict[str, str]
+    campaign: ReportSource
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Plain values, as reports in JSON have them."""
+        return asdict(self)
+
+
+def report_provenance(
+    campaign: ReportSource,
+    computed_by: str | None = None,
+    when: datetime | None = None,
+) -> ReportProvenance:
+    """Say where a report comes from.
+
+    Args:
+        campaign: What was measured.
+        computed_by: Name; default that of `TRAVERSE_OPERATOR`, else user@host.
+        when: Of the computation; default now.
+    """
+    return ReportProvenance(
+        date_utc=utc_text(when or datetime.now(UTC)),
+        computed_by=computed_by
+        or os.environ.get(OPERATOR_VARIABLE)
+        or f"{_user()}@{platform.node()}",
+        versions={
+            "Traverse": version("traverse-cmm"),
+            "Python": platform.python_version(),
+            "numpy": np.__version__,
+        },
+        campaign=campaign,
+    )
+
+
+class Campaign(Protocol):
+    """What is needed of a campaign."""
+
+    @property
+    def name(self) -> str:
+        """Of its folder."""
+        ...
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over its files."""
+        ...
+
+
+def campaign_provenance(
+    campaign: Campaign, computed_by: str | None = None, when: datetime | None = None
+) -> ReportProvenance:
+    """Say where a report about a campaign comes from; see `report_provenance`."""
+    source = ReportSource(campaign.name, campaign.digest)
+    return report_provenance(source, computed_by, when)
+
+
+@overload
+def utc_text(moment: datetime) -> str: ...
+
+
+@overload
+def utc_text(moment: None) -> None: ...
+
+
+def utc_text(moment: datetime | None) -> str | None:
+    """Write a time as ISO 8601 in UTC, to the second, with Z."""
+    return None if moment is None else f"{moment.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}"
+
+
+def digest_of_files(paths: Iterable[Path]) -> str:
+    """Compute the SHA-256 over files, one after the other.
+
+    Raises:
+        OSError: One cannot be read.
+    """
+    digest = hashlib.sha256()
+    for path in paths:
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):  # a container whose user has no name
+        return f"uid {os.getuid()}"
