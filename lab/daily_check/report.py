@@ -11,8 +11,8 @@ from traverse.lab.acceptance.conformity.limits import NO_LIMITS, Limits
 from traverse.lab.daily_check.control_chart import ChartPoint, charted, rules
 from traverse.lab.daily_check.figures import KINDS, FigureKind
 from traverse.lab.daily_check.history import Check, since_base
-from traverse.plurals import counted
 from traverse.lab.report.provenance import ReportSource, report_provenance
+from traverse.plurals import counted
 from traverse.strict_toml.problems import FileError, Problem
 
 SCHEMA = "traverse/interim/1"
