@@ -163,7 +163,7 @@ class MicroscribeDriver(Driver):
         self._counters["bytes_stray"] = line.unrequested_bytes + faults["stray"]
         self._counters["packets_old"] = line.old
         self._counters["clock_steps"] = session.clock_steps
-        self._counters["timer_error_ppm"] = session.timer_error_ppm
+        self._counters["timer_hz"] = session.timer_hz
         if rejected := faults["broken"] + faults["foreign"] - self._rejected:
             self._rejected += rejected
             self._fault(

@@ -192,10 +192,9 @@ class MicroscribeSession:
         return self._clock.steps
 
     @property
-    def timer_error_ppm(self) -> int:
-        """How much faster than stated the arm's timer runs, as far as learned."""
-        stated_hz, rate_hz = self._timer_rate_hz, self._clock.rate_hz
-        return round((rate_hz / stated_hz - 1.0) * 1e6) if self.timer_used else 0
+    def timer_hz(self) -> int:
+        """Rate of the arm's timer as far as learned; 0 where it is not used."""
+        return round(self._clock.rate_hz) if self.timer_used else 0
 
     def ask(self) -> TimedPacket | None:
         """Request a packet; None if none arrives."""
