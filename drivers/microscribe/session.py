@@ -159,7 +159,6 @@ class MicroscribeSession:
         self.timer_used = timer_rate_hz > 0 and timer_runs(heard, timer_rate_hz, wrap)
         quickest = min(heard, key=lambda one: one.begun_ns - one.sent_ns)
         self.delay_ns = quickest.delay_ns
-        self._timer_rate_hz = timer_rate_hz
         used_hz = timer_rate_hz if self.timer_used else 0.0
         self._clock = PacketClock(used_hz, wrap, self.delay_ns)
         self.first = [self.sample_of(one)[0] for one in heard][-1]
