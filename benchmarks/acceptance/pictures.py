@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 
 from benchmarks.acceptance import __main__, arms
 from traverse.kinematics.arm_file.arm import read_arm
+from traverse.lab.acceptance.certificate.administration import administration_of
 from traverse.lab.acceptance.certificate.pictures import paintings
-from traverse.lab.acceptance.certificate.values import sealed
+from traverse.lab.acceptance.certificate.values import SealedCertificate
 from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.acceptance.standards import verified
 from traverse.lab.measured_points.reading import read_measured
@@ -22,6 +23,7 @@ from traverse.lab.report.figures import (
     VERMILION,
     picture,
 )
+from traverse.lab.report.provenance import ReportSource, report_provenance
 from traverse.simulator.campaigns import write_campaign
 from traverse.simulator.campaigns.acceptance.poses import (
     acceptance_poses,
@@ -60,8 +62,15 @@ def example() -> dict[str, Any]:
         poses = acceptance_poses(arm, arms.STANDARD, seed=1)
         write_campaign(folder, drawn_acceptance(poses, seed=1), arm)
         limits = Limits.model_validate({"schema": SCHEMA, "mpe": EXAMPLE_MPE})
-        found = verified(read_measured(folder, arm), arms.STANDARD, limits)
-        return sealed(found, arm, limits, {}).values
+        measured = read_measured(folder, arm)
+        return SealedCertificate(
+            verified(measured, arms.STANDARD, limits),
+            arm,
+            limits,
+            {},
+            administration_of(measured, arm),
+            report_provenance(ReportSource("example", "")),
+        ).values
 
 
 def _truth(found: "Sequence[Tested]", figure: Figure) -> None:
