@@ -19,6 +19,7 @@ from traverse.protocol.microscribe.packets import N_BUTTONS, PacketDecoder
 
 BAUD_RATES = (115200, 57600, 38400, 19200, 9600, 28800, 14400)
 LOOK_S = 0.06  # to get acquainted
+LOOKS = 3
 SHARE_OF_LINE = 0.8
 PATIENCE = 3.0  # times the longest packet so far
 SHORTEST_S = 0.02
@@ -154,9 +155,14 @@ class MicroscribeSession:
         self.decoder: PacketDecoder = self.arm.decoder()
         self._now_ns = monotonic_ns
         self._clock = PacketClock(0.0, 1, 0)
-        heard, lengths_ns = self._look()
-        wrap = self.arm.timer_wrap
-        self.timer_used = timer_rate_hz > 0 and timer_runs(heard, timer_rate_hz, wrap)
+        wrap, self.timer_used = self.arm.timer_wrap, False
+        # A computer that stands still for a moment takes answers for later ones.
+        for _ in range(LOOKS):
+            heard, lengths_ns = self._look()
+            if timer_rate_hz > 0:
+                self.timer_used = timer_runs(heard, timer_rate_hz, wrap)
+            if self.timer_used or timer_rate_hz <= 0:
+                break
         quickest = min(heard, key=lambda one: one.begun_ns - one.sent_ns)
         self.delay_ns = quickest.delay_ns
         used_hz = timer_rate_hz if self.timer_used else 0.0
@@ -232,6 +238,8 @@ class MicroscribeSession:
                 )
             if (one := self.ask()) is not None:
                 heard.append(one)
+            else:  # an answer that is late would be taken for that of the next request
+                self.line.read_until_quiet(PACKET_S)
         return heard, [one.received_ns - one.sent_ns for one in heard]
 
 
