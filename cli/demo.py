@@ -6,6 +6,7 @@ MQTT like any client, and judges what it received against the certificates.
 
 import asyncio
 import contextlib
+import signal
 import socket
 import sys
 import tempfile
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 READY_S = 30.0
 PAGE_PORT = 8080
 STOP_S = 10.0
+INTERRUPTED = 130
 ARM = "demo-7"
 
 
@@ -72,6 +74,8 @@ def demo(
     except DemoError as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(3) from error
+    except asyncio.CancelledError as error:
+        raise typer.Exit(INTERRUPTED) from error
 
 
 def _look_for_extra(*, with_broker: bool) -> None:
@@ -94,6 +98,12 @@ async def _demonstrate(
     from traverse.client.mqtt.address import BrokerAddress  # noqa: PLC0415 - quick --help
     from traverse.daemon.mqtt.embedded_broker import HOST, free_port  # noqa: PLC0415
 
+    # A terminal that is closed and `kill` end it as Ctrl-C does: else its programs,
+    # which have sessions of their own, would go on.
+    task, loop = asyncio.current_task(), asyncio.get_running_loop()
+    if task is not None:
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            loop.add_signal_handler(number, task.cancel)
     port = free_port()
     own = [] if broker else ["--embedded-broker", "--embedded-port", str(port)]
     address = BrokerAddress.parse(broker) if broker else BrokerAddress(HOST, port)

@@ -3,9 +3,10 @@
 import asyncio
 import os
 import signal
+import subprocess
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
 from tests.warm_start import warm_start
@@ -50,6 +51,11 @@ class Program(AbstractContextManager["Program"]):
             )
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
+        if kind is not None and self.process.poll() is None:
+            # It may have programs of its own, which it ends if it is asked.
+            self.process.terminate()
+            with suppress(subprocess.TimeoutExpired):
+                self.process.wait(PATIENCE_S)
         if self.process.poll() is None:
             self.process.kill()
         self.process.wait(PATIENCE_S)

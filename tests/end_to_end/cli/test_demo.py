@@ -54,11 +54,11 @@ async def measure_some_seconds(folder: Path) -> None:
         assert demo.log == ""
 
 
-async def measure_until_ctrl_c(folder: Path) -> None:
-    """Ctrl-C ends it with a summary."""
-    with Program(folder, "interrupted", "demo", "--rate", "250") as demo:
+async def measure_until(folder: Path, number: signal.Signals) -> None:
+    """Ctrl-C, a closed terminal and `kill` end it with a summary."""
+    with Program(folder, number.name, "demo", "--rate", "250") as demo:
         await until(lambda: demo.output.count(" point ") > 2, "three points", 30.0)
-        assert await demo.stop(signal.SIGINT) == 0
+        assert await demo.stop(number) == 0
         assert "measured 0 rounds" in demo.output
         assert "latency" in demo.output
         assert "250." in demo.output
@@ -73,7 +73,12 @@ async def test_three_demonstrations_beside_each_other(
     async with asyncio.TaskGroup() as tasks:
         tasks.create_task(measure_one_round(tmp_path, mosquitto))
         tasks.create_task(measure_some_seconds(tmp_path))
-        tasks.create_task(measure_until_ctrl_c(tmp_path))
+        tasks.create_task(measure_until(tmp_path, signal.SIGINT))
+    assert_nothing_is_left(tmp_path)
+
+
+async def test_a_closed_terminal_leaves_nothing_running(tmp_path: Path) -> None:
+    await measure_until(tmp_path, signal.SIGHUP)
     assert_nothing_is_left(tmp_path)
 
 
@@ -86,9 +91,10 @@ async def test_a_broker_that_is_not_there_is_told(tmp_path: Path) -> None:
     assert_nothing_is_left(tmp_path)
 
 
-async def test_ctrl_c_before_anything_runs_ends_it_too(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+async def test_it_ends_before_anything_runs_too(tmp_path: Path, number: int) -> None:
     with Program(tmp_path, "demo", "demo") as demo:
         await until(lambda: list(tmp_path.glob("traverse-demo-*/*.log")), "it begins")
-        assert await demo.stop(signal.SIGINT) in {0, 130}
+        assert await demo.stop(number) in {0, 130}
         assert "Traceback" not in demo.log
     assert_nothing_is_left(tmp_path)
