@@ -103,7 +103,7 @@ async def _tell_absence(
     from traverse.client.mqtt.discovery import absence_of  # noqa: PLC0415
 
     await asyncio.sleep(FIND_S)
-    with contextlib.suppress(ClientError):  # no broker, as is told elsewhere
+    with contextlib.suppress(ClientError):  # no broker, which is reported elsewhere
         if not heard.is_set() and (told := await absence_of(arm, broker, FIND_S)):
             typer.echo(f"{told}; waiting for it, Ctrl-C ends", err=True)
 

@@ -151,7 +151,9 @@ class Follower:
     async def _absence(self, _: Arm) -> None:
         await asyncio.sleep(ABSENT_S)
         if self.sight.status is None:
-            with contextlib.suppress(ClientError):  # the broker has gone, as is told
+            with contextlib.suppress(
+                ClientError
+            ):  # the broker has gone, which is reported
                 self.sight.take_absence(
                     await absence_of(self.name, self.broker, ABSENT_S)
                 )

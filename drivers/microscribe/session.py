@@ -156,7 +156,7 @@ class MicroscribeSession:
         self._now_ns = monotonic_ns
         self._clock = PacketClock(0.0, 1, 0)
         wrap, self.timer_used = self.arm.timer_wrap, False
-        # A computer that stands still for a moment takes answers for later ones.
+        # After a stall of the host a late answer may be matched with a later request.
         for _ in range(LOOKS):
             heard, lengths_ns = self._look()
             if timer_rate_hz > 0:

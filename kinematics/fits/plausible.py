@@ -1,4 +1,4 @@
-"""Whether a touch can be of the same place as others: asked before it counts."""
+"""Whether a touch can belong to the same place as others, before it counts."""
 
 import numpy as np
 

@@ -189,7 +189,7 @@ class Artefact(StrictModel):
 
     @abstractmethod
     def place(self, state: Floats) -> dict[str, Any]:
-        """Say in plain values where it stands, in the arm's system."""
+        """Its place in the arm's system, as plain values by the keys of its kind."""
 
     def moved(self, state: Floats, step: Floats) -> Floats:
         """Apply a step of the unknowns, (n_unknowns,)."""

@@ -105,42 +105,37 @@ def _is_at(term: Term, place: Cluster) -> bool:
 
 def _from_cluster(place: Cluster) -> Term:
     """Report poses that lie together and contradict all others."""
-    candidate = Candidate(
-        bank=BankName.GENERIC,
-        kind=Empirical.kind,
-        joint=place.joint,
-        covariate=place.covariate,
-        artefact=place.artefact,
-    )
-    return Term(
-        status="unknown",
-        candidate=candidate,
-        log_bayes_factor=bayes_factor_bound(place.log_p),
-        log10_p=place.log_p / _LOG_10,
-        cluster=place,
-    )
+    at = {"covariate": place.covariate, "artefact": place.artefact}
+    return replace(_at_place(place.log_p, place.joint, **at), cluster=place)
 
 
 def _from_misfit(misfit: HoldoutMisfit) -> Term:
     """Report poses kept aside that contradict a model which explains all others."""
+    at = {"covariate": ARTEFACT, "artefact": misfit.artefact}
+    return replace(_at_place(misfit.log_p, None, **at), misfit=misfit)
+
+
+def _at_place(
+    log_p: float, joint: str | None, *, covariate: str | None, artefact: str | None
+) -> Term:
+    """Report something unknown by its place, with the evidence of a p-value."""
     candidate = Candidate(
         bank=BankName.GENERIC,
         kind=Empirical.kind,
-        joint=None,
-        covariate=ARTEFACT,
-        artefact=misfit.artefact,
+        joint=joint,
+        covariate=covariate,
+        artefact=artefact,
     )
     return Term(
         status="unknown",
         candidate=candidate,
-        log_bayes_factor=bayes_factor_bound(misfit.log_p),
-        log10_p=misfit.log_p / _LOG_10,
-        misfit=misfit,
+        log_bayes_factor=bayes_factor_bound(log_p),
+        log10_p=log_p / _LOG_10,
     )
 
 
 def bayes_factor_bound(log_p: float) -> float:
-    """Say the log of the most evidence that a p-value stands for: -1 / (e p log p).
+    """Compute the log of the largest evidence of a p-value, -1 / (e p log p).
 
     After Sellke, Bayarri and Berger (2001); none for p above 1/e.
     """

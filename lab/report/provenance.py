@@ -32,7 +32,7 @@ class ReportSource:
 
 @dataclass(frozen=True, slots=True)
 class ReportProvenance:
-    """Where a report comes from.
+    """The provenance of a report.
 
     Attributes:
         date_utc: Of the computation, ISO 8601 to the second, with Z.
@@ -57,7 +57,7 @@ def report_provenance(
     computed_by: str | None = None,
     when: datetime | None = None,
 ) -> ReportProvenance:
-    """Say where a report comes from.
+    """Make the provenance of a report.
 
     Args:
         campaign: What was measured.
@@ -95,7 +95,7 @@ class Campaign(Protocol):
 def campaign_provenance(
     campaign: Campaign, computed_by: str | None = None, when: datetime | None = None
 ) -> ReportProvenance:
-    """Say where a report about a campaign comes from; see `report_provenance`."""
+    """Make the provenance of a report about a campaign; see `report_provenance`."""
     source = ReportSource(campaign.name, campaign.digest)
     return report_provenance(source, computed_by, when)
 

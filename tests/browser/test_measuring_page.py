@@ -164,7 +164,7 @@ async def test_probe_and_label_are_shown_and_changed(
         await posed.begin_session()
         answers = page.get_by_role("dialog").get_by_role("button")
         await probe.click()
-        while await answers.count() < 3:  # asked before the status was there
+        while await answers.count() < 3:  # opened before the status arrived
             await page.keyboard.press("Escape")
             await expect(answers).to_have_count(0)
             await probe.click()

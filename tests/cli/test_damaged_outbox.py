@@ -1,4 +1,4 @@
-"""Outboxes with any damage: told in a sentence, never as a traceback."""
+"""Outboxes with any damage: reported in a sentence, never as a traceback."""
 
 import random
 

@@ -84,7 +84,7 @@ def _covariate(column: str) -> str:
 
 
 def moves_base(term: Term) -> bool:
-    """Say whether a term moves the whole arm as time goes on."""
+    """Whether a term moves the whole arm over time."""
     return _acts_on_base(term.candidate) and depends_on_time(term)
 
 
@@ -95,7 +95,7 @@ def _acts_on_base(candidate: Candidate) -> bool:
 
 
 def depends_on_time(term: Term) -> bool:
-    """Say whether a term depends on the time of the campaign."""
+    """Whether a term depends on the time of the campaign."""
     candidate = term.candidate
     if candidate.is_curve:
         return candidate.covariate == "time_s"
