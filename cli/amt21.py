@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from traverse.drivers.amt21.line import Amt21Line
 
 UNREACHABLE = 3
+ADDRESSES = range(4, 253, 4)
 TRIES = 3  # for each address of a scan
 
 amt21 = typer.Typer(
@@ -78,7 +79,7 @@ def scan(
     Exit status 3 if the port cannot be opened or nothing answers.
     """
     with line.opened() as opened:
-        found = _answering(opened, range(4, 253, 4))
+        found = _answering(opened, ADDRESSES)
     if as_json:
         report = {"port": line.port, "echo": opened.echoed, "encoders": found}
         typer.echo(json.dumps(report, indent=1))

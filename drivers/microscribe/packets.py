@@ -7,7 +7,9 @@ so that what the host or an adapter held back does not count. A timer that does 
 nearly as expected is left alone.
 """
 
+import math
 from collections.abc import Sequence
+from itertools import combinations
 
 from traverse.drivers.microscribe.line import TimedPacket
 from traverse.drivers.timing.device_clock import DeviceClock
@@ -49,14 +51,9 @@ class TimerRate:
         if self.high_hz - self.low_hz < RATE_KNOWN * self._stated_hz:
             return True
         first_ticks, first = self._first
-        passed = ticks - first_ticks
-        self.low_hz = max(
-            self.low_hz, (passed - 1) * 1e9 / max(1, heard.begun_ns - first.sent_ns)
-        )
-        if heard.sent_ns > first.begun_ns:
-            self.high_hz = min(
-                self.high_hz, (passed + 1) * 1e9 / (heard.sent_ns - first.begun_ns)
-            )
+        low_hz, high_hz = _rate_bounds(first, heard, ticks - first_ticks)
+        self.low_hz = max(self.low_hz, low_hz)
+        self.high_hz = min(self.high_hz, high_hz)
         if not self.low_hz <= self.assumed_hz <= self.high_hz:
             self.assumed_hz = (self.low_hz + self.high_hz) / 2.0
         return self.low_hz <= self.high_hz
@@ -133,6 +130,26 @@ class PacketClock:
 
 
 def timer_runs(heard: Sequence[TimedPacket], rate_hz: float, wrap: int) -> bool:
-    """Whether the arm's timer may run at about a rate, for all that packets show."""
-    rate, first = TimerRate(rate_hz), heard[0].packet.timer or 0
-    return all(rate.add(((one.packet.timer or 0) - first) % wrap, one) for one in heard)
+    """Whether the arm's timer may run at about a rate: by most pairs of packets.
+
+    Not by all: of a host that stood still, an answer may be matched with a later request.
+    """
+    possible = []
+    for earlier, later in combinations(heard, 2):
+        passed = ((later.packet.timer or 0) - (earlier.packet.timer or 0)) % wrap
+        low_hz, high_hz = _rate_bounds(earlier, later, passed)
+        possible.append(
+            low_hz <= rate_hz * (1.0 + MAX_TIMER_ERROR)
+            and high_hz >= rate_hz * (1.0 - MAX_TIMER_ERROR)
+        )
+    return 2 * sum(possible) >= len(possible)
+
+
+def _rate_bounds(
+    earlier: TimedPacket, later: TimedPacket, passed: int
+) -> tuple[float, float]:
+    """Least and greatest rate [Hz] of a timer that went on by some ticks between."""
+    most_ns = max(1, later.begun_ns - earlier.sent_ns)
+    least_ns = later.sent_ns - earlier.begun_ns
+    high_hz = (passed + 1) * 1e9 / least_ns if least_ns > 0 else math.inf
+    return (passed - 1) * 1e9 / most_ns, high_hz

@@ -19,6 +19,7 @@ from traverse.protocol.microscribe.packets import N_BUTTONS, PacketDecoder
 
 BAUD_RATES = (115200, 57600, 38400, 19200, 9600, 28800, 14400)
 LOOK_S = 0.06  # to get acquainted
+LEAST_PACKETS = 5
 LOOKS = 3
 SHARE_OF_LINE = 0.8
 PATIENCE = 3.0  # times the longest packet so far
@@ -156,13 +157,13 @@ class MicroscribeSession:
         self._now_ns = monotonic_ns
         self._clock = PacketClock(0.0, 1, 0)
         wrap, self.timer_used = self.arm.timer_wrap, False
-        # After a stall of the host a late answer may be matched with a later request.
-        for _ in range(LOOKS):
+        for _ in range(LOOKS):  # one of them may fall into a stall of the host
             heard, lengths_ns = self._look()
             if timer_rate_hz > 0:
                 self.timer_used = timer_runs(heard, timer_rate_hz, wrap)
             if self.timer_used or timer_rate_hz <= 0:
                 break
+            self.line.read_until_quiet(PACKET_S)
         quickest = min(heard, key=lambda one: one.begun_ns - one.sent_ns)
         self.delay_ns = quickest.delay_ns
         used_hz = timer_rate_hz if self.timer_used else 0.0
@@ -229,17 +230,22 @@ class MicroscribeSession:
     def _look(self) -> tuple[list[TimedPacket], list[int]]:
         """Packets of a short while, and how long each took [ns]."""
         heard: list[TimedPacket] = []
-        begun_ns = self._now_ns()
-        while (elapsed_s := (self._now_ns() - begun_ns) * 1e-9) < LOOK_S or not heard:
-            if elapsed_s > LOOK_S and not heard:
-                raise DeviceError(
-                    f"{self.arm.name} on {self.line.port.path} sends no packets",
-                    "switch it off and on again in its home position",
-                )
+        missed = 0
+        until_ns = self._now_ns() + int(LOOK_S * 1e9)
+        while self._now_ns() < until_ns or len(heard) < LEAST_PACKETS:
             if (one := self.ask()) is not None:
                 heard.append(one)
-            else:  # an answer that is late would be taken for that of the next request
-                self.line.read_until_quiet(PACKET_S)
+                continue
+            missed += 1
+            if missed == TRIES:
+                break
+            # An answer that is late would be taken for that of the next request.
+            self.line.read_until_quiet(PACKET_S)
+        if not heard:
+            raise DeviceError(
+                f"{self.arm.name} on {self.line.port.path} sends no packets",
+                "switch it off and on again in its home position",
+            )
         return heard, [one.received_ns - one.sent_ns for one in heard]
 
 

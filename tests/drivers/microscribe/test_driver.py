@@ -68,6 +68,7 @@ async def rig(tmp_path):
 
 class TestContract(DriverContract, StreamContract, EdgeContract):
     parts = (1, 7, 40)
+    answers_age = True
 
 
 async def test_it_is_found_by_its_name():

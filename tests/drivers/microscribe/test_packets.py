@@ -116,6 +116,12 @@ def test_an_answer_to_something_asked_before_is_recognised():
 def test_a_timer_is_judged_by_how_far_it_went(rate_hz, runs):
     seen = [heard(k * 20 * MS, 16300 + int(0.02 * k * rate_hz)) for k in range(10)]
     assert timer_runs(seen, 1000.0, 16384) is runs
+    # The host stood still: two answers are each taken for that of the next request.
+    late = [
+        TimedPacket(seen[k].packet, later.sent_ns, later.begun_ns, later.begun_ns, 0)
+        for k, later in ((4, seen[5]), (5, seen[6]))
+    ]
+    assert timer_runs([*seen[:5], *late, *seen[7:]], 1000.0, 16384) is runs
 
 
 def sample(number: int, buttons: int) -> PolledSample:
