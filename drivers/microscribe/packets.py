@@ -132,7 +132,7 @@ class PacketClock:
 def timer_runs(heard: Sequence[TimedPacket], rate_hz: float, wrap: int) -> bool:
     """Whether the arm's timer may run at about a rate: by most pairs of packets.
 
-    Not by all: of a host that stood still, an answer may be matched with a later request.
+    Not by all: where a host stood still, an answer is matched with a later request.
     """
     possible = []
     for earlier, later in combinations(heard, 2):

@@ -101,7 +101,7 @@ def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
 
 
 async def reasons(address: BrokerAddress) -> tuple[str, str]:
-    """Why arms cannot be looked for, and why one cannot be followed, without waiting."""
+    """Why arms cannot be looked for, and why one cannot be followed, at once."""
     with pytest.raises(BrokerUnreachableError) as of_finding:
         await find_arms(address, 0.1)
     with pytest.raises(BrokerUnreachableError) as of_arm:
