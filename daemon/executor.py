@@ -257,6 +257,7 @@ class SetAlignment(MeasurementCommand["asyncio.Future[Any]"], recorded_name="ali
         def set_alignment() -> bool:
             measurement.alignment.alignment = alignment
             measurement.points.events.alignment(text)
+            measurement.sinks.status_changed()
             return True
 
         return measurement.points.in_order(set_alignment)

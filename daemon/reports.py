@@ -85,11 +85,13 @@ def _arrangement(
 ) -> dict[str, Any]:
     """Fields that the last will cannot tell."""
     probe, probes = measurement.probe, measurement.probes
+    alignment = measurement.alignment.alignment
     return {
         "alarms": tuple(_alarm(one, clock) for one in active[:MAX_ALARMS]),
         "probe": None if probe is None else probe.name,
         "probes": None if probes is None else probes[:MAX_PROBES],
         "label": measurement.capture.label,
+        "alignment": None if alignment is None else alignment.name,
     }
 
 

@@ -1,11 +1,11 @@
 """The list of points, its title, and the buttons that save it or show another."""
 
 from collections.abc import Callable
+from html import escape
 
 from nicegui import ui
 
 from traverse.client.display.arm_state import MAX_POINTS, ArmSight
-from traverse.client.display.figures import SYSTEMS
 from traverse.client.page.readout import Choices, point_rows
 
 SHOWN_POINTS = 60
@@ -62,8 +62,9 @@ class PointsPanel:
         told = f", {sight.lost_points} lost" if sight.lost_points else ""
         most = ", the latest" if len(points) == MAX_POINTS else ""
         which = " of an earlier session" if sight.shown_session else ""
+        where = escape(self._choices.system_words(sight))
         self._title.set_content(
-            f"<h2>Points{which}: {len(points)}{most}{told}, {SYSTEMS[system]}</h2>"
+            f"<h2>Points{which}: {len(points)}{most}{told}, {where}</h2>"
         )
         self._earlier = sight.earlier_session
         self._back.set_visibility(self._earlier is not None)

@@ -40,6 +40,12 @@ class Choices:
         """In which coordinates are shown, both now and in the list."""
         return "part" if self.of_part and sight.is_aligned else "arm"
 
+    def system_words(self, sight: ArmSight) -> str:
+        """Which system that is, the part's with the name of its alignment."""
+        system = self.system(sight)
+        named = system == "part" and sight.status and sight.status.alignment
+        return f"{SYSTEMS[system]}, {named}" if named else SYSTEMS[system]
+
 
 class Figures:
     """Large figures, readable from afar.
@@ -80,7 +86,7 @@ class Figures:
         system = self._choices.system(sight)
         xyz_mm = place_mm(live, system) or live.xyz_mm
         around_mm, source = _expanded(live, sight.last_point, system)
-        self._system.set_text(f"Ball centre, {SYSTEMS[system]}")
+        self._system.set_text(f"Ball centre, {self._choices.system_words(sight)}")
         for axis, (value, around) in enumerate(
             zip(self._values, self._around, strict=True)
         ):

@@ -89,6 +89,8 @@ class Status(Message):
     label: Label | None = None
     """What the next points are taken on; null in the last will, and where an earlier
     version does not tell it."""
+    alignment: Text | None = None
+    """Name of the alignment to the part; empty: without a name; null: no alignment."""
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Self:

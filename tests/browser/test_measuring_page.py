@@ -99,9 +99,10 @@ async def test_read_out_and_list_are_in_one_system_and_unit(
         await are_shown(page, 2)
         values = page.locator(".axis .value")
         await expect(values).to_have_text(["1.000", "2.000", "0.000"])
-        await expect(page.locator(".figures .system")).to_contain_text("part's system")
+        system = page.locator(".figures .system")
+        await expect(system).to_have_text("Ball centre, part's system, vice")
         await expect(page.locator("h2", has_text="Points: 2")).to_contain_text(
-            "part's system"
+            "part's system, vice"
         )
         around = page.locator(".axis .around")
         await expect(around).to_have_text([re.compile("± 0.060")] * 3)  # the worst

@@ -89,6 +89,7 @@ STATUS = Status(
     probe="ball-6",
     probes=("ball-6", "star-left"),
     label=Label(artefact="plate"),
+    alignment="vice",
 )
 LAST_WILL = Status(
     online=False,

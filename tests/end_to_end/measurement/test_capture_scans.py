@@ -190,6 +190,10 @@ async def test_an_alignment_gives_part_coordinates_and_outlives_a_reload(
         x, y, z = point.xyz_mm
         assert point.part_xyz_mm == pytest.approx((10.0 - y, 20.0 + x, 30.0 + z))
     assert listener.statuses[-2].model == third.model
+    assert (listener.statuses[0].alignment, listener.statuses[-2].alignment) == (
+        None,
+        "jig",
+    )
 
 
 async def test_points_beyond_a_limit_are_marked_or_refused(bench: Workbench) -> None:
