@@ -121,6 +121,7 @@ def identify(
             ExcludedPose(int(campaign.poses.lines[at]), float(run.statistics.w[at]))
             for at in np.flatnonzero(~included)
         ),
+        alternating=tuple(campaign.poses.lines[run.alternating].tolist()),
         critical_w=run.critical,
         coverage=joint_coverage(campaign, poses),
         condition_number=condition_number(adjustment),

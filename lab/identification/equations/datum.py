@@ -88,6 +88,8 @@ def with_datum(
 ) -> Parameters:
     """Hold as many components as there are motions left, the best ones.
 
+    The zero of the first joint is held too: it turns the arm as a whole.
+
     Args:
         parameters: With what is held otherwise.
         geometry: The arm.
@@ -95,6 +97,7 @@ def with_datum(
     """
     left = free_motions(rigid_motions(parameters, geometry), parameters.free)
     free = parameters.free.copy()
+    free[4 * parameters.n_joints + 6] = False
     candidates = free if preferred is None else free & preferred
     rows = np.where(candidates[:, np.newaxis], left, 0.0)
     rows = rows / parameters.tolerances[:, np.newaxis]

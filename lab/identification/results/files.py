@@ -123,6 +123,8 @@ def identification_json(
         "artefacts": {entry.id: _artefact(entry) for entry in result.artefacts},
         "excluded": [{"line": e.line, "w": e.w} for e in result.excluded],
         "holdout": result.holdout,
+        "alternating": list(result.alternating),
+        "still_moving": {} if result.converged else result.moving,
         "noise": {
             "encoder_rad": result.noise.encoder_rad.tolist(),
             "contact_mm": {e.id: e.contact_mm for e in result.artefacts},

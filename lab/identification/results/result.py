@@ -11,11 +11,14 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.design.optimal_design import JointCoverage, Suggestion
 from traverse.lab.identification.equations.network import Noise
-from traverse.lab.identification.results.undetermined import Undetermined, Weak
+from traverse.lab.identification.results.undetermined import Undetermined, Weak, named
 from traverse.lab.identification.solve.adjustment import Adjustment, Iteration
 from traverse.lab.identification.solve.reliability import PoseStatistics
 from traverse.lab.identification.solve.serial_noise import SerialNoise
 from traverse.lab.statistics.distributions import GlobalTest
+
+# Misclosures, as a part of the arm's length, that no arm like the design leaves.
+_BAD_FIT = 0.005
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +146,8 @@ class Identification:
         statistics: Of every pose; of excluded ones against the estimates.
         included: Which poses took part, (n_poses,).
         excluded: Those that did not.
+        alternating: Lines of the excluded ones that contradict the others only while
+            they take part.
         critical_w: Above which a pose was excluded.
         coverage: Of the joints.
         condition_number: Of the arm's determined, column-scaled system.
@@ -174,12 +179,28 @@ class Identification:
     statistics: PoseStatistics
     included: Booleans
     excluded: tuple[ExcludedPose, ...]
+    alternating: tuple[int, ...]
     critical_w: float
     coverage: tuple[JointCoverage, ...]
     condition_number: float
     suggestions: tuple[Suggestion, ...]
     zero_offsets_rad: Floats
     holdout: Mapping[str, Any] | None = None
+
+    @property
+    def fits_badly(self) -> bool:
+        """Whether misclosures are so large that the arm file must be another arm's."""
+        reach_mm = np.sum(
+            np.linalg.norm(self.adjustment.state.arm.geometry.links_mm, axis=1)
+        )
+        return bool(self.rms_after_mm > _BAD_FIT * reach_mm)
+
+    @property
+    def moving(self) -> dict[str, float]:
+        """Name what the last step would have changed, in plausible deviations."""
+        parameters = self.adjustment.network.parameters
+        step = self.adjustment.last_step / parameters.free_tolerances
+        return named(parameters, step) if len(step) else {}
 
     @property
     def correlations(self) -> Floats:

@@ -78,14 +78,14 @@ def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
     if not has_length(network):
         scale = scale_direction(network.parameters, geometry)
         for direction in scale:
-            named = _named(network.parameters, direction)
-            found.append(Undetermined(named, _NO_LENGTH, is_scale=True))
+            components = named(network.parameters, direction)
+            found.append(Undetermined(components, _NO_LENGTH, is_scale=True))
         # The adjustment holds the scale by decree, as the last direction.
         rest = rest[: len(rest) - len(scale)]
     coverage = joint_coverage(network.campaign, _poses(network))
     for direction in _sparse(rest):
         why = _reason(network, geometry, coverage, direction)
-        found.append(Undetermined(_named(network.parameters, direction), why))
+        found.append(Undetermined(named(network.parameters, direction), why))
     return tuple(found)
 
 
@@ -111,7 +111,7 @@ def weak_directions(adjustment: Adjustment, factor: float) -> tuple[Weak, ...]:
     weak = weak[np.argsort(-effects_mm[weak])]
     return tuple(
         Weak(
-            _named(network.parameters, direction),
+            named(network.parameters, direction),
             float(std),
             float(effect_mm),
             _reason(network, geometry, coverage, direction),
@@ -145,7 +145,8 @@ def _sparse(rows: Floats) -> Floats:
     return sparse
 
 
-def _named(parameters: Parameters, direction: Floats) -> dict[str, float]:
+def named(parameters: Parameters, direction: Floats) -> dict[str, float]:
+    """Name the larger components of a direction of the free ones, largest first."""
     least = _NAMED * float(np.max(np.abs(direction)))
     order = np.argsort(-np.abs(direction))
     names = parameters.free_names
@@ -160,8 +161,8 @@ def _reason(
     coverage: Sequence[JointCoverage],
     direction: Floats,
 ) -> str:
-    named = _named(network.parameters, direction)
-    joints = {name.split(".")[0] for name in named}
+    components = named(network.parameters, direction)
+    joints = {name.split(".")[0] for name in components}
     still = [
         joint for joint in coverage if joint.joint in joints and joint.hardly_turned
     ]
@@ -179,7 +180,7 @@ def _reason(
             f"the probe lies on the axis of {last} ({offset_mm:.2g} mm from it): "
             f"turning {last} does not move it; use a probe beside the axis"
         )
-    if any(name.startswith("probe.vector") for name in named):
+    if any(name.startswith("probe.vector") for name in components):
         return "the probe vector does the same as the last links: hold one of them"
     least = min(coverage, key=lambda entry: entry.travel_rad)
     return (

@@ -8,7 +8,8 @@ the steps minimise
     sum over poses (w + A_p dp + A_z dz)^T (B Q B^T)^-1 (w + A_p dp + A_z dz)
 
 Per station z is eliminated by QR; what is left is stacked and split by rank. A step
-is halved until it does not raise the weighted sum of squares.
+that would raise the weighted sum of squares is damped as by Levenberg and Marquardt,
+weak directions first. Damping only chooses the way: at the end there is none.
 """
 
 from collections.abc import Callable
@@ -149,18 +150,27 @@ def certified(
     )
 
 
-_MOST_ITERATIONS = 50
-_MOST_HALVINGS = 12
+_MOST_ITERATIONS = 200
+# Of a step: more and more damped, then halved as well.
+_MOST_TRIALS = 20
+_MOST_DAMPED = 8
 # Of a whitened step. It is taken, and what is left after it is a thousandth of it or
-# less: far below a picometre.
+# less: far below a picometre. Where convergence is slow a hundredth of a standard
+# deviation is enough.
 _CONVERGED = 1e-5
+_SLOW_AFTER = 50
+_CONVERGED_SLOWLY = 1e-2
 # A sum of squares may rise by this much of itself from rounding.
 _ROUNDING = 1e-9
 # Mean square of whitened misclosures below which observations are corrected.
 _GOOD_START = 100.0
-# After a step this small, or this many, the rank stays: it cannot alternate.
+# After a step this small the rank stays. After this many it changes only where a
+# singular value is this much above or below the limit: it does not alternate.
 _NEAR = 1.0
 _RANK_SETTLES_AT = 12
+_CLEARLY = 2.0
+# Mean square of residuals above which they decide what is known, not the noise.
+_LARGE = 2.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,6 +209,7 @@ class Adjustment:
         iterations: What happened.
         converged: Whether the last step was negligible.
         redundancy: Equations and certificates less determined unknowns.
+        last_step: Of the free parameters, undamped, (n_free,).
     """
 
     network: Network
@@ -208,6 +219,7 @@ class Adjustment:
     iterations: tuple[Iteration, ...]
     converged: bool
     redundancy: int
+    last_step: Floats
 
     @property
     def sigma0(self) -> float:
@@ -238,18 +250,26 @@ def adjust(
     system = linearise(network, state)
     iterations: list[Iteration] = []
     n_determined: int | None = None
-    converged = False
+    converged, corrected, settled = False, False, False
+    damping, back = 0.0, 1.0
+    whole = last = np.zeros(parameters.n_free)
     while not converged and len(iterations) < most_iterations:
         number = len(iterations) + 1
-        parts = _split(network, state, system, n_determined)
+        parts = _split(network, state, system, n_determined, settled=settled)
         to_design = parameters.coordinates(design, state.arm)[parameters.free]
-        step, held = parts.step(to_design)
-        # A smaller arm has smaller misclosures: the way back to the design's scale may
-        # go uphill, by as much as the linear model says.
-        cost = _modelled(system, step) - _modelled(system, step - held)
-        state, size, fraction = _stepped(network, state, system, step, max(cost, 0.0))
-        converged = size < _CONVERGED and fraction > 0.0
-        if size < _NEAR or number >= _RANK_SETTLES_AT:
+        whole, held = parts.step(to_design)
+        held = held / parts.tolerances
+        # Along a curved undetermined direction the way back to the design overshoots.
+        back *= 0.5 if held @ last < -0.25 * (last @ last) else 1.0
+        last = held
+        state, size, fraction, damping = _stepped(
+            network, state, system, parts, back * to_design, damping
+        )
+        small = _CONVERGED if number <= _SLOW_AFTER else _CONVERGED_SLOWLY
+        converged = size < small and fraction > 0.0
+        if size < _NEAR:
+            settled = True
+        if settled or number >= _RANK_SETTLES_AT:
             n_determined = parts.n_determined
         found = Iteration(
             number,
@@ -265,10 +285,12 @@ def adjust(
         if converged or fraction == 0.0:
             # So small a step leaves the system as it is.
             break
-        if system.sum_of_squares < _GOOD_START * network.n_rows:
+        # Once they are, they stay: a misfit at the limit would else alternate.
+        corrected |= system.sum_of_squares < _GOOD_START * network.n_rows
+        if corrected:
             state = replace(state, corrections=system.corrections)
         system = linearise(network, state)
-    parts = _split(network, state, system, n_determined)
+    parts = _split(network, state, system, n_determined, settled=True)
     return Adjustment(
         network=network,
         state=state,
@@ -277,17 +299,47 @@ def adjust(
         iterations=tuple(iterations),
         converged=converged,
         redundancy=_redundancy(network, state, system, parts),
+        last_step=whole,
     )
 
 
 def _split(
-    network: Network, state: State, system: System, n_determined: int | None
+    network: Network,
+    state: State,
+    system: System,
+    n_before: int | None,
+    *,
+    settled: bool,
 ) -> RankDecision:
+    """Decide the rank; residuals larger than the noise say less than it claims.
+
+    Args:
+        network: Observations, free parameters, noise.
+        state: Where the system was linearised.
+        system: Linearised.
+        n_before: How many directions counted, once that is not to alternate: then
+            only a clear change counts.
+        settled: Whether that number is final.
+    """
     parameters = network.parameters
     scale = np.empty((0, parameters.n_free))
     if not has_length(network):
         scale = scale_direction(parameters, state.arm.geometry)
-    return decide_rank(system.upper, parameters.free_tolerances, scale, n_determined)
+    tolerances = parameters.free_tolerances
+    if settled and n_before is not None:
+        return decide_rank(system.upper, tolerances, scale, n_before)
+    parts = decide_rank(system.upper, tolerances, scale)
+    explained = float(np.sum(parts.right[: parts.n_determined] ** 2))
+    explained += sum(float(np.sum(found.right**2)) for found in system.eliminations)
+    redundancy = max(_redundancy(network, state, system, parts), 1)
+    left = max(system.sum_of_squares - explained, 0.0) / redundancy
+    limit = float(np.sqrt(left)) if left > _LARGE else 1.0
+    n_determined = int(np.count_nonzero(parts.values > limit))
+    if n_before is not None:
+        least = int(np.count_nonzero(parts.values > limit * _CLEARLY))
+        most = int(np.count_nonzero(parts.values > limit / _CLEARLY))
+        n_determined = min(max(n_before, least), most)
+    return replace(parts, n_determined=n_determined)
 
 
 def _modelled(system: System, step: Floats) -> float:
@@ -297,26 +349,45 @@ def _modelled(system: System, step: Floats) -> float:
 
 
 def _stepped(
-    network: Network, state: State, system: System, step: Floats, cost: float
-) -> tuple[State, float, float]:
+    network: Network,
+    state: State,
+    system: System,
+    parts: RankDecision,
+    to_design: Floats,
+    damping: float,
+) -> tuple[State, float, float, float]:
     """Take as much of a step as does not raise the sum of squares.
 
     Returns:
-        The state, the length of the whole step in standard deviations, the fraction.
+        The state, the length of the whole step in standard deviations, the fraction
+        taken, the damping to begin with next time.
     """
-    unknown_steps = [found.step(step) for found in system.eliminations]
-    whitened = system.upper[:, :-1] @ step
-    size = float(np.linalg.norm(whitened))
+    size = _length(system, parts.step(to_design)[0])
+    fraction = 1.0
+    for trial in range(_MOST_TRIALS):
+        step, held = parts.step(to_design, damping)
+        # A smaller arm has smaller misclosures: the way back to the design's scale may
+        # go uphill, by as much as the linear model says.
+        cost = _modelled(system, step) - _modelled(system, step - held)
+        limit = system.sum_of_squares * (1.0 + _ROUNDING) + 1.5 * max(cost, 0.0)
+        unknown_steps = [found.step(step) for found in system.eliminations]
+        there = _moved(network, state, fraction * step, unknown_steps, fraction)
+        if size < _CONVERGED or sum_of_squares(network, there, system) <= limit:
+            taken = fraction if damping == 0.0 else _length(system, step) / size
+            # Smallest singular values are about one: less damping does nothing.
+            return there, size, taken, damping / 16.0 if damping > 16.0 else 0.0
+        damping = max(4.0 * damping, 1.0)
+        if trial >= _MOST_DAMPED or not len(step):
+            fraction *= 0.5
+    return state, size, 0.0, damping
+
+
+def _length(system: System, step: Floats) -> float:
+    """Compute the length of a step, unknowns included, in standard deviations."""
+    size = float(np.linalg.norm(system.upper[:, :-1] @ step))
     for found in system.eliminations:
         size = float(np.hypot(size, np.linalg.norm(found.right - found.left @ step)))
-    limit = system.sum_of_squares * (1.0 + _ROUNDING) + 1.5 * cost
-    fraction = 1.0
-    for _ in range(_MOST_HALVINGS):
-        trial = _moved(network, state, fraction * step, unknown_steps, fraction)
-        if size < _CONVERGED or sum_of_squares(network, trial, system) <= limit:
-            return trial, size, fraction
-        fraction *= 0.5
-    return state, size, 0.0
+    return size
 
 
 def _moved(

@@ -58,7 +58,9 @@ class Options:
     n_suggestions: int = 8
 
 
-_MOST_ROUNDS = 15
+_MOST_ROUNDS = 40
+# Poses that take part the same for this many times go round in a circle.
+_A_CIRCLE = 3
 # Standard deviations that change by less than this are settled.
 _NOISE_SETTLED = 0.01
 # A classical sigma0 this much above the robust one betrays blunders.
@@ -73,6 +75,8 @@ class IteratedAdjustment:
         adjustment: The last one.
         statistics: Of all poses; of those that took no part: as predicted.
         included: Poses that took part, (n_poses,).
+        alternating: Excluded because they contradict the others only while they take
+            part, (n_poses,).
         critical: |w| above which a pose is excluded.
         iterations: Of all adjustments.
         noise_estimated: Whether any noise was; with little redundancy it stays as
@@ -82,6 +86,7 @@ class IteratedAdjustment:
     adjustment: Adjustment
     statistics: PoseStatistics
     included: Booleans
+    alternating: Booleans
     critical: float
     iterations: tuple[Iteration, ...]
     noise_estimated: bool
@@ -132,6 +137,8 @@ def iterate(
         included &= eligible
         adjustment, found = without(included, state.arm)
     critical = float("inf")
+    visited: list[Booleans] = []
+    alternating = np.zeros_like(eligible)
     for _ in range(_MOST_ROUNDS):
         noise, change = better_noise(
             campaign, adjustment.network.noise, found.variances, variances
@@ -151,6 +158,13 @@ def iterate(
             n_changed, going_on = tests.n_changed, tests.included
         if change < _NOISE_SETTLED and n_changed == 0:
             break
+        circle = _circle(visited, going_on) if n_changed else []
+        if circle:
+            # Out for good: what remains cannot alternate by them.
+            alternating |= np.any(circle, axis=0) & ~np.all(circle, axis=0)
+            eligible = eligible & ~alternating
+            visited, going_on = [], going_on & eligible
+        visited.append(going_on)
         included = going_on
         adjustment, found = without(included, adjustment.state.arm, noise)
     if not np.all(included):
@@ -160,6 +174,7 @@ def iterate(
         adjustment,
         found,
         included,
+        alternating,
         critical,
         tuple(iterations),
         variances.estimates and _is_estimated(adjustment.network),
@@ -173,6 +188,12 @@ def _is_estimated(network: Network) -> bool:
         np.array_equal(noise.encoder_rad, given.encoder_rad)
         and np.array_equal(noise.contact_mm, given.contact_mm)
     )
+
+
+def _circle(visited: list[Booleans], included: Booleans) -> list[Booleans]:
+    """Find the choices of poses that come back again and again; none: no circle."""
+    same = [at for at, one in enumerate(visited) if np.array_equal(one, included)]
+    return [] if len(same) < _A_CIRCLE - 1 else visited[same[-1] :]
 
 
 def with_stream_weights(

@@ -144,18 +144,21 @@ class RankDecision:
         """Directions in units of the tolerances, (n_undetermined, n_free)."""
         return self.directions[self.n_determined :]
 
-    def step(self, to_design: Floats) -> tuple[Floats, Floats]:
+    def step(self, to_design: Floats, damping: float = 0.0) -> tuple[Floats, Floats]:
         """Compute the step of the parameters.
 
         Args:
             to_design: The step that would lead back to the design, (n_free,).
+            damping: Added to the squares of singular values (Levenberg, Marquardt).
 
         Returns:
             The step, (n_free,), and the part of it that leads undetermined directions
             back to their design values.
         """
-        determined = self.inverse @ self.right[: self.n_determined]
-        back = self.undetermined @ (to_design / self.tolerances)
+        squares = self.values[: self.n_determined] ** 2
+        kept = self.right[: self.n_determined] * (squares / (squares + damping))
+        determined = self.inverse @ kept
+        back = self.undetermined @ (to_design / self.tolerances) / (1.0 + damping)
         held = self.tolerances * (back @ self.undetermined)
         return determined + held, held
 
