@@ -151,9 +151,9 @@ def certified(
 
 
 _MOST_ITERATIONS = 200
-# Of a step: more and more damped, then halved as well.
-_MOST_TRIALS = 20
-_MOST_DAMPED = 8
+# Of a step: more and more damped up to a square of singular values, then halved.
+_MOST_TRIALS = 24
+_MOST_DAMPING = 1e7
 # Of a whitened step. It is taken, and what is left after it is a thousandth of it or
 # less: far below a picometre. Where convergence is slow a hundredth of a standard
 # deviation is enough.
@@ -364,7 +364,7 @@ def _stepped(
     """
     size = _length(system, parts.step(to_design)[0])
     fraction = 1.0
-    for trial in range(_MOST_TRIALS):
+    for _ in range(_MOST_TRIALS):
         step, held = parts.step(to_design, damping)
         # A smaller arm has smaller misclosures: the way back to the design's scale may
         # go uphill, by as much as the linear model says.
@@ -376,9 +376,10 @@ def _stepped(
             taken = fraction if damping == 0.0 else _length(system, step) / size
             # Smallest singular values are about one: less damping does nothing.
             return there, size, taken, damping / 16.0 if damping > 16.0 else 0.0
-        damping = max(4.0 * damping, 1.0)
-        if trial >= _MOST_DAMPED or not len(step):
+        if damping >= _MOST_DAMPING or not len(step):
             fraction *= 0.5
+        else:
+            damping = max(4.0 * damping, 1.0)
     return state, size, 0.0, damping
 
 
