@@ -121,7 +121,11 @@ def identification_json(
             for entry in result.weak
         ],
         "artefacts": {entry.id: _artefact(entry) for entry in result.artefacts},
-        "excluded": [{"line": e.line, "w": e.w} for e in result.excluded],
+        # Of an artefact that lost all poses none can be tested.
+        "excluded": [
+            {"line": e.line, "w": e.w if np.isfinite(e.w) else None}
+            for e in result.excluded
+        ],
         "holdout": result.holdout,
         "alternating": list(result.alternating),
         "still_moving": {} if result.converged else result.moving,

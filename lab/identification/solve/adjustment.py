@@ -207,7 +207,8 @@ class Adjustment:
         system: Linearised there.
         split: Of the arm's parameters there.
         iterations: What happened.
-        converged: Whether the last step was negligible.
+        converged: Whether the last step was negligible, and misclosures did not keep
+            every parameter from being determined.
         redundancy: Equations and certificates less determined unknowns.
         last_step: Of the free parameters, undamped, (n_free,).
     """
@@ -263,7 +264,7 @@ def adjust(
         back *= 0.5 if held @ last < -0.25 * (last @ last) else 1.0
         last = held
         state, size, fraction, damping = _stepped(
-            network, state, system, parts, back * to_design, damping
+            network, state, system, parts, back * to_design, damping=damping
         )
         small = _CONVERGED if number <= _SLOW_AFTER else _CONVERGED_SLOWLY
         converged = size < small and fraction > 0.0
@@ -291,6 +292,9 @@ def adjust(
             state = replace(state, corrections=system.corrections)
         system = linearise(network, state)
     parts = _split(network, state, system, n_determined, settled=True)
+    # Nonsense determines nothing, so that its steps are small.
+    some = parts.n_determined > 0 or parameters.n_free == 0
+    converged &= some or system.sum_of_squares < _GOOD_START * network.n_rows
     return Adjustment(
         network=network,
         state=state,
@@ -354,6 +358,7 @@ def _stepped(
     system: System,
     parts: RankDecision,
     to_design: Floats,
+    *,
     damping: float,
 ) -> tuple[State, float, float, float]:
     """Take as much of a step as does not raise the sum of squares.

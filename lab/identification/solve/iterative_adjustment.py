@@ -61,6 +61,8 @@ class Options:
 _MOST_ROUNDS = 40
 # Poses that take part the same for this many times go round in a circle.
 _A_CIRCLE = 3
+# Adjustments that did not converge, before no more are tried.
+_MOST_BAD = 5
 # Standard deviations that change by less than this are settled.
 _NOISE_SETTLED = 0.01
 # A classical sigma0 this much above the robust one betrays blunders.
@@ -138,7 +140,7 @@ def iterate(
         adjustment, found = without(included, state.arm)
     critical = float("inf")
     visited: list[Booleans] = []
-    alternating = np.zeros_like(eligible)
+    alternating, n_bad = np.zeros_like(eligible), 0
     for _ in range(_MOST_ROUNDS):
         noise, change = better_noise(
             campaign, adjustment.network.noise, found.variances, variances
@@ -156,7 +158,8 @@ def iterate(
             )
             critical = tests.critical * tests.scale
             n_changed, going_on = tests.n_changed, tests.included
-        if change < _NOISE_SETTLED and n_changed == 0:
+        n_bad += not adjustment.converged
+        if (change < _NOISE_SETTLED and n_changed == 0) or n_bad == _MOST_BAD:
             break
         circle = _circle(visited, going_on) if n_changed else []
         if circle:
