@@ -36,6 +36,7 @@ from traverse.lab.identification.results.undetermined import (
 )
 from traverse.lab.identification.solve.adjustment import Progress
 from traverse.lab.identification.solve.iterative_adjustment import (
+    IteratedAdjustment,
     Options,
     iterate,
     with_stream_weights,
@@ -44,6 +45,10 @@ from traverse.lab.identification.solve.serial_noise import serial_noise
 from traverse.lab.identification.solve.starting_values import coarse_start
 
 __all__ = ["IdentificationError", "Options", "identify"]
+
+
+# Other zeros must make the median misclosure smaller than this part of it.
+_WORTH_IT = 0.95
 
 
 class IdentificationError(ValueError):
@@ -75,11 +80,16 @@ def identify(
     included = np.ones(len(campaign.poses), dtype=np.bool_)
     network = network_of(campaign, radius_mm, included, parameters)
     rms_before_mm = rms_mm(network, start_state(network, design))
-    zero_offsets_rad = np.zeros(len(campaign.joint_names))
+    start = design
     if options.coarse_start:
-        coarse = coarse_start(campaign, parameters, design, radius_mm)
-        design, zero_offsets_rad = coarse.arm, coarse.zero_offsets_rad
-    run = iterate(network, design, options, radius_mm, progress=progress)
+        start = coarse_start(campaign, parameters, design, radius_mm, options.hold)
+    run = iterate(network, start, options, radius_mm, progress=progress)
+    if start is not design:
+        as_given = iterate(network, design, options, radius_mm, progress=progress)
+        if not _fits_better((run, start), (as_given, design)):
+            run, start = as_given, design
+    zero_offsets_rad = start.geometry.zeros_rad - design.geometry.zeros_rad
+    design = start
     alone, included = run.adjustment, run.included
     adjustment, serial, iterations = alone, None, run.iterations
     sigma0, redundancy, shared = alone.sigma0, alone.redundancy, 1.0
@@ -128,6 +138,29 @@ def identify(
         suggestions=most_helpful_poses(adjustment, options.n_suggestions),
         zero_offsets_rad=zero_offsets_rad,
     )
+
+
+def _fits_better(
+    found: tuple[IteratedAdjustment, ArmValues],
+    as_given: tuple[IteratedAdjustment, ArmValues],
+) -> bool:
+    """Say whether other zeros are worth it: two adjustments and their starts.
+
+    All poses count, excluded ones too. Axes may turn instead of wrong zeros, so that
+    of two good fits the one that changes the arm less is better.
+    """
+    if found[0].adjustment.converged != as_given[0].adjustment.converged:
+        return found[0].adjustment.converged
+    medians_mm = [
+        np.nanmedian(np.sqrt(np.nansum(run.statistics.misclosures_mm**2, axis=1)))
+        for run, _ in (found, as_given)
+    ]
+    changes = [
+        np.sum(run.adjustment.changes(design) ** 2) for run, design in (found, as_given)
+    ]
+    if medians_mm[0] * _WORTH_IT < medians_mm[1] and changes[0] < changes[1] / 2.0:
+        return True
+    return bool(medians_mm[0] < _WORTH_IT * medians_mm[1])
 
 
 def prepared(

@@ -222,6 +222,12 @@ class Adjustment:
     redundancy: int
     last_step: Floats
 
+    def changes(self, design: ArmValues) -> Floats:
+        """Of the free parameters, in plausible deviations, (n_free,)."""
+        parameters = self.network.parameters
+        changes = parameters.coordinates(self.state.arm, design)[parameters.free]
+        return changes / parameters.free_tolerances
+
     @property
     def sigma0(self) -> float:
         """A-posteriori standard deviation of unit weight."""

@@ -1,9 +1,10 @@
 """A coarse start: which zeros of the arm file are wrong, if the design fits badly.
 
-The zeros alone are adjusted to a few hundred poses, from many starts; contacts
-count with a noise of centimetres, so that everything smaller does not matter. The
-best start is the one with the smallest median misclosure, which a few blunders do
-not move.
+The tool, where it is free, is fitted before a design counts as bad. Then the zeros
+that are not held by wish are adjusted with it to a few hundred poses, from many
+starts; contacts count with a noise of centimetres, so that everything smaller does
+not matter. The best start is the one with the smallest median misclosure, which a few
+blunders do not move.
 
 A robust start against blunders: iteratively reweighted least squares.
 
@@ -11,7 +12,8 @@ Weights fall with the square of a pose's whitened misclosure beyond a few robust
 standard deviations, until the poses that contradict the others hardly count.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,7 +25,11 @@ from traverse.lab.identification.equations.network import (
     State,
     network_of,
 )
-from traverse.lab.identification.equations.parameters import ArmValues, Parameters
+from traverse.lab.identification.equations.parameters import (
+    ArmValues,
+    Parameters,
+    masked,
+)
 from traverse.lab.identification.equations.station_equations import (
     misclosures_mm,
     start_state,
@@ -43,32 +49,44 @@ _COARSE_MM = 10.0
 _SEED = 1
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CoarseStart:
-    """What a coarse search found.
-
-    Attributes:
-        arm: Where to begin.
-        zero_offsets_rad: Added to the arm file's zeros, (n_joints,).
-    """
-
-    arm: ArmValues
-    zero_offsets_rad: Floats
-
-
 def coarse_start(
-    campaign: Campaign, parameters: Parameters, design: ArmValues, radius_mm: float
-) -> CoarseStart:
-    """Find zeros with which an arm fits a campaign at all."""
+    campaign: Campaign,
+    parameters: Parameters,
+    design: ArmValues,
+    radius_mm: float,
+    hold: Sequence[str] = (),
+) -> ArmValues:
+    """Find zeros, and a free tool, with which an arm fits a campaign at all.
+
+    Args:
+        campaign: What was measured.
+        parameters: Which are free to be estimated.
+        design: The arm as given.
+        radius_mm: Of the probe's ball.
+        hold: Patterns of parameters that are never moved.
+
+    Returns:
+        Where to begin: the design, where nothing is much better.
+    """
     network = _coarse_network(campaign, parameters, radius_mm)
     n_joints = len(campaign.joint_names)
     before_mm = _median_mm(network, start_state(network, design))
-    nothing = CoarseStart(design, np.zeros(n_joints))
     if before_mm < _GOOD_ENOUGH_MM:
-        return nothing
+        return design
+    fitted = adjust(network, start_state(network, design), design, None, 12).state
+    before_mm = min(before_mm, _median_mm(network, fitted))
+    zeros = np.zeros_like(parameters.free)
+    zeros[4 * n_joints + 6 : 5 * n_joints + 6] = True
+    nothing_free = parameters.with_free(np.zeros_like(zeros))
+    zeros &= ~masked(nothing_free, (), hold)
+    if before_mm < _GOOD_ENOUGH_MM or not np.any(zeros):
+        return design
+    coarse = network.parameters
+    network = replace(network, parameters=coarse.with_free(coarse.free | zeros))
     rng = np.random.default_rng(_SEED)
     tries = rng.uniform(-1.0, 1.0, (_N_STARTS, n_joints)) * _LARGEST_OFFSET_RAD
     tries[0] = 0.0
+    tries *= zeros[4 * n_joints + 6 : 5 * n_joints + 6]
     arms = [_with_zeros(design, offsets_rad) for offsets_rad in tries]
     states = [start_state(network, arm) for arm in arms]
     states.sort(key=lambda state: _median_mm(network, state))
@@ -79,9 +97,8 @@ def coarse_start(
         if found_mm < best_mm:
             best, best_mm = found, found_mm
     if best_mm * _GAIN > before_mm:
-        return nothing
-    zeros_rad = best.arm.geometry.zeros_rad
-    return CoarseStart(best.arm, zeros_rad - design.geometry.zeros_rad)
+        return design
+    return best.arm
 
 
 def _with_zeros(design: ArmValues, offsets_rad: Floats) -> ArmValues:
@@ -94,7 +111,7 @@ def _with_zeros(design: ArmValues, offsets_rad: Floats) -> ArmValues:
 def _coarse_network(
     campaign: Campaign, parameters: Parameters, radius_mm: float
 ) -> Network:
-    """Take a few poses of every artefact, and free the zeros only."""
+    """Take a few poses of every artefact, and free what is free of the tool only."""
     included = np.zeros(len(campaign.poses), dtype=np.bool_)
     each = max(_MOST_POSES // len(campaign.artefacts), 12)
     for index in range(len(campaign.artefacts)):
@@ -102,11 +119,13 @@ def _coarse_network(
         chosen = np.linspace(0, len(mine) - 1, min(each, len(mine)))
         included[mine[chosen.astype(np.int64)]] = True
     n = parameters.n_joints
-    free = np.zeros_like(parameters.free)
-    free[4 * n + 6 : 5 * n + 6] = True
+    free = parameters.free.copy()
+    free[: 4 * n - 2] = False
+    free[4 * n : 4 * n + 3] = False
+    free[4 * n + 6 :] = False
     noise = Noise(np.full(n, 1e-6), np.full(len(campaign.artefacts), _COARSE_MM))
-    zeros_only = parameters.with_free(free)
-    return network_of(campaign, radius_mm, included, zeros_only, noise)
+    tool_only = parameters.with_free(free)
+    return network_of(campaign, radius_mm, included, tool_only, noise)
 
 
 def _median_mm(network: Network, state: State) -> float:

@@ -1,4 +1,4 @@
-"""Arms that nobody here made: slow ways."""
+"""Arms that nobody here made: slow ways, unknown tools."""
 
 from dataclasses import replace
 
@@ -8,8 +8,11 @@ import pytest
 from tests.lab.simulated import (
     Noise,
     arm_value,
+    bar,
+    cones,
     disturbed,
     seven_joints,
+    simulate,
 )
 from traverse.lab.artefacts import artefact_from_table
 from traverse.lab.campaign.campaign import Campaign, Poses
@@ -17,6 +20,15 @@ from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.report.page import WORDS
 
 DESIGN = seven_joints()
+GRID = {
+    "id": "grid",
+    "kind": "points",
+    "frame": "own",
+    "points_mm": {
+        name: np.random.default_rng(at).uniform(-150.0, 150.0, 3).tolist()
+        for at, name in enumerate("ABCDEFGH")
+    },
+}
 QUICK = Options(n_suggestions=0)
 
 
@@ -64,3 +76,29 @@ def test_a_campaign_that_determines_little_converges(seed, free):
     assert result.rms_after_mm < 0.5
     # The first zero turns the arm as a whole: it belongs to the datum.
     assert "J1.zero" not in {entry.name for entry in result.parameters}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_free_tool_is_found_before_zeros_are_looked_for(seed):
+    links = DESIGN.links_mm.copy()
+    links[-1] += [30.0, 90.0, -120.0]
+    true = disturbed(replace(DESIGN, links_mm=links), seed)
+    options = replace(QUICK, free=("probe.vector.*",))
+    result = identify(simulate(true, [GRID], 60, seed), arm_value(DESIGN), options)
+    assert result.rms_before_mm > 20.0
+    assert result.converged
+    assert not np.any(result.zero_offsets_rad)
+    assert result.rms_after_mm < 0.02
+
+
+def test_zeros_that_are_held_by_wish_are_never_moved():
+    zeros = DESIGN.zeros_rad + np.array([0, 0.6, 0, 0.5, 0, 0, 0])
+    true = disturbed(replace(DESIGN, zeros_rad=zeros), 3)
+    campaign = simulate(true, [*cones(3), bar()], 50, 1)
+    options = replace(QUICK, hold=("*.zero",))
+    held = identify(campaign, arm_value(DESIGN), options)
+    assert not np.any(held.zero_offsets_rad)
+    assert [joint.zero_rad for joint in held.arm.joints] == DESIGN.zeros_rad.tolist()
+    options = replace(QUICK, hold=("J2.zero",))
+    one = identify(campaign, arm_value(DESIGN), options)
+    assert one.zero_offsets_rad[1] == 0.0
