@@ -7,6 +7,8 @@ STAMP := $(VENV)/.ready
 PEERS := .venv-peers
 # Tests that run at once: many wait for real time, so two more than there are cores.
 WORKERS ?= $(shell expr $$(nproc) + 2)
+TEST = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder \
+    --required="$(TEST_GROUPS)"
 FIGURES := build/figures
 # Groups of Debian packages that the tests need, in deploy/debian-packages.sh.
 TEST_GROUPS := mosquitto openssl jq chromium node systemd groff
@@ -19,7 +21,7 @@ KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kern
 # Compiled modules are kept: without them every program that a test starts compiles anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs help venv system node demo test test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots
+.PHONY: docs help venv system node demo test test-guides test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -55,9 +57,11 @@ build/node/.ready: tests/interface/package.json tests/interface/package-lock.jso
 	@npm ci --prefix build/node --no-audit --no-fund --loglevel=error
 	@touch $@
 
-test: venv system node  ## all tests
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder \
-	    --required="$(TEST_GROUPS)"
+test: venv system node  ## all tests but test-guides
+	$(TEST) -m "not guide"
+
+test-guides: venv system node  ## tutorials and guides, followed command by command; two minutes
+	$(TEST) -m guide tests/docs
 
 test-fresh:  ## the README's commands in a pristine Debian (SUITE=trixie for another); root, a quarter of an hour
 	@sh deploy/debian-packages.sh fresh || true

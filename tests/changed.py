@@ -136,7 +136,8 @@ def main(root: Path, options: list[str]) -> None:
     sys.stderr.write("\n  ".join(lines) + "\n")
     sys.stderr.flush()
     if taken:
-        pytest = [sys.executable, "-m", "pytest", "-q", "-m", "not slow", *options]
+        left = "not slow and not guide"
+        pytest = [sys.executable, "-m", "pytest", "-q", "-m", left, *options]
         os.execv(sys.executable, [*pytest, *taken])
 
 

@@ -28,7 +28,7 @@ PACKAGES = sorted(
 # file is loaded under which names.
 IMPORT_ALL = """
 import importlib, json, os, pkgutil, sys
-import traverse, benchmarks, tests
+import traverse, benchmarks
 
 def names(package):
     for found in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
@@ -38,7 +38,7 @@ def names(package):
             if found.ispkg:
                 yield from names(importlib.import_module(found.name))
 
-for package in (traverse, benchmarks, tests):
+for package in (traverse, benchmarks):
     for name in names(package):
         try:
             importlib.import_module(name)

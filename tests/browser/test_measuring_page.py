@@ -38,7 +38,7 @@ async def test_the_sessions_points_are_all_there_whatever_happens(
     posed: PosedDaemon, own_broker: Mosquitto, served_page: OpenPage
 ) -> None:
     async with Network(own_broker.port) as network, posed.posing():
-        await posed.take(4)  # before there is a page
+        await posed.take(4, age_s=60.0)  # before there is a page
         broker = f"localhost:{network.port}"
         async with served_page(posed.arm, broker) as page:
             await are_shown(page, 4)
@@ -46,7 +46,7 @@ async def test_the_sessions_points_are_all_there_whatever_happens(
             await page.reload()
             await are_shown(page, 4)
             posed.is_mute = True  # what the page cannot hear of while it is cut off
-            await posed.take(3)
+            await posed.take(3, age_s=60.0)
             posed.is_mute = False
             await network.cut()
             await are_shown(page, 7)

@@ -105,9 +105,9 @@ class VirtualDaemon:
         await self._say_status(online=True)
         return self.session
 
-    async def take(self, n: int = 1) -> list[Point]:
-        """Take points: into the outbox, and out."""
-        taken = [self._next_point() for _ in range(n)]
+    async def take(self, n: int = 1, age_s: float = 0.0) -> list[Point]:
+        """Take points, by their times a while ago: into the outbox, and out."""
+        taken = [self._next_point(age_s=age_s) for _ in range(n)]
         if not self.is_mute:
             await asyncio.gather(*map(self.publish, taken))
         return taken
@@ -131,7 +131,7 @@ class VirtualDaemon:
         for seq in [seq for seq in self.outbox[session] if seq < below]:
             del self.outbox[session][seq]
 
-    def _next_point(self, retracts: str | None = None) -> Point:
+    def _next_point(self, retracts: str | None = None, age_s: float = 0.0) -> Point:
         held = self.outbox[self.session]
         seq = max(held, default=-1) + 1
         fields = {name: getattr(POINT, name) for name in type(POINT).model_fields}
@@ -141,7 +141,7 @@ class VirtualDaemon:
             "seq": seq,
             "id": f"{self.session}-{seq}",
             "arm": self.arm,
-            "time_ns": time.time_ns(),
+            "time_ns": time.time_ns() - round(age_s * 1e9),
             "retracts": retracts,
         }
         held[seq] = Point(**fields)

@@ -6,6 +6,7 @@ import socket
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tests.docs.pages import text_of
 from tests.end_to_end.programs import Program, until
@@ -30,6 +31,7 @@ def told() -> list[tuple[list[str], list[str]]]:
     return shown
 
 
+@pytest.mark.guide
 async def test_the_two_commands_bring_points_on_the_ball(tmp_path: Path):
     (table,), (simulator,) = blocks("csv"), blocks("toml")
     (tmp_path / "table.csv").write_text(table, "utf-8")

@@ -6,16 +6,25 @@ import subprocess
 import sys
 
 import pytest
+from click.testing import Result
+from typer.testing import CliRunner
 
+from benchmarks.blind.single_round import app
 from tests.cli.programs import END_S
 from tests.docs.pages import CHECKOUT
 
 PROGRAM = (sys.executable, "-W", "error", "-m", "benchmarks.blind.single_round")
 
 
-def run_round(*arguments):
+def run_round(*arguments: str) -> Result:
+    return CliRunner().invoke(app, arguments, env={"COLUMNS": "200"})
+
+
+@pytest.fixture(scope="module")
+def told():
+    """One of them as somebody types it."""
     return subprocess.run(
-        [*PROGRAM, *arguments],
+        [*PROGRAM, "--seed", "3"],
         cwd=CHECKOUT,
         env={**os.environ, "COLUMNS": "200"},
         capture_output=True,
@@ -23,11 +32,6 @@ def run_round(*arguments):
         timeout=END_S,
         check=False,
     )
-
-
-@pytest.fixture(scope="module")
-def told():
-    return run_round("--seed", "3")
 
 
 def test_it_tells_what_was_hidden_last_of_all(told):
@@ -44,7 +48,7 @@ def test_nothing_but_the_answer_is_said_when_piped(told):
 
 def test_json_is_scored_too():
     answer = run_round("--seed", "5", "--size", "14", "--effects", "2", "--json")
-    assert answer.returncode == 0, answer.stderr
+    assert answer.exit_code == 0, answer.stderr
     found = json.loads(answer.stdout)
     assert found["seed"] == 5
     assert found["size"] == 14.0
@@ -61,7 +65,7 @@ def test_nothing_hidden_is_an_answer():
 
 def test_a_folder_gets_campaign_truth_and_report(tmp_path):
     answer = run_round("--seed", "3", "--outside", "--out", str(tmp_path / "round"))
-    assert answer.returncode == 0, answer.stderr
+    assert answer.exit_code == 0, answer.stderr
     written = {
         str(path.relative_to(tmp_path / "round"))
         for path in (tmp_path / "round").rglob("*")
@@ -76,9 +80,9 @@ def test_a_folder_gets_campaign_truth_and_report(tmp_path):
 
 def test_a_missing_arm_file_is_refused(tmp_path):
     answer = run_round("--seed", "1", "--arm", str(tmp_path / "none.toml"))
-    assert answer.returncode == 2
+    assert answer.exit_code == 2
     assert "none.toml" in answer.stderr
 
 
 def test_a_seed_is_needed():
-    assert run_round().returncode == 2
+    assert run_round().exit_code == 2

@@ -91,6 +91,11 @@ async def all_received(listener: Listener, n: int) -> None:
     )
 
 
+async def rss_bytes(listener: Listener) -> int:
+    await until(lambda: listener.healths, "health")
+    return listener.healths[-1].rss_bytes
+
+
 async def point(listener: Listener, request: str) -> None:
     answer = await listener.command(PointArgs(), request)
     assert answer.ok, answer
@@ -115,7 +120,7 @@ async def test_whatever_comes_is_answered_or_dropped_and_stays_at_home(
             await listener.event("commands.retained")
         async with measuring(resting) as (listener, _, daemon):
             await point(listener, "before")
-            before = listener.healths[-1].rss_bytes
+            before = await rss_bytes(listener)
             for payload, name in rubbish:
                 await attacker.send(payload, name)
             await misdirect(attacker, resting.arm, listener)
@@ -140,7 +145,7 @@ async def test_commands_go_on_after_any_number_of_packets_that_are_too_long(
 ) -> None:
     """More of each size than may be on their way: none may stay there."""
     async with attacking(resting) as attacker, measuring(resting) as (listener, _, _):
-        before = listener.healths[-1].rss_bytes
+        before = await rss_bytes(listener)
         for n_bytes in (MAX_COMMAND_BYTES + 1, MAX_PACKET_BYTES + 1, HEAD_BYTES + 1):
             for _ in range(RECEIVE_MAXIMUM + 1):
                 await attacker.send(b"x" * n_bytes, "label")
