@@ -32,31 +32,25 @@ from traverse.protocol.topics import CHANNELS
 HERE = Path(__file__).parent
 REFERENCE = HERE / "reference"
 GOLDEN = HERE.parent / "tests" / "protocol" / "golden"
-MORE_EXAMPLES = {
-    "status": "status-offline",
-    "point": "point-retraction",
-    "reply": "reply-error",
-}
-"""Of messages that have two forms; in files alone."""
+GOLDEN_FOLDER = "../../tests/protocol/golden"
 
 HEAD = """\
 # MQTT messages
 
-Everything that Traverse measures leaves over MQTT, and every command is received over
-it. One definition, `protocol/messages`, makes this page (`make schemas`; do not
-edit), the [JSON Schemas](schemas/README.md) of all payloads and an [AsyncAPI 3
-document](asyncapi.json). How to read points in Python, JavaScript, Node-RED or a
-shell: [how-to](../how-to/read-points-in-your-program.md).
+Made from `protocol/messages` by `make schemas` (do not edit), like the [JSON
+Schemas](schemas/README.md) and the [AsyncAPI 3 document](asyncapi.json). How to read
+points: [in your program](../how-to/read-points-in-your-program.md).
 """
 RULES = f"""\
-- **Encoding.** A payload is one MessagePack map, or one JSON object where the
-  daemon's configuration says so (`encoding`). The first byte shows which: a JSON
-  object begins with a brace. A command may use either. The content type of MQTT 5 is
-  `application/msgpack` or `application/json`; readers need not look at it.
-- **Version.** Every payload has `schema`, the name that is given beside its topic; the
-  tables leave it out. Another number at its end means another layout. Our reader
-  refuses unknown and repeated keys.
-- **Arm.** All messages but commands and replies have `arm`, its name as in the topic.
+- **Encoding.** A payload is one MessagePack map, or one JSON object (first byte: a
+  brace) with `encoding = "json"` in the daemon's configuration. A command may use
+  either. The content type of MQTT 5 is `application/msgpack` or `application/json`.
+- **Examples** are in JSON; beside them, in MessagePack: [a
+  point]({GOLDEN_FOLDER}/point.msgpack.hex), and so on. Also [a
+  retraction]({GOLDEN_FOLDER}/point-retraction.json), [the last
+  will]({GOLDEN_FOLDER}/status-offline.json), [a refusal]({GOLDEN_FOLDER}/reply-error.json).
+- **Left out of the tables:** `schema`, the name beside the topic (another number at its
+  end means another layout), and `arm`, which all but commands and replies have.
 - **Keys** are always present, null where the type says so. Those with a default may
   be left out.
 - **Numbers** are finite; integers have at most 53 bits, and one is accepted where a
@@ -69,7 +63,7 @@ RULES = f"""\
 - A **name** has 1 to 64 characters, a text at most 2000 where nothing else is stated. A
   **map** has names as keys, and any values.
 - Our reader refuses more than {MAX_BYTES} bytes, {MAX_DEPTH} levels of nesting, and
-  MessagePack lists or maps of more than {MAX_ELEMENTS} elements.
+  MessagePack lists or maps of more than {MAX_ELEMENTS} elements, unknown and repeated keys.
 """
 SCHEMAS = """\
 Generated from `protocol/messages` by `make schemas`; do not edit. One file for every
@@ -77,9 +71,9 @@ Generated from `protocol/messages` by `make schemas`; do not edit. One file for 
 in JSON.
 """
 DELIVERY = """\
-A point is delivered at least once and counts once per `id`. Within a `session`, `seq`
-has no gaps, retractions included: request missing numbers with
-[`cmd/resend`](#cmdresend). Use a point only where `quality.ok` is true.
+A point is delivered at least once. Within a `session`, `seq` has no gaps, retractions
+included: request missing numbers with [`cmd/resend`](#cmdresend). Use a point only
+where `quality.ok` is true.
 """
 COMMAND_HEAD = """\
 The reply is sent to the MQTT 5 response topic if the command has one, which must be
@@ -130,8 +124,9 @@ def reference_page() -> str:
         link = f"[{message.__name__}](#{name(message)})"
         lines.append(f"| `{topic}` | {link}: {first} | {quality} |")
     lines += ["", RULES]
+    described: set[str] = set()
     for message in MESSAGES:
-        lines += _message_section(message)
+        lines += _message_section(message, described)
         if name(message) == "point":
             lines += [DELIVERY]
         if name(message) == "command":
@@ -162,21 +157,22 @@ def _delivery(key: str) -> tuple[str, str]:
     return f"traverse/<arm>/{topic}{level}", f"{channel.qos}{retained}"
 
 
-def _message_section(message: type[Message]) -> list[str]:
+def _message_section(message: type[Message], described: set[str]) -> list[str]:
     schema, key = json_schema(message), name(message)
     topic, quality = _delivery(key)
     lines = [f"## {message.__name__}", "", inspect.getdoc(message) or "", ""]
     lines += [f"`{topic}`, QoS {quality}; `schema`: `{schema['$id']}`", ""]
-    lines += [*field_table(schema), "", *_inner_tables(schema)]
+    lines += [*field_table(schema), "", *_inner_tables(schema, described)]
     return lines if key == "command" else lines + _example(key)
 
 
-def _inner_tables(schema: Schema) -> list[str]:
+def _inner_tables(schema: Schema, described: set[str]) -> list[str]:
+    """Tables of inner structures, each at the first message that has it."""
     lines: list[str] = []
     for key, inner in schema.get("$defs", {}).items():
-        # Quality stands with the point; the live message has the same.
-        if key == "Quality" and schema["title"] != "Point":
+        if key in described:
             continue
+        described.add(key)
         lines += [f"### {key}", "", inner["description"], "", *field_table(inner), ""]
     return lines
 
@@ -190,29 +186,17 @@ def _command_sections() -> list[str]:
             lines += _example(f"command-{command}")
         else:
             shown = json.loads(_golden(f"command-{command}.json"))["args"]
-            links = _links(f"command-{command}")
-            lines += [f"Example: `{json.dumps(shown)}` ({links})", ""]
+            lines += [f"Example: `{json.dumps(shown)}`", ""]
     return lines
 
 
 def _example(key: str) -> list[str]:
-    """A golden example in JSON; its bytes, and further examples, are in files."""
-    links = f"The same in MessagePack: {_links(key)}."
-    if key in MORE_EXAMPLES:
-        more = MORE_EXAMPLES[key]
-        links += f" Another: {_links(more, 'json', 'msgpack.hex')}."
-    return ["```json", _golden(f"{key}.json"), "```", "", links, ""]
+    """A golden example in JSON."""
+    return ["```json", _golden(f"{key}.json"), "```", ""]
 
 
 def _golden(file: str) -> str:
     return (GOLDEN / file).read_text().rstrip()
-
-
-def _links(key: str, *endings: str) -> str:
-    """Links to golden files, by default to the bytes."""
-    folder = "../../tests/protocol/golden"
-    files = [f"{key}.{ending}" for ending in endings or ("msgpack.hex",)]
-    return ", ".join(f"[{file}]({folder}/{file})" for file in files)
 
 
 def _word_table(title: str, words: dict[str, str]) -> list[str]:
