@@ -48,7 +48,8 @@ RULES = f"""\
 - **Examples** are in JSON; beside them, in MessagePack: [a
   point]({GOLDEN_FOLDER}/point.msgpack.hex), and so on. Also [a
   retraction]({GOLDEN_FOLDER}/point-retraction.json), [the last
-  will]({GOLDEN_FOLDER}/status-offline.json), [a refusal]({GOLDEN_FOLDER}/reply-error.json).
+  will]({GOLDEN_FOLDER}/status-offline.json), [a
+  refusal]({GOLDEN_FOLDER}/reply-error.json).
 - **Left out of the tables:** `schema`, the name beside the topic (another number at its
   end means another layout), and `arm`, which all but commands and replies have.
 - **Keys** are always present, null where the type says so. Those with a default may
@@ -63,7 +64,8 @@ RULES = f"""\
 - A **name** has 1 to 64 characters, a text at most 2000 where nothing else is stated. A
   **map** has names as keys, and any values.
 - Our reader refuses more than {MAX_BYTES} bytes, {MAX_DEPTH} levels of nesting, and
-  MessagePack lists or maps of more than {MAX_ELEMENTS} elements, unknown and repeated keys.
+  MessagePack lists or maps of more than {MAX_ELEMENTS} elements, unknown and repeated
+  keys.
 """
 SCHEMAS = """\
 Generated from `protocol/messages` by `make schemas`; do not edit. One file for every
@@ -120,9 +122,8 @@ def reference_page() -> str:
     lines = [HEAD, "| topic | payload | QoS |", "|---|---|---|"]
     for message in MESSAGES:
         topic, quality = _delivery(name(message))
-        first = (inspect.getdoc(message) or "").splitlines()[0]
         link = f"[{message.__name__}](#{name(message)})"
-        lines.append(f"| `{topic}` | {link}: {first} | {quality} |")
+        lines.append(f"| `{topic}` | {link} | {quality} |")
     lines += ["", RULES]
     described: set[str] = set()
     for message in MESSAGES:
@@ -159,9 +160,8 @@ def _delivery(key: str) -> tuple[str, str]:
 
 def _message_section(message: type[Message], described: set[str]) -> list[str]:
     schema, key = json_schema(message), name(message)
-    topic, quality = _delivery(key)
     lines = [f"## {message.__name__}", "", inspect.getdoc(message) or "", ""]
-    lines += [f"`{topic}`, QoS {quality}; `schema`: `{schema['$id']}`", ""]
+    lines += [f"`{_delivery(key)[0]}`; `schema`: `{schema['$id']}`", ""]
     lines += [*field_table(schema), "", *_inner_tables(schema, described)]
     return lines if key == "command" else lines + _example(key)
 

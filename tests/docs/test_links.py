@@ -1,5 +1,6 @@
-"""Every link inside the documentation leads somewhere."""
+"""Every link inside the documentation leads somewhere; tables are whole."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,14 @@ def test_links_resolve(page: Path) -> None:
         ):
             broken.append(link)
     assert not broken
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_row_of_a_table_has_the_cells_of_its_head(page: Path) -> None:
+    text = re.sub(r"^ *```.*?^ *```$", "", page.read_text("utf-8"), flags=re.S | re.M)
+    for table in re.findall(r"(?:^ *\|.*\|\n)+", text, re.M):
+        bars = {row: len(re.findall(r"(?<!\\)\|", row)) for row in table.splitlines()}
+        assert len(set(bars.values())) == 1, bars
 
 
 def test_the_map_leads_to_every_page() -> None:
