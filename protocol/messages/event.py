@@ -45,7 +45,7 @@ class Event(Message):
     remedy: Text
     """What to do about it; empty where nothing needs to be done."""
     source: Name
-    """What it happened to: "<device id>", "<device id>/<channel>", "broker", ..."""
+    """What it concerns: "<device id>", "<device id>/<channel>", "broker", ..."""
     active: bool | None
     """True: raised; false: cleared; null: momentary."""
     first_ns: TimeNs

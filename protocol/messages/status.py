@@ -61,7 +61,7 @@ class Status(Message):
     online: bool
     """False in the last will and after an orderly stop."""
     state: Literal["starting", "ready", "degraded", "stopping", "offline"]
-    """"degraded": something configured is missing; `see `drivers` and events."""
+    """"degraded": something configured is missing; see `drivers` and events."""
     arm: ArmName
     """Name of the arm, as in the topic."""
     model: Digest | None
@@ -79,16 +79,15 @@ class Status(Message):
     drivers: Annotated[tuple[DriverStatus, ...], Field(max_length=64, fail_fast=True)]
     """All configured devices."""
     alarms: Annotated[tuple[Alarm, ...], Field(max_length=64)] | None = None
-    """What lasts now, oldest first, the first 64; null in the last will, and where an
-    earlier version does not tell it."""
+    """Lasting conditions, oldest first, at most 64; null in the last will, and from
+    earlier versions."""
     probe: Name | None = None
     """Probe of the library that measures; null: that of the arm file."""
     probes: Annotated[tuple[Name, ...], Field(max_length=64)] | None = None
-    """Probes that the library had when it was last read, the first 64; null where there
-    is no library."""
+    """Probes of the library when it was last read, at most 64; null without one."""
     label: Label | None = None
-    """What the next points are taken on; null in the last will, and where an earlier
-    version does not tell it."""
+    """What the next points are taken on; null in the last will, and from earlier
+    versions."""
     alignment: Text | None = None
     """Name of the alignment to the part; empty: without a name; null: no alignment."""
 
