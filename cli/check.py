@@ -59,13 +59,12 @@ def check(
 
 def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
     """The kind of the file, by its schema or its tables, and its reader."""
-    import tomllib  # noqa: PLC0415
-
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
+    from traverse.strict_toml.problems import FileError, toml_table, toml_text  # noqa: PLC0415
 
     try:
-        tables = tomllib.loads(file.read_text("utf-8"))
-    except (OSError, ValueError):
+        tables = toml_table(toml_text(file), str(file))
+    except FileError:
         return "arm file", read_arm  # whose reader reports the mistakes
     schema = str(tables.get("schema", ""))
     for prefix, names, kind, reader in _KINDS:
@@ -116,16 +115,14 @@ def _read_campaign(path: Path) -> object:
     """Read a campaign with whatever joints its poses have."""
     from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
     from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
-    from traverse.lab.campaign.csv_rows import header_cells  # noqa: PLC0415
+    from traverse.lab.campaign.csv_rows import csv_rows  # noqa: PLC0415
+    from traverse.strict_toml.problems import FileError  # noqa: PLC0415
 
     poses = path.parent / read_campaign_file(path).poses
-    columns: list[str] = []
-    with (
-        contextlib.suppress(OSError, ValueError),
-        poses.open(encoding="utf-8-sig") as file,
-    ):
-        columns = header_cells(file.readline())
-    joints = [c.removesuffix("_rad") for c in columns if c.endswith("_rad")]
+    joints: list[str] = []
+    # Its reader below reports what is wrong with it.
+    with contextlib.suppress(FileError), csv_rows(poses, "poses") as (header, _):
+        joints = [c.removesuffix("_rad") for c in header if c.endswith("_rad")]
     return read_campaign(path.parent, joints)
 
 

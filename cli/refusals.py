@@ -1,6 +1,7 @@
 """How commands refuse: exit status 2 and a sentence."""
 
 import logging
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -68,7 +69,8 @@ def check_target(command: str, path: Path, *, force: bool) -> None:
 
 def check_results(command: str, folder: Path, arm: Path) -> None:
     """Refuse a folder of results whose arm.toml is the arm file that is read."""
-    if (folder / "arm.toml").resolve() == arm.resolve():
+    # os.path: Path.resolve raises RuntimeError where a link leads to itself.
+    if os.path.realpath(folder / "arm.toml") == os.path.realpath(arm):
         told = f"--out {folder}: its arm.toml is the arm file, and would be replaced"
         refuse(command, f"{told}; name another folder")
 

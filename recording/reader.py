@@ -17,6 +17,7 @@ from traverse.recording.messages import (
 )
 from traverse.recording.torn import PROFILE, TornRecords
 from traverse.recording.values import TIMES, Conditions, Recording, Samples, Touching
+from traverse.strict_toml.files import open_regular
 from traverse.strict_toml.problems import FileError, Problem
 
 
@@ -95,7 +96,7 @@ def read_recording(path: str | Path) -> Recording:
     """
     parts = _Parts()
     try:
-        with Path(path).open("rb") as file:
+        with open_regular(Path(path)) as file:
             records = TornRecords(file, fstat(file.fileno()).st_size)
             for record in records:
                 parts.add(record)

@@ -10,6 +10,7 @@ from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 
 from traverse.recording.run_writer import OF_FILE, SCHEMA, Entry
 from traverse.recording.torn import TornRecords
+from traverse.strict_toml.files import open_regular
 
 
 class RunReader:
@@ -32,7 +33,7 @@ class RunReader:
         self.about: dict[str, str] = {}
         self.files: dict[str, bytes] = {}
         self._topics: dict[int, str] = {}
-        self._file = path.open("rb")
+        self._file = open_regular(path)
         try:
             self._records = TornRecords(self._file, fstat(self._file.fileno()).st_size)
             self._rest = iter(self._records)

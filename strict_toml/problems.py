@@ -9,14 +9,17 @@ import errno
 import math
 import re
 import tomllib
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from traverse.plurals import counted
+from traverse.strict_toml.files import bytes_of
 
 _SHOWN_LENGTH = 60
+DEEPEST = 32
+LARGEST = 1e20
 _SYNTAX_PLACE = re.compile(r" \(at (line \d+, column \d+|end of document)\)$")
 
 _REMEDIES = {
@@ -28,6 +31,8 @@ _REMEDIES = {
         "correct its rights, or name another place",
     ),
     errno.ENOSPC: "make room on that disk",
+    errno.EINVAL: "expected a file",
+    errno.EFBIG: "expected another file",
 }
 
 _WORDING: Mapping[str, str] = {
@@ -174,7 +179,7 @@ def toml_text(path: Path) -> str:
         FileError: It cannot be read, or is not UTF-8.
     """
     try:
-        content = path.read_bytes()
+        content = bytes_of(path)
     except OSError as error:
         what = f"cannot be read: {system_reason(error)}"
         raise FileError(str(path), [Problem("", what)]) from error
@@ -203,8 +208,14 @@ def toml_table(text: str, source: str) -> dict[str, Any]:
         FileError: The text is not TOML; says the line and column.
     """
     try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
+        raw = tomllib.loads(text)
+        if _depth(raw) > DEEPEST:
+            raise RecursionError
+        return raw
+    except RecursionError as error:
+        what = f"is nested more than {DEEPEST} deep"
+        raise FileError(source, [Problem("", what)]) from error
+    except ValueError as error:
         message = str(error)
         place = _SYNTAX_PLACE.search(message)
         where = place.group(1) if place else ""
@@ -213,6 +224,41 @@ def toml_table(text: str, source: str) -> dict[str, Any]:
             where = f"line {len(lines)}, column {len(lines[-1]) + 1}"
         what = _SYNTAX_PLACE.sub("", message)
         raise FileError(source, [Problem(where, f"not TOML: {what}")]) from error
+
+
+def _depth(value: object) -> int:
+    pending, deepest = [(value, 0)], 0
+    while pending:
+        value, depth = pending.pop()
+        deepest = max(deepest, depth)
+        if isinstance(value, Mapping | list):
+            inner = value.values() if isinstance(value, Mapping) else value
+            pending.extend((entry, depth + 1) for entry in inner)
+    return deepest
+
+
+def value_problems(
+    value: object, location: tuple[str | int, ...] = ()
+) -> Iterator[Problem]:
+    """Yield values that no file needs: absurdly large numbers, texts with NUL."""
+    if isinstance(value, Mapping | list):
+        steps = value.items() if isinstance(value, Mapping) else enumerate(value)
+        for step, entry in steps:
+            yield from value_problems(entry, (*location, step))
+    elif isinstance(value, str) and "\0" in value:
+        yield Problem(key_path(location), f"{shown(value)} has a NUL character")
+    elif isinstance(value, int | float) and LARGEST < abs(value) < math.inf:
+        yield Problem(key_path(location), out_of_range(value))
+
+
+def out_of_range(value: float | str) -> str:
+    """Refuse a number whose powers could not be computed with."""
+    return f"{shown(value)} is out of range; expected at most {LARGEST:g} either way"
+
+
+def is_number(value: float) -> bool:
+    """Whether a number is finite, and its powers can be computed with."""
+    return abs(value) <= LARGEST
 
 
 def tables_in(value: object) -> list[Mapping[str, Any]]:
@@ -230,7 +276,7 @@ def number_in(value: object) -> float | None:
         number = float(value)
     except OverflowError:
         return None
-    return number if math.isfinite(number) else None
+    return number if is_number(number) else None
 
 
 def numbers_in(value: object) -> tuple[float, ...] | None:

@@ -18,6 +18,7 @@ from traverse.strict_toml.problems import (
     problem_from_error,
     toml_table,
     toml_text,
+    value_problems,
 )
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -74,7 +75,9 @@ def parse_strict(
         FileError: With everything that is wrong.
     """
     raw = toml_table(text, source)
-    problems = list(cross_check(raw)) if cross_check else []
+    problems = list(value_problems(raw))
+    if cross_check and not problems:  # which computes with the numbers
+        problems = list(cross_check(raw))
     try:
         value = model.model_validate(tuples_for_lists(raw))
     except ValidationError as error:

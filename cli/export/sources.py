@@ -17,6 +17,7 @@ from traverse.protocol.messages import Point
 from traverse.protocol.printable import printable
 from traverse.recording.run_reader import RunReader
 from traverse.recording.views import bytes_to_timed_cloud
+from traverse.strict_toml.files import open_regular
 
 SQLITE = b"SQLite format 3\x00"
 MCAP = b"\x89MCAP0\r\n"
@@ -30,7 +31,7 @@ def points_of(source: Path) -> Iterator[Point]:
         ValueError: it is no such file, or a point in it cannot be read.
         OSError: it cannot be read.
     """
-    with source.open("rb") as file:
+    with open_regular(source) as file:
         head = file.read(16)
     if head == SQLITE:
         yield from _of_outbox(source)
@@ -64,7 +65,7 @@ def scans_of(source: Path) -> Iterator[tuple[str, PointTable]]:
 
 def tear_of(source: Path) -> str | None:
     """Why a recording ends before its file does; None of others and of whole ones."""
-    with source.open("rb") as file:
+    with open_regular(source) as file:
         if not file.read(len(MCAP)).startswith(MCAP):
             return None
     with RunReader(source) as run:
@@ -110,7 +111,7 @@ def _of_outbox(source: Path) -> Iterator[Point]:
 
 
 def _of_lines(source: Path) -> Iterator[Point]:
-    with source.open("rb") as file:
+    with open_regular(source) as file:
         for number, line in enumerate(file, start=1):
             if not line.strip():
                 continue

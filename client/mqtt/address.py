@@ -9,6 +9,7 @@ from typing import Any, Self
 from urllib.parse import urlsplit
 
 from traverse.broker.tls import tls_context
+from traverse.strict_toml.files import text_of
 
 PORT = 1883
 TLS_PORT = 8883
@@ -92,7 +93,7 @@ class BrokerAddress:
         password = self.password
         if self.password_file is not None:
             with _told("password_file", self.password_file, "the password"):
-                password = self.password_file.read_text("utf-8").strip()
+                password = text_of(self.password_file).strip()
         return {
             "hostname": self.host,
             "port": self.tcp_port,

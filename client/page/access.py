@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
+from traverse.strict_toml.files import text_of
+
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
 Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
@@ -35,7 +37,7 @@ def read_token(path: Path) -> str:
         ValueError: it is too short to be one.
         OSError: the file cannot be read.
     """
-    token = path.read_text("utf-8").strip()
+    token = text_of(path).strip()
     if len(token) < LEAST_TOKEN:
         raise ValueError(
             f"{path}: a token of {len(token)} characters, expected at least "

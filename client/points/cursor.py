@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 from traverse.protocol.message_error import MessageError
+from traverse.strict_toml.files import json_of
 
 SCHEMA = "traverse/place/1"
 
@@ -17,15 +18,15 @@ def read_cursor(path: Path, arm: str) -> dict[str, int] | None:
         OSError: it cannot be read.
     """
     try:
-        text = path.read_text("utf-8")
+        values = json_of(path)
     except FileNotFoundError:
         return None
-    try:
-        values = json.loads(text)
     except ValueError as error:
         raise MessageError.of(str(path), str(error), "JSON") from error
     if not isinstance(values, dict) or values.get("schema") != SCHEMA:
-        raise MessageError.of(str(path), text[:80], f'a map with schema "{SCHEMA}"')
+        raise MessageError.of(
+            str(path), repr(values)[:80], f'a map with schema "{SCHEMA}"'
+        )
     if values.get("arm") != arm:
         found = repr(values.get("arm"))[:80]
         raise MessageError.of(f"{path}: arm", found, f"{arm!r}; give it its own file")

@@ -16,6 +16,7 @@ from traverse.broker.credential import CREDENTIAL, credential_file
 from traverse.broker.tls import tls_context
 from traverse.daemon.config.schema import BrokerSection
 from traverse.plurals import counted
+from traverse.strict_toml.files import open_regular
 from traverse.strict_toml.problems import Problem
 
 MAX_FILE_BYTES = 1 << 20
@@ -122,7 +123,7 @@ def _path(key: str, name: str, folder: Path) -> Path:
 
 def _content(key: str, path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             content = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
         raise CredentialsError(

@@ -7,6 +7,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 from traverse.daemon.pose.references import ReferenceMemory
+from traverse.strict_toml.files import json_of
 from traverse.strict_toml.writing import write_atomically
 
 log = logging.getLogger("traverse.daemon.service")
@@ -23,12 +24,12 @@ class ReferenceFile(ReferenceMemory):
         self._path = path
         self._thread = ThreadPoolExecutor(1, "references")
         try:
-            found = json.loads(path.read_text("utf-8"))
+            found = json_of(path)
             if not isinstance(found, dict):
                 raise ValueError("it is no table")
         except FileNotFoundError:
             super().__init__()
-        except (OSError, ValueError, RecursionError) as error:
+        except (OSError, ValueError) as error:
             log.warning("%s cannot be read, confirm the positions: %s", path, error)
             super().__init__(is_lost=True)
         else:

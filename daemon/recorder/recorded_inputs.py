@@ -8,6 +8,7 @@ from traverse.daemon.config.schema import Configuration, read_configuration
 from traverse.daemon.pose.arm_model import ArmModel, model_with_probe, read_model
 from traverse.daemon.pose.probe_library import LibraryProbe
 from traverse.kinematics.arm_file.arm import read_arm
+from traverse.strict_toml.files import bytes_of
 
 ARM, CONFIGURATION, PROBES = "arm.toml", "traverse.toml", "probes.toml"
 
@@ -23,13 +24,13 @@ def recorded_files(path: Path, configuration: Configuration) -> dict[str, bytes]
         OSError: a file cannot be read any more.
     """
     arm_path = path.parent / configuration.arm.file
-    files = {CONFIGURATION: path.read_bytes(), ARM: arm_path.read_bytes()}
+    files = {CONFIGURATION: bytes_of(path), ARM: bytes_of(arm_path)}
     told = read_arm(arm_path).identification
     if told is not None and told.covariance_file is not None:
         covariance = arm_path.parent / told.covariance_file
-        files[told.covariance_file] = covariance.read_bytes()
+        files[told.covariance_file] = bytes_of(covariance)
     if configuration.arm.probes is not None:
-        files[PROBES] = (path.parent / configuration.arm.probes).read_bytes()
+        files[PROBES] = bytes_of(path.parent / configuration.arm.probes)
     return files
 
 

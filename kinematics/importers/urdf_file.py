@@ -17,6 +17,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.importers.urdf import Body, ChainJoint, moved_body, transform
 from traverse.plurals import counted
+from traverse.strict_toml.files import open_regular
 from traverse.strict_toml.problems import (
     FileError,
     Problem,
@@ -75,7 +76,7 @@ def read_urdf(path: Path) -> Robot:
     """
     source = str(path)
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             content = file.read(_LARGEST_BYTES + 1)
     except OSError as error:
         what = f"cannot be read: {error.strerror or error}; check the path"

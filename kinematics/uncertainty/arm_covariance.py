@@ -8,6 +8,7 @@ centre x has from it the covariance A C A^T, A = dx/dp.
 import hashlib
 import io
 import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ from traverse.kinematics.effects.columns import columns
 from traverse.kinematics.effects.pose import angle_corrections
 from traverse.kinematics.model.derivatives import ProbeDerivatives, probe_derivatives
 from traverse.kinematics.model.geometry import Geometry
+from traverse.strict_toml.files import bytes_of
 
 _ROUNDING = 1e-9  # of the largest variance: below, a negative one is rounding
 
@@ -112,7 +114,7 @@ def read_arm_covariance(
         ValueError: The file is missing, damaged, or of another arm; says what to do.
     """
     try:
-        data = path.read_bytes()
+        data = bytes_of(path)
     except OSError as error:
         reason = error.strerror or str(error)
         raise ValueError(
@@ -129,7 +131,14 @@ def read_arm_covariance(
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             told = [str(name) for name in file["names"]]
             covariance = np.array(file["covariance"], dtype=np.float64)
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        zipfile.BadZipFile,
+        zlib.error,
+        EOFError,
+    ) as error:
         raise ValueError(
             f"{path} is no covariance of an arm ({error}); identify the arm again"
         ) from error

@@ -11,6 +11,7 @@ from traverse.kinematics.helmert.transformation import Helmert
 from traverse.lab.alignment.page import alignment_page
 from traverse.lab.alignment.result import SCHEMA
 from traverse.protocol.messages import AlignArgs
+from traverse.strict_toml.files import json_of
 from traverse.strict_toml.problems import FileError, Problem
 from traverse.strict_toml.writing import write_atomically
 
@@ -38,11 +39,11 @@ def read_alignment(path: Path) -> dict[str, Any]:
     """
     file = path / FILE if path.is_dir() else path
     try:
-        values = json.loads(file.read_text("utf-8"))
+        values = json_of(file)
         if not isinstance(values, dict) or values.get("schema") != SCHEMA:
             raise ValueError(f"its schema is not {SCHEMA}")
         align_args(values)
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         message = f"is no alignment: {str(error).splitlines()[0]}"
         raise FileError(str(file), [Problem("", message)]) from error
     return values

@@ -15,7 +15,8 @@ from traverse.arrays import Floats
 from traverse.kinematics.fits import fit_sphere
 from traverse.plurals import counted
 from traverse.protocol.messages import Point
-from traverse.strict_toml.problems import FileError, Problem, shown
+from traverse.strict_toml.files import TableLines
+from traverse.strict_toml.problems import LARGEST, FileError, Problem, shown
 
 Coordinates = Literal["centre", "surface"]
 
@@ -111,7 +112,7 @@ def read_touch_table(path: Path, coordinates: Coordinates) -> list[Touch]:
         FileError: With all lines that cannot be used.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        with TableLines(path) as file:
             reader = csv.DictReader(file)
             header = [name.strip() for name in reader.fieldnames or ()]
             reader.fieldnames = header
@@ -186,7 +187,7 @@ def _numbers(row: dict[str, str], columns: Sequence[str]) -> Floats | None:
         raise ValueError(
             f"{shown(cells)} are not numbers ({', '.join(columns)})"
         ) from None
-    if not np.all(np.isfinite(values)):
+    if not np.all(np.abs(values) <= LARGEST):
         raise ValueError(f"{shown(cells)} are not finite ({', '.join(columns)})")
     return values
 

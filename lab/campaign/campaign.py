@@ -22,6 +22,7 @@ from traverse.lab.campaign.campaign_file import (
 from traverse.lab.campaign.copies import without_copies
 from traverse.lab.campaign.pose_table import PoseTable, read_pose_table
 from traverse.lab.campaign.stream_table import SUFFIX, read_stream_table
+from traverse.strict_toml.files import bytes_of
 from traverse.strict_toml.problems import FileError, Problem
 
 _CHUNK_BYTES = 1 << 20
@@ -324,7 +325,7 @@ def _columns(table: PoseTable, names: Sequence[str]) -> Floats | None:
 
 def _digest(path: Path, file: CampaignFile) -> str:
     """Hash the file, the poses, and then every list of points."""
-    digest = hashlib.sha256(path.read_bytes())
+    digest = hashlib.sha256(bytes_of(path))
     with (path.parent / file.poses).open("rb") as poses:
         while chunk := poses.read(_CHUNK_BYTES):
             digest.update(chunk)

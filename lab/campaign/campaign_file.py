@@ -19,7 +19,13 @@ from traverse.lab.artefacts import (
 )
 from traverse.lab.artefacts.points import Points
 from traverse.lab.campaign.csv_rows import csv_rows
-from traverse.strict_toml.problems import FileError, Problem, shown, tables_in
+from traverse.strict_toml.problems import (
+    FileError,
+    Problem,
+    is_number,
+    shown,
+    tables_in,
+)
 from traverse.strict_toml.reader import StrictModel, read_strict
 
 _POINT_COLUMNS = ["feature", "x_mm", "y_mm", "z_mm"]
@@ -150,7 +156,7 @@ def read_points(path: Path) -> dict[str, tuple[float, float, float]]:
                 Problem(where, f"{shown(cells)} is not a name and three numbers")
             )
             continue
-        if not all(abs(value) < float("inf") for value in (x_mm, y_mm, z_mm)):
+        if not all(is_number(value) for value in (x_mm, y_mm, z_mm)):
             problems.append(Problem(where, f"{shown(cells)} is not finite"))
         if name in points:
             problems.append(Problem(where, f"{shown(name)} was given before"))

@@ -10,16 +10,11 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from traverse.strict_toml.files import TableLines
 from traverse.strict_toml.problems import FileError, Problem
 
 Rows = Callable[[Collection[int]], Iterator[list[str]]]
 _SEPARATORS = {",": "','", ";": "';'", "\t": "tab"}
-
-
-def header_cells(line: str) -> list[str]:
-    """Split a header into its names."""
-    mark = _separator(line)
-    return [name.strip() for name in next(csv.reader([line], delimiter=mark), [])]
 
 
 def _separator(header: str) -> str:
@@ -46,8 +41,8 @@ def csv_rows(path: Path, key: str) -> Iterator[tuple[list[str], Rows]]:
         FileError: It cannot be read; also for what happens while its rows are read.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            line = file.readline()
+        with TableLines(path) as file:
+            line = next(file, "")
             try:
                 mark = _separator(line)
             except ValueError as error:

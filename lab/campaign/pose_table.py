@@ -17,8 +17,10 @@ from traverse.arrays import Floats, Integers
 from traverse.lab.campaign.csv_rows import csv_rows
 from traverse.plurals import counted
 from traverse.strict_toml.problems import (
+    LARGEST,
     FileError,
     Problem,
+    is_number,
     shown,
     unknown_name_message,
 )
@@ -179,7 +181,7 @@ def _number(text: str) -> float | None:
         number = float(text)
     except ValueError:
         return None
-    return number if math.isfinite(number) and "_" not in text else None
+    return number if is_number(number) and "_" not in text else None
 
 
 _BLOCK_ROWS = 20_000
@@ -328,7 +330,7 @@ def _numbers(block: list[list[str]], columns: PoseColumns) -> Floats | None:
         except ValueError:
             return None
         empty = sum(not cell for cell in by_column[index])
-        if np.count_nonzero(~np.isfinite(numbers[:, index])) != empty:
+        if np.count_nonzero(~(np.abs(numbers[:, index]) <= LARGEST)) != empty:
             return None
     return numbers if _rules_hold(numbers, columns) else None
 

@@ -22,6 +22,7 @@ from traverse.lab.campaign.campaign_file import CampaignFile
 from traverse.lab.collection.plan import PlanFile, Target
 from traverse.plurals import counted
 from traverse.protocol.messages import Point
+from traverse.strict_toml.files import bytes_of, text_of
 from traverse.strict_toml.problems import FileError, Problem
 from traverse.strict_toml.writing import write_atomically
 
@@ -95,7 +96,7 @@ class Collection:
                 raise FileError(str(table), [Problem("", told)])
             return
         problems = []
-        lines = journal.read_bytes().split(b"\n")
+        lines = bytes_of(journal).split(b"\n")
         if lines[-1]:
             # Torn by a loss of power: it was never acknowledged.
             with journal.open("r+b") as file:
@@ -103,7 +104,7 @@ class Collection:
         for number, line in enumerate(lines[:-1], 1):
             try:
                 self._apply(json.loads(line))
-            except (ValueError, TypeError, KeyError) as error:
+            except (ValueError, TypeError, KeyError, RecursionError) as error:
                 problems.append(
                     Problem(f"line {number}", f"is no collected point: {error}")
                 )
@@ -188,7 +189,7 @@ class Collection:
         path = self.folder / CAMPAIGN
         if path.is_file():
             line = f"start_utc = {start:%Y-%m-%dT%H:%M:%SZ}\n"
-            text = path.read_text("utf-8")
+            text = text_of(path)
             write_atomically(path, _SCHEMA_LINE.sub(rf"\g<0>{line}", text, count=1))
 
     def _write_table(self) -> None:

@@ -63,6 +63,11 @@ class Check:
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[sqlite3.Connection]:
+    if path.exists() and not path.is_file():
+        raise HistoryRefusedError(
+            f"{path}: is not a file; expected the SQLite file of a history, or the "
+            "name of a new one"
+        )
     with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as connection:
         execute = connection.execute
         try:

@@ -1,6 +1,5 @@
 """What a history of daily checks says: charts, warnings, the last acceptance beside."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +12,7 @@ from traverse.lab.daily_check.figures import KINDS, FigureKind
 from traverse.lab.daily_check.history import Check, since_base
 from traverse.lab.report.provenance import ReportSource, report_provenance
 from traverse.plurals import counted
+from traverse.strict_toml.files import json_of
 from traverse.strict_toml.problems import FileError, Problem
 
 SCHEMA = "traverse/interim/1"
@@ -159,7 +159,7 @@ def read_certificate(path: Path, arm: str) -> dict[str, Any]:
         FileError: It is none, or of another arm.
     """
     try:
-        values = json.loads(path.read_text("utf-8"))
+        values = json_of(path)
         schema, name = values["schema"], values["arm"]["name"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         text = f"is no certificate ({error}); name certificate.json of `verify --out`"

@@ -34,9 +34,11 @@ from traverse.lab.measured_points.measurement import (
     measurement_of_touches,
 )
 from traverse.recording.reader import read_recording
+from traverse.strict_toml.files import TableLines, text_of
 from traverse.strict_toml.problems import (
     FileError,
     Problem,
+    is_number,
     shown,
     unknown_name_message,
 )
@@ -52,7 +54,7 @@ def is_point_table(path: Path) -> bool:
 
 def _header(path: Path) -> list[str]:
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        with TableLines(path) as file:
             return [name.strip() for name in next(csv.reader(file), [])]
     except (OSError, UnicodeDecodeError, csv.Error):
         return []  # whose reader says what is wrong
@@ -76,7 +78,7 @@ def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
     names: tuple[list[str], list[str]] = ([], [])
     numbers: list[list[float]] = []
     times_ns: list[int] = []
-    with path.open(encoding="utf-8-sig", newline="") as lines:
+    with TableLines(path) as lines:
         reader = csv.DictReader(lines, fieldnames=header)
         next(reader)
         for row in reader:
@@ -93,7 +95,7 @@ def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
                 cells = [row[column] for column in _PLACE]
                 problems.append(Problem(where, f"{shown(cells)} are not three numbers"))
                 continue
-            if not np.all(np.isfinite(place)):
+            if not all(map(is_number, place)):
                 problems.append(Problem(where, f"{shown(place)} is not finite"))
             if (time_ns := row.get("time_ns") or "").isdecimal():
                 times_ns.append(int(time_ns))
@@ -147,7 +149,7 @@ def files_read(data: Path) -> tuple[Path, ...]:
     if data.suffix == ".mcap":
         return (data,)
     file = read_campaign_file(data / "campaign.toml")
-    raw = tomlkit.parse((data / "campaign.toml").read_text("utf-8"))
+    raw = tomlkit.parse(text_of(data / "campaign.toml"))
     named = [
         data / str(table["points_mm"])
         for table in raw.get("artefacts", ())

@@ -13,6 +13,8 @@ from typing import Any, Protocol, overload
 
 import numpy as np
 
+from traverse.strict_toml.files import open_regular
+
 # Names who computes, where that is not the user of the computer.
 OPERATOR_VARIABLE = "TRAVERSE_OPERATOR"
 
@@ -121,7 +123,9 @@ def digest_of_files(paths: Iterable[Path]) -> str:
     """
     digest = hashlib.sha256()
     for path in paths:
-        digest.update(path.read_bytes())
+        with open_regular(path) as file:
+            while piece := file.read(2**20):
+                digest.update(piece)
     return digest.hexdigest()
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from traverse.arrays import Floats, Integers
 from traverse.plurals import counted
+from traverse.strict_toml.files import TableLines
 from traverse.strict_toml.problems import FileError, Problem
 
 INPUTS = ("button", "switch")
@@ -93,7 +94,7 @@ def read_recording(path: Path) -> Recording:
         FileError: With file, line and reason; nothing is half-read.
     """
     try:
-        with path.open(encoding="utf-8", newline="") as file:
+        with TableLines(path) as file:
             rows = list(csv.reader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         message = f"cannot be read: {error}; check the path"

@@ -109,3 +109,10 @@ def test_refusals(run, words, told):
     result = run(*words)
     assert result.exit_code == 2
     assert told in result.stderr
+
+
+def test_a_history_that_is_a_folder_is_refused_with_what_is_expected(tmp_path):
+    words = ["daily-check", "--arm", str(ARM), "--history", str(tmp_path), "--show"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 2
+    assert f"{tmp_path}: is not a file; expected the SQLite file" in done.stderr

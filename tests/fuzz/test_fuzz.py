@@ -34,3 +34,14 @@ def test_no_target_breaks_under_atheris():
     )
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
     assert f"Done {RUNS} runs" in done.stderr
+
+
+def test_damaged_files_are_refused_in_words():
+    # One of every reader; `make fuzz-files` damages all files of all commands.
+    names = ["check/daemon", "check/poses", "align/points", "points-list/outbox"]
+    names += ["export/recording"]
+    command = [sys.executable, "-m", "tests.fuzz.files", *names, "--mutations=3"]
+    done = subprocess.run(
+        command, check=False, cwd=CHECKOUT, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]

@@ -1,7 +1,6 @@
 """Checking a certificate: its digests, and whether its figures follow from its data."""
 
 import hashlib
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from traverse.lab.acceptance.certificate.values import (
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
 from traverse.lab.acceptance.standards import STANDARDS, verified
 from traverse.lab.measured_points.reading import read_measured
+from traverse.strict_toml.files import bytes_of, json_of
 from traverse.strict_toml.problems import FileError, Problem
 
 _SAME_MM = 1e-9
@@ -44,7 +44,7 @@ def certificate_problems(path: Path) -> list[str]:
 
 def _read(file: Path) -> dict[str, Any]:
     try:
-        values = json.loads(file.read_text("utf-8"))
+        values = json_of(file)
     except OSError as error:
         reason = error.strerror or str(error)
         raise FileError(
@@ -70,7 +70,7 @@ def _digest_problems(
         if not path.is_file():
             yield f"{DATA}/{name} is missing"
             continue
-        files[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+        files[name] = hashlib.sha256(bytes_of(path)).hexdigest()
         if files[name] != digest:
             yield f"{DATA}/{name} was changed: its digest is not the one stated"
     found = digest_values(values, dict(stated["files"]))

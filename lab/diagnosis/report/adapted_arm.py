@@ -7,6 +7,7 @@ from traverse.kinematics.arm_file.arm import Arm, parse_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.lab.diagnosis.model.result import Diagnosis, Term
 from traverse.lab.diagnosis.model.terms import has_epoch
+from traverse.strict_toml.files import text_of
 from traverse.strict_toml.problems import FileError, Problem
 from traverse.strict_toml.writing import arm_text, write_atomically
 
@@ -65,7 +66,7 @@ def write_adapted(path: Path, arm: Arm, source: Path) -> None:
         OSError: A file cannot be read or written.
     """
     values = arm.model_dump(by_alias=True, exclude_unset=True)
-    text = arm_text(values, source.read_text("utf-8"))
+    text = arm_text(values, text_of(source))
     if parse_arm(text, str(path)) != arm:
         problem = Problem("", "would not hold all values of this arm")
         raise FileError(str(path), [problem])

@@ -21,6 +21,7 @@ from traverse.lab.identification.results.undetermined_effects import (
     undetermined_effects_mm,
 )
 from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
+from traverse.strict_toml.files import bytes_of
 from traverse.strict_toml.writing import write_atomically
 
 SCHEMA = "traverse/identification/1"
@@ -187,7 +188,7 @@ def write_covariance(cartesian: CartesianCovariance, path: Path) -> str:
         values=cartesian.values,
         covariance=cartesian.covariance,
     )
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(bytes_of(path)).hexdigest()
 
 
 def _write_residuals(result: Identification, path: Path) -> None:

@@ -208,9 +208,16 @@ def test_broken_toml_is_reported_with_line_and_column(text, where):
     assert list(problems_of(text)) == [where]
 
 
-@pytest.mark.parametrize("text", ["x = " + "9" * 5000, "x = " + "[" * 50_000])
-def test_excessive_toml_is_refused_like_broken_toml(text):
-    assert "not TOML" in problems_of(text)[""]
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("x = " + "9" * 5000, "not TOML"),
+        ("x = " + "[" * 50_000, "nested more than 32 deep"),
+        ("x = " + "[" * 40 + "]" * 40, "nested more than 32 deep"),
+    ],
+)
+def test_excessive_toml_is_refused_like_broken_toml(text, said):
+    assert said in problems_of(text)[""]
 
 
 def test_missing_and_unreadable_files_are_refused_with_the_reason(tmp_path):

@@ -1,0 +1,104 @@
+"""Opening files that people name: regular ones of a bounded size, in bounded pieces.
+
+A device such as /dev/zero never ends and a FIFO waits for ever: both are refused. What
+cannot be read leaves as OSError with a reason, as the system's own refusals do.
+"""
+
+import csv
+import errno
+import io
+import json
+import os
+import stat
+from pathlib import Path
+from typing import Any, BinaryIO
+
+MOST_BYTES = 64 * 2**20  # of a file that is read whole; recordings and tables are not
+MOST_LINE = 2**20  # characters of a line of a table
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a regular file for reading.
+
+    Raises:
+        OSError: It cannot be read, or is something else than a regular file.
+    """
+    # Without O_NONBLOCK the opening of a FIFO would wait for a writer.
+    file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
+    mode = os.fstat(file.fileno()).st_mode
+    if not stat.S_ISREG(mode):
+        file.close()
+        raise OSError(errno.EINVAL, "is not a regular file", str(path))
+    return file
+
+
+def bytes_of(path: Path) -> bytes:
+    """Read a whole file of at most `MOST_BYTES`.
+
+    Raises:
+        OSError: It cannot be read, is larger, or is not a regular file.
+    """
+    with open_regular(path) as file:
+        content = file.read(MOST_BYTES + 1)
+    if len(content) > MOST_BYTES:
+        what = f"is larger than {MOST_BYTES // 2**20} MiB"
+        raise OSError(errno.EFBIG, what, str(path))
+    return content
+
+
+def text_of(path: Path) -> str:
+    """Read a whole file as UTF-8.
+
+    Raises:
+        OSError: As `bytes_of`.
+        UnicodeDecodeError: It is not UTF-8.
+    """
+    return bytes_of(path).decode("utf-8")
+
+
+def json_of(path: Path) -> Any:  # noqa: ANN401 - whatever the file holds
+    """Read a file of JSON, without NaN and infinity.
+
+    Raises:
+        OSError: As `bytes_of`.
+        ValueError: It is not JSON, nested too deep, or has a number out of range.
+    """
+
+    def number(text: str) -> float:
+        value = float(text)
+        if value in (float("inf"), float("-inf")):
+            raise ValueError(f"{text[:40]} is out of range")
+        return value
+
+    def no_number(text: str) -> None:
+        raise ValueError(f"{text} is not a finite number")
+
+    text = text_of(path)
+    try:
+        return json.loads(text, parse_float=number, parse_constant=no_number)
+    except RecursionError as error:
+        raise ValueError("is nested too deep") from error
+
+
+class TableLines(io.TextIOWrapper):
+    """Lines of a table in UTF-8, for `csv`, each of at most `MOST_LINE` characters.
+
+    Raises:
+        OSError: It cannot be read, or is not a regular file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(open_regular(path), encoding="utf-8-sig", newline="")
+
+    def __next__(self) -> str:  # type: ignore[override]  # as TextIOWrapper itself
+        """The next line.
+
+        Raises:
+            csv.Error: It is longer.
+        """
+        line = self.readline(MOST_LINE + 1)
+        if not line:
+            raise StopIteration
+        if len(line) > MOST_LINE:
+            raise csv.Error(f"a line has more than {MOST_LINE} characters")
+        return line

@@ -1,0 +1,331 @@
+"""Damaged files given to every command that reads them: refused in words.
+
+    python -m tests.fuzz.files --mutations 300        every command and file
+    python -m tests.fuzz.files identify/poses --mutations 50 --seed 7
+
+A run is a fork of a program that has the libraries loaded: at most `END_S` seconds, 1
+GB more memory than at its start, a documented exit status and no traceback. What breaks
+that is kept in build/fuzz/files/.
+"""
+
+import argparse
+import contextlib
+import os
+import random
+import re
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from typer.testing import CliRunner
+
+from tests.fuzz.file_samples import make_samples
+from traverse.cli.__main__ import app
+
+KEPT = Path(__file__).parent.parent.parent / "build" / "fuzz" / "files"
+END_S = 20
+MEMORY_BYTES = 10**9
+STATUSES = {0, 1, 2, 3}
+
+# Name, the file that is damaged, the command; paths are relative to the samples.
+COMMANDS: dict[str, tuple[str, str]] = {
+    "check/arm": ("arm.toml", "check arm.toml"),
+    "check/daemon": ("daemon.toml", "check daemon.toml"),
+    "check/simulator": ("simulator.toml", "check simulator.toml"),
+    "check/probes": ("probes.toml", "check probes.toml"),
+    "check/limits": ("limits.toml", "check limits.toml"),
+    "check/nominal": ("nominal.toml", "check nominal.toml"),
+    "check/plan": ("plan.toml", "check plan.toml"),
+    "check/campaign": ("campaign/campaign.toml", "check campaign"),
+    "check/poses": ("campaign/poses.csv", "check campaign"),
+    "arm-show/arm": ("arm.toml", "arm show arm.toml"),
+    "arm-to-dh/arm": ("arm.toml", "arm to-dh arm.toml"),
+    "arm-from-dh/csv": (
+        "dh.csv",
+        "arm from-dh dh.csv --convention classic --out robot.toml",
+    ),
+    "arm-from-dh/toml": (
+        "dh.toml",
+        "arm from-dh dh.toml --convention classic --out robot.toml",
+    ),
+    "arm-from-urdf/urdf": (
+        "robot.urdf",
+        "arm from-urdf robot.urdf --tip ball --out robot.toml",
+    ),
+    "identify/arm": ("arm.toml", "identify campaign --arm arm.toml --out out"),
+    "identify/campaign": (
+        "campaign/campaign.toml",
+        "identify campaign --arm arm.toml --out out",
+    ),
+    "identify/poses": (
+        "campaign/poses.csv",
+        "identify campaign --arm arm.toml --out out",
+    ),
+    "predict/poses": ("campaign/poses.csv", "predict campaign --arm arm.toml"),
+    "predict/campaign": ("campaign/campaign.toml", "predict campaign --arm arm.toml"),
+    "diagnose/poses": (
+        "campaign/poses.csv",
+        "diagnose campaign --arm arm.toml --out out --max-terms 1",
+    ),
+    "verify/campaign": (
+        "accepted/campaign.toml",
+        "verify accepted --standard asme-b89.4.22 --arm arm.toml",
+    ),
+    "verify/poses": (
+        "accepted/poses.csv",
+        "verify accepted --standard asme-b89.4.22 --arm arm.toml",
+    ),
+    "verify/limits": (
+        "limits.toml",
+        "verify accepted --standard asme-b89.4.22 --arm arm.toml --limits limits.toml",
+    ),
+    "verify-check/json": ("certificate/certificate.json", "verify --check certificate"),
+    "verify-check/data": ("certificate/data/poses.csv", "verify --check certificate"),
+    "align/nominal": ("nominal.toml", "align measured.csv --nominal nominal.toml"),
+    "align/points": ("measured.csv", "align measured.csv --nominal nominal.toml"),
+    "align/lines": ("points.jsonl", "align points.jsonl --nominal nominal.toml"),
+    "daily-check/history": (
+        "history.db",
+        "daily-check --arm arm.toml --history history.db --show",
+    ),
+    "daily-check/poses": (
+        "check/poses.csv",
+        "daily-check --arm arm.toml --history history.db --campaign check",
+    ),
+    "daily-check/certificate": (
+        "certificate/certificate.json",
+        "daily-check --arm arm.toml --history history.db --show "
+        "--acceptance certificate/certificate.json",
+    ),
+    "export/outbox": ("outbox.db", "export outbox.db --out out.csv --force"),
+    "export/lines": ("points.jsonl", "export points.jsonl --out out.csv --force"),
+    "export/recording": ("run.mcap", "export run.mcap --out out.csv --force"),
+    "points-list/outbox": ("outbox.db", "points list --db outbox.db"),
+    "points-export/outbox": (
+        "outbox.db",
+        "points export --db outbox.db --out out.csv --force",
+    ),
+    "replay/recording": ("run.mcap", "replay run.mcap"),
+    "verify/recording": ("run.mcap", "verify run.mcap --standard asme-b89.4.22"),
+    "run/configuration": ("daemon.toml", "run --config daemon.toml"),
+    "run/arm": ("arm.toml", "run --config daemon.toml"),
+    "simulate/configuration": ("simulator.toml", "simulate --config simulator.toml"),
+}
+# They go on until they are ended where the file is good: that is no hang.
+_ENDLESS = {"run", "simulate"}
+_ENDLESS_S = 4
+_OF_COMPUTED = ("verify", "daily-check")
+
+_NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+_TOKENS = (
+    *(b"1e308", b"-1e308", b"1e400", b"nan", b"inf", b"0", b"-1", b"1e-320"),
+    *(b"9" * 30, b"9" * 5000, b'""', b'"\\u0000"', b"[]", b"{}", b"true", b"1_0"),
+    *(b"[" * 500 + b"]" * 500, b"[" * 3000, b'"' + b"x" * 200_000 + b'"', b"\xff"),
+    *(b"x" * 200_000, b"\0", b"/dev/zero", b'"/dev/zero"', b'"."', b'"a\nb"'),
+)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a command ended."""
+
+    fault: str | None
+    seconds: float
+
+
+def mutated(content: bytes, chance: random.Random) -> bytes:
+    """Damage a file once or a few times."""
+    changed = bytearray(content)
+    for _ in range(chance.choice((1, 1, 1, 2, 5))):
+        place = chance.randrange(len(changed) + 1)
+        numbers = list(_NUMBER.finditer(changed))
+        lines = changed.split(b"\n")
+        match chance.randrange(8):
+            case 0 | 1 if numbers:
+                start, end = chance.choice(numbers).span()
+                changed[start:end] = chance.choice(_TOKENS)
+            case 2:
+                changed[place:place] = chance.choice(_TOKENS)
+            case 3:
+                del changed[place : place + chance.choice((1, 5, 100, 10_000))]
+            case 4:
+                changed[place:place] = changed[place : place + 500]
+            case 5 if len(lines) > 1:
+                line = chance.randrange(len(lines))
+                lines[line : line + 1] = chance.choice(([], [lines[line]] * 2))
+                changed = bytearray(b"\n".join(lines))
+            case 6:
+                del changed[place:]
+            case _:
+                for _ in range(chance.choice((1, 3, 30))):
+                    if changed:
+                        changed[chance.randrange(len(changed))] ^= (
+                            1 << chance.randrange(8)
+                        )
+    return bytes(changed)
+
+
+def replaced(path: Path) -> Iterator[tuple[str, Callable[[], object]]]:
+    """What may stand in the place of a file."""
+    yield "nothing", lambda: None
+    yield "empty", path.touch
+    yield "folder", path.mkdir
+    yield "fifo", lambda: os.mkfifo(path)
+    yield "endless", lambda: path.symlink_to("/dev/zero")
+    yield "itself", lambda: path.symlink_to(path.name)
+
+    def sparse() -> None:
+        path.touch()
+        os.truncate(path, 20 * 2**30)
+
+    yield "sparse", sparse
+
+
+def outcome(words: list[str], folder: Path) -> Outcome:
+    """Run a command in a fork."""
+    log = folder / ".log"
+    begun = time.monotonic()
+    child = os.fork()
+    if child == 0:
+        _run(words, folder, log)
+    limit_s = _ENDLESS_S if words[0] in _ENDLESS else END_S
+    status = None
+    while status is None and time.monotonic() - begun < limit_s:
+        done, found = os.waitpid(child, os.WNOHANG)
+        status = found if done else None
+        if status is None:
+            time.sleep(0.005)
+    seconds = time.monotonic() - begun
+    if status is None:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        hangs = words[0] not in _ENDLESS
+        return Outcome(f"no end after {limit_s} s" if hangs else None, seconds)
+    said = log.read_text("utf-8", "replace")
+    code = os.waitstatus_to_exitcode(status)
+    if "Traceback" in said:
+        return Outcome(f"traceback: {said.strip().splitlines()[-1][:200]}", seconds)
+    if code not in STATUSES:
+        return Outcome(f"exit status {code}: {said[-200:]}", seconds)
+    if code in {2, 3} and not said.strip():
+        return Outcome(f"exit status {code} without a word", seconds)
+    return Outcome(None, seconds)
+
+
+def _run(words: list[str], folder: Path, log: Path) -> None:
+    """The child: never returns."""
+    code = 99
+    try:
+        os.setpgid(0, 0)
+        os.chdir(folder)
+        descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        nothing = os.open("/dev/null", os.O_RDONLY)
+        for target in (0, 1, 2):
+            os.dup2(nothing if target == 0 else descriptor, target)
+        size = int(Path("/proc/self/statm").read_text("ascii").split()[0])
+        most = size * os.sysconf("SC_PAGE_SIZE") + MEMORY_BYTES
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+        sys.argv = ["traverse", *words]
+        from traverse.cli.__main__ import main  # noqa: PLC0415
+
+        try:
+            main()
+            code = 0
+        except SystemExit as end:
+            code = (
+                end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+            )
+    except BaseException:  # noqa: BLE001 - is what is looked for
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def fuzz(
+    names: list[str], mutations: int, seed: int, samples: Path, kept: Path = KEPT
+) -> Iterator[tuple[str, int, float, Counter[str]]]:
+    """Damage files; per command its runs, longest time and what broke."""
+    for name in names:
+        file, line = COMMANDS[name]
+        found: Counter[str] = Counter()
+        longest_s, runs = 0.0, 0
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = Path(temporary) / "of"
+            harms: list[tuple[str, Callable[[Path], object]]] = []
+            content = (samples / file).read_bytes()
+            for what, harm in replaced(folder / file):
+                harms.append((what, lambda _, harm=harm: harm()))
+            for number in range(mutations):
+                bad = mutated(content, random.Random(f"{name} {seed} {number}"))
+                harms.append((str(number), lambda p, bad=bad: p.write_bytes(bad)))
+            for what, harm in harms:
+                shutil.rmtree(folder, ignore_errors=True)
+                shutil.copytree(samples, folder)
+                (folder / file).unlink()
+                harm(folder / file)
+                ended = outcome(line.split(), folder)
+                runs += 1
+                longest_s = max(longest_s, ended.seconds)
+                if ended.fault is not None:
+                    found[
+                        f"{what if not what.isdigit() else ''} {ended.fault}".strip()
+                    ] += 1
+                    kept.mkdir(parents=True, exist_ok=True)
+                    place = kept / f"{name.replace('/', '-')}-{seed}-{what}"
+                    if (folder / file).is_file() and what.isdigit():
+                        shutil.copyfile(folder / file, place)
+                    shutil.copyfile(folder / ".log", f"{place}.log")
+        yield name, runs, longest_s, found
+
+
+def load(samples: Path, names: list[str]) -> None:
+    """Run commands once with good files: forks need not import what these did."""
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary) / "warm"
+        shutil.copytree(samples, folder)
+        with contextlib.chdir(folder):
+            for line in {COMMANDS[name][1] for name in names}:
+                if line.split()[0] not in _ENDLESS:
+                    CliRunner().invoke(app, line.split())
+
+
+def main() -> int:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz.files")
+    parser.add_argument("names", nargs="*", metavar="COMMAND/FILE")
+    parser.add_argument("--mutations", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=1)
+    wanted = parser.parse_args()
+    names = wanted.names or list(COMMANDS)
+    broken = total = 0
+    with tempfile.TemporaryDirectory() as folder:
+        samples = make_samples(
+            Path(folder), computed=any(n.startswith(_OF_COMPUTED) for n in names)
+        )
+        load(samples, names)
+        for name, runs, longest_s, found in fuzz(
+            names, wanted.mutations, wanted.seed, samples
+        ):
+            total += runs
+            broken += found.total()
+            sys.stdout.write(f"{name:26} {runs:4} runs, at most {longest_s:5.1f} s, ")
+            sys.stdout.write(f"{found.total()} broke\n")
+            for fault, times in found.most_common(8):
+                sys.stdout.write(f"    {times:3} x {fault}\n")
+            sys.stdout.flush()
+    sys.stdout.write(f"{total} runs, {broken} broke\n")
+    return 1 if broken else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
