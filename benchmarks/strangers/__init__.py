@@ -1,0 +1,1 @@
+"""Arms that others built and measured: identified, and judged by poses kept aside."""

@@ -1,0 +1,136 @@
+"""The usual way beside ours: all lengths and axes by scipy's least squares.
+
+It shares no code with the identification: forward kinematics of its own in NumPy, the
+parameters of a product of exponentials, redundant ones left to the solver, every pose
+of equal weight, and nothing held to be a blunder.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares  # type: ignore[import-untyped] # has no types
+from scipy.spatial.transform import Rotation  # type: ignore[import-untyped] # likewise
+
+from benchmarks.strangers.sets import GAUGE_MM, Measured
+from traverse.arrays import Booleans, Floats
+from traverse.kinematics.arm_file.arm import Arm
+
+GAUGE_WEIGHT = 10.0  # the distance of two sockets counts as much as 100 poses
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """Axes (n, 3) of unit length and links (n, 3) in mm, of the base posture."""
+
+    axes: Floats
+    links_mm: Floats
+
+    def places_mm(self, angles_rad: Floats) -> Floats:
+        """Where the ball is, (n_poses, 3)."""
+        at = np.zeros((len(angles_rad), 3))
+        for joint in reversed(range(len(self.axes))):
+            turn = Rotation.from_rotvec(angles_rad[:, joint, None] * self.axes[joint])
+            at = turn.apply(at + self.links_mm[joint])
+        return at
+
+
+def chain_of(arm: Arm) -> Chain:
+    """The nominal chain; readings of its base posture are zero."""
+    links_mm = np.array([joint.link_mm for joint in arm.joints])
+    links_mm[-1] += np.array(arm.probe.vector_mm)
+    return Chain(np.array([joint.axis for joint in arm.joints]), links_mm)
+
+
+def fitted(nominal: Chain, measured: Measured, *, tool_only: bool = False) -> Chain:
+    """The chain that fits the poses that were not kept aside."""
+    used = ~measured.is_kept
+    angles_rad, judge = measured.angles_rad[used], _misclosures(measured, used)
+    n = len(nominal.axes)
+    across = np.array([_across(axis) for axis in nominal.axes])
+
+    def made(x: Floats) -> Chain:
+        links_mm = nominal.links_mm.copy()
+        if tool_only:
+            links_mm[-1] += x[:3]
+            return Chain(nominal.axes, links_mm)
+        axes = nominal.axes + np.einsum("jk,jkc->jc", x[: 2 * n].reshape(n, 2), across)
+        links_mm += x[2 * n : 5 * n].reshape(n, 3)
+        return Chain(axes / np.linalg.norm(axes, axis=1)[:, None], links_mm)
+
+    start = np.zeros(3 if tool_only else 5 * n)
+    scale = 10.0 if tool_only else np.r_[np.full(2 * n, 0.01), np.full(3 * n, 10.0)]
+    found = least_squares(
+        lambda x: judge(made(x).places_mm(angles_rad)), start, x_scale=scale
+    )
+    return made(found.x)
+
+
+def held_out_mm(chain: Chain, measured: Measured) -> Floats:
+    """Distances of the poses kept aside, as `traverse predict` has them.
+
+    Sockets stand where those poses say; the tracker, where the others said, unless it
+    was moved.
+    """
+    kept = measured.is_kept
+    placing = kept if measured.was_moved else ~kept
+    at = chain.places_mm(measured.angles_rad)
+    if measured.places_mm is None:
+        off = _from_sockets(at[kept], _numbers(measured, kept))
+    else:
+        turn, shift = _frame(measured.places_mm[placing], at[placing])
+        off = at[kept] - (turn.apply(measured.places_mm[kept]) + shift)
+    distances: Floats = np.linalg.norm(off, axis=1)
+    return distances
+
+
+def _misclosures(measured: Measured, used: Booleans):  # noqa: ANN202 - a function of places
+    if measured.places_mm is not None:
+        seen_mm = measured.places_mm[used]
+
+        def of_tracker(at: Floats) -> Floats:
+            turn, shift = _frame(seen_mm, at)
+            return np.ravel(at - (turn.apply(seen_mm) + shift))
+
+        return of_tracker
+    numbers = _numbers(measured, used)
+    pairs = {place for place, _ in np.array(measured.sockets)[used]}
+    names = list(dict.fromkeys(tuple(s) for s in np.array(measured.sockets)[used]))
+    places = [(names.index((p, "1")), names.index((p, "2"))) for p in sorted(pairs)]
+
+    def of_sockets(at: Floats) -> Floats:
+        mean = _means(at, numbers)
+        gauge = [np.linalg.norm(mean[a] - mean[b]) - GAUGE_MM for a, b in places]
+        return np.r_[np.ravel(at - mean[numbers]), GAUGE_WEIGHT * np.array(gauge)]
+
+    return of_sockets
+
+
+def _numbers(measured: Measured, rows: Booleans) -> np.ndarray:
+    """Number of the socket of each pose, by its first appearance."""
+    sockets = [tuple(s) for s in np.array(measured.sockets)[rows]]
+    names = list(dict.fromkeys(sockets))
+    return np.array([names.index(socket) for socket in sockets])
+
+
+def _means(at: Floats, numbers: np.ndarray) -> Floats:
+    count = np.bincount(numbers)
+    return np.stack([np.bincount(numbers, at[:, k]) / count for k in range(3)], axis=1)
+
+
+def _from_sockets(at: Floats, numbers: np.ndarray) -> Floats:
+    return at - _means(at, numbers)[numbers]
+
+
+def _frame(seen_mm: Floats, at: Floats) -> tuple[Rotation, Floats]:
+    """Rigid motion of the tracker's places onto those of the arm (Kabsch 1976)."""
+    middle, centre = seen_mm.mean(axis=0), at.mean(axis=0)
+    turn, _ = Rotation.align_vectors(at - centre, seen_mm - middle)
+    return turn, centre - turn.apply(middle)
+
+
+def _across(axis: Floats) -> Floats:
+    """Two unit vectors across an axis, (2, 3)."""
+    helper = np.eye(3)[np.argmin(np.abs(axis))]
+    first = np.cross(axis, helper)
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(axis, first)])
