@@ -2,6 +2,8 @@
 
 import hmac
 import secrets
+import stat
+import time
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
 from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
@@ -19,6 +21,16 @@ COOKIE = "traverse_page"
 LOGIN = "/login"
 MAX_FORM_BYTES = 4096
 LEAST_TOKEN = 16
+MAX_WRONG, WRONG_S = 10, 60.0  # wrong tokens in a time, of all visitors together
+PROTECTION = (
+    (
+        b"content-security-policy",
+        b"frame-ancestors 'none'; object-src 'none'; base-uri 'self'; "
+        b"form-action 'self'",
+    ),
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"same-origin"),
+)
 LOCAL_NAMES = frozenset(("localhost", "127.0.0.1", "[::1]"))
 FORM = """<!doctype html><html lang="en"><meta charset="utf-8">
 <meta name="viewport" content="width=device-width"><title>Traverse</title>
@@ -34,10 +46,15 @@ def read_token(path: Path) -> str:
     """The token that a file holds.
 
     Raises:
-        ValueError: it is too short to be one.
+        ValueError: it is too short to be one, or others may read it.
         OSError: the file cannot be read.
     """
     token = text_of(path).strip()
+    if path.stat().st_mode & stat.S_IROTH:
+        raise ValueError(
+            f"{path}: every user of this computer may read the token; "
+            f"correct its rights: chmod o-rwx {path}"
+        )
     if len(token) < LEAST_TOKEN:
         raise ValueError(
             f"{path}: a token of {len(token)} characters, expected at least "
@@ -51,7 +68,7 @@ class Guard:
 
     On the own machine names of hosts are checked, so that no page of the web can
     speak to this one by a name of its own that leads here. Elsewhere the token is
-    requested once and stored as a cookie.
+    requested once and stored as a cookie, and a page of another origin is refused.
 
     Args:
         app: what is guarded.
@@ -67,12 +84,19 @@ class Guard:
         self._hosts = frozenset(hosts)
         # Not the token itself: a cookie lies about in more places.
         self._key = secrets.token_hex(24)
+        self._wrong_s: list[float] = []
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def __call__(self, scope: Scope, receive: Receive, plain: Send) -> None:
         """Deal with a request."""
         if scope["type"] not in ("http", "websocket"):
-            await self._app(scope, receive, send)
+            await self._app(scope, receive, plain)
             return
+
+        async def send(message: MutableMapping[str, Any]) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", ()), *PROTECTION]
+            await plain(message)
+
         headers = {
             name.decode("latin-1").lower(): value.decode("latin-1")
             for name, value in scope.get("headers", [])
@@ -86,7 +110,12 @@ class Guard:
                 await self._app(scope, receive, send)
             else:
                 await _refuse(scope, send, 403, b"not under this name")
-        elif _cookie(headers) == self._key:
+        elif headers.get("origin", "").partition("://")[2] not in {
+            "",
+            headers.get("host", ""),
+        }:
+            await _refuse(scope, send, 403, b"not from another origin")
+        elif hmac.compare_digest(_cookie(headers).encode(), self._key.encode()):
             await self._app(scope, receive, send)
         elif scope["type"] == "http" and scope["path"] == LOGIN:
             await self._login(scope, receive, send)
@@ -97,6 +126,12 @@ class Guard:
 
     async def _login(self, scope: Scope, receive: Receive, send: Send) -> None:
         said = ""
+        now_s = time.monotonic()
+        self._wrong_s = [at_s for at_s in self._wrong_s if at_s > now_s - WRONG_S]
+        if len(self._wrong_s) >= MAX_WRONG:
+            text = f"{MAX_WRONG} wrong tokens in a minute; wait a minute"
+            await _refuse(scope, send, 429, text.encode())
+            return
         if scope["method"] == "POST":
             given = parse_qs((await _body(receive)).decode("utf-8", "replace"))
             token = given.get("token", [""])[0].encode()
@@ -110,6 +145,7 @@ class Guard:
                     send, 303, b"", [(b"location", b"/"), (b"set-cookie", cookie)]
                 )
                 return
+            self._wrong_s.append(now_s)
             said = "This is not the token."
         page = FORM.format(said=said).encode()
         kind = [(b"content-type", b"text/html; charset=utf-8")]

@@ -38,6 +38,7 @@ def credentials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "credentials"
     folder.mkdir()
     (folder / "page.token").write_text(f"{TOKEN}\n")
+    (folder / "page.token").chmod(0o400)
     for name in re.findall(r"^SetCredential=(.*):\\n$", UNIT.read_text(), re.M):
         (folder / name).write_text("\n")
     monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(folder))

@@ -5,7 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from traverse.client.page.access import Guard, Receive, Scope, Send, read_token
+from traverse.client.page.access import (
+    MAX_WRONG,
+    Guard,
+    Receive,
+    Scope,
+    Send,
+    read_token,
+)
 
 TOKEN = "a-token-of-some-length"
 
@@ -103,7 +110,33 @@ async def test_with_a_token_the_cookie_opens_page_and_socket() -> None:
 def test_a_short_token_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "token"
     file.write_text("short\n")
+    file.chmod(0o640)
     with pytest.raises(ValueError, match="5 characters, expected at least 16"):
         read_token(file)
     file.write_text(f"{TOKEN}\n")
     assert read_token(file) == TOKEN
+    file.chmod(0o644)
+    with pytest.raises(ValueError, match="every user of this computer may read"):
+        read_token(file)
+
+
+async def test_pages_of_other_origins_and_frames_are_kept_out() -> None:
+    visit = Visit(Guard(served, token=TOKEN))
+    body = f"token={TOKEN}".encode()
+    own = [("host", "arm:8443"), ("origin", "https://arm:8443")]
+    other = [("host", "arm:8443"), ("origin", "https://evil.example")]
+    assert await visit("/login", "POST", headers=other, body=body) == 403
+    assert await visit("/login", "POST", headers=own, body=body) == 303
+    cookie = ("cookie", visit.header(b"set-cookie").partition(";")[0])
+    assert await visit(kind="websocket", headers=[*other, cookie]) == 1008
+    assert await visit(kind="websocket", headers=[*own, cookie]) == 200
+    assert await visit(headers=[*own, cookie]) == 200
+    assert "frame-ancestors 'none'" in visit.header(b"content-security-policy")
+    assert visit.header(b"x-content-type-options") == "nosniff"
+
+
+async def test_tokens_cannot_be_guessed_without_end() -> None:
+    visit = Visit(Guard(served, token=TOKEN))
+    statuses = [await visit("/login", "POST", body=b"token=guess") for _ in range(12)]
+    assert statuses == [401] * MAX_WRONG + [429] * 2
+    assert await visit("/login", "POST", body=f"token={TOKEN}".encode()) == 429
