@@ -78,7 +78,8 @@ def identify(
     """Find an arm's geometry from a campaign, by least squares.
 
     Writes arm.toml, its covariance, identification.json, residuals.csv and report.html.
-    Exit status 1: no convergence, or --strict and something is undetermined.
+    Exit status 1: no convergence, a certificate that contradicts the rest, or --strict
+    and something is undetermined.
     """
     with refusals("identify"):
         if compare is not None:
@@ -106,7 +107,8 @@ def identify(
         typer.echo(json.dumps(identification_json(result, provenance), indent=1))
     else:
         typer.echo("\n".join(lines))
-    if not result.converged or (strict and undetermined):
+    fine = result.converged and not result.contradictions
+    if not fine or (strict and undetermined):
         raise typer.Exit(NO)
 
 

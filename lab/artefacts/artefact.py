@@ -191,6 +191,16 @@ class Artefact(StrictModel):
     def place(self, state: Floats) -> dict[str, Any]:
         """Its place in the arm's system, as plain values by the keys of its kind."""
 
+    @property
+    def certified_lengths(self) -> dict[str, float]:
+        """Lengths of which each may be wrong by itself [mm]; by default none."""
+        return {}
+
+    def without_certificate(self, name: str) -> "Artefact":
+        """Leave a certified length out: it starts there, and is no observation."""
+        key = name.removesuffix("_mm") + "_std_mm"
+        return self.model_copy(update={key: float("inf")})
+
     def moved(self, state: Floats, step: Floats) -> Floats:
         """Apply a step of the unknowns, (n_unknowns,)."""
         return state + step

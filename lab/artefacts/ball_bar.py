@@ -57,7 +57,14 @@ class BallBar(Artefact):
 
     def tells_length(self, touches: Touches) -> bool:
         """Say that it is made for that; even one sphere alone has a radius."""
-        return True
+        return bool(self.certified_lengths)
+
+    @property
+    def certified_lengths(self) -> dict[str, float]:
+        """The distance, and both radii together."""
+        lengths = {"distance_mm": self.distance_mm, "radius_mm": self.radii_mm.mean()}
+        stds = {"distance_mm": self.distance_std_mm, "radius_mm": self.radius_std_mm}
+        return {n: float(v) for n, v in lengths.items() if stds[n] != float("inf")}
 
     @property
     def radii_mm(self) -> Floats:
@@ -74,12 +81,17 @@ class BallBar(Artefact):
         places = np.array(
             [middle_mm, middle_mm + np.array([self.distance_mm, 0.0, 0.0])]
         )
+        radii_mm = self.radii_mm.copy()
         for index in range(2):
             mine = touches.features == index
             if np.any(mine):
-                around_mm = float(self.radii_mm[index]) + touches.radius_mm
-                places[index] = start_centre(centres_mm[mine], around_mm)[0]
-        return np.concatenate([places.ravel(), self.radii_mm])
+                known = "radius_mm" in self.certified_lengths
+                around_mm = float(radii_mm[index]) + touches.radius_mm
+                places[index], found_mm = start_centre(
+                    centres_mm[mine], around_mm if known else None
+                )
+                radii_mm[index] = found_mm - touches.radius_mm
+        return np.concatenate([places.ravel(), radii_mm])
 
     def equations(
         self, state: Floats, centres_mm: Floats, touches: Touches
@@ -107,7 +119,7 @@ class BallBar(Artefact):
 
     def certificate(self, state: Floats, touches: Touches) -> Certificate:
         """Distance and radii."""
-        (distance,) = self.lengths(state)
+        distance = self.lengths(state)[0]
         by_unknowns = np.zeros((3, 8))
         by_unknowns[0] = distance.by_unknowns
         by_unknowns[1, 6] = by_unknowns[2, 7] = 1.0
@@ -124,9 +136,12 @@ class BallBar(Artefact):
         return {"centres_mm": state[:6].reshape(2, 3).tolist()}
 
     def lengths(self, state: Floats) -> tuple[Length, ...]:
-        """The distance."""
+        """The distance; the radius of the first sphere where it is not certified."""
         along_mm = state[3:6] - state[:3]
         distance_mm = float(np.linalg.norm(along_mm))
         unit = along_mm / max(distance_mm, 1e-9)
         by_unknowns = np.concatenate([-unit, unit, np.zeros(2)])
-        return (Length("distance_mm", distance_mm, by_unknowns, 0),)
+        distance = Length("distance_mm", distance_mm, by_unknowns, 0)
+        if "radius_mm" in self.certified_lengths:
+            return (distance,)
+        return (distance, Length("radius_mm", float(state[6]), np.eye(8)[6], None))

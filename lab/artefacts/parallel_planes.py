@@ -49,7 +49,14 @@ class ParallelPlanes(Artefact):
 
     def tells_length(self, touches: Touches) -> bool:
         """Say whether both were touched: their distance is the length."""
-        return len(np.unique(touches.features)) == 2
+        both = len(np.unique(touches.features)) == 2
+        return both and bool(self.certified_lengths)
+
+    @property
+    def certified_lengths(self) -> dict[str, float]:
+        """The distance."""
+        known = self.distance_std_mm != float("inf")
+        return {"distance_mm": self.distance_mm} if known else {}
 
     def unknown_scales(self, touches: Touches) -> Floats:
         """Attitude, height, distance."""

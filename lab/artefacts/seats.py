@@ -86,7 +86,33 @@ class Seats(Artefact):
     def tells_length(self, touches: Touches) -> bool:
         """Say whether both ends of a known distance were touched."""
         touched = set(np.unique(touches.features).tolist())
-        return any(touched >= {first, second} for _, first, second in self._pairs())
+        return any(
+            touched >= {first, second} and one.distance_std_mm != float("inf")
+            for one, first, second in self._pairs()
+        )
+
+    @property
+    def certified_lengths(self) -> dict[str, float]:
+        """The known distances by the names of lengths."""
+        return {
+            self._name(one): one.distance_mm
+            for one in self.known
+            if one.distance_std_mm != float("inf")
+        }
+
+    def without_certificate(self, name: str) -> Artefact:
+        """Leave out one distance."""
+        left_out = {"distance_std_mm": float("inf")}
+        if self.distance_mm is not None:
+            return self.model_copy(update=left_out)
+        distances = tuple(
+            one.model_copy(update=left_out) if self._name(one) == name else one
+            for one in self.distances
+        )
+        return self.model_copy(update={"distances": distances})
+
+    def _name(self, one: SeatDistance) -> str:
+        return ("-".join(one.between) if self.distances else "distance") + "_mm"
 
     def unknown_scales(self, touches: Touches) -> Floats:
         """The points."""
@@ -144,8 +170,7 @@ class Seats(Artefact):
             by_places = np.zeros_like(places_mm)
             by_places[second] = along_mm / max(distance_mm, 1e-9)
             by_places[first] = -by_places[second]
-            name = "-".join(one.between) if self.distances else "distance"
-            found.append(Length(f"{name}_mm", distance_mm, by_places.ravel(), row))
+            found.append(Length(self._name(one), distance_mm, by_places.ravel(), row))
         return tuple(found)
 
     def place(self, state: Floats) -> dict[str, Any]:

@@ -117,7 +117,16 @@ class Sphere(Artefact):
 
     def tells_length(self, touches: Touches) -> bool:
         """Say that a known radius is a length."""
-        return self.radius_mm is not None
+        return bool(self.certified_lengths)
+
+    @property
+    def certified_lengths(self) -> dict[str, float]:
+        """The radius, where it is known."""
+        return {} if self.radius_mm is None else {"radius_mm": self.radius_mm}
+
+    def without_certificate(self, name: str) -> Artefact:
+        """Let the radius be found from the start."""
+        return self.model_copy(update={"radius_mm": None})
 
     def unknown_scales(self, touches: Touches) -> Floats:
         """Centre and radius."""

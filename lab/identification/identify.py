@@ -1,5 +1,7 @@
 """Identification: from a campaign and an arm's design to the arm as it is."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
@@ -11,7 +13,7 @@ from traverse.lab.identification.design.optimal_design import (
 )
 from traverse.lab.identification.equations.datum import with_datum
 from traverse.lab.identification.equations.effect_model import effect_model
-from traverse.lab.identification.equations.network import network_of
+from traverse.lab.identification.equations.network import Noise, network_of
 from traverse.lab.identification.equations.parameters import (
     ArmValues,
     Parameters,
@@ -35,6 +37,11 @@ from traverse.lab.identification.results.undetermined import (
     weak_directions,
 )
 from traverse.lab.identification.solve.adjustment import Progress
+from traverse.lab.identification.solve.certificate_test import (
+    Contradiction,
+    lost_poses,
+    without_wrong_certificates,
+)
 from traverse.lab.identification.solve.iterative_adjustment import (
     IteratedAdjustment,
     Options,
@@ -43,6 +50,7 @@ from traverse.lab.identification.solve.iterative_adjustment import (
 )
 from traverse.lab.identification.solve.serial_noise import serial_noise
 from traverse.lab.identification.solve.starting_values import coarse_start
+from traverse.lab.identification.solve.variance_components import VarianceModel
 
 __all__ = ["IdentificationError", "Options", "identify"]
 
@@ -77,19 +85,31 @@ def identify(
     _check(campaign, arm)
     design, parameters = prepared(campaign, arm, options)
     radius_mm = arm.probe.radius_mm
-    included = np.ones(len(campaign.poses), dtype=np.bool_)
-    network = network_of(campaign, radius_mm, included, parameters)
+    every = np.ones(len(campaign.poses), dtype=np.bool_)
+    network = network_of(campaign, radius_mm, every, parameters)
     rms_before_mm = rms_mm(network, start_state(network, design))
     start = design
     if options.coarse_start:
         start = coarse_start(campaign, parameters, design, radius_mm, options.hold)
-    run = iterate(network, start, options, radius_mm, progress=progress)
+
+    def adjusted(measured: Campaign, noise: Noise | None = None) -> IteratedAdjustment:
+        part = network_of(measured, radius_mm, every, parameters, noise)
+        held = VarianceModel("held", "held")
+        wishes = options if noise is None else replace(options, variances=held)
+        return iterate(part, start, wishes, radius_mm, progress=progress)
+
+    run = adjusted(campaign)
     if start is not design:
         as_given = iterate(network, design, options, radius_mm, progress=progress)
         if not _fits_better((run, start), (as_given, design)):
             run, start = as_given, design
     zero_offsets_rad = start.geometry.zeros_rad - design.geometry.zeros_rad
     design = start
+    contradictions: tuple[Contradiction, ...] = ()
+    if options.snooping:
+        campaign, run, contradictions = without_wrong_certificates(
+            campaign, run, adjusted, design
+        )
     alone, included = run.adjustment, run.included
     adjustment, serial, iterations = alone, None, run.iterations
     sigma0, redundancy, shared = alone.sigma0, alone.redundancy, 1.0
@@ -135,6 +155,8 @@ def identify(
         critical_w=run.critical,
         coverage=joint_coverage(campaign, poses),
         condition_number=condition_number(adjustment),
+        contradictions=contradictions,
+        lost_poses=lost_poses(campaign, run),
         suggestions=most_helpful_poses(adjustment, options.n_suggestions),
         zero_offsets_rad=zero_offsets_rad,
     )

@@ -129,6 +129,22 @@ def identification_json(
         ],
         "holdout": result.holdout,
         "alternating": list(result.alternating),
+        "contradictions": [
+            {
+                "artefact": entry.artefact,
+                "length": entry.name,
+                "certified_mm": entry.certified_mm,
+                "value_mm": length.value_mm,
+                "std_mm": length.std_mm,
+                "sigmas": entry.evidence,
+                "or_else": list(entry.rivals),
+            }
+            for entry in result.contradictions
+            for length in [result.length_of(entry.artefact, entry.name)]
+        ],
+        "lost_poses": {
+            e.artefact: {"n_lost": e.n_lost, "n": e.n_poses} for e in result.lost_poses
+        },
         "still_moving": {} if result.converged else result.moving,
         "noise": {
             "encoder_rad": result.noise.encoder_rad.tolist(),

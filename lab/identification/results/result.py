@@ -13,6 +13,10 @@ from traverse.lab.identification.design.optimal_design import JointCoverage, Sug
 from traverse.lab.identification.equations.network import Noise
 from traverse.lab.identification.results.undetermined import Undetermined, Weak, named
 from traverse.lab.identification.solve.adjustment import Adjustment, Iteration
+from traverse.lab.identification.solve.certificate_test import (
+    Contradiction,
+    LostPoses,
+)
 from traverse.lab.identification.solve.reliability import PoseStatistics
 from traverse.lab.identification.solve.serial_noise import SerialNoise
 from traverse.lab.statistics.distributions import GlobalTest
@@ -151,6 +155,8 @@ class Identification:
         critical_w: Above which a pose was excluded.
         coverage: Of the joints.
         condition_number: Of the arm's determined, column-scaled system.
+        contradictions: Certificates that contradict the rest and took no part.
+        lost_poses: Artefacts that lost more than a fifth of their poses.
         suggestions: Poses that would help most.
         zero_offsets_rad: Added to the zeros by the coarse start, (n_joints,).
         holdout: How poses that were kept aside are predicted, or None.
@@ -183,9 +189,21 @@ class Identification:
     critical_w: float
     coverage: tuple[JointCoverage, ...]
     condition_number: float
+    contradictions: tuple[Contradiction, ...]
+    lost_poses: tuple[LostPoses, ...]
     suggestions: tuple[Suggestion, ...]
     zero_offsets_rad: Floats
     holdout: Mapping[str, Any] | None = None
+
+    @property
+    def artefacts_agree(self) -> bool:
+        """Whether no certificate is contradicted and no artefact lost many poses."""
+        return not (self.contradictions or self.lost_poses)
+
+    def length_of(self, artefact: str, name: str) -> EstimatedLength:
+        """Find a length of an artefact as estimated; of two radii the first."""
+        (found,) = (one for one in self.artefacts if one.id == artefact)
+        return next(length for length in found.lengths if length.name == name)
 
     @property
     def fits_badly(self) -> bool:

@@ -140,14 +140,13 @@ def certified(
             errors = network.parameters.length_errors(arm, station.artefact.id)
             misclosures_mm[row] -= 1e-6 * errors[0] * certified_mm
             by_parameters[row] -= 1e-6 * errors[1] * certified_mm
-    inverse = 1.0 / certificate.std_mm[:, np.newaxis]
-    return np.hstack(
-        [
-            certificate.by_unknowns * inverse,
-            by_parameters * inverse,
-            -misclosures_mm[:, np.newaxis] * inverse,
-        ]
+    rows = np.hstack(
+        [certificate.by_unknowns, by_parameters, -misclosures_mm[:, np.newaxis]]
     )
+    # One that was left out has an infinite standard deviation.
+    known = np.isfinite(certificate.std_mm)
+    kept: Floats = rows[known] / certificate.std_mm[known, np.newaxis]
+    return kept
 
 
 _MOST_ITERATIONS = 200

@@ -1,4 +1,4 @@
-"""Arms that nobody here made: slow ways, unknown tools."""
+"""Arms that nobody here made: slow ways, wrong certificates, unknown tools."""
 
 from dataclasses import replace
 
@@ -20,6 +20,10 @@ from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.report.page import WORDS
 
 DESIGN = seven_joints()
+BALL = {"id": "ball", "kind": "sphere", "radius_mm": 25.4}
+GAUGE = {"id": "gauge", "kind": "parallel_planes", "distance_mm": 100.0}
+SHORT = bar(id="short")
+LONG = bar(id="long", distance_mm=500.0)
 GRID = {
     "id": "grid",
     "kind": "points",
@@ -30,6 +34,21 @@ GRID = {
     },
 }
 QUICK = Options(n_suggestions=0)
+
+
+def identified(tables, n_each=50, options=QUICK, seed=1, arm=None, **more):
+    """An arm as identified, and what is said first about artefacts and noise."""
+    true = disturbed(DESIGN, seed) if arm is None else arm
+    campaign = simulate(true, tables, n_each, seed, **more.pop("simulated", {}))
+    for key, value in more.pop("lies", {}).items():
+        changed = [
+            one.model_copy(update=value) if one.id == key else one
+            for one in campaign.artefacts
+        ]
+        campaign = replace(campaign, artefacts=tuple(changed))
+    result = identify(replace(campaign, **more), arm_value(DESIGN), options)
+    words = WORDS.lines("artefacts", result) + WORDS.lines("sigma0", result)
+    return result, " ".join(words)
 
 
 def tracked(seed, n_poses, travel_rad, noise):
@@ -78,13 +97,92 @@ def test_a_campaign_that_determines_little_converges(seed, free):
     assert "J1.zero" not in {entry.name for entry in result.parameters}
 
 
+@pytest.mark.parametrize(
+    ("tables", "lies", "length", "value_mm", "noise_known"),
+    [
+        ([*cones(3), BALL], {"ball": {"radius_mm": 254.0}}, "radius", 25.4, False),
+        (
+            [*cones(2), BALL, SHORT],
+            {"ball": {"radius_mm": 254.0}},
+            "radius",
+            25.4,
+            True,
+        ),
+        (
+            [*cones(2), SHORT, LONG],
+            {"short": {"distance_mm": 404.0}},
+            "distance",
+            400,
+            True,
+        ),
+        (
+            [*cones(2), SHORT, LONG],
+            {"short": {"radius_mm": 13.7}},
+            "radius",
+            12.7,
+            False,
+        ),
+        (
+            [*cones(2), LONG, GAUGE],
+            {"gauge": {"distance_mm": 101.0}},
+            "distance",
+            100,
+            True,
+        ),
+    ],
+)
+def test_a_wrong_certificate_is_named_with_its_value(
+    tables, lies, length, value_mm, noise_known
+):
+    noise = {} if noise_known else {"encoder_rad": None, "contact_mm": None}
+    result, words = identified(tables, 72, lies=lies, **noise)
+    (found,) = result.contradictions
+    ((artefact, wrong),) = lies.items()
+    assert (found.artefact, found.name) == (artefact, f"{length}_mm")
+    assert found.certified_mm == wrong[found.name]
+    estimate = result.length_of(artefact, found.name)
+    # Without another length the arm keeps the design's scale.
+    close = 5.0 * estimate.std_mm if tables[-1] is not BALL else 0.01 * value_mm
+    assert estimate.value_mm == pytest.approx(value_mm, abs=close)
+    assert result.converged
+    assert len(result.excluded) <= 2
+    assert f"The certificate of {artefact} contradicts" in words
+    assert "Arm model and noise agree" not in words
+
+
+@pytest.mark.parametrize("tables", [[*cones(3), LONG], [*cones(2), LONG, BALL]])
+def test_a_good_certificate_is_not_blamed_for_an_arm_held_wrong(tables):
+    links = DESIGN.links_mm.copy()
+    links[-2:] += [[0.5, -1.0, 0.4], [1.0, 0.3, -0.8]]
+    true = disturbed(replace(DESIGN, links_mm=links), 2)
+    options = replace(QUICK, hold=("J6.*", "J7.*"))
+    result, words = identified(tables, 50, options, arm=true)
+    assert not result.contradictions
+    assert "certificate" not in words
+    assert "Arm model and noise agree" not in words
+
+
+def test_an_artefact_that_loses_many_poses_is_in_the_verdict():
+    design = disturbed(DESIGN, 1)
+    campaign = simulate(design, [*cones(4), bar()], 40, 3)
+    moved = campaign.poses.angles_rad.copy()
+    moved[28:40, 0] += 0.01
+    campaign = replace(campaign, poses=replace(campaign.poses, angles_rad=moved))
+    result = identify(campaign, arm_value(DESIGN), QUICK)
+    assert [entry.artefact for entry in result.lost_poses] == ["cone-0"]
+    assert not result.artefacts_agree
+    words = " ".join(WORDS.lines("artefacts", result) + WORDS.lines("sigma0", result))
+    assert "cone-0 lost 12 of 40 poses, more than a fifth" in words
+    assert "Arm model and noise agree" not in words
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_free_tool_is_found_before_zeros_are_looked_for(seed):
     links = DESIGN.links_mm.copy()
     links[-1] += [30.0, 90.0, -120.0]
     true = disturbed(replace(DESIGN, links_mm=links), seed)
     options = replace(QUICK, free=("probe.vector.*",))
-    result = identify(simulate(true, [GRID], 60, seed), arm_value(DESIGN), options)
+    result, _ = identified([GRID], 60, options, seed, arm=true)
     assert result.rms_before_mm > 20.0
     assert result.converged
     assert not np.any(result.zero_offsets_rad)
@@ -94,11 +192,10 @@ def test_a_free_tool_is_found_before_zeros_are_looked_for(seed):
 def test_zeros_that_are_held_by_wish_are_never_moved():
     zeros = DESIGN.zeros_rad + np.array([0, 0.6, 0, 0.5, 0, 0, 0])
     true = disturbed(replace(DESIGN, zeros_rad=zeros), 3)
-    campaign = simulate(true, [*cones(3), bar()], 50, 1)
+    tables = [*cones(3), bar()]
     options = replace(QUICK, hold=("*.zero",))
-    held = identify(campaign, arm_value(DESIGN), options)
+    held, _ = identified(tables, options=options, arm=true)
     assert not np.any(held.zero_offsets_rad)
     assert [joint.zero_rad for joint in held.arm.joints] == DESIGN.zeros_rad.tolist()
-    options = replace(QUICK, hold=("J2.zero",))
-    one = identify(campaign, arm_value(DESIGN), options)
+    one, _ = identified(tables, options=replace(QUICK, hold=("J2.zero",)), arm=true)
     assert one.zero_offsets_rad[1] == 0.0

@@ -1,0 +1,247 @@
+"""Which certificate contradicts the rest: artefacts are tested before their poses.
+
+If an artefact lost many poses, or its certified length is far from what the others
+say, every certificate is left out in turn and the campaign is adjusted anew (a
+generalised likelihood ratio with the certificate's value free). The loss of a
+hypothesis is
+
+    sum over all poses of min(statistic, 16) + squared changes of the arm in plausible
+    deviations from its design
+
+with one noise for all: a pose counts as a blunder at four standard
+deviations, whether it took part or not. Leaving out a certificate frees one value, so
+that a loss that is smaller by 30 is 5.5 standard deviations of evidence.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.identification.equations.network import Noise, has_length
+from traverse.lab.identification.equations.parameters import ArmValues
+from traverse.lab.identification.equations.station_equations import rms_mm
+from traverse.lab.identification.solve.iterative_adjustment import IteratedAdjustment
+from traverse.lab.identification.solve.reliability import robust_scale
+
+# An artefact that lost more of its poses than this is suspect.
+LARGE_PART = 0.2
+_FEW_POSES = 3
+# Standard deviations between a certificate and what the others say.
+_FAR = 5.0
+# How many times one artefact's contacts are as noisy as another's.
+_NOISY = 5.0
+_BLUNDER = 16.0
+_EVIDENCE = 30.0
+# sigma0 up to which the rest agrees with itself.
+_AGREEING = 2.0
+# What a wrong model does to a length is less than so many root mean squares of the
+# misclosures that are left; and no arm is wrong by this part of a length.
+_BY_MODEL = 10.0
+_GROSS = 0.1
+# Two hypotheses whose losses differ by less are not told apart.
+_SAME = 10.0
+_MOST_WRONG = 3
+
+# Root mean square change of the arm, in plausible deviations, that no design explains.
+_FAR_FROM_DESIGN = 5.0
+
+# Adjusts a campaign, with a noise or with what it estimates.
+Adjust = Callable[[Campaign, Noise | None], IteratedAdjustment]
+
+
+@dataclass(frozen=True, slots=True)
+class Contradiction:
+    """A certificate that contradicts the rest; it took no part.
+
+    Attributes:
+        artefact: Its id.
+        name: Of the length, for example `distance_mm`.
+        certified_mm: As certified; of two radii the mean.
+        evidence: Standard deviations by which the campaign fits better without it.
+        rivals: `artefact name` of other certificates that explain it as well.
+    """
+
+    artefact: str
+    name: str
+    certified_mm: float
+    evidence: float
+    rivals: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LostPoses:
+    """An artefact that lost more than a fifth of its poses: id, lost, all."""
+
+    artefact: str
+    n_lost: int
+    n_poses: int
+
+
+def lost_poses(campaign: Campaign, run: IteratedAdjustment) -> tuple[LostPoses, ...]:
+    """List the artefacts that lost many of their poses."""
+    found = []
+    for index, artefact in enumerate(campaign.artefacts):
+        mine = campaign.poses.artefacts == index
+        n_poses = int(np.count_nonzero(mine))
+        n_lost = int(np.count_nonzero(mine & ~run.included))
+        if n_lost >= _FEW_POSES and n_lost > LARGE_PART * n_poses:
+            found.append(LostPoses(artefact.id, n_lost, n_poses))
+    return tuple(found)
+
+
+def without_wrong_certificates(
+    campaign: Campaign, run: IteratedAdjustment, adjusted: Adjust, design: ArmValues
+) -> tuple[Campaign, IteratedAdjustment, tuple[Contradiction, ...]]:
+    """Leave out the certificates that contradict everything else, the worst first.
+
+    Args:
+        campaign: As measured.
+        run: Adjusted with all certificates.
+        adjusted: Adjusts a campaign, with this noise or, None, as it is found.
+        design: The arm's, which decides where the campaign does not.
+
+    Returns:
+        The campaign without them, adjusted, and which they are.
+    """
+    found: list[Contradiction] = []
+    estimated = run.noise_estimated
+    while len(found) < _MOST_WRONG and _suspicious(campaign, run, design):
+        noise = run.adjustment.network.noise
+        hypotheses = [
+            (key, other, adjusted(other, noise))
+            for key, other in _without_one(campaign)
+        ]
+        runs = [run, *(one for _, _, one in hypotheses)]
+        # An arm that shrank to nothing fits everything: its noise is none.
+        scales = [
+            robust_scale(one.statistics)
+            for one in runs
+            if not _far_from_design(one, design)
+        ]
+        least = 0.01 if estimated else 1.0
+        variance = max(min(scales, default=1.0), least) ** 2
+        losses = [_loss(one, variance, design) for one in runs]
+        order = np.argsort(losses[1:])
+        best = min(losses)
+        if losses[0] - best < _EVIDENCE:
+            break
+        (name, length, certified_mm), other, without = hypotheses[order[0]]
+        off_mm = abs(_length_mm(without, name, length) - certified_mm)
+        gross = off_mm > _GROSS * certified_mm
+        if not _is_to_blame(
+            other, without, name, off_mm, gross=gross, estimated=estimated
+        ):
+            # Nothing else knows lengths, or the arm's model is wrong, or its noise.
+            break
+        campaign, run = other, without
+        rivals = [
+            f"{hypotheses[at][0][0]} {hypotheses[at][0][1]}"
+            for at in order[1:]
+            if losses[1 + at] - best < _SAME
+        ]
+        evidence = float(np.sqrt(losses[0] - best))
+        if estimated:
+            run = adjusted(campaign, None)
+        found.append(Contradiction(name, length, certified_mm, evidence, tuple(rivals)))
+    return campaign, run, tuple(found)
+
+
+def _is_to_blame(
+    campaign: Campaign,
+    rest: IteratedAdjustment,
+    name: str,
+    off_mm: float,
+    *,
+    gross: bool,
+    estimated: bool,
+) -> bool:
+    """Say whether the rest agrees with itself and knows better.
+
+    Args:
+        campaign: Without the certificate.
+        rest: Adjusted.
+        name: Of the artefact; a length of another one must remain.
+        off_mm: Of the certificate, from what the rest says.
+        gross: Whether no arm is wrong by as much: then its file is a length as well.
+        estimated: Whether the noise is, so that sigma0 says nothing.
+    """
+    left_mm = rms_mm(rest.adjustment.network, rest.adjustment.state)
+    beyond_model = off_mm > _BY_MODEL * left_mm
+    if gross and beyond_model:
+        return True
+    agrees = beyond_model if estimated else rest.adjustment.sigma0 < _AGREEING
+    others = [
+        one for one in rest.adjustment.network.stations if one.artefact.id != name
+    ]
+    known = has_length(replace(rest.adjustment.network, stations=tuple(others)))
+    return agrees and known and not lost_poses(campaign, rest)
+
+
+def _length_mm(run: IteratedAdjustment, name: str, length: str) -> float:
+    network, unknowns = run.adjustment.network, run.adjustment.state.unknowns
+    return next(
+        found.value_mm
+        for station, state in zip(network.stations, unknowns, strict=True)
+        if station.artefact.id == name
+        for found in station.artefact.lengths(state)
+        if found.name == length
+    )
+
+
+def _without_one(
+    campaign: Campaign,
+) -> Iterator[tuple[tuple[str, str, float], Campaign]]:
+    """Leave out every certificate that there is, one at a time."""
+    for index, artefact in enumerate(campaign.artefacts):
+        for name, certified_mm in artefact.certified_lengths.items():
+            changed = artefact.without_certificate(name)
+            artefacts = list(campaign.artefacts)
+            artefacts[index] = changed
+            other = replace(campaign, artefacts=tuple(artefacts))
+            yield (artefact.id, name, certified_mm), other
+
+
+def _suspicious(campaign: Campaign, run: IteratedAdjustment, design: ArmValues) -> bool:
+    noise_mm = run.adjustment.network.noise.contact_mm
+    # Where noise is estimated, that of a kind takes the contradiction up.
+    return (
+        bool(np.max(noise_mm) > _NOISY * np.min(noise_mm))
+        or _far_from_design(run, design)
+        or bool(lost_poses(campaign, run))
+        or _farthest(run) > _FAR
+    )
+
+
+def _far_from_design(run: IteratedAdjustment, design: ArmValues) -> bool:
+    changes = run.adjustment.changes(design)
+    return bool(np.sum(changes**2) > _FAR_FROM_DESIGN**2 * len(changes))
+
+
+def _farthest(run: IteratedAdjustment) -> float:
+    """Standard deviations of the certified value that fits worst."""
+    adjustment, farthest = run.adjustment, 0.0
+    for at, station in enumerate(adjustment.network.stations):
+        unknowns = adjustment.state.unknowns[at]
+        certificate = station.artefact.certificate(unknowns, station.touches)
+        known = np.isfinite(certificate.std_mm)
+        if not np.any(known) or station.artefact.kind == "points":
+            continue
+        elimination = adjustment.system.eliminations[at]
+        std_mm = certificate.std_mm[known, np.newaxis]
+        own = certificate.by_unknowns[known] @ elimination.gain
+        arm = own @ elimination.left @ adjustment.split.inverse
+        variances = np.sum(own**2, axis=1) + np.sum(arm**2, axis=1)
+        used = variances[:, np.newaxis] / std_mm**2
+        white = certificate.misclosures_mm[known, np.newaxis] / std_mm
+        free = np.maximum(1.0 - used, 0.0)
+        tests = np.abs(white) / np.sqrt(np.where(free > 1e-9, free, np.inf))
+        farthest = max(farthest, float(np.max(tests)))
+    return farthest / max(robust_scale(run.statistics), 1.0)
+
+
+def _loss(run: IteratedAdjustment, variance: float, design: ArmValues) -> float:
+    statistics = np.nan_to_num(run.statistics.statistics, nan=np.inf) / variance
+    changes = run.adjustment.changes(design)
+    return float(np.sum(np.minimum(statistics, _BLUNDER)) + np.sum(changes**2))
