@@ -79,11 +79,6 @@ class Feeds(Generic[T]):
         self._end: tuple[BaseException | None] | None = None
         self.latest: T | None = None
 
-    @property
-    def has_readers(self) -> bool:
-        """Whether these messages have a reader."""
-        return len(self._feeds) > 0
-
     def open(self) -> Feed[T]:
         """A reader of messages from now on."""
         feed = Feed[T](self._limit, keep_newest=self._keep_newest)

@@ -15,7 +15,6 @@ The makers' sample code shows no reply to zero set and reset; that there is none
 that nothing answers to a wrong address, is general knowledge and not confirmed.
 """
 
-DEFAULT_ADDRESS = 0x54
 START_UP_S = 0.2  # after zero set, reset and power-up
 VALUE_BITS = 14
 REPLY_BYTES = 2

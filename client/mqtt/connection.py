@@ -285,12 +285,6 @@ class ReconnectingConnection:
         if self._connection is not None:
             await self._connection.subscribe_checked(topic, qos)
 
-    async def drop_topic(self, topic: str) -> None:
-        """Unsubscribe."""
-        self.topics.pop(topic, None)
-        if self._connection is not None:
-            await self._connection.unsubscribe(topic)
-
     def _report_lost(self, reason: str, handler: ConnectionHandler) -> None:
         was_up, self._connection = self._connection is not None, None
         if was_up or reason != self.reason:

@@ -6,7 +6,6 @@ bit 5, and that bits 12 to 15 of alarms and warnings are the maker's own.
 """
 
 DEVICE_TYPE = 0x1000
-ERROR_REGISTER = 0x1001
 STORE = 0x1010
 HEARTBEAT_MS = 0x1017
 IDENTITY = 0x1018  # 1 vendor, 2 product, 3 revision, 4 serial number
@@ -22,7 +21,6 @@ TURNS = 0x6502
 ALARMS = 0x6503
 WARNINGS = 0x6505
 PROFILE_VERSION = 0x6507
-OFFSET = 0x6509
 
 COUNTERCLOCKWISE = 0x0001  # bits of OPERATING_PARAMETERS
 SCALING = 0x0004

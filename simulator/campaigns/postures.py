@@ -136,15 +136,6 @@ def shifted_postures(
     return moved
 
 
-def contact_rates(mechanism: Mechanism, turns_rad: Floats) -> Floats:
-    """How the ball's centre follows the turns: (n, 3, n_joints) [mm/rad]."""
-    rates = np.empty((len(turns_rad), 3, mechanism.n_joints))
-    for first in range(0, len(turns_rad), CHUNK):
-        rows = slice(first, first + CHUNK)
-        rates[rows] = probe_rates(mechanism, turns_rad[rows])[2]
-    return rates
-
-
 def _solved(
     mechanism: Mechanism, limits_rad: Floats, targets_mm: Floats, starts_rad: Floats
 ) -> tuple[Floats, Booleans]:
