@@ -57,7 +57,12 @@ build/node/.ready: tests/interface/package.json tests/interface/package-lock.jso
 	@npm ci --prefix build/node --no-audit --no-fund --loglevel=error
 	@touch $@
 
-test: venv system node  ## all tests but test-guides
+# Each worker imports all tests, and would compile them anew where nobody has.
+$(VENV)/.compiled: $(STAMP)
+	-@ls -d tests/*/ | xargs -n 8 -P $$(nproc) $(BIN)/pytest --collect-only -q > /dev/null
+	@touch $@
+
+test: venv system node $(VENV)/.compiled  ## all tests but test-guides
 	$(TEST) -m "not guide"
 
 test-guides: venv system node  ## tutorials and guides, followed command by command; two minutes
