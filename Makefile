@@ -59,7 +59,7 @@ build/node/.ready: tests/interface/package.json tests/interface/package-lock.jso
 
 # Each worker imports all tests, and would compile them anew where nobody has.
 $(VENV)/.compiled: $(STAMP)
-	-@ls -d tests/*/ | xargs -n 8 -P $$(nproc) $(BIN)/pytest --collect-only -q > /dev/null
+	@ls -d tests/*/ | xargs -n 8 -P $$(nproc) $(BIN)/pytest --collect-only -q > /dev/null || true
 	@touch $@
 
 test: venv system node $(VENV)/.compiled  ## all tests but test-guides
