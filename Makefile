@@ -21,7 +21,7 @@ KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kern
 # Compiled modules are kept: without them every program that a test starts compiles anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs help venv system node demo test test-guides test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz fuzz-files soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots
+.PHONY: docs help venv system node demo test test-slow test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz fuzz-files soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -62,11 +62,11 @@ $(VENV)/.compiled: $(STAMP)
 	@ls -d tests/*/ | xargs -n 8 -P $$(nproc) $(BIN)/pytest --collect-only -q > /dev/null || true
 	@touch $@
 
-test: venv system node $(VENV)/.compiled  ## all tests but test-guides
-	$(TEST) -m "not guide"
+test: venv system node $(VENV)/.compiled  ## all tests but the slow ones
+	$(TEST) -m "not slow"
 
-test-guides: venv system node  ## tutorials and guides, followed command by command; two minutes
-	$(TEST) -m guide tests/docs
+test-slow: venv system node $(VENV)/.compiled  ## guides followed to their end, campaigns through everything; three minutes
+	$(TEST) -m slow
 
 test-fresh:  ## the README's commands in a pristine Debian (SUITE=trixie for another); root, a quarter of an hour
 	@sh deploy/debian-packages.sh fresh || true

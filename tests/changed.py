@@ -136,7 +136,7 @@ def main(root: Path, options: list[str]) -> None:
     sys.stderr.write("\n  ".join(lines) + "\n")
     sys.stderr.flush()
     if taken:
-        left = "not slow and not guide"
+        left = "not slow"
         pytest = [sys.executable, "-m", "pytest", "-q", "-m", left, *options]
         os.execv(sys.executable, [*pytest, *taken])
 

@@ -24,6 +24,8 @@ from traverse.lab.artefacts.artefact import (
 PLACE_SCALE_MM = 1000.0
 RADIUS_SCALE_MM = 1000.0
 _STEPS = 20
+_FAR = 10.0  # times the median residual
+_FEW, _TRIES, _SEED = 4, 40, 1
 # Below this part of its largest, a singular value of the cloud is flatness.
 _FLAT = 1e-6
 
@@ -48,7 +50,9 @@ def start_centre(centres_mm: Floats, radius_mm: float | None) -> tuple[Floats, f
     """Fit a sphere through ball centres: algebraically, then a few robust steps.
 
     |x - c|^2 = rho^2 is linear in c and rho^2 - |c|^2. Steps are weighted by the
-    first powers of the residuals, so that a few blunders do not matter.
+    first powers of the residuals, so that a few blunders do not matter. Where some are
+    far off all the same, four centres at a time are tried: the fit with the smallest
+    median residual is taken (Rousseeuw 1984).
 
     Args:
         centres_mm: (n_poses, 3), at least one.
@@ -61,8 +65,23 @@ def start_centre(centres_mm: Floats, radius_mm: float | None) -> tuple[Floats, f
     local_mm = centres_mm - mean_mm
     extent_mm = max(float(np.linalg.norm(local_mm, axis=1).max()), 1.0)
     local = local_mm / extent_mm
-    centre, radius = _algebraic(local)
     known = None if radius_mm is None else radius_mm / extent_mm
+    centre, radius, off = _fitted(local, known, local)
+    if np.max(off) > _FAR * np.median(off) and len(local) > _FEW:
+        rng = np.random.default_rng(_SEED)
+        fours = [rng.choice(len(local), _FEW, replace=False) for _ in range(_TRIES)]
+        found = [_fitted(local[four], known, local) for four in fours]
+        centre, radius, _ = min(
+            [(centre, radius, off), *found], key=lambda one: float(np.median(one[2]))
+        )
+    return mean_mm + centre * extent_mm, radius * extent_mm
+
+
+def _fitted(
+    local: Floats, known: float | None, everything: Floats
+) -> tuple[Floats, float, Floats]:
+    """Fit some centres: centre, radius, and how far all centres are off."""
+    centre, radius = _algebraic(local)
     if known is not None:
         centre = _at_known_radius(local, centre, known)
         radius = known
@@ -78,7 +97,7 @@ def start_centre(centres_mm: Floats, radius_mm: float | None) -> tuple[Floats, f
         radius = radius if known is not None else radius + float(step[3])
         if np.max(np.abs(step)) < 1e-9:
             break
-    return mean_mm + centre * extent_mm, radius * extent_mm
+    return centre, radius, np.abs(distances(everything, centre)[0] - radius)
 
 
 def _algebraic(local: Floats) -> tuple[Floats, float]:

@@ -58,7 +58,7 @@ def to_run(page: str, **names: str) -> list[str]:
     return lines
 
 
-@pytest.mark.guide
+@pytest.mark.slow
 @pytest.mark.needs("mosquitto", "jq")
 async def test_every_command_of_the_guides(
     make_mosquitto: Callable[..., Mosquitto], tmp_path: Path

@@ -11,7 +11,7 @@ from tests.docs.telling import assert_printed, blocks, output_of, told
 PAGE = "docs/tutorial/a-detective-story.md"
 
 
-@pytest.mark.guide
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_detective_story_happens_as_told(tmp_path: Path) -> None:
     design = CHECKOUT / "cli" / "demo_data" / "arm.toml"

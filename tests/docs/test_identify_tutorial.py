@@ -11,7 +11,7 @@ from tests.docs.telling import assert_printed, blocks, numbers_of, output_of, to
 PAGE = "docs/tutorial/identify-an-arm.md"
 
 
-@pytest.mark.guide
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_an_arm_is_identified_as_told(tmp_path: Path) -> None:
     design = CHECKOUT / "cli" / "demo_data" / "arm.toml"

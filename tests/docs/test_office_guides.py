@@ -27,7 +27,7 @@ ROBOT = """\
 """
 
 
-@pytest.mark.guide
+@pytest.mark.slow
 async def test_arm_files_are_made_and_shown_as_told(tmp_path: Path) -> None:
     table = re.search(r"^```text\n(name,.*?)^```$", text_of(ARM_FILES), re.M | re.S)
     assert table is not None
@@ -40,7 +40,7 @@ async def test_arm_files_are_made_and_shown_as_told(tmp_path: Path) -> None:
     assert (tmp_path / "table.toml").exists()
 
 
-@pytest.mark.guide
+@pytest.mark.slow
 @pytest.mark.needs("openssl")
 async def test_certificates_are_made_as_told(tmp_path: Path) -> None:
     lines = [line for line in commands(SECURE) if line.startswith(("openssl", "echo"))]

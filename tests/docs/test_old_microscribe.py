@@ -31,7 +31,7 @@ def told() -> list[tuple[list[str], list[str]]]:
     return shown
 
 
-@pytest.mark.guide
+@pytest.mark.slow
 async def test_the_two_commands_bring_points_on_the_ball(tmp_path: Path):
     (table,), (simulator,) = blocks("csv"), blocks("toml")
     (tmp_path / "table.csv").write_text(table, "utf-8")

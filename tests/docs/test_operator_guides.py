@@ -99,7 +99,7 @@ def bench(make_mosquitto: Callable[..., Mosquitto], tmp_path: Path) -> Workbench
     return bench
 
 
-@pytest.mark.guide
+@pytest.mark.slow
 @pytest.mark.needs("mosquitto")
 async def test_a_part_is_measured_as_told(bench: Workbench) -> None:
     (bench.folder / "part.csv").write_text(blocks(PART, "csv")[0])
@@ -114,7 +114,7 @@ async def test_a_part_is_measured_as_told(bench: Workbench) -> None:
     assert values["part_x_mm"]
 
 
-@pytest.mark.guide
+@pytest.mark.slow
 @pytest.mark.needs("mosquitto")
 async def test_a_probe_is_changed_and_qualified_as_told(bench: Workbench) -> None:
     library, campaign = blocks(PROBE, "toml")

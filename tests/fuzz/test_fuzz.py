@@ -23,6 +23,7 @@ def test_seeds_and_their_beginnings_are_taken(name):
         check(seed)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     importlib.util.find_spec("atheris") is None,
     reason="atheris is not installed: it has no wheel for this Python",

@@ -7,7 +7,11 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+import pytest
+
 from tests.lab.planted_kind import KIND, LABEL, WALKS
+
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = sorted(path for path in (ROOT / "src" / "traverse").iterdir())

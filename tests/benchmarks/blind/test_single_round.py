@@ -13,6 +13,8 @@ from benchmarks.blind.single_round import app
 from tests.cli.programs import END_S
 from tests.docs.pages import CHECKOUT
 
+pytestmark = pytest.mark.slow
+
 PROGRAM = (sys.executable, "-W", "error", "-m", "benchmarks.blind.single_round")
 
 

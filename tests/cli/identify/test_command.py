@@ -186,6 +186,7 @@ def test_held_parameters_are_not_estimated(measured: Path) -> None:
     assert "J6.axis.v" in names
 
 
+@pytest.mark.slow
 def test_no_convergence_is_told_and_leaves_no_arm_file(measured: Path) -> None:
     other = measured / "nonsense"
     shutil.copytree(measured / "campaign", other)

@@ -12,6 +12,8 @@ from tests.lab.diagnosis.engine_campaigns import (
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.simulator.campaigns.blind.effects import EFFECT_KINDS
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("kind", EFFECT_KINDS)
 def test_an_effect_is_found_under_its_name_or_an_alias(kind):

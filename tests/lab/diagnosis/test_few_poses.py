@@ -15,6 +15,8 @@ from traverse.lab.diagnosis.report.page import summary_lines
 from traverse.lab.identification.identify import IdentificationError, identify
 from traverse.lab.identification.report.page import WORDS
 
+pytestmark = pytest.mark.slow
+
 REFUSAL = r"leave \d equations beyond the unknowns .*; measure more poses"
 MOST_REFUSED = 8
 

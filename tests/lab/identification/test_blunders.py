@@ -147,3 +147,18 @@ def test_a_far_start_survives_blunders():
     excluded = {entry.line - 2 for entry in result.excluded}
     assert len(excluded ^ bad) <= 3
     assert result.sigma0 < 1.2
+
+
+@pytest.mark.parametrize("artefact", [0, 3])
+def test_a_joint_read_one_radian_off_costs_its_pose_alone(artefact):
+    """Decimetres off, at a seat or at one of the few touches of a bar's sphere."""
+    design = seven_joints()
+    clean = simulate(disturbed(design, 1), TABLES, 27, 8)
+    of_artefact = np.flatnonzero(clean.poses.artefacts == artefact)
+    for bad in of_artefact[:3]:
+        angles_rad = clean.poses.angles_rad.copy()
+        angles_rad[bad, 2] += 1.0
+        poses = replace(clean.poses, angles_rad=angles_rad)
+        result = identify(replace(clean, poses=poses), arm_value(design))
+        assert [entry.line - 2 for entry in result.excluded] == [bad]
+        assert result.converged

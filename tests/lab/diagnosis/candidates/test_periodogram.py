@@ -14,6 +14,8 @@ from traverse.lab.diagnosis.candidates.scoring import judge, project
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.simulator.campaigns.blind.effects import HiddenEffect
 
+pytestmark = pytest.mark.slow
+
 KIND = "transmission_error"
 
 

@@ -26,6 +26,8 @@ from traverse.simulator.campaigns.dense.scan import simulate_scan
 from traverse.simulator.campaigns.dense.spec import DenseFile
 from traverse.simulator.campaigns.dense.writing import write_scan
 
+pytestmark = pytest.mark.slow
+
 LATENCY = {"kind": "encoder_latency", "joint": "J5", "latency_s": 1e-4}
 BACKLASH = {"kind": "backlash", "joint": "J3", "half_width_rad": 3e-5}
 OPTIONS = DiagnosisOptions(n_draws=200, details=False)
