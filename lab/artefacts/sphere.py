@@ -24,7 +24,7 @@ from traverse.lab.artefacts.artefact import (
 PLACE_SCALE_MM = 1000.0
 RADIUS_SCALE_MM = 1000.0
 _STEPS = 20
-_FAR = 10.0  # times the median residual
+_FAR = 0.5  # of the radius: such a centre is on no such sphere
 _FEW, _TRIES, _SEED = 4, 40, 1
 # Below this part of its largest, a singular value of the cloud is flatness.
 _FLAT = 1e-6
@@ -66,25 +66,26 @@ def start_centre(centres_mm: Floats, radius_mm: float | None) -> tuple[Floats, f
     extent_mm = max(float(np.linalg.norm(local_mm, axis=1).max()), 1.0)
     local = local_mm / extent_mm
     known = None if radius_mm is None else radius_mm / extent_mm
-    centre, radius, off = _fitted(local, known, local)
-    if np.max(off) > _FAR * np.median(off) and len(local) > _FEW:
+    centre, radius = _polished(local, *_direct(local, known), known)
+    if _worst(local, centre, radius) > _FAR * radius and len(local) > _FEW:
         rng = np.random.default_rng(_SEED)
         fours = [rng.choice(len(local), _FEW, replace=False) for _ in range(_TRIES)]
-        found = [_fitted(local[four], known, local) for four in fours]
-        centre, radius, _ = min(
-            [(centre, radius, off), *found], key=lambda one: float(np.median(one[2]))
-        )
+        starts = [(centre, radius), *(_direct(local[four], known) for four in fours)]
+        best = min(starts, key=lambda one: _typical(local, *one))
+        centre, radius = _polished(local, *best, known)
     return mean_mm + centre * extent_mm, radius * extent_mm
 
 
-def _fitted(
-    local: Floats, known: float | None, everything: Floats
-) -> tuple[Floats, float, Floats]:
-    """Fit some centres: centre, radius, and how far all centres are off."""
+def _direct(local: Floats, known: float | None) -> tuple[Floats, float]:
     centre, radius = _algebraic(local)
-    if known is not None:
-        centre = _at_known_radius(local, centre, known)
-        radius = known
+    if known is None:
+        return centre, radius
+    return _at_known_radius(local, centre, known), known
+
+
+def _polished(
+    local: Floats, centre: Floats, radius: float, known: float | None
+) -> tuple[Floats, float]:
     for _ in range(_STEPS):
         away, units = distances(local, centre)
         residuals = away - radius
@@ -97,7 +98,15 @@ def _fitted(
         radius = radius if known is not None else radius + float(step[3])
         if np.max(np.abs(step)) < 1e-9:
             break
-    return centre, radius, np.abs(distances(everything, centre)[0] - radius)
+    return centre, radius
+
+
+def _worst(local: Floats, centre: Floats, radius: float) -> float:
+    return float(np.max(np.abs(distances(local, centre)[0] - radius)))
+
+
+def _typical(local: Floats, centre: Floats, radius: float) -> float:
+    return float(np.median(np.abs(distances(local, centre)[0] - radius)))
 
 
 def _algebraic(local: Floats) -> tuple[Floats, float]:
