@@ -25,6 +25,13 @@ async def is_said(page: Page, word: str, level: str) -> None:
     await expect(page.locator("header")).to_have_class(re.compile(rf"\b{level}\b"))
 
 
+async def invites_as_the_banner(page: Page) -> None:
+    """The button that takes a point has the banner's colour."""
+    colour = "n => getComputedStyle(document.querySelector(n)).backgroundColor"
+    script = f"() => ({colour})('.take') === ({colour})('.banner')"
+    await page.wait_for_function(script)
+
+
 async def n_played(page: Page, kind: str) -> int:
     """So many sounds of a kind have been played."""
     script = "kind => traverse_sounds.played.filter(k => k === kind).length"
@@ -64,6 +71,7 @@ async def test_doubts_and_alarms_and_scans_have_states_of_their_own(
         posed.pose["quality"] = {"ok": False, "flags": ["turns_uncertain"]}
         await is_said(page, "In doubt", "warning")
         await expect(page.locator("header")).to_contain_text("turns uncertain")
+        await invites_as_the_banner(page)
         await expect(page.locator("header")).to_contain_text("Reference the arm")
         await page.get_by_role("button", name="Confirm the arm's position").click()
         await page.get_by_role("button", name="It is right").click()

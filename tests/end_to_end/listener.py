@@ -151,7 +151,8 @@ async def listening(
 
 def numbers(blocks: list[Scan]) -> np.ndarray:
     """Numbers of all points of some blocks, in their order."""
-    return np.concatenate([s.seq + np.arange(len(s.dtime_ns)) for s in blocks])
+    of_blocks = [s.seq + np.arange(len(s.dtime_ns)) for s in blocks]
+    return np.concatenate([np.zeros(0, np.int64), *of_blocks])
 
 
 def times_ns(blocks: list[Scan]) -> np.ndarray:

@@ -241,8 +241,8 @@ async def test_a_timer_that_runs_off_its_rate_loses_no_connection(tmp_path, rate
     codes = {fault.code for fault in taken.of(DeviceFault)}
     assert "samples_lost" in codes
     assert "timer_unused" not in codes
-    # A busy machine may be late now and then.
-    assert counters["packets_old"] < 0.05 * counters["packets_received"]
+    # A busy machine is late now and then; with a wrong rate most packets are old.
+    assert counters["packets_old"] < 0.25 * counters["packets_received"]
     assert counters["timer_hz"] == pytest.approx(rate_hz, rel=0.01)
 
 

@@ -24,6 +24,7 @@ WITHOUT_SCIPY = (
 )
 
 
+@pytest.mark.slow
 async def test_without_scipy_it_says_so_first_and_computes_later(
     bench: Workbench,
 ) -> None:

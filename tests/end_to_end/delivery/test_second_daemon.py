@@ -35,6 +35,7 @@ async def test_two_daemons_of_one_arm_are_reported(
             assert await simulator.stop() == 0
 
 
+@pytest.mark.slow
 async def test_a_daemon_that_may_not_read_its_status_says_so(tmp_path: Path) -> None:
     acl = tmp_path / "old.acl"
     acl.write_text("topic write traverse/#\npattern read traverse/+/cmd/+\n", "utf-8")

@@ -77,6 +77,7 @@ def lengths(vectors):
     return np.linalg.norm(vectors, axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", kinds_of("L", "A"))
 def test_points_agree_with_the_truth_by_the_adapted_file_alone(
     tmp_path, monkeypatch, kind

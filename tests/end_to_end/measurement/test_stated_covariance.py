@@ -160,6 +160,7 @@ def times_of(script, rng, *, moving):
     return rng.choice(drawn_s[chosen], N)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moving", [False, True])
 def test_95_of_100_points_lie_where_they_say(tmp_path, moving):
     arm = NoisyArm(tmp_path)

@@ -119,6 +119,7 @@ def test_what_could_have_been_seen_is_told_of_every_kind():
         assert (one.minimum is None) == bool(one.why)
 
 
+@pytest.mark.slow
 def test_a_decision_alone_says_the_same_terms():
     quick = decided(measured_with(bump()))
     assert names(quick) == names(bumpy())
@@ -166,6 +167,7 @@ def test_blunders_alone_are_no_effect():
     assert found.excluded.sum() > 3
 
 
+@pytest.mark.slow
 def test_slow_noise_is_no_drift():
     found = decided(measured_with(seed=2, serial_share=0.4))
     assert found.verdict == "clean"
@@ -173,6 +175,7 @@ def test_slow_noise_is_no_drift():
     assert found.noise.serial_phi > 0.6
 
 
+@pytest.mark.slow
 def test_an_effect_is_found_in_slow_noise():
     wrong = hidden("backlash", 20.0)
     found = decided(measured_with(wrong, serial_share=0.4))
@@ -222,6 +225,7 @@ def two_wrong():
     return hidden("encoder_eccentricity", 20.0), hidden("backlash", 20.0)
 
 
+@pytest.mark.slow
 def test_two_effects_are_found_one_after_the_other():
     found = decided(measured_with(*two_wrong()), OPTIONS)
     assert {name[0] for name in names(found)} == {one.kind for one in two_wrong()}

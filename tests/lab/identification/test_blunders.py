@@ -114,6 +114,7 @@ def test_noise_may_differ_between_joints():
     assert result.noise.contact_mm == pytest.approx(0.003)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_design_far_off_is_no_obstacle(seed):
     design = seven_joints()
@@ -125,6 +126,7 @@ def test_a_design_far_off_is_no_obstacle(seed):
     assert result.rms_before_mm > 20.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 3])
 def test_zeros_wrong_by_a_radian_are_found(seed):
     design = seven_joints()

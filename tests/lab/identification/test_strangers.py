@@ -189,6 +189,7 @@ def test_a_free_tool_is_found_before_zeros_are_looked_for(seed):
     assert result.rms_after_mm < 0.02
 
 
+@pytest.mark.slow
 def test_zeros_that_are_held_by_wish_are_never_moved():
     zeros = DESIGN.zeros_rad + np.array([0, 0.6, 0, 0.5, 0, 0, 0])
     true = disturbed(replace(DESIGN, zeros_rad=zeros), 3)

@@ -34,6 +34,7 @@ def fit_of(campaign):
     return fitted(campaign, poses().arm, choosing), choosing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("joint", "draw", "size"), [("J3", 9, 30.0), ("J5", 7, 15.0)])
 def test_a_narrow_bump_is_not_taken_for_blunders(joint, draw, size):
     wrong = hidden("bump", size, joint, draw)
