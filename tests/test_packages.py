@@ -103,6 +103,7 @@ def test_every_other_file_of_a_package_is_package_data() -> None:
     assert others <= data
 
 
+@pytest.mark.slow
 def test_no_module_is_imported_twice_under_two_names() -> None:
     run = subprocess.run(
         [sys.executable, "-c", f"LEFT_OUT = {LEFT_OUT!r}\n{IMPORT_ALL}"],

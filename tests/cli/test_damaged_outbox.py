@@ -24,6 +24,7 @@ def flip(chance, content, place):
     content[place] ^= 1 << chance.randrange(8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("harm", HARMS)
 def test_no_damage_ends_a_command_with_a_traceback(harm, tmp_path):
     good, bad = tmp_path / "good.db", tmp_path / "bad.db"

@@ -180,6 +180,7 @@ def test_columns_of_another_shape_or_type_are_refused():
         made.poses(block, GRAVITY, np.empty((5, 3)))
 
 
+@pytest.mark.slow
 def test_laws_of_the_effects_hold_without_the_kernel():
     files = ("blocks", "compliance", "contacts", "mechanics", "readings", "together")
     run = subprocess.run(

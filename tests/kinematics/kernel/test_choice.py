@@ -79,6 +79,7 @@ def test_commands_refuse_an_unknown_kernel_in_a_sentence():
     assert "expected one of numpy" in line
 
 
+@pytest.mark.slow
 def test_laws_of_the_kinematics_hold_without_the_kernel():
     run = run_python(
         "numpy",

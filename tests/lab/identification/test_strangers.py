@@ -97,6 +97,7 @@ def test_a_campaign_that_determines_little_converges(seed, free):
     assert "J1.zero" not in {entry.name for entry in result.parameters}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tables", "lies", "length", "value_mm", "noise_known"),
     [
