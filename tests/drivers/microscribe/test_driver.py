@@ -243,7 +243,7 @@ async def test_a_timer_that_runs_off_its_rate_loses_no_connection(tmp_path, rate
     assert "timer_unused" not in codes
     # A busy machine is late now and then; with a wrong rate most packets are old.
     assert counters["packets_old"] < 0.25 * counters["packets_received"]
-    assert counters["timer_hz"] == pytest.approx(rate_hz, rel=0.01)
+    assert counters["timer_hz"] == pytest.approx(rate_hz, rel=0.03)
 
 
 async def test_a_timer_of_another_rate_is_left_alone(tmp_path):
