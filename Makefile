@@ -9,6 +9,9 @@ PEERS := .venv-peers
 WORKERS ?= $(shell expr $$(nproc) + 2)
 TEST = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder \
     --required="$(TEST_GROUPS)"
+# What failed beside others may have been late only: once more, alone. Both are printed.
+AGAIN = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --last-failed --last-failed-no-failures none \
+    --required="$(TEST_GROUPS)"
 FIGURES := build/figures
 # Groups of Debian packages that the tests need, in deploy/debian-packages.sh.
 TEST_GROUPS := mosquitto openssl jq chromium node systemd groff
@@ -63,10 +66,10 @@ $(VENV)/.compiled: $(STAMP)
 	@touch $@
 
 test: venv system node $(VENV)/.compiled  ## all tests but the slow ones
-	$(TEST) -m "not slow"
+	$(TEST) -m "not slow" || $(AGAIN) -m "not slow"
 
 test-slow: venv system node $(VENV)/.compiled  ## guides followed to their end, campaigns through everything; three minutes
-	$(TEST) -m slow
+	$(TEST) -m slow || $(AGAIN) -m slow
 
 test-fresh:  ## the README's commands in a pristine Debian (SUITE=trixie for another); root, a quarter of an hour
 	@sh deploy/debian-packages.sh fresh || true
