@@ -1,4 +1,4 @@
-"""The messages of a recording: values to bytes and back.
+"""The messages of a recording, from bytes to values.
 
 `samples` are MessagePack maps with arrays as on MQTT (`traverse.protocol.arrays`);
 `touching` and `conditions` are JSON. Unknown keys are passed over: later recorders may
@@ -12,7 +12,7 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.protocol.arrays import ARRAY_CODE, array_to_bytes, bytes_to_array
+from traverse.protocol.arrays import ARRAY_CODE, bytes_to_array
 from traverse.protocol.message_error import MessageError
 from traverse.recording.values import TIMES, Conditions, Samples, Touching
 
@@ -20,38 +20,6 @@ SCHEMA = "traverse/recording/1"
 TOPICS = ("samples", "touching", "conditions")
 # A block in memory at a time, and what its header may announce.
 _MOST_ELEMENTS = 1 << 16
-
-_NUMBER = {"type": "number"}
-JSON_SCHEMAS: dict[str, dict[str, Any]] = {
-    "touching": {
-        "type": "object",
-        "properties": {
-            "sample_time_ns": {"type": "integer"},
-            "artefact": {"type": ["string", "null"]},
-            "feature": {"type": "string"},
-        },
-        "required": ["sample_time_ns", "artefact", "feature"],
-    },
-    "conditions": {
-        "type": "object",
-        "properties": {
-            "sample_time_ns": {"type": "integer"},
-            "temperature_c": _NUMBER,
-            "force_n": _NUMBER,
-        },
-        "required": ["sample_time_ns"],
-    },
-}
-
-
-def samples_to_bytes(samples: Samples) -> bytes:
-    """Write a block of samples."""
-    table: dict[str, msgpack.ExtType] = {
-        name: _packed(getattr(samples, name).astype(np.int64)) for name in TIMES
-    }
-    table["counts"] = _packed(samples.counts.astype(np.uint32))
-    found: bytes = msgpack.packb(table)
-    return found
 
 
 def bytes_to_samples(content: bytes, n_joints: int) -> Samples:
@@ -80,16 +48,6 @@ def bytes_to_samples(content: bytes, n_joints: int) -> Samples:
     return Samples(**times, counts=counts.astype(np.uint32))
 
 
-def touching_to_bytes(value: Touching) -> bytes:
-    """Write what is touched from a moment on."""
-    table = {
-        "sample_time_ns": value.sample_time_ns,
-        "artefact": value.artefact,
-        "feature": value.feature,
-    }
-    return json.dumps(table).encode()
-
-
 def bytes_to_touching(content: bytes) -> Touching:
     """Read what is touched from a moment on.
 
@@ -107,16 +65,6 @@ def bytes_to_touching(content: bytes) -> Touching:
     if not isinstance(feature, str):
         raise ValueError(f"touching: feature is {feature!r}, expected a text")
     return Touching(at_ns, artefact, feature)
-
-
-def conditions_to_bytes(value: Conditions) -> bytes:
-    """Write the conditions of a moment; what is not known is left out."""
-    table: dict[str, float] = {"sample_time_ns": value.sample_time_ns}
-    if value.temperature_c is not None:
-        table["temperature_c"] = value.temperature_c
-    if value.force_n is not None:
-        table["force_n"] = value.force_n
-    return json.dumps(table, allow_nan=False).encode()
 
 
 def bytes_to_conditions(content: bytes) -> Conditions:
@@ -138,10 +86,6 @@ def bytes_to_conditions(content: bytes) -> Conditions:
             raise ValueError(f"conditions: {key} is {value!r}, expected a number")
         numbers.append(None if value is None else float(value))
     return Conditions(at_ns, *numbers)
-
-
-def _packed(array: NDArray[Any]) -> msgpack.ExtType:
-    return msgpack.ExtType(ARRAY_CODE, array_to_bytes(array))
 
 
 def _unpacked(code: int, content: bytes) -> NDArray[Any]:

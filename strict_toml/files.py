@@ -10,8 +10,10 @@ import io
 import json
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TextIO
 
 MOST_BYTES = 64 * 2**20  # of a file that is read whole; recordings and tables are not
 MOST_LINE = 2**20  # characters of a line of a table
@@ -80,25 +82,20 @@ def json_of(path: Path) -> Any:  # noqa: ANN401 - whatever the file holds
         raise ValueError("is nested too deep") from error
 
 
-class TableLines(io.TextIOWrapper):
+@contextmanager
+def table_lines(path: Path) -> Iterator[Iterator[str]]:
     """Lines of a table in UTF-8, for `csv`, each of at most `MOST_LINE` characters.
 
     Raises:
         OSError: It cannot be read, or is not a regular file.
+        csv.Error: While it is read: a line is longer.
     """
+    with io.TextIOWrapper(open_regular(path), encoding="utf-8-sig", newline="") as file:
+        yield _bounded(file)
 
-    def __init__(self, path: Path) -> None:
-        super().__init__(open_regular(path), encoding="utf-8-sig", newline="")
 
-    def __next__(self) -> str:  # type: ignore[override]  # as TextIOWrapper itself
-        """The next line.
-
-        Raises:
-            csv.Error: It is longer.
-        """
-        line = self.readline(MOST_LINE + 1)
-        if not line:
-            raise StopIteration
+def _bounded(file: TextIO) -> Iterator[str]:
+    while line := file.readline(MOST_LINE + 1):
         if len(line) > MOST_LINE:
             raise csv.Error(f"a line has more than {MOST_LINE} characters")
-        return line
+        yield line

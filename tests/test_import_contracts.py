@@ -94,7 +94,6 @@ PLANTED = {
     "drivers know bytes, ports": [
         ("drivers/timing/device_clock.py", "traverse.kinematics.model.forward"),
         ("drivers/base/driver.py", "traverse.recording.reader"),
-        ("drivers/base/heartbeat.py", "traverse.recording.writer"),
         ("drivers/base/options.py", "traverse.recording.values"),
     ],
     "the simulator shares no code": [

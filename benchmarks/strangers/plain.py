@@ -5,6 +5,7 @@ parameters of a product of exponentials, redundant ones left to the solver, ever
 of equal weight, and nothing held to be a blunder.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,7 +84,8 @@ def held_out_mm(chain: Chain, measured: Measured) -> Floats:
     return distances
 
 
-def _misclosures(measured: Measured, used: Booleans):  # noqa: ANN202 - a function of places
+def _misclosures(measured: Measured, used: Booleans) -> Callable[[Floats], Floats]:
+    """Make the function from places of the ball, (n_used, 3), to misclosures."""
     if measured.places_mm is not None:
         seen_mm = measured.places_mm[used]
 

@@ -169,9 +169,8 @@ def to_dh(
 ) -> None:
     """Find the nearest classic Denavit-Hartenberg table and its misfit at the probe."""
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
-    from traverse.kinematics.importers.dh_file import dh_toml  # noqa: PLC0415
     from traverse.kinematics.importers.dh_report import dh_report, remark_lines  # noqa: PLC0415
-    from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
+    from traverse.strict_toml.writing import arm_text, write_atomically  # noqa: PLC0415
 
     if out is not None:
         check_target("arm to-dh", out, force=force)
@@ -179,7 +178,7 @@ def to_dh(
         report, csv_text = dh_report(read_arm(file), parallel_below_rad, postures, seed)
         if out is not None:
             as_toml = out.suffix.lower() == ".toml"
-            write_atomically(out, dh_toml(report["table"]) if as_toml else csv_text)
+            write_atomically(out, arm_text(report["table"]) if as_toml else csv_text)
     if as_json:
         typer.echo(json.dumps(report, indent=1))
     elif out is None:

@@ -151,9 +151,8 @@ class Follower:
     async def _absence(self, _: Arm) -> None:
         await asyncio.sleep(ABSENT_S)
         if self.sight.status is None:
-            with contextlib.suppress(
-                ClientError
-            ):  # the broker has gone, which is reported
+            # Where the broker has gone, that is reported elsewhere.
+            with contextlib.suppress(ClientError):
                 self.sight.take_absence(
                     await absence_of(self.name, self.broker, ABSENT_S)
                 )

@@ -30,7 +30,6 @@ from traverse.strict_toml.problems import (
     unknown_name_message,
 )
 from traverse.strict_toml.reader import StrictModel, parse_strict
-from traverse.strict_toml.writing import arm_text
 
 _LENGTHS = {"mm": 1.0, "m": 1000.0}
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
@@ -346,11 +345,6 @@ def dh_values(
         "tool": _placement(table.tool),
         "rows": _rows(table, names, base_rad),
     }
-
-
-def dh_toml(values: Mapping[str, Any]) -> str:
-    """Write the values of a table as TOML, from which the same arm can be made."""
-    return arm_text(values)
 
 
 def _rows(

@@ -15,7 +15,7 @@ from traverse.arrays import Floats
 from traverse.kinematics.fits import fit_sphere
 from traverse.plurals import counted
 from traverse.protocol.messages import Point
-from traverse.strict_toml.files import TableLines
+from traverse.strict_toml.files import table_lines
 from traverse.strict_toml.problems import LARGEST, FileError, Problem, shown
 
 Coordinates = Literal["centre", "surface"]
@@ -112,7 +112,7 @@ def read_touch_table(path: Path, coordinates: Coordinates) -> list[Touch]:
         FileError: With all lines that cannot be used.
     """
     try:
-        with TableLines(path) as file:
+        with table_lines(path) as file:
             reader = csv.DictReader(file)
             header = [name.strip() for name in reader.fieldnames or ()]
             reader.fieldnames = header

@@ -8,9 +8,10 @@ commas, if all of the file have.
 import csv
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 
-from traverse.strict_toml.files import TableLines
+from traverse.strict_toml.files import table_lines
 from traverse.strict_toml.problems import FileError, Problem
 
 Rows = Callable[[Collection[int]], Iterator[list[str]]]
@@ -41,14 +42,13 @@ def csv_rows(path: Path, key: str) -> Iterator[tuple[list[str], Rows]]:
         FileError: It cannot be read; also for what happens while its rows are read.
     """
     try:
-        with TableLines(path) as file:
+        with table_lines(path) as file:
             line = next(file, "")
             try:
                 mark = _separator(line)
             except ValueError as error:
                 raise FileError(str(path), [Problem("line 1", str(error))]) from error
-            file.seek(0)
-            reader = csv.reader(file, delimiter=mark)
+            reader = csv.reader(chain([line], file), delimiter=mark)
             header = [name.strip() for name in next(reader, [])]
 
             def rows(columns: Collection[int]) -> Iterator[list[str]]:

@@ -34,7 +34,7 @@ from traverse.lab.measured_points.measurement import (
     measurement_of_touches,
 )
 from traverse.recording.reader import read_recording
-from traverse.strict_toml.files import TableLines, text_of
+from traverse.strict_toml.files import table_lines, text_of
 from traverse.strict_toml.problems import (
     FileError,
     Problem,
@@ -54,7 +54,7 @@ def is_point_table(path: Path) -> bool:
 
 def _header(path: Path) -> list[str]:
     try:
-        with TableLines(path) as file:
+        with table_lines(path) as file:
             return [name.strip() for name in next(csv.reader(file), [])]
     except (OSError, UnicodeDecodeError, csv.Error):
         return []  # whose reader says what is wrong
@@ -78,7 +78,7 @@ def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
     names: tuple[list[str], list[str]] = ([], [])
     numbers: list[list[float]] = []
     times_ns: list[int] = []
-    with TableLines(path) as lines:
+    with table_lines(path) as lines:
         reader = csv.DictReader(lines, fieldnames=header)
         next(reader)
         for row in reader:

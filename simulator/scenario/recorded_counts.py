@@ -12,7 +12,7 @@ import numpy as np
 
 from traverse.arrays import Floats, Integers
 from traverse.plurals import counted
-from traverse.strict_toml.files import TableLines
+from traverse.strict_toml.files import table_lines
 from traverse.strict_toml.problems import FileError, Problem
 
 INPUTS = ("button", "switch")
@@ -94,7 +94,7 @@ def read_recording(path: Path) -> Recording:
         FileError: With file, line and reason; nothing is half-read.
     """
     try:
-        with TableLines(path) as file:
+        with table_lines(path) as file:
             rows = list(csv.reader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         message = f"cannot be read: {error}; check the path"

@@ -19,6 +19,7 @@ from traverse.protocol.messages import (
     Command,
     Event,
     Health,
+    Live,
     Point,
     Reply,
     Scan,
@@ -36,6 +37,7 @@ class Listener:
         self.connected = False
         self.points: list[Point] = []
         self.scans: list[Scan] = []
+        self.live_ns: list[int] = []
         self.events: list[Event] = []
         self.statuses: list[Status] = []
         self.healths: list[Health] = []
@@ -49,6 +51,8 @@ class Listener:
                 self.points.append(message)
             case Scan():
                 self.scans.append(message)
+            case Live():
+                self.live_ns.append(message.time_ns)
             case Event():
                 self.events.append(message)
             case Status():

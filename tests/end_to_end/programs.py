@@ -52,7 +52,7 @@ class Program(AbstractContextManager["Program"]):
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         if kind is not None and self.process.poll() is None:
-            # It may have programs of its own, which it ends if it is asked.
+            # It may have programs of its own, which it ends on SIGTERM.
             self.process.terminate()
             with suppress(subprocess.TimeoutExpired):
                 self.process.wait(PATIENCE_S)

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from tests.recording.sample_recordings import RecordingWriter
 from traverse.recording.reader import read_recording
 from traverse.recording.values import TIMES, Conditions, Samples, Touching
-from traverse.recording.writer import RecordingWriter
 from traverse.strict_toml.problems import FileError
 
 JOINTS = ("J1", "J2", "J3")

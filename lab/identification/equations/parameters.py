@@ -53,11 +53,6 @@ class Parameters:
     effects: EffectModel | None = None
 
     @property
-    def n_terms(self) -> int:
-        """Amplitudes that belong to no effect: none."""
-        return 0
-
-    @property
     def n_joints(self) -> int:
         """The number of joints."""
         return len(self.smallest)

@@ -40,7 +40,7 @@ _AGREEING = 2.0
 # misclosures that are left; and no arm is wrong by this part of a length.
 _BY_MODEL = 10.0
 _GROSS = 0.1
-# Two hypotheses whose losses differ by less are not told apart.
+# Hypotheses whose losses differ by less explain the campaign equally well.
 _SAME = 10.0
 _MOST_WRONG = 3
 

@@ -68,7 +68,7 @@ async def rig(tmp_path):
 
 class TestContract(DriverContract, StreamContract, EdgeContract):
     parts = (1, 7, 40)
-    answers_age = True
+    dropped = ("packets_old", "bytes_stray")
 
 
 async def test_it_is_found_by_its_name():
@@ -234,16 +234,21 @@ async def test_a_timer_that_runs_off_its_rate_loses_no_connection(tmp_path, rate
                 lambda: "samples_lost" in {f.code for f in taken.of(DeviceFault)},
                 "losses",
             )
-            await asyncio.sleep(0.5)
-            await taken.until(lambda: taken.of(DeviceCounters), "counters")
-        counters = taken.of(DeviceCounters)[-1].values
-    assert not taken.of(DeviceLost)
-    codes = {fault.code for fault in taken.of(DeviceFault)}
-    assert "samples_lost" in codes
-    assert "timer_unused" not in codes
-    # A busy machine is late now and then; with a wrong rate most packets are old.
-    assert counters["packets_old"] < 0.25 * counters["packets_received"]
-    assert counters["timer_hz"] == pytest.approx(rate_hz, rel=0.03)
+            # Within 1 % after about a second; a busy machine may be late now and then.
+            await taken.until(lambda: is_learned(taken, rate_hz), "the timer's rate")
+        assert not taken.of(DeviceLost)
+        codes = {fault.code for fault in taken.of(DeviceFault)}
+        assert "samples_lost" in codes
+        assert "timer_unused" not in codes
+
+
+def is_learned(taken: Taken, rate_hz: float) -> bool:
+    """The rate is within 1 %, and hardly a packet is taken for an old one."""
+    return any(
+        told.values["timer_hz"] == pytest.approx(rate_hz, rel=0.01)
+        and told.values["packets_old"] < 0.05 * told.values["packets_received"]
+        for told in taken.of(DeviceCounters)[-1:]
+    )
 
 
 async def test_a_timer_of_another_rate_is_left_alone(tmp_path):
@@ -276,7 +281,9 @@ async def test_reports_of_motion_are_samples(tmp_path):
                 "motion again",
             )
     # Where the machine stood still, the arm was lost and a new stream has begun.
-    for stream in {block.stream for block in taken.of(CountSamples)}:
+    streams = {block.stream for block in taken.of(CountSamples)}
+    assert len(streams) <= 1 + len(taken.of(DeviceLost))
+    for stream in streams:
         blocks = [b for b in taken.of(CountSamples) if b.stream == stream]
         seqs = [int(seq) for block in blocks for seq in block.seq]
         assert seqs == list(range(len(seqs)))

@@ -5,10 +5,10 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
+from tests.recording.sample_recordings import RecordingWriter
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.lab.campaign.stream_table import senses_of, speeds_of, stretches_of
 from traverse.recording.values import Conditions, Samples, Touching
-from traverse.recording.writer import RecordingWriter
 from traverse.strict_toml.problems import FileError
 
 PER_TURN = 4096

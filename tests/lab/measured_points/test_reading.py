@@ -14,12 +14,12 @@ from tests.lab.campaign.test_stream_table import (
     folder_of,
     stream,
 )
+from tests.recording.sample_recordings import RecordingWriter
 from traverse.kinematics.arm_file.arm import parse_arm
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.lab.measured_points.reading import files_read, read_measured
-from traverse.recording.writer import RecordingWriter
 from traverse.strict_toml.problems import FileError
 
 TOUCHING = [at(0, "seat"), at(100, None), at(200, "bar", "2"), at(300, "bar", "1")]

@@ -1,21 +1,42 @@
-"""Writing recordings: MCAP, in small chunks, so that a crash costs little."""
+"""Writes recordings of samples for tests; the simulator has a writer of its own."""
 
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
+import msgpack
+import numpy as np
 from mcap.writer import Writer
+from numpy.typing import NDArray
 
-from traverse.recording.messages import (
-    JSON_SCHEMAS,
-    SCHEMA,
-    conditions_to_bytes,
-    samples_to_bytes,
-    touching_to_bytes,
-)
+from traverse.protocol.arrays import ARRAY_CODE, array_to_bytes
+from traverse.recording.messages import SCHEMA
 from traverse.recording.torn import PROFILE
-from traverse.recording.values import Conditions, Samples, Touching
+from traverse.recording.values import TIMES, Conditions, Samples, Touching
+
+_NUMBER = {"type": "number"}
+JSON_SCHEMAS: dict[str, dict[str, Any]] = {
+    "touching": {
+        "type": "object",
+        "properties": {
+            "sample_time_ns": {"type": "integer"},
+            "artefact": {"type": ["string", "null"]},
+            "feature": {"type": "string"},
+        },
+        "required": ["sample_time_ns", "artefact", "feature"],
+    },
+    "conditions": {
+        "type": "object",
+        "properties": {
+            "sample_time_ns": {"type": "integer"},
+            "temperature_c": _NUMBER,
+            "force_n": _NUMBER,
+        },
+        "required": ["sample_time_ns"],
+    },
+}
+
 
 # Before compression: one second at 1 kHz with seven joints.
 CHUNK_BYTES = 1 << 16
@@ -115,3 +136,37 @@ class RecordingWriter:
         log_ns = max(self._utc_ns + sample_time_ns - self._host_ns, 0)
         self._writer.add_message(channel, log_ns, content, log_ns)
         self._file.flush()
+
+
+def samples_to_bytes(samples: Samples) -> bytes:
+    """Write a block of samples."""
+    table: dict[str, msgpack.ExtType] = {
+        name: _packed(getattr(samples, name).astype(np.int64)) for name in TIMES
+    }
+    table["counts"] = _packed(samples.counts.astype(np.uint32))
+    found: bytes = msgpack.packb(table)
+    return found
+
+
+def touching_to_bytes(value: Touching) -> bytes:
+    """Write what is touched from a moment on."""
+    table = {
+        "sample_time_ns": value.sample_time_ns,
+        "artefact": value.artefact,
+        "feature": value.feature,
+    }
+    return json.dumps(table).encode()
+
+
+def conditions_to_bytes(value: Conditions) -> bytes:
+    """Write the conditions of a moment; what is not known is left out."""
+    table: dict[str, float] = {"sample_time_ns": value.sample_time_ns}
+    if value.temperature_c is not None:
+        table["temperature_c"] = value.temperature_c
+    if value.force_n is not None:
+        table["force_n"] = value.force_n
+    return json.dumps(table, allow_nan=False).encode()
+
+
+def _packed(array: NDArray[Any]) -> msgpack.ExtType:
+    return msgpack.ExtType(ARRAY_CODE, array_to_bytes(array))
