@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks.blind.hidden.poses import Hidden, played
 from benchmarks.blind.score import Identity
 from benchmarks.tools.handover import campaign_from_simulation
 from traverse.arrays import Booleans, Floats
@@ -34,7 +35,6 @@ from traverse.lab.identification.solve.adjustment import adjust
 from traverse.lab.identification.solve.iterative_adjustment import Options
 from traverse.simulator.campaigns import Campaign as Columns
 from traverse.simulator.campaigns import NoiseTable, PoseSet, draw_noise
-from traverse.simulator.campaigns.blind.poses import Hidden, played
 
 # Beyond so many plausible sizes nobody would believe an effect.
 MOST_PLAUSIBLE = 30.0

@@ -7,6 +7,14 @@ from functools import lru_cache
 import numpy as np
 
 from benchmarks.blind.detectable_sizes import SizeScale, noise_free_campaign, ruler
+from benchmarks.blind.hidden.effects import EFFECT_KINDS, HiddenEffect
+from benchmarks.blind.hidden.poses import (
+    Hidden,
+    drawn,
+    drawn_round,
+    played,
+    pose_set,
+)
 from benchmarks.blind.score import TrueTerm
 from benchmarks.tools.handover import campaign_from_simulation
 from traverse.kinematics.arm_file.arm import Arm
@@ -21,14 +29,6 @@ from traverse.simulator.campaigns import (
     PoseSet,
     SimulatedCampaign,
     draw_noise,
-)
-from traverse.simulator.campaigns.blind.effects import EFFECT_KINDS, HiddenEffect
-from traverse.simulator.campaigns.blind.poses import (
-    Hidden,
-    drawn,
-    drawn_round,
-    played,
-    pose_set,
 )
 
 _TAG = 0x626C696E

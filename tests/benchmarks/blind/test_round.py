@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.detectable_sizes import noise_free_campaign, ruler
+from benchmarks.blind.hidden.effects import EFFECT_KINDS
+from benchmarks.blind.hidden.poses import drawn, played, pose_set
 from benchmarks.blind.round import Scenario, hide
 from benchmarks.proofs.conditions import demo_arm
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted
-from traverse.simulator.campaigns.blind.effects import EFFECT_KINDS
-from traverse.simulator.campaigns.blind.poses import drawn, played, pose_set
 
 POSE_SEED = 1
 

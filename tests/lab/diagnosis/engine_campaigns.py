@@ -5,6 +5,13 @@ from functools import cache
 import numpy as np
 
 from benchmarks.blind.detectable_sizes import SizeScale, noise_free_campaign, ruler
+from benchmarks.blind.hidden.poses import (
+    Hidden,
+    campaign_spec,
+    drawn,
+    played,
+    weighed,
+)
 from benchmarks.proofs.conditions import demo_arm
 from benchmarks.tools.handover import campaign_from_simulation
 from traverse.lab.campaign.campaign import Campaign
@@ -19,13 +26,6 @@ from traverse.simulator.campaigns import (
     Sphere,
     draw_noise,
     make_poses,
-)
-from traverse.simulator.campaigns.blind.poses import (
-    Hidden,
-    campaign_spec,
-    drawn,
-    played,
-    weighed,
 )
 
 SEED = 1

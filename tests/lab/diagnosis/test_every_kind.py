@@ -2,6 +2,7 @@
 
 import pytest
 
+from benchmarks.blind.hidden.effects import EFFECT_KINDS
 from tests.lab.diagnosis.engine_campaigns import (
     DECISION,
     hidden,
@@ -10,7 +11,6 @@ from tests.lab.diagnosis.engine_campaigns import (
     poses,
 )
 from traverse.lab.diagnosis.diagnose import diagnose
-from traverse.simulator.campaigns.blind.effects import EFFECT_KINDS
 
 pytestmark = pytest.mark.slow
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.blind.hidden.effects import HiddenEffect
 from tests.lab.diagnosis.engine_campaigns import DECISION, measured_with, poses
 from tests.lab.diagnosis.fitted_rows import measured_rows
 from traverse.lab.diagnosis.candidates.periodogram import (
@@ -12,7 +13,6 @@ from traverse.lab.diagnosis.candidates.periodogram import (
 )
 from traverse.lab.diagnosis.candidates.scoring import judge, project
 from traverse.lab.diagnosis.diagnose import diagnose
-from traverse.simulator.campaigns.blind.effects import HiddenEffect
 
 pytestmark = pytest.mark.slow
 

@@ -10,18 +10,18 @@ from functools import lru_cache
 
 import numpy as np
 
-from traverse.kinematics.arm_file.arm import Arm
-from traverse.simulator.campaigns.artefacts import BallBar, Cone, Sphere
-from traverse.simulator.campaigns.blind.effects import (
+from benchmarks.blind.hidden.effects import (
     EFFECT_KINDS,
     HiddenEffect,
     drawn_effect,
 )
-from traverse.simulator.campaigns.blind.faults import (
+from benchmarks.blind.hidden.faults import (
     FAULT_KINDS,
     HiddenFault,
     drawn_fault,
 )
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.simulator.campaigns.artefacts import BallBar, Cone, Sphere
 from traverse.simulator.campaigns.pose_set import PoseSet, with_effects
 from traverse.simulator.campaigns.poses import make_poses
 from traverse.simulator.campaigns.spec import CampaignSpec, ConditionTable, NoiseTable

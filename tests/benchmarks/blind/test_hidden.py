@@ -1,14 +1,17 @@
 """What the blind test hides: drawn from a seed, of every kind, as arm files say it."""
 
+import ast
+
 import numpy as np
 import pytest
 
+from benchmarks.blind.hidden.effects import EFFECT_KINDS, drawn_effect
+from benchmarks.blind.hidden.faults import CURVE, FAULT_KINDS, drawn_fault
+from benchmarks.blind.hidden.poses import pose_set, weighed
+from tests.docs.pages import CHECKOUT
 from tests.simulator.campaigns.arms import seven_joint_arm
 from traverse.kinematics.arm_file.arm import parse_arm
 from traverse.kinematics.effect_table import EFFECT_KINDS as CONTRACT_KINDS
-from traverse.simulator.campaigns.blind.effects import EFFECT_KINDS, drawn_effect
-from traverse.simulator.campaigns.blind.faults import CURVE, FAULT_KINDS, drawn_fault
-from traverse.simulator.campaigns.blind.poses import pose_set, weighed
 from traverse.strict_toml.writing import arm_text as written_arm
 
 
@@ -116,3 +119,22 @@ def test_poses_tell_everything_that_effects_depend_on(poses):
     assert set(np.unique(poses.conditions.approach)) == {-1, 1}
     assert np.std(poses.conditions.speed_rad_s) == pytest.approx(0.3, rel=0.1)
     assert poses.spec.conditions.start_utc is not None
+
+
+def test_what_hides_shares_no_code_with_what_is_tested():
+    """It plays by the simulator; of the rest it knows how arm files are read."""
+    known = (
+        "benchmarks.blind.hidden",
+        "traverse.simulator",
+        "traverse.kinematics.arm_file",
+    )
+    folder = CHECKOUT / "benchmarks" / "blind" / "hidden"
+    found = {
+        node.module
+        for path in folder.glob("*.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.module
+    }
+    ours = {name for name in found if name.split(".")[0] in {"traverse", "benchmarks"}}
+    assert len(ours) > 5
+    assert [name for name in ours if not name.startswith(known)] == []

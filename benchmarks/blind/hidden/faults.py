@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from traverse.simulator.campaigns.blind.effects import HiddenEffect
+from benchmarks.blind.hidden.effects import HiddenEffect
 from traverse.simulator.campaigns.pose_set import PoseSet
 from traverse.simulator.effects import (
     Bump,
