@@ -37,6 +37,7 @@ def test_no_target_breaks_under_atheris():
     assert f"Done {RUNS} runs" in done.stderr
 
 
+@pytest.mark.slow
 def test_damaged_files_are_refused_in_words():
     # One of every reader; `make fuzz-files` damages all files of all commands.
     names = ["check/daemon", "check/poses", "align/points", "points-list/outbox"]

@@ -78,6 +78,7 @@ def told(point):
     return point.model_dump(exclude={"session", "id", "retracts"})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("two", "method"), [(False, "none"), (False, "pretouch"), (True, "pulled")]
 )

@@ -60,6 +60,7 @@ async def test_a_healthy_line_loses_and_reports_nothing(bench: Workbench) -> Non
     assert {e.code for e in listener.events} <= expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["lost", "corrupted", "garbage", "repeated"])
 async def test_only_touched_samples_are_missing_and_no_edge(
     bench: Workbench, kind: str

@@ -48,6 +48,7 @@ def result(request, poses):
     )
 
 
+@pytest.mark.slow
 def test_a_simulated_campaign_converges_to_the_noise_that_was_put_in(result):
     assert result.converged
     assert len(result.iterations) < 12
