@@ -66,7 +66,8 @@ class Seats(Artefact):
         """The distances, however they are written."""
         if self.distance_mm is None:
             return self.distances
-        pair = SeatDistance(
+        # Checked already; and one that was left out has an infinite deviation.
+        pair = SeatDistance.model_construct(
             between=("1", "2"),
             distance_mm=self.distance_mm,
             distance_std_mm=self.distance_std_mm,

@@ -123,6 +123,29 @@ def test_the_start_survives_a_few_blunders(table):
 
 
 @pytest.mark.parametrize("table", TABLES)
+def test_each_certificate_can_be_left_out(table):
+    artefact, centres, touches = made(table)
+    for name in artefact.certified_lengths:
+        without = artefact.without_certificate(name)
+        left = {*artefact.certified_lengths} - {name}
+        assert set(without.certified_lengths) == left
+        assert without.features == artefact.features
+        state = without.start(centres, touches)
+        observed = [
+            np.count_nonzero(np.isfinite(one.certificate(at, touches).std_mm))
+            for one, at in (
+                (artefact, artefact.start(centres, touches)),
+                (without, state),
+            )
+        ]
+        assert observed[1] < observed[0]
+        assert name in {one.name for one in without.lengths(state)}
+        assert len(without.unknown_scales(touches)) == len(
+            artefact.unknown_scales(touches)
+        )
+
+
+@pytest.mark.parametrize("table", TABLES)
 def test_equations_leave_their_inputs_alone(table):
     artefact, centres, touches = made(table)
     state = artefact.start(centres, touches)
