@@ -4,6 +4,7 @@ All compute the same arm, of seven joints without any symmetry, and are compared
 they are timed. Peers are given turns, alpha - alpha0; Traverse subtracts by itself.
 """
 
+import contextlib
 import sys
 from collections.abc import Iterator
 from functools import partial
@@ -21,10 +22,9 @@ from traverse.kinematics.model.derivatives import numpy_derivatives
 from traverse.kinematics.model.forward import numpy_centre, numpy_pose
 from traverse.kinematics.model.geometry import Geometry, unit_vectors
 
-try:
+# Not built, it is not there, and KERNELS has only NumPy then.
+with contextlib.suppress(ImportError):
     from traverse.kinematics.kernel.compiled import Chain
-except ImportError:  # not built, and KERNELS has only NumPy then
-    Chain = None
 
 N_SAMPLES = 100_000
 # So many that their derivatives stay in the cache.

@@ -94,13 +94,14 @@ class Mosquitto:
 
     def stop(self) -> None:
         """End it in order; may be called again."""
-        if self._process is None:
+        process = self._process
+        if process is None:
             return
         # One that listens and is not yet in its loop forgets the signal (2.0.21).
         for _ in range(STOP_TRIES):
-            self._process.terminate()
+            process.terminate()
             with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(1.0)
+                process.wait(1.0)
                 self._process = None
                 return
         self.kill()

@@ -89,7 +89,7 @@ def tested_arm(seed: int) -> Tested:
     found = verified(measured, STANDARD, limits_of("1.65"))
     true_mm, standard_mm = (
         _values(true.figures),
-        {figure.key: figure.budget.standard_mm for figure in found.figures},
+        {figure.key: _stated(figure.budget.standard_mm) for figure in found.figures},
     )
     limit_mm = {
         key: true_mm[key] + standard_mm[key] * float(rng.uniform(-NEAR_U, NEAR_U))
@@ -211,6 +211,12 @@ def _measured(
     return Measurement(tables, touched, arm.name, shoulder_mm, reach_mm)  # type: ignore[arg-type] # made from tables
 
 
+def _stated(standard_mm: float | None) -> float:
+    if standard_mm is None:
+        raise ValueError("the drawn standards state theirs")
+    return standard_mm
+
+
 def _values(figures: Sequence[Figure]) -> dict[str, float]:
     return {figure.key: abs(figure.value_mm) for figure in figures}
 
@@ -219,7 +225,7 @@ def _paired(
     true: Sequence[LengthError], found: Sequence[LengthError]
 ) -> Iterator[tuple[float, float, float]]:
     for one, other in zip(true, found, strict=True):
-        yield one.error_mm, other.error_mm, other.standard_mm
+        yield one.error_mm, other.error_mm, _stated(other.standard_mm)
 
 
 def again(seed: int) -> dict[str, Any]:

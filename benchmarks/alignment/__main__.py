@@ -108,8 +108,8 @@ def order(found: Sequence[Outcome]) -> dict[str, float]:
 
 def rank_correlation(x: Floats, y: Floats) -> float:
     """Compute Spearman's coefficient of values without ties."""
-    ranks = [np.argsort(np.argsort(part)) for part in (x, y)]
-    return float(np.corrcoef(*ranks)[0, 1])
+    of_x, of_y = (np.argsort(np.argsort(part)) for part in (x, y))
+    return float(np.corrcoef(of_x, of_y)[0, 1])
 
 
 def _print(report: dict[str, Any]) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from scipy.stats import (  # type: ignore[import-untyped] # scipy ships no types
+from scipy.stats import (
     chi2,
     f,
 )

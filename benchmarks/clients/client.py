@@ -93,7 +93,7 @@ async def _subscribed(
         async for message in client.messages:
             if not taken:
                 begun_s = time.process_time()
-            use(bytes(message.payload))  # type: ignore[arg-type]  # bytes as it comes
+            use(bytes(message.payload))
             taken += 1
             if taken == n:
                 break

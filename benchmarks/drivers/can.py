@@ -12,7 +12,9 @@ import sys
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, Literal
 
 import can
 import canopen
@@ -51,7 +53,8 @@ class CheapNodes(FakeNodes):
 
     def put(self, frames: list[tuple[int, bytes]]) -> None:
         """Give frames to everybody else on the bus."""
-        others = [queue for queue in channels[CHANNEL] if queue is not self._bus.queue]
+        own = getattr(self._bus, "queue", None)  # of python-can's virtual bus
+        others = [queue for queue in channels[CHANNEL] if queue is not own]
         for can_id, data in frames:
             message = can.Message(time.time(), can_id, False)
             message.data, message.dlc = bytearray(data), len(data)
@@ -113,10 +116,10 @@ class LibraryReader:
             pdo.subscribe()
         self.network.connect()
 
-    def taker(self, number: int):  # noqa: ANN201 - a callback of the library's shape
+    def taker(self, number: int) -> Callable[[Any], None]:
         """A callback that keeps the position of a node."""
 
-        def take(pdo: canopen.pdo.base.PdoMap) -> None:
+        def take(pdo: Any) -> None:  # noqa: ANN401 - the library's map of a PDO
             self.latest[number] = pdo[0].raw
             self.n_frames += 1
 
@@ -134,7 +137,7 @@ def thread_named(part: str) -> threading.Thread:
     return next(t for t in threading.enumerate() if part in t.name)
 
 
-async def measure(seconds: float, sync: str) -> list[str]:
+async def measure(seconds: float, sync: Literal["host", "external"]) -> list[str]:
     """Run, and say what came of it."""
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     driver = CanOpenDriver(
@@ -143,7 +146,8 @@ async def measure(seconds: float, sync: str) -> list[str]:
         delivery_queue,
     )
     taken: list[object] = []
-    with CheapNodes(CHANNEL, NODES) as nodes, driver:
+    nodes = CheapNodes(CHANNEL, NODES)
+    with nodes, driver:
         nodes.answers_sync = sync == "host"
         while not any(isinstance(d, DeviceUp) for d in taken):
             taken += await delivery_queue.take()

@@ -76,7 +76,7 @@ def errors(arm: Moving, deliveries: list[Delivery], first_ns: int) -> Errors:
 
     def judge(name: str, samples: CountSamples) -> PoseBlock:
         poses = ways[name].poses(samples)
-        at_s = (samples.sample_time_ns - first_ns) * 1e-9
+        at_s = np.float64(1e-9) * (samples.sample_time_ns - first_ns)
         true_mm, _ = arm.course.probe(at_s)
         doubtful = (samples.status & (STATUS_MISSING | STATUS_LATE)) != 0
         settled = (at_s > SETTLED_S) & ~doubtful.any(axis=1)
@@ -96,14 +96,14 @@ def errors(arm: Moving, deliveries: list[Delivery], first_ns: int) -> Errors:
                 for made in assembly.resampled(delivery.received_ns):
                     poses = judge("interpolated", made.samples)
                     skew.flag_block(arm.model, poses, made.error_bounds_counts)
-                    at_s = (made.samples.sample_time_ns - first_ns) * 1e-9
-                    readings_rad = arm.course.readings_rad(at_s)
+                    made_s = np.float64(1e-9) * (made.samples.sample_time_ns - first_ns)
+                    readings_rad = arm.course.readings_rad(made_s)
                     noise = np.random.default_rng(0)
                     counts = arm.mounting.encoders.counts(readings_rad, noise)
-                    counts = counts.astype(np.uint32)
-                    judge(
-                        "latched", replace(made.samples, counts=counts, fractions=None)
+                    latched = replace(
+                        made.samples, counts=counts.astype(np.uint32), fractions=None
                     )
+                    judge("latched", latched)
     all_mm = {name: np.concatenate(off_mm[name]) for name in WAYS}
     return Errors(
         rate_hz,

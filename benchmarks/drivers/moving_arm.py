@@ -9,6 +9,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -137,7 +138,7 @@ def read_virtually(
     cable = Cable(now)
     with lines_through([cable]):
         now.devices.append(SimulatedAmt21Line(arm.table, arm.mounting))
-    straight = Straight(now.over)
+    straight: Any = Straight(now.over)
     driver = Amt21Driver(
         "base",
         Amt21Options(port="line", addresses=ADDRESSES),
@@ -162,7 +163,7 @@ def read_really(arm: Moving, case: Case, seconds: float) -> tuple[list[Delivery]
     )
     life.start()
     over = threading.Event()
-    straight = Straight(over)
+    straight: Any = Straight(over)
     port = str(arm.mounting.folder / "line")
     driver = Amt21Driver("base", Amt21Options(port=port, addresses=ADDRESSES), straight)
     driver.request_stream(case.rate_hz)

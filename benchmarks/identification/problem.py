@@ -6,7 +6,7 @@ Postures repeat with other noise, which costs the adjustment what new ones would
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import (  # type: ignore[import-untyped] # scipy ships no types
+from scipy.optimize import (
     least_squares,
 )
 

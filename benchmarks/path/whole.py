@@ -6,6 +6,7 @@ from functools import partial
 
 from benchmarks.path.line import TICKS, cut
 from benchmarks.tools.rounds import Task
+from traverse.arrays import Floats
 from traverse.daemon.clock import HostClock
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.pipeline import Pipeline
@@ -158,7 +159,7 @@ def _each(call: Callable[..., object], items: Sequence[object]) -> None:
         call(item)
 
 
-def _corrected(model: ArmModel, angles_rad: object) -> object:
+def _corrected(model: ArmModel, angles_rad: Floats) -> object:
     block = Block(angles_rad=angles_rad)
     return corrected_pose(model.geometry, model.effects, block)
 
@@ -170,7 +171,8 @@ def _payload(scan: Scan) -> bytes:
 def _scanned(
     model: ArmModel, rate_hz: float, poses: Sequence[PoseBlock], scans: list[Scan]
 ) -> None:
-    def take(scan: Scan) -> bool:
+    def take(scan: Scan, dropped: Callable[[], object]) -> bool:
+        del dropped  # never called: everything is taken
         scans.append(scan)
         return True
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import (  # type: ignore[import-untyped] # scipy ships no types
+from scipy.stats import (
     beta,
     chi2,
 )

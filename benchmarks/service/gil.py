@@ -34,6 +34,7 @@ from traverse.kinematics.model.forward import numpy_pose, probe_pose
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.protocol.encoding import encode
 from traverse.protocol.latch_board import Decoder, SampleBlock
+from traverse.protocol.messages import Scan
 
 N_POSES = 100_000
 N_PLAIN = 200
@@ -139,10 +140,15 @@ def follow(model: ArmModel) -> Callable[[], object]:
     return partial(next, _turns(model, [timed[at : at + k] for at in range(0, n, k)]))
 
 
+def _encoded(scan: Scan, dropped: Callable[[], object]) -> bool:
+    del dropped  # never called: everything is taken
+    return bool(encode(scan, "msgpack"))
+
+
 def _turns(model: ArmModel, blocks: list[list[CountSamples]]) -> Iterator[None]:
     while True:  # scan after scan of the same samples
         pipeline = Pipeline(model, HostClock())
-        scanning = scanner(model, RATE_HZ, lambda scan: bool(encode(scan, "msgpack")))
+        scanning = scanner(model, RATE_HZ, _encoded)
         for block in blocks:
             samples = CountSamples.joined(block)
             scanning.take(model, pipeline.poses(samples))

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares  # type: ignore[import-untyped] # has no types
-from scipy.spatial.transform import Rotation  # type: ignore[import-untyped] # likewise
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from benchmarks.strangers.sets import GAUGE_MM, Measured
 from traverse.arrays import Booleans, Floats
@@ -116,7 +116,10 @@ def _numbers(measured: Measured, rows: Booleans) -> np.ndarray:
 
 def _means(at: Floats, numbers: np.ndarray) -> Floats:
     count = np.bincount(numbers)
-    return np.stack([np.bincount(numbers, at[:, k]) / count for k in range(3)], axis=1)
+    means: Floats = np.stack(
+        [np.bincount(numbers, at[:, k]) / count for k in range(3)], axis=1
+    )
+    return means
 
 
 def _from_sockets(at: Floats, numbers: np.ndarray) -> Floats:

@@ -61,7 +61,7 @@ class Measured:
         lines.append('time = "order"')
         taken = np.flatnonzero(rows)
         if self.places_mm is None:
-            for place in dict.fromkeys(self.sockets[at][0] for at in taken):
+            for place in dict.fromkeys(self.sockets[int(at)][0] for at in taken):
                 lines += ["[[artefacts]]", f'id = "{place}"', 'kind = "seats"']
                 lines += [f"distance_mm = {GAUGE_MM}"]
         else:

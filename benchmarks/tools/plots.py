@@ -6,6 +6,7 @@ FOLDER holds what the benchmarks wrote: kinematics.json, path.json, latency.json
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -76,7 +77,7 @@ def stages(found: Tables, path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def latency(found: dict[str, list[dict]], path: Path) -> None:
+def latency(found: dict[str, list[dict[str, Any]]], path: Path) -> None:
     """Bare sockets and points, median and 99th percentile."""
     rates = found["latency"]
     figure, places = plt.subplots(

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 from unittest.mock import patch
 
 from traverse.drivers.base.driver import Driver
@@ -66,7 +66,7 @@ class VirtualTime:
         self.go_on(seconds)
 
     def wait_for_any(
-        self, ports: "Sequence[HostEnd]", wake_fd: int, seconds: float
+        self, ports: Sequence[Any], wake_fd: int, seconds: float
     ) -> list[int]:
         """Let the time pass until a port has bytes; for drivers with several."""
         del wake_fd

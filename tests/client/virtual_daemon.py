@@ -52,7 +52,7 @@ class VirtualDaemon:
         resends: ranges that were asked for.
     """
 
-    def __init__(self, arm: str, host: str, port: int, **options: str) -> None:
+    def __init__(self, arm: str, host: str, port: int, **options: Any) -> None:
         self.arm = arm
         self._where = (host, port)
         self._options = options

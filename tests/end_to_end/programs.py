@@ -89,7 +89,7 @@ class Program(AbstractContextManager["Program"]):
         await until(
             lambda: self.process.poll() is not None, f"{self.name} ends", timeout_s
         )
-        return int(self.process.returncode)
+        return self.process.wait()
 
     async def stop(self, number: int = signal.SIGTERM) -> int:
         """Ask it to end; its exit status."""

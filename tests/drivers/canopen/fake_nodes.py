@@ -260,9 +260,9 @@ class FakeNodes:
             for node in self.nodes.values():
                 if data[1] in (0, node.number):
                     self._obey(node, data[0])
-        node = self.nodes.get(can_id - 0x600)
-        if node is not None and not node.mute and data[0] != 0x80:
-            self.say(node, 0x580 + node.number, node.answer(data))
+        asked = self.nodes.get(can_id - 0x600)
+        if asked is not None and not asked.mute and data[0] != 0x80:
+            self.say(asked, 0x580 + asked.number, asked.answer(data))
 
     def _obey(self, node: FakeNode, command: int) -> None:
         states = {1: OPERATIONAL, 2: STOPPED, 0x80: PRE_OPERATIONAL}
