@@ -24,6 +24,7 @@ from traverse.cli.daily_check.command import daily_check
 from traverse.cli.demo import demo
 from traverse.cli.diagnose import diagnose
 from traverse.cli.export.command import export
+from traverse.cli.gateway.command import gateway
 from traverse.cli.identify.command import identify
 from traverse.cli.microscribe.command import microscribe
 from traverse.cli.page import page
@@ -88,6 +89,7 @@ app.command("interim", hidden=True)(daily_check)
 app.add_typer(arm, name="arm")
 app.add_typer(amt21, name="amt21")
 app.add_typer(can, name="can")
+app.add_typer(gateway, name="gateway")
 app.add_typer(microscribe, name="microscribe")
 app.add_typer(points, name="points")
 app.add_typer(probe, name="probe")

@@ -58,7 +58,7 @@ def table_of(points: Sequence[Point], coordinates: Coordinates) -> PointTable:
     Raises:
         ValueError: a point has no such coordinates.
     """
-    places = [_place(point, coordinates) for point in points]
+    places = [place_of(point, coordinates) for point in points]
     n = len(points)
     std_mm = np.full((n, 3), np.nan)
     for row, point in enumerate(points):
@@ -76,7 +76,12 @@ def table_of(points: Sequence[Point], coordinates: Coordinates) -> PointTable:
     )
 
 
-def _place(point: Point, coordinates: Coordinates) -> tuple[float, float, float]:
+def place_of(point: Point, coordinates: Coordinates) -> tuple[float, float, float]:
+    """The chosen coordinates of a point [mm].
+
+    Raises:
+        ValueError: it has none of these.
+    """
     if coordinates == "centre":
         return point.xyz_mm
     place = point.surface_mm if coordinates == "surface" else point.part_xyz_mm

@@ -5,13 +5,13 @@ import io
 import json
 import math
 from collections.abc import Iterable, Sequence
-from string import Formatter
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from traverse.client.exports.point_table import Coordinates, PointTable
+from traverse.client.exports.line_template import LineTemplate
+from traverse.client.exports.point_table import Coordinates, PointTable, place_of
 from traverse.client.exports.sink import Sink
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Point, Quality
@@ -35,7 +35,16 @@ SCAN_COLUMNS = (
     *("std_x_mm", "std_y_mm", "std_z_mm", "ok", "flags"),
 )
 """Of a point of a scan."""
-MAX_TEMPLATE = 1000
+WORDS = {
+    *("session", "id", "retracts", "time_utc", "trigger", "compensation"),
+    *("artefact", "feature", "flags", "model", "angles_rad", "counts"),
+}
+NUMBERS = {"seq", "time_ns", "samples", "ok"}
+SPECIMEN: dict[str, Any] = {
+    name: "a" if name in WORDS else 1 if name in NUMBERS else 1.0
+    for name in (*"xyz", *COLUMNS)
+}
+"""A value of each name of a template: x, y, z are the chosen coordinates."""
 LABEL = slice(COLUMNS.index("artefact"), COLUMNS.index("feature") + 1)
 FORMULA = tuple("=+-@")
 
@@ -57,6 +66,30 @@ def row_of(point: Point) -> list[Any]:
         " ".join(map(repr, point.angles_rad)),
         " ".join(map(str, point.counts)),
     ]
+
+
+def values_of(
+    point: Point, coordinates: Coordinates, unit_mm: float = 1.0
+) -> dict[str, Any]:
+    """The values of a template's names.
+
+    Raises:
+        ValueError: the point has no such coordinates.
+    """
+    values = dict(zip(COLUMNS, row_of(point), strict=True))
+    place_mm = place_of(point, coordinates)
+    return values | _in_unit(place_mm, unit_mm)
+
+
+def scan_values(table: PointTable, unit_mm: float = 1.0) -> Iterable[dict[str, Any]]:
+    """The same of each point of a scan, as far as it has them."""
+    for row in scan_rows(table):
+        values = dict(zip(SCAN_COLUMNS, row, strict=True))
+        yield values | _in_unit([values[f"{axis}_mm"] for axis in "xyz"], unit_mm)
+
+
+def _in_unit(place_mm: Iterable[float], unit_mm: float) -> dict[str, float]:
+    return dict(zip("xyz", (mm / unit_mm for mm in place_mm), strict=True))
 
 
 def scan_rows(table: PointTable) -> Iterable[list[Any]]:
@@ -148,62 +181,33 @@ class Xyz(Sink):
 
 
 class Template(Sink):
-    r"""Lines of one's own form, as a keyboard wedge would type them.
+    """Lines of one's own form, as a keyboard wedge would type them.
 
     Args:
         file: open for writing.
-        coordinates: only the centre's have names here; others have their own.
-        template: text with `{name}` or `{name:.3f}`; `\n` and `\t` are understood.
+        coordinates: those of `{x}`, `{y}` and `{z}`.
+        template: see `LineTemplate`.
 
     Raises:
-        ValueError: it names what a point does not have, or contains more than names.
+        ValueError: the template is refused.
     """
 
     def __init__(
         self, file: IO[bytes], coordinates: Coordinates = "centre", template: str = ""
     ) -> None:
         super().__init__(file, coordinates)
-        if not template or len(template) > MAX_TEMPLATE:
-            raise ValueError(
-                f"a template of {len(template)} characters; expected 1 to "
-                f"{MAX_TEMPLATE}, such as '{{seq}};{{x_mm:.3f}}\\n'"
-            )
-        text = template.replace("\\n", "\n").replace("\\t", "\t")
-        # Parsed by hand: str.format would give a template access to our objects.
-        self._parts = list(Formatter().parse(text))
-        for _, name, spec, conversion in self._parts:
-            if name is None:
-                continue
-            if name not in COLUMNS or conversion or "{" in (spec or ""):
-                raise ValueError(
-                    f"template: {{{name}}} is no value of a point; there are: "
-                    + ", ".join(COLUMNS)
-                )
+        self._template = LineTemplate(template, SPECIMEN)
 
     def points(self, points: Sequence[Point]) -> None:
         """Write points by the template."""
         for point in points:
-            values = dict(zip(COLUMNS, row_of(point), strict=True))
-            self._file.write(self._filled(values).encode())
-        self.n += len(points)
+            self._write(values_of(point, self._coordinates))
 
     def table(self, table: PointTable) -> None:
         """Write rows of a scan by the template."""
-        for row in scan_rows(table):
-            values = dict(zip(SCAN_COLUMNS, row, strict=True))
-            self._file.write(self._filled(values).encode())
-        self.n += len(table)
+        for values in scan_values(table):
+            self._write(values)
 
-    def _filled(self, values: dict[str, Any]) -> str:
-        parts = []
-        for text, name, spec, _ in self._parts:
-            parts.append(text)
-            if name is not None:
-                value = values.get(name)
-                try:
-                    parts.append("" if value is None else format(value, spec or ""))
-                except ValueError as error:
-                    raise ValueError(
-                        f"template: {{{name}:{spec}}}: {error}; the value is {value!r}"
-                    ) from error
-        return "".join(parts)
+    def _write(self, values: dict[str, Any]) -> None:
+        self._file.write(self._template.filled(values).encode())
+        self.n += 1

@@ -148,9 +148,8 @@ def test_a_template_cannot_reach_beyond_a_points_values(template: str) -> None:
 
 
 def test_a_form_that_does_not_fit_its_value_is_told() -> None:
-    sink = Template(io.BytesIO(), template="{session:d}")
     with pytest.raises(ValueError, match=r"\{session:d\}.*value is"):
-        sink.points(POINTS)
+        Template(io.BytesIO(), template="{session:d}")
 
 
 def test_what_was_taken_back_is_left_out() -> None:

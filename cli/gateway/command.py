@@ -1,0 +1,175 @@
+"""`traverse gateway`: points for programs that do not speak MQTT."""
+
+import asyncio
+import contextlib
+import os
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.refusals import client_errors, refuse, system_refusal
+from traverse.plurals import counted
+from traverse.protocol.printable import printable
+
+if TYPE_CHECKING:
+    from traverse.client.arm import Arm
+    from traverse.client.gateways.lines import LineCounts, LineGateway
+    from traverse.client.gateways.outlets import Outlet
+
+COMMAND = "gateway lines"
+
+gateway = typer.Typer(
+    help="Points for programs that do not speak MQTT.", no_args_is_help=True
+)
+Kind = Literal["points", "scans"]
+
+
+@gateway.callback()
+def _group() -> None:
+    """Points for programs that do not speak MQTT."""
+
+
+@gateway.command("lines")
+@with_broker
+def lines(
+    *,
+    arm: Annotated[str, typer.Option(help="Name of the arm.")],
+    broker: BrokerOptions,
+    tcp: Annotated[
+        str | None,
+        typer.Option(help="Serve who connects: PORT on this machine, or HOST:PORT."),
+    ] = None,
+    udp: Annotated[
+        str | None, typer.Option(help="A datagram a line to HOST:PORT.")
+    ] = None,
+    serial: Annotated[
+        str | None, typer.Option(help="Write to this serial port.")
+    ] = None,
+    baud: Annotated[int, typer.Option(min=50, help="Of the serial port [baud].")] = (
+        9600
+    ),
+    file: Annotated[Path | None, typer.Option(help="Append to this file.")] = None,
+    template: Annotated[
+        str,
+        typer.Option(help="pcdmis, linuxcnc, spreadsheet, or a text with {names}."),
+    ] = "pcdmis",
+    undo: Annotated[
+        str | None, typer.Option(help="Line for a point that was taken back.")
+    ] = None,
+    kind: Annotated[Kind, typer.Option(help="What is sent.")] = "points",
+    coordinates: Annotated[
+        Literal["centre", "surface", "part"], typer.Option(help="Of x, y and z.")
+    ] = "centre",
+    unit: Annotated[Literal["mm", "inch"], typer.Option(help="Of x, y and z.")] = "mm",
+    decimal: Annotated[Literal[".", ","], typer.Option(help="Decimal sign.")] = ".",
+    send_doubtful: Annotated[
+        bool,
+        typer.Option(
+            "--send-doubtful",
+            help="Send points in doubt even where their line does not say so.",
+        ),
+    ] = False,
+    since: Annotated[
+        Literal["now", "session", "beginning"],
+        typer.Option(help="Where points begin without a cursor."),
+    ] = "now",
+    cursor_file: Annotated[
+        Path | None,
+        typer.Option(help="File that keeps the place over restarts."),
+    ] = None,
+) -> None:
+    """Send points as lines of text: over TCP or UDP, to a serial port or into a file.
+
+    While nothing takes lines, points wait at the arm. What is not sent, and why, is
+    reported on standard error. Ends on Ctrl-C or SIGTERM with a line of sums. Exit
+    status 2: an option was refused; 3: the broker could not be reached.
+    """
+    from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.client.gateways.lines import LineForm, LineGateway  # noqa: PLC0415
+
+    try:
+        form = LineForm.of(
+            template,
+            undo,
+            coordinates,
+            unit,
+            decimal,
+            sends_doubtful=send_doubtful,
+        )
+        if kind == "scans" and coordinates == "surface":
+            raise ValueError("--kind scans has no --coordinates surface")
+        outlet = _outlet(tcp, udp, serial, baud, file)
+    except ValueError as error:
+        refuse(COMMAND, str(error))
+    address = broker.address(COMMAND)
+    with client_errors(COMMAND):
+        try:
+            there = Arm(arm, address, since=since, cursor_file=cursor_file)
+            asyncio.run(_serve(there, kind, LineGateway(form, outlet, _report)))
+        except OSError as error:
+            if error.filename is not None:
+                refuse(COMMAND, system_refusal(error))
+            why = os.strerror(error.errno or 0)
+            refuse(COMMAND, f"{outlet.name}: {why}; name another port")
+
+
+def _outlet(
+    tcp: str | None, udp: str | None, serial: str | None, baud: int, file: Path | None
+) -> "Outlet":
+    """The one that is named; raises ValueError."""
+    from traverse.client.gateways.outlets import (  # noqa: PLC0415 - quick help
+        FileOutlet,
+        SerialOutlet,
+        UdpOutlet,
+    )
+    from traverse.client.gateways.tcp_outlet import TcpOutlet  # noqa: PLC0415
+
+    if sum(one is not None for one in (tcp, udp, serial, file)) != 1:
+        raise ValueError("give one of --tcp, --udp, --serial and --file")
+    if tcp is not None:
+        return TcpOutlet(*_host_port(tcp, "--tcp", "127.0.0.1"), _report)
+    if udp is not None:
+        return UdpOutlet(*_host_port(udp, "--udp", None), _report)
+    if serial is not None:
+        return SerialOutlet(serial, baud, _report)
+    path = file or Path()
+    if path.is_dir() or not path.parent.is_dir():
+        raise ValueError(f"--file {path}: name a file in a folder that is there")
+    return FileOutlet(path, _report)
+
+
+def _host_port(text: str, option: str, host: str | None) -> tuple[str, int]:
+    before, _, port = text.rpartition(":")
+    host = before.strip("[]") or host
+    if host is None or not port.isascii() or not port.isdigit() or int(port) > 65535:
+        raise ValueError(f"{option} {text}: expected HOST:PORT, with a port to 65535")
+    return host, int(port)
+
+
+async def _serve(arm: "Arm", kind: Kind, sender: "LineGateway") -> None:
+    outlet = sender.outlet
+    # What is being sent when this ends is not done: it is sent by the next one.
+    with contextlib.suppress(asyncio.CancelledError):
+        async with outlet, arm:
+            _report(f"{kind} of {arm.name} to {outlet.name}: {outlet.promise}")
+            work = sender.send_scans if kind == "scans" else sender.send_points
+            sending = asyncio.create_task(work(arm))
+            for number in (signal.SIGINT, signal.SIGTERM):
+                asyncio.get_running_loop().add_signal_handler(number, sending.cancel)
+            await sending
+    _report(_sums(sender.counts))
+
+
+def _sums(counts: "LineCounts") -> str:
+    return (
+        f"{counted(counts.sent, 'line')} sent, "
+        f"{counted(counts.held_back, 'point')} held back, "
+        f"{counts.undone} taken back after they were sent, {counts.lost} lost"
+    )
+
+
+def _report(text: str) -> None:
+    typer.echo(printable(text), err=True)

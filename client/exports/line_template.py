@@ -1,0 +1,74 @@
+"""Lines of one's own form: a text with the values of a point in braces."""
+
+from collections.abc import Mapping
+from string import Formatter
+from typing import Any
+
+from traverse.protocol.printable import printable
+
+MAX_TEMPLATE = 1000
+
+
+class LineTemplate:
+    r"""Text with `{name}` or `{name:.3f}`; `\r`, `\n` and `\t` are understood.
+
+    Args:
+        template: the text.
+        specimen: a value of each name that there is.
+        decimal: the sign between whole and fraction of a number.
+
+    Attributes:
+        names: of the values that the text contains.
+
+    Raises:
+        ValueError: it names what a point does not have, contains more than names, has
+            a format that does not fit a value, or the decimal sign between values.
+    """
+
+    def __init__(
+        self, template: str, specimen: Mapping[str, Any], decimal: str = "."
+    ) -> None:
+        if not template or len(template) > MAX_TEMPLATE:
+            raise ValueError(
+                f"a template of {len(template)} characters; expected 1 to "
+                f"{MAX_TEMPLATE}, such as '{{seq}};{{x_mm:.3f}}\\n'"
+            )
+        for typed, meant in (("\\r", "\r"), ("\\n", "\n"), ("\\t", "\t")):
+            template = template.replace(typed, meant)
+        # Parsed by hand: str.format would give a template access to our objects.
+        self._parts = list(Formatter().parse(template))
+        self._decimal = decimal
+        for text, name, spec, conversion in self._parts:
+            if decimal != "." and decimal in text:
+                raise ValueError(
+                    f"template: {decimal!r} is the decimal sign and stands between "
+                    "values, too; separate them by another sign, ';' say"
+                )
+            if name is not None and (
+                name not in specimen or conversion or "{" in (spec or "")
+            ):
+                raise ValueError(
+                    f"template: {{{name}}} is no value of a point; there are: "
+                    + ", ".join(specimen)
+                )
+        self.names = {name for _, name, _, _ in self._parts if name is not None}
+        self.filled(specimen)
+
+    def filled(self, values: Mapping[str, Any]) -> str:
+        """The text with these values; what is not known is empty."""
+        parts = []
+        for text, name, spec, _ in self._parts:
+            parts.append(text)
+            if name is None or (value := values.get(name)) is None:
+                continue
+            if isinstance(value, str):
+                value = printable(value)
+            try:
+                written = format(value, spec or "")
+            except ValueError as error:
+                raise ValueError(
+                    f"template: {{{name}:{spec}}}: {error}; the value is {value!r}"
+                ) from error
+            is_number = isinstance(value, float)
+            parts.append(written.replace(".", self._decimal) if is_number else written)
+        return "".join(parts)

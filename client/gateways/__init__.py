@@ -1,0 +1,1 @@
+"""Points for programs that do not speak MQTT."""

@@ -1,0 +1,189 @@
+"""Points and scans as lines of text, for programs that take text."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from traverse.client.arm import Arm
+from traverse.client.exports.line_template import LineTemplate
+from traverse.client.exports.point_table import Coordinates, PointTable
+from traverse.client.exports.text import SPECIMEN, scan_values, values_of
+from traverse.client.gateways.outlets import Outlet, Report
+from traverse.client.points.session_order import Lost
+from traverse.plurals import counted
+from traverse.protocol.messages import Point, Scan
+
+TEMPLATES = {
+    "pcdmis": r"{x:.4f},{y:.4f},{z:.4f}\r\n",
+    "linuxcnc": r"{x:.6f} {y:.6f} {z:.6f} 0 0 0 0 0 0\n",
+    "spreadsheet": r"{seq}\t{x:.4f}\t{y:.4f}\t{z:.4f}\t{artefact}\t{flags}\r\n",
+}
+"""PC-DMIS: a line of a machine of type "Generic CMM"; LinuxCNC: a line of a probe log,
+X Y Z A B C U V W; a spreadsheet: columns with tabs, the flags of doubt last."""
+MAX_IDS = 10_000  # a point that was taken back is looked for among the latest
+UNITS_MM = {"mm": 1.0, "inch": 25.4}
+
+
+@dataclass(frozen=True, slots=True)
+class LineForm:
+    """How a point becomes a line.
+
+    Attributes:
+        template: of a point's line.
+        undo: of the line for a point that was taken back; None: there is none.
+        coordinates: those of x, y and z.
+        unit_mm: their unit.
+        sends_doubtful: a point whose accuracy is in doubt is sent, even where its line
+            does not say so.
+    """
+
+    template: LineTemplate
+    undo: LineTemplate | None = None
+    coordinates: Coordinates = "centre"
+    unit_mm: float = 1.0
+    sends_doubtful: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        template: str,
+        undo: str | None,
+        coordinates: Coordinates,
+        unit: str,
+        decimal: str,
+        *,
+        sends_doubtful: bool,
+    ) -> "LineForm":
+        """Make it of the texts that people type.
+
+        Raises:
+            ValueError: a template is refused.
+        """
+        return cls(
+            LineTemplate(TEMPLATES.get(template, template), SPECIMEN, decimal),
+            None if undo is None else LineTemplate(undo, SPECIMEN, decimal),
+            coordinates,
+            UNITS_MM[unit],
+            sends_doubtful,
+        )
+
+    @property
+    def passes_doubtful(self) -> bool:
+        """Whether a line may be of a point whose accuracy is in doubt."""
+        return self.sends_doubtful or bool({"ok", "flags"} & self.template.names)
+
+
+@dataclass(slots=True)
+class LineCounts:
+    """What became of points."""
+
+    sent: int = 0
+    held_back: int = 0
+    undone: int = 0
+    lost: int = 0
+
+
+class LineGateway:
+    """Send an arm's points, or its scans, to one outlet.
+
+    Args:
+        form: of the lines.
+        outlet: takes them; open while this sends.
+        report: called with what happens, for people.
+
+    Attributes:
+        counts: what became of points so far.
+    """
+
+    def __init__(self, form: LineForm, outlet: Outlet, report: Report) -> None:
+        self._form = form
+        self.outlet = outlet
+        self._report = report
+        self._sent_ids: dict[str, None] = {}  # the newest last
+        self.counts = LineCounts()
+
+    async def send_points(self, arm: Arm) -> None:
+        """Send points until the arm's client is closed.
+
+        The next point is requested when the last one is sent: `Arm` keeps the place.
+        """
+        async for item in arm.points_and_losses():
+            if isinstance(item, Lost):
+                last = "?" if item.to_seq is None else item.to_seq
+                self.counts.lost += (item.to_seq or item.from_seq) - item.from_seq + 1
+                self._report(
+                    f"points {item.from_seq} to {last} are lost: {item.reason}"
+                )
+            elif (line := self._line(item)) is not None:
+                await self.outlet.send(line.encode())
+                self._note_sent(item)
+
+    async def send_scans(self, arm: Arm) -> None:
+        """Send the points of all scans from now on, as far as they are received."""
+        scan, next_seq = "", 0
+        async for block in await arm.scans():
+            n_lost = block.seq - next_seq if block.scan == scan else 0
+            scan, next_seq = block.scan, block.seq + len(block.dtime_ns)
+            if n_lost > 0:
+                self.counts.lost += n_lost
+                self._report(f"scan {scan}: {counted(n_lost, 'point')} lost")
+            if lines := self._scan_lines(block):
+                await self.outlet.send("".join(lines).encode())
+                self.counts.sent += len(lines)
+
+    def _line(self, point: Point) -> str | None:
+        """The line of a point; None where none is sent, which is reported."""
+        form, template = self._form, self._form.template
+        if point.retracts is not None:
+            if point.retracts not in self._sent_ids:
+                self._report(f"{point.retracts} was taken back; it was not sent by now")
+                return None
+            if form.undo is None:
+                self.counts.undone += 1
+                self._report(f"{point.retracts} was taken back after it was sent")
+                return None
+            template = form.undo
+        elif not (point.quality.ok or form.passes_doubtful):
+            doubt = ", ".join(point.quality.flags)
+            self._held_back(1, f"point {point.seq} is in doubt ({doubt})")
+            return None
+        try:
+            return template.filled(values_of(point, form.coordinates, form.unit_mm))
+        except ValueError as error:  # it has no such coordinates
+            self._held_back(1, str(error))
+            return None
+
+    def _note_sent(self, point: Point) -> None:
+        self.counts.sent += 1
+        self._sent_ids[point.id] = None
+        if point.retracts is not None:
+            self.counts.undone += 1
+        if len(self._sent_ids) > MAX_IDS:
+            del self._sent_ids[next(iter(self._sent_ids))]
+
+    def _scan_lines(self, block: Scan) -> list[str]:
+        form, n = self._form, len(block.dtime_ns)
+        xyz_mm = block.part_xyz_mm if form.coordinates == "part" else block.xyz_mm
+        if xyz_mm is None:
+            self._held_back(n, f"scan {block.scan} was made without an alignment")
+            return []
+        table = PointTable(
+            np.arange(block.seq, block.seq + n),
+            block.time_ns + block.dtime_ns,
+            xyz_mm,
+            block.ijk,
+            np.full((n, 3), np.nan),
+            block.quality,
+        )
+        rows = [
+            values
+            for values in scan_values(table, form.unit_mm)
+            if values["ok"] or form.passes_doubtful
+        ]
+        if len(rows) < n:
+            self._held_back(n - len(rows), f"scan {block.scan} is in doubt there")
+        return [form.template.filled(values) for values in rows]
+
+    def _held_back(self, n: int, why: str) -> None:
+        self.counts.held_back += n
+        self._report(f"{counted(n, 'point')} not sent: {why}")

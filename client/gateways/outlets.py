@@ -1,0 +1,202 @@
+"""Where lines go: a growing file, a serial port, datagrams. See also `tcp_outlet`.
+
+Each waits until the other side has taken what is sent, as far as its protocol says so,
+and tries again for as long as it has to: what is not taken stays with the arm.
+"""
+
+import asyncio
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+if TYPE_CHECKING:
+    from serial import Serial
+
+RETRY_S = 1.0
+WRITE_S = 10.0  # a receiver that takes nothing for so long is reported
+REFUSAL_S = 0.005  # after which a computer without a listener has usually said so
+
+Report = Callable[[str], None]
+
+
+class Outlet(ABC):
+    """Sends lines; use with `async with`.
+
+    Args:
+        report: called with what happens, for people.
+
+    Attributes:
+        name: of the receiver, for people.
+        promise: what a sent line means here, for people.
+    """
+
+    name: str
+    promise: str
+
+    def __init__(self, report: Report) -> None:
+        self._report = report
+        self._has_failed = False
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(  # noqa: B027 - a file need not be closed
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close what is open."""
+
+    async def send(self, data: bytes) -> None:
+        """Send whole lines; returns when they are taken, however long that lasts."""
+        while True:
+            try:
+                await self._send(data)
+            except OSError as error:  # pyserial's errors are such, too
+                if not self._has_failed:
+                    self._has_failed = True
+                    self._report(
+                        f"{self.name}: {error.strerror or error}; tried again every "
+                        f"{RETRY_S:g} s, points wait at the arm"
+                    )
+                await asyncio.sleep(RETRY_S)
+            else:
+                if self._has_failed:
+                    self._has_failed = False
+                    self._report(f"{self.name}: takes lines again")
+                return
+
+    @abstractmethod
+    async def _send(self, data: bytes) -> None:
+        """Send once; raises OSError where that fails."""
+
+
+class FileOutlet(Outlet):
+    """Append to a file, which may be moved away at any time.
+
+    Args:
+        path: of the file.
+        report: called with what happens.
+    """
+
+    promise = "a line is on the disk before the next point is requested"
+
+    def __init__(self, path: Path, report: Report) -> None:
+        super().__init__(report)
+        self.name = str(path)
+        self._path = path
+
+    async def _send(self, data: bytes) -> None:
+        await asyncio.to_thread(self._append, data)
+
+    def _append(self, data: bytes) -> None:
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT
+        file = os.open(self._path, flags, 0o644)
+        try:
+            size = os.fstat(file).st_size
+            try:
+                if os.write(file, data) != len(data):
+                    raise OSError("the disk took a part of a line only")
+                os.fsync(file)
+            except OSError:
+                os.ftruncate(file, size)  # no line is there in part, or twice
+                raise
+        finally:
+            os.close(file)
+
+
+class SerialOutlet(Outlet):
+    """Write to a serial port; it is opened again when it was lost.
+
+    Args:
+        port: path or name of the port.
+        baud_rate: of the port.
+        report: called with what happens.
+    """
+
+    promise = "a line has left this computer; the cable confirms nothing"
+
+    def __init__(self, port: str, baud_rate: int, report: Report) -> None:
+        super().__init__(report)
+        self.name = port
+        self._baud_rate = baud_rate
+        self._serial: Serial | None = None
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the port."""
+        self._close()
+
+    async def _send(self, data: bytes) -> None:
+        try:
+            await asyncio.to_thread(self._write, data)
+        except OSError:
+            self._close()
+            raise
+
+    def _write(self, data: bytes) -> None:
+        from serial import Serial  # noqa: PLC0415 - of an extra
+
+        if self._serial is None:
+            self._serial = Serial(self.name, self._baud_rate, write_timeout=WRITE_S)
+        self._serial.write(data)
+        self._serial.flush()
+
+    def _close(self) -> None:
+        port, self._serial = self._serial, None
+        if port is not None:
+            port.close()
+
+
+class UdpOutlet(Outlet, asyncio.DatagramProtocol):
+    """Send a datagram a line.
+
+    Args:
+        host: of the receiver.
+        port: of the receiver.
+        report: called with what happens.
+    """
+
+    promise = "a line was sent; UDP confirms nothing, and may lose it"
+
+    def __init__(self, host: str, port: int, report: Report) -> None:
+        super().__init__(report)
+        self.name = f"udp {host}:{port}"
+        self._where = (host, port)
+        self._transport: asyncio.DatagramTransport | None = None
+        self._error: OSError | None = None
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the socket."""
+        if self._transport is not None:
+            self._transport.close()
+
+    def error_received(self, exc: Exception) -> None:
+        """The receiver's computer refused an earlier datagram."""
+        self._error = exc if isinstance(exc, OSError) else OSError(str(exc))
+
+    async def _send(self, data: bytes) -> None:
+        if self._transport is None:
+            loop = asyncio.get_running_loop()
+            self._transport, _ = await loop.create_datagram_endpoint(
+                lambda: self, remote_addr=self._where
+            )
+        self._error = None
+        for line in data.splitlines(keepends=True):
+            self._transport.sendto(line)
+        await asyncio.sleep(REFUSAL_S)
+        if self._error is not None:
+            raise self._error

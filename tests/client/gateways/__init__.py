@@ -1,0 +1,1 @@
+"""Tests: points for programs that do not speak MQTT."""
