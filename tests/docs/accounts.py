@@ -16,6 +16,7 @@ RUN: Final = {
     "docs/how-to/read-points-in-your-program.md": "tests/docs/test_bench_guides.py",
     "docs/how-to/record-and-replay.md": "tests/docs/test_bench_guides.py",
     "docs/how-to/export-points.md": "tests/docs/test_bench_guides.py",
+    "docs/how-to/points-as-lines.md": "tests/docs/test_bench_guides.py",
     "docs/how-to/measure-a-part.md": "tests/docs/test_operator_guides.py",
     "docs/how-to/change-a-probe.md": "tests/docs/test_operator_guides.py",
     "docs/how-to/arm-file-from-dh-or-urdf.md": "tests/docs/test_office_guides.py",

@@ -19,10 +19,15 @@ OTHERS = (
     READ,
     "docs/how-to/record-and-replay.md",
     "docs/how-to/export-points.md",
+    "docs/how-to/points-as-lines.md",
 )
 BY_HAND = "reply/#|by-hand-1"
 """What listens for a reply, and the command that is replied to: run together."""
-ENDLESS = {"traverse run": "arm bench-7", "traverse watch": '"arm":"bench-7"'}
+ENDLESS = {
+    "traverse run": "arm bench-7",
+    "traverse watch": '"arm":"bench-7"',
+    "traverse gateway": "points of bench-7 to",
+}
 """Commands that do not end, and what they say first."""
 SCAN = (
     "mosquitto_pub -q 1 -t traverse/bench-7/cmd/scan -m "
