@@ -19,7 +19,10 @@ def as_run(command: str, port: int) -> str:
     """A command of a page for this checkout, and for a broker on another port."""
     where = f"127.0.0.1:{port}"
     line = re.sub(r"\b(mosquitto_(?:sub|pub))\b", rf"\1 -p {port}", command)
-    if re.search("traverse (watch|points resend|gateway)", line) and "--broker" not in line:
+    if (
+        re.search("traverse (watch|points resend|gateway)", line)
+        and "--broker" not in line
+    ):
         line += f" --broker {where}"
     line = re.sub(r"--broker \S+$|--broker \S+(?= )", f"--broker {where}", line)
     return re.sub(
