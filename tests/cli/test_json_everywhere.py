@@ -33,6 +33,7 @@ WITHOUT = {
     "simulate": "hardware: it prints which ports are ready, for whoever waits for them",
     "demo": "shown to people; `traverse watch --json` beside it follows its arm",
     "page": "a server for browsers",
+    "gateway lines": "its lines have the form that is asked for",
 }
 ELSEWHERE = {
     "watch": "tests/end_to_end/cli/test_watch.py",
