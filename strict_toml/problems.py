@@ -93,6 +93,11 @@ class FileError(ValueError):
         head = f"{self.source}: {counted(count, 'problem')}"
         return "\n".join([head, *(f"  {problem}" for problem in self.problems)])
 
+    @property
+    def line(self) -> str:
+        """The same on one line, for messages and logs."""
+        return f"{self.source}: {'; '.join(map(str, self.problems))}"
+
 
 def key_path(location: Iterable[str | int]) -> str:
     """Write ('joints', 2, 'axis') as 'joints[2].axis'."""

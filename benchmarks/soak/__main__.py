@@ -17,7 +17,7 @@ import time
 from contextlib import AsyncExitStack, ExitStack
 from pathlib import Path
 
-from benchmarks.soak import disk
+from benchmarks.soak import disk, witness
 from benchmarks.soak.bench import Bench
 from benchmarks.soak.judge import Span, Verdict, judge, outbox_points, stored
 from benchmarks.soak.outages import Outages
@@ -48,6 +48,8 @@ async def crash(
             bench.operator.stop()
             await asyncio.sleep(2.0)  # so that the last edges are acknowledged
             bench.board.stop()
+            bench.is_quiet = True
+            bench.witness.kill(0.0)  # it begins anew, and commands no more
             await _drained(bench)
         finally:
             for task in keeping:
@@ -91,9 +93,10 @@ async def _drained(bench: Bench) -> None:
     until_s = time.monotonic() + DRAIN_S
     while time.monotonic() < until_s:
         now = _count(bench)
+        is_whole = witness.seen(bench.witness_store)[0] == now == _in_outbox(bench)
         if now != last:
             quiet_since_s, last = time.monotonic(), now
-        if time.monotonic() - quiet_since_s > 3.0 and now == _in_outbox(bench):
+        if time.monotonic() - quiet_since_s > 3.0 and is_whole:
             return
         await asyncio.sleep(0.5)
 
@@ -138,7 +141,12 @@ def main(options: argparse.Namespace) -> int:
         bench = Bench(folder, state, options.rate)
         outages = Outages(bench, options.seed)
         span, said = asyncio.run(crash(bench, outages, options.kills, has_disk))
-        verdict = judge(folder, state / "outbox.db", bench.lives, span)
+        outbox = state / "outbox.db"
+        _, n_commanded = witness.seen(bench.witness_store)
+        verdict = judge(folder, outbox, bench.lives, span, n_commanded)
+        figures, foreign = witness.faults(bench.witness_store, outbox)
+        verdict.figures.update(figures)
+        verdict.faults.extend(foreign)
         if has_disk and options.folder is not None:
             shutil.copytree(state, folder / "kept")  # the disk itself goes away
     faults = said + verdict.faults

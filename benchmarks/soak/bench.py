@@ -170,6 +170,8 @@ class Bench:
 
     Attributes:
         lives: names of the lives of the board so far.
+        witness_store: what the consumer of foreign make keeps.
+        is_quiet: it commands no points.
     """
 
     def __init__(self, folder: Path, state: Path, rate_hz: float) -> None:
@@ -179,6 +181,8 @@ class Bench:
         self.daemons_network = Network(self.port)
         self.consumers_network = Network(self.port)
         self.lives: list[str] = []
+        self.witness_store = folder / "witness.db"
+        self.is_quiet = False
         shutil.copy(rig.ARM, folder / "arm.toml")
         (folder / "mosquitto.conf").write_text(
             BROKER.format(port=self.port, folder=folder)
@@ -208,11 +212,12 @@ class Bench:
             ],
         )
         self.consumer = Kept("consumer", folder, self._consumer_command)
+        self.witness = Kept("witness", folder, self._witness_command)
 
     def programs(self) -> Iterator[Kept]:
         """All, in the order in which they are started."""
         yield from (self.broker, self.board, self.tap, self.daemon)
-        yield from (self.consumer, self.operator)
+        yield from (self.consumer, self.witness, self.operator)
 
     def note_disk(self, *, is_sound: bool) -> None:
         """Say among the acknowledgements whether points can be kept."""
@@ -244,3 +249,8 @@ class Bench:
         where = f"127.0.0.1:{self.consumers_network.port}"
         store = str(self.folder / "store.db")
         return [*self._run, "benchmarks.soak.consumer", ARM, where, store]
+
+    def _witness_command(self) -> list[str]:
+        where = ("127.0.0.1", str(self.consumers_network.port), str(self.witness_store))
+        quiet = ["quiet"] if self.is_quiet else []
+        return [*self._run, "benchmarks.soak.witness", ARM, *where, *quiet]

@@ -133,8 +133,18 @@ def stored(path: Path) -> list[tuple[str, str, int]]:
         return rows.fetchall()
 
 
-def judge(folder: Path, outbox: Path, lives: list[str], span: Span) -> Verdict:
-    """Compare what was told to the operator, what is on disk, and what was received."""
+def judge(
+    folder: Path, outbox: Path, lives: list[str], span: Span, others: int = 0
+) -> Verdict:
+    """Compare what was told to the operator, what is on disk, and what was received.
+
+    Args:
+        folder: of the crash test.
+        outbox: the daemon's database.
+        lives: of the board.
+        span: while programs were killed.
+        others: points that others than the operator commanded.
+    """
     points = outbox_points(outbox)
     received = stored(folder / "store.db")
     told = list(lines(folder / "operator.jsonl"))
@@ -161,8 +171,8 @@ def judge(folder: Path, outbox: Path, lives: list[str], span: Span) -> Verdict:
         *order[:MAX_TOLD],
     ]
     n_commanded = sum(point.trigger == "command" for point in points)
-    if n_commanded > len(told) + 100:
-        faults.append(f"{n_commanded} commanded points, {len(told)} requests")
+    if n_commanded > len(told) + others + 100:
+        faults.append(f"{n_commanded} commanded points, {len(told) + others} requests")
     if not acknowledged or not edges:
         faults.append("nothing was acknowledged: the test has shown nothing")
     figures = _figures(folder)

@@ -8,8 +8,11 @@ from collections.abc import Awaitable, Callable
 from benchmarks.soak.bench import Bench, Kept
 from benchmarks.tools.network import Network
 
-KINDS = ("daemon", "broker", "board", "network", "consumers_network", "consumer")
-WEIGHTS = (4, 3, 3, 3, 2, 2)
+KINDS = (
+    *("daemon", "broker", "board", "network"),
+    *("consumers_network", "consumer", "witness"),
+)
+WEIGHTS = (4, 3, 3, 3, 2, 2, 1)
 
 
 class Outages:
@@ -60,6 +63,7 @@ class Outages:
             "broker": bench.broker,
             "board": bench.board,
             "consumer": bench.consumer,
+            "witness": bench.witness,
         }[kind]
         return self._kill(victim, down_s) if victim.is_running else None
 

@@ -118,7 +118,7 @@ class PointCommands:
             library = await asyncio.to_thread(read_probes, path)
         except FileError as error:
             raise RequestRefusedError(
-                PROBE_REFUSED, str(error)[:2000], "correct the probe library"
+                PROBE_REFUSED, error.line[:2000], "correct the probe library"
             ) from error
         self.measurement.probes = library.names
         probe = library.named(args.name)

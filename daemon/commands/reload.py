@@ -89,7 +89,7 @@ class ConfigurationReloader:
         try:
             new = await asyncio.to_thread(read_inputs, self.path, self.embedded)
         except StartupError as error:
-            text = str(error).partition("\n")[2] or str(error)
+            text = "; ".join(file.line for file in error.files) or str(error)
             raise RequestRefusedError(
                 "reload.refused", text, "correct the files and reload again"
             ) from error

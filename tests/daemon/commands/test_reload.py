@@ -152,6 +152,7 @@ async def test_what_cannot_be_is_refused_and_the_old_goes_on(
     reloading.write(CONFIGURATION.replace(old, new))
     error = await reloading.refused()
     assert error.code == "reload.refused"
+    assert "\n" not in str(error)
     assert words.replace("\\", "") in str(error)
     assert error.remedy
 

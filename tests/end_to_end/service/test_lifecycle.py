@@ -63,7 +63,9 @@ async def test_a_service_is_ready_watched_reloaded_and_stopped(
                 bench.arm_file.write_text(arm.replace("origin_mm", "origin"), "utf-8")
                 daemon.process.send_signal(signal.SIGHUP)
                 await until(lambda: manager.has("READY=1", 2), "the old goes on")
-                await listener.event("reload.refused")
+                refused_event = await listener.event("reload.refused")
+                assert "origin_mm: is missing" in refused_event.text
+                assert "\\n" not in refused_event.text  # one line, for people
                 bench.arm_file.write_text(f"{arm}\n", "utf-8")
                 daemon.process.send_signal(signal.SIGHUP)
                 await until(lambda: manager.has("READY=1", 3), "the new measures")

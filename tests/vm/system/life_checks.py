@@ -67,7 +67,9 @@ class Life:
         assert unit.main_pid() == pid, "another process"
         assert self._listener.statuses[-1].model == before
         await unit.until(_is_active, "active after RELOADING", SOON_S)
-        return f"refused: {event.text.splitlines()[1].strip()}"
+        assert "radius_inch" in event.text
+        assert "\\n" not in event.text, "lines for a terminal, in an event"
+        return f"refused: {event.text}"
 
     async def lose_bus(self) -> str:
         """The interface goes down and comes back; the unit stays."""
