@@ -78,7 +78,7 @@ def distance_errors(
     apart_mm = _distances(probe_pose(poses.truth.mechanism, turns_rad)[0])
     far = np.flatnonzero(apart_mm >= _NEAREST_MM)[:N_PAIRS]
     turns_rad = turns_rad.reshape(-1, 2, len(least))[far].reshape(-1, len(least))
-    angles_rad = turns_rad + poses.truth.zeros_rad
+    angles_rad = poses.faulty.build.encoders_of(turns_rad) + poses.truth.zeros_rad
     true_mm = _distances(probe_pose(poses.truth.mechanism, turns_rad)[0])
     adjustment = result.adjustment
     parameters, estimate = adjustment.network.parameters, adjustment.state.arm

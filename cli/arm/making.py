@@ -21,7 +21,7 @@ from traverse.kinematics.importers.dh_file import (
     Units,
     read_dh_file,
 )
-from traverse.kinematics.importers.urdf import Body, arm_from_chain, transform
+from traverse.kinematics.importers.urdf import Body, Mimic, arm_from_chain, transform
 from traverse.kinematics.importers.urdf_file import chain_of, read_urdf
 from traverse.strict_toml.problems import FileError, Problem
 
@@ -63,6 +63,7 @@ def arm_from_dh_file(
         signs=[row.sign for row in rows],
         sources=[row.source for row in rows],
         bodies=[None] * len(rows),
+        mimics=[None] * len(rows),
     )
     return assemble_arm(
         wishes.name or file.name or path.stem,
@@ -99,6 +100,7 @@ def arm_from_urdf_file(
         signs=nothing,
         sources=nothing,
         bodies=arm.bodies,
+        mimics=arm.mimics,
     )
     return assemble_arm(
         wishes.name or robot.name or path.stem,
@@ -143,6 +145,7 @@ def _joints(
     signs: Sequence[int | None],
     sources: Sequence[str | None],
     bodies: Sequence[Body | None],
+    mimics: Sequence[Mimic | None],
 ) -> list[JointParts]:
     n = len(names)
     if wishes.counts_per_turn:
@@ -166,6 +169,7 @@ def _joints(
             sign=sign if (sign := signs[k]) is not None else 1,
             source=sources[k] or f"{wishes.device}/{k}",
             body=bodies[k],
+            mimic=mimics[k],
         )
         for k in range(n)
     ]

@@ -40,6 +40,8 @@ def arm_summary(arm: Arm) -> dict[str, Any]:
                 "zero_rad": joint.zero_rad,
                 **_encoder(joint, reaches_mm[k]),
                 "mass_kg": joint.mass_kg,
+                "coupled_to": joint.coupled_to,
+                "ratio": joint.ratio,
             }
             for k, joint in enumerate(arm.joints)
         ],
@@ -74,6 +76,11 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
         f"{units}{'a turn':>14}{'um':>16}",
         *(_joint_line(joint, width) for joint in joints),
         "",
+        *(
+            f"{joint['name']} turns with {joint['coupled_to']} by {joint['ratio']:g}"
+            for joint in joints
+            if joint["coupled_to"]
+        ),
         f"base at   {_vector(summary['origin_mm'])} mm",
         f"ball at   {_vector(probe['base_posture_mm'])} mm in the base posture",
         f"probe     {probe['kind']}, radius {probe['radius_mm']:g} mm, shank "

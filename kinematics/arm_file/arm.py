@@ -68,6 +68,8 @@ class Joint(StrictModel):
     zero_rad: float
     mass_kg: float | None = Field(default=None, ge=0.0)
     centre_of_mass_mm: Vector | None = None
+    coupled_to: str | None = None
+    ratio: float | None = None
     encoder: Encoder | None = None
 
 

@@ -18,6 +18,7 @@ from traverse.strict_toml.problems import (
     numbers_in,
     shown,
     tables_in,
+    unknown_name_message,
     vector_in,
 )
 
@@ -153,6 +154,7 @@ def arm_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
     if raw.get("joints") == []:
         yield Problem("joints", "is empty; an arm has at least one joint")
     yield from _joint_problems(joints)
+    yield from _coupling_problems(joints)
     yield from _source_problems(joints)
     yield from _direction_problems(joints, raw.get("probe"))
     axes = {
@@ -202,6 +204,30 @@ def _joint_problems(joints: Sequence[Mapping[str, Any]]) -> Iterator[Problem]:
                 f"{shown(joint['axis'])} has no length; give the direction "
                 "of the hinge",
             )
+
+
+def _coupling_problems(joints: Sequence[Mapping[str, Any]]) -> Iterator[Problem]:
+    others = {
+        joint["name"]: joint.get("coupled_to")
+        for joint in joints
+        if isinstance(joint.get("name"), str)
+    }
+    for index, joint in enumerate(joints):
+        where, other = f"joints[{index}].coupled_to", joint.get("coupled_to")
+        if ("ratio" in joint) != ("coupled_to" in joint):
+            key = "coupled_to" if "ratio" in joint else "ratio"
+            yield Problem(f"joints[{index}]", f"{key} is missing; a coupling has both")
+        if not isinstance(other, str):
+            continue
+        if other not in others:
+            yield Problem(where, unknown_name_message("joint", other, others))
+        way = [joint.get("name")]
+        while isinstance(other, str) and other not in way:
+            way.append(other)
+            other = others.get(other)
+        if other is not None and other == way[0]:
+            ring = " to ".join(map(str, [*way, other]))
+            yield Problem(where, f"couples {ring}: a ring; leave one of them out")
 
 
 def _source_problems(joints: Sequence[Mapping[str, Any]]) -> Iterator[Problem]:

@@ -87,7 +87,9 @@ def _moves(
     """Differentiate for one effect, (n_parameters, 3, n_samples)."""
     if isinstance(correction, ReadingCorrection):
         amounts = correction.unit_amounts(posture.geometry, posture.block)
-        return -_turned(amounts, correction.joints, arm)
+        by_hinges = np.moveaxis(_hinge_moves(arm), 1, -1)
+        by_readings = np.moveaxis(arm.geometry.by_readings(by_hinges), -1, 1)
+        return -_turned(amounts, by_readings[:, correction.joints])
     if isinstance(correction, BodyCorrection):
         return _body_moves(correction, correction.unit_amounts(posture), arm)
     if isinstance(correction, ContactCorrection):
@@ -102,7 +104,7 @@ def _body_moves(correction: BodyCorrection, amounts: Floats, arm: Deflection) ->
     vectors = np.moveaxis(amounts, 1, 0)
     match correction.target:
         case Target.TURN:
-            return _turned(amounts, joints, arm)
+            return _turned(amounts, _hinge_moves(arm)[:, joints])
         case Target.GROWTH:
             links = rotate(arm.rotations, arm.geometry.links_mm.T[:, :, np.newaxis])
             return _joint_sum(links[:, joints][:, np.newaxis] * amounts)
@@ -117,9 +119,13 @@ def _body_moves(correction: BodyCorrection, amounts: Floats, arm: Deflection) ->
             return amounts
 
 
-def _turned(amounts: Floats, joints: slice, arm: Deflection) -> Floats:
+def _hinge_moves(arm: Deflection) -> Floats:
+    """What a turn of each hinge does to the ball, (3, n_joints, n_samples) [mm]."""
+    return cross(arm.axes, arm.reaches_mm)
+
+
+def _turned(amounts: Floats, moves_mm: Floats) -> Floats:
     """Let joints turn by (n_parameters, n_chosen, n_samples)."""
-    moves_mm = cross(arm.axes[:, joints], arm.reaches_mm[:, joints])
     return _joint_sum(moves_mm[:, np.newaxis] * amounts)
 
 

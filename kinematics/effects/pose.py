@@ -1,7 +1,7 @@
 """The corrected pose: readings to the probe with all effects of an arm.
 
     d_alpha    sum of the reading corrections, of readings as they are
-    theta      alpha - zero - d_alpha
+    theta      alpha - zero - d_alpha, of coupled joints plus ratio that of the other
     amounts    sums of the mechanical effects, of the undeflected posture theta
     pose       the deflected arm
     contact    shift of the ball's centre, where the surface is known
@@ -56,6 +56,8 @@ def compiled_pose(
     """
     if compiled_chain(geometry) is None:
         return None
+    if geometry.couplings:
+        block = replace(block, angles_rad=_hinge_readings(geometry, effects, block))
     gravity = block.gravity_m_s2
     return _chain(geometry, effects).poses(
         _readable(block),
@@ -79,7 +81,9 @@ def _readable(block: Block) -> Block:
 # Neither ever changes, and most calls are for the same arm.
 @lru_cache(maxsize=8)
 def _chain(geometry: Geometry, effects: ArmEffects) -> "DeflectedChain":
-    terms = [term for correction in effects.readings for term in correction.terms]
+    # Coupled readings are corrected before: the kernel knows nothing of couplings.
+    readings = () if geometry.couplings else effects.readings
+    terms = [term for correction in readings for term in correction.terms]
     terms += [term for correction in effects.mechanical for term in correction.terms]
     levers_kg_m = _KG_M_PER_KG_MM * effects.bodies.levers_kg_mm(geometry)
     return DeflectedChain(geometry, KERNEL, terms, levers_kg_m)
@@ -145,8 +149,7 @@ def numpy_corrected_pose(
     """Compute what `corrected_pose` does, by NumPy and of a block that was checked."""
     if not effects.mechanical and not effects.contacts:
         # The plain arm at other readings.
-        readings_rad = block.angles_rad - _d_alpha_rad(geometry, effects, block).T
-        return numpy_pose(geometry, readings_rad)
+        return numpy_pose(geometry, _hinge_readings(geometry, effects, block))
     centres_mm = np.empty((len(block), 3))
     directions = np.empty((len(block), 3))
     shank = geometry.probe_direction[:, np.newaxis]
@@ -203,17 +206,15 @@ def undeflected_posture(
     geometry: Geometry, effects: ArmEffects, block: Block
 ) -> Posture:
     """Correct the readings: the posture that mechanical effects are functions of."""
-    readings_rad = block.rows("angles_rad", slice(None))
-    turns_rad = readings_rad - geometry.zeros_rad[:, np.newaxis]
-    if effects.readings:
-        turns_rad -= _d_alpha_rad(geometry, effects, block)
+    # Contiguous, as `Block.rows` says.
+    readings_rad = np.ascontiguousarray(_hinge_readings(geometry, effects, block).T)
     gravity = block.gravity_m_s2
     return Posture(
         geometry=geometry,
         block=block,
         bodies=effects.bodies,
         gravity_m_s2=effects.gravity_m_s2 if gravity is None else gravity,
-        turns_rad=turns_rad,
+        turns_rad=readings_rad - geometry.zeros_rad[:, np.newaxis],
     )
 
 
@@ -249,6 +250,14 @@ def checked(geometry: Geometry, effects: ArmEffects, block: Block) -> None:
             "effects cannot be applied; give what they need or take them out of the "
             "arm file:\n" + "\n".join(lacks)
         )
+
+
+def _hinge_readings(geometry: Geometry, effects: ArmEffects, block: Block) -> Floats:
+    """Correct the readings and couple them, (n_samples, n_joints) [rad]."""
+    readings_rad = block.angles_rad
+    if effects.readings:
+        readings_rad = readings_rad - _d_alpha_rad(geometry, effects, block).T
+    return geometry.hinge_readings(readings_rad)
 
 
 def _d_alpha_rad(geometry: Geometry, effects: ArmEffects, block: Block) -> Floats:

@@ -6,7 +6,7 @@ from typing import Any
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, parse_arm
-from traverse.kinematics.importers.urdf import Body
+from traverse.kinematics.importers.urdf import Body, Mimic
 from traverse.kinematics.model.geometry import Geometry
 from traverse.strict_toml.writing import arm_text
 
@@ -25,6 +25,7 @@ class JointParts:
         sign: +1 or -1: which way the encoder counts.
         source: "<device id>/<channel>".
         body: Mass and its centre from the joint's origin in the base posture.
+        mimic: What it follows, without an encoder.
     """
 
     name: str
@@ -32,6 +33,7 @@ class JointParts:
     sign: int
     source: str
     body: Body | None = None
+    mimic: Mimic | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +82,9 @@ def _joint(geometry: Geometry, k: int, parts: JointParts) -> dict[str, Any]:
     if parts.body is not None:
         joint["mass_kg"] = parts.body.mass_kg
         joint["centre_of_mass_mm"] = _rounded(parts.body.centre_mm, _MM_DECIMALS)
-    if parts.counts_per_turn is not None:
+    if parts.mimic is not None:
+        joint |= {"coupled_to": parts.mimic.joint, "ratio": parts.mimic.ratio}
+    elif parts.counts_per_turn is not None:
         joint["encoder"] = {
             "counts_per_turn": parts.counts_per_turn,
             "sign": parts.sign,

@@ -1,6 +1,7 @@
 """How well a Denavit-Hartenberg table stands for an arm."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ def dh_report(
     Returns:
         The report as plain values, and the table as CSV with the report in comments.
     """
-    geometry = geometry_from_arm(arm)
+    geometry = replace(geometry_from_arm(arm), couplings=())
     nearest = nearest_table(geometry, parallel_below_rad)
     names = [joint.name for joint in arm.joints]
     zeros_rad = [joint.zero_rad for joint in arm.joints]
@@ -93,6 +94,7 @@ def _not_in_table(arm: Arm) -> list[str]:
         "encoders": any(joint.encoder for joint in arm.joints),
         "masses": any(joint.mass_kg is not None for joint in arm.joints),
         "effects": bool(arm.effects),
+        "couplings": any(joint.coupled_to for joint in arm.joints),
         "ball radius": arm.probe.radius_mm > 0.0,
         "identification": arm.identification is not None,
     }

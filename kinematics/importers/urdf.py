@@ -7,6 +7,7 @@ written in the child's frame. Here lengths are mm already.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,6 +29,14 @@ class Body:
     centre_mm: Floats
 
 
+class Mimic(NamedTuple):
+    """A joint without a drive of its own: it turns by ratio times another, plus."""
+
+    joint: str
+    ratio: float
+    offset_rad: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ChainJoint:
     """A joint between two frames, with the bodies fixed to the frame behind it.
@@ -37,12 +46,14 @@ class ChainJoint:
         origin: Transform from the child's frame to the parent's, not turned, (4, 4).
         axis: In the child's frame, any length > 0, (3,); nothing for a fixed joint.
         bodies: What the child carries, in the child's frame.
+        mimic: Of a turning joint that follows another one of the chain.
     """
 
     name: str
     origin: Floats
     axis: Floats | None
     bodies: tuple[Body, ...] = ()
+    mimic: Mimic | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,11 +65,13 @@ class ChainArm:
         names: Of the turning joints, (n_joints).
         bodies: What each joint carries as one body, from the joint's origin in the base
             posture; nothing where the description gives no mass, (n_joints).
+        mimics: What each joint follows, (n_joints).
     """
 
     geometry: Geometry
     names: tuple[str, ...]
     bodies: tuple[Body | None, ...]
+    mimics: tuple[Mimic | None, ...]
 
 
 def arm_from_chain(
@@ -72,8 +85,16 @@ def arm_from_chain(
     Args:
         chain: From the root outwards, at least one joint that turns.
         tool: Transform from the probe, z along the shank, to the tip's frame, (4, 4).
-        base_posture_rad: Readings of the posture to write it in, (n_joints,).
+        base_posture_rad: Readings of the posture to write it in, (n_joints,); of
+            joints that follow others those that they have then.
     """
+    turning = [joint for joint in chain if joint.axis is not None]
+    names = tuple(joint.name for joint in turning)
+    posture_rad = base_posture_rad.copy()
+    for k, joint in enumerate(turning):
+        if joint.mimic is not None:
+            led_rad = base_posture_rad[names.index(joint.mimic.joint)]
+            posture_rad[k] = joint.mimic.ratio * led_rad + joint.mimic.offset_rad
     pose = np.eye(4)
     axes: list[Floats] = []
     origins_mm: list[Floats] = []
@@ -84,7 +105,7 @@ def arm_from_chain(
             axis = unit_vectors(joint.axis)
             axes.append(pose[:3, :3] @ axis)
             origins_mm.append(pose[:3, 3])
-            pose = pose @ _turned_by(axis, float(base_posture_rad[len(carried)]))
+            pose = pose @ _turned_by(axis, float(posture_rad[len(carried)]))
             carried.append([])
         if carried:
             carried[-1] += [moved_body(pose, body) for body in joint.bodies]
@@ -93,14 +114,15 @@ def arm_from_chain(
         origin_mm=ends_mm[0],
         axes=unit_vectors(axes),
         links_mm=np.diff(ends_mm, axis=0),
-        zeros_rad=base_posture_rad,
+        zeros_rad=posture_rad,
         probe_vector_mm=pose[:3, :3] @ tool[:3, 3],
         probe_direction=unit_vectors(pose[:3, :3] @ tool[:3, 2]),
     )
     return ChainArm(
         geometry,
-        tuple(joint.name for joint in chain if joint.axis is not None),
+        names,
         tuple(map(_one_body, carried, origins_mm)),
+        tuple(joint.mimic for joint in turning),
     )
 
 

@@ -15,7 +15,13 @@ from xml.parsers import expat
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.importers.urdf import Body, ChainJoint, moved_body, transform
+from traverse.kinematics.importers.urdf import (
+    Body,
+    ChainJoint,
+    Mimic,
+    moved_body,
+    transform,
+)
 from traverse.plurals import counted
 from traverse.strict_toml.files import open_regular
 from traverse.strict_toml.problems import (
@@ -43,7 +49,7 @@ class UrdfJoint:
     child: str
     origin: Floats
     axis: Floats
-    mimics: bool
+    mimic: Mimic | None
     line: int
 
 
@@ -184,9 +190,16 @@ class _Reading:
             child=self._link_name(element, "child"),
             origin=self._origin(element),
             axis=np.array(axis),
-            mimics=element.find("mimic") is not None,
+            mimic=self._mimic(element.find("mimic")),
             line=self._lines[element],
         )
+
+    def _mimic(self, element: Element | None) -> Mimic | None:
+        if element is None:
+            return None
+        (ratio,) = self._numbers(element, "multiplier", (1.0,))
+        (offset_rad,) = self._numbers(element, "offset", (0.0,))
+        return Mimic(element.get("joint", ""), ratio, offset_rad)
 
     def _link_name(self, element: Element, which: str) -> str:
         found = element.find(which)
@@ -253,7 +266,8 @@ def chain_of(robot: Robot, root: str | None, tip: str | None) -> list[ChainJoint
         FileError: There is not one such chain, or it is no arm's; says what to choose.
     """
     path = _path(robot, root, tip)
-    problems = [problem for joint in path for problem in _joint_problems(joint)]
+    free = [j.name for j in path if j.kind in _TURNING and j.mimic is None]
+    problems = [problem for joint in path for problem in _joint_problems(joint, free)]
     if not any(joint.kind in _TURNING for joint in path):
         ends = f"chain {path[0].parent} to {path[-1].child}"
         problems.append(Problem(ends, "no joint turns; an arm has at least one"))
@@ -270,6 +284,7 @@ def chain_of(robot: Robot, root: str | None, tip: str | None) -> list[ChainJoint
             origin=joint.origin,
             axis=joint.axis if joint.kind in _TURNING else None,
             bodies=tuple(_bodies(robot, joint.child, fixed)),
+            mimic=joint.mimic,
         )
         for joint in path
     ]
@@ -316,14 +331,17 @@ def _turns(way: list[UrdfJoint]) -> int:
     return sum(joint.kind in _TURNING for joint in way)
 
 
-def _joint_problems(joint: UrdfJoint) -> Iterator[Problem]:
+def _joint_problems(joint: UrdfJoint, free: Sequence[str]) -> Iterator[Problem]:
     where = f"line {joint.line}"
     if joint.kind in _WHY_NOT:
         what = f"joint {shown(joint.name)} is {joint.kind}: {_WHY_NOT[joint.kind]}"
         yield Problem(where, f"{what}; make it fixed, or choose --root and --tip")
-    if joint.mimics and joint.kind in _TURNING:
-        what = f"joint {shown(joint.name)} mimics another; each hinge of an arm"
-        yield Problem(where, f"{what} has an encoder of its own")
+    mimic = joint.mimic if joint.kind in _TURNING else None
+    if mimic is not None and mimic.joint not in free:
+        what = (
+            f"joint {shown(joint.name)} mimics {shown(mimic.joint)}; expected a joint"
+        )
+        yield Problem(where, f"{what} that turns freely: {', '.join(free) or 'none'}")
 
 
 def _bodies(

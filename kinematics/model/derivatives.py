@@ -14,7 +14,7 @@ not built or is not wanted.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,7 +33,7 @@ class ProbeDerivatives:
 
     Attributes:
         centres_mm: x, (n_samples, 3).
-        by_angles: mm/rad, (n_samples, 3, n_joints).
+        by_angles: For readings, mm/rad, (n_samples, 3, n_joints).
         by_axes: mm, (n_samples, 3, n_joints, 3); last index the component of u_k,
             which is renormalised: the derivative along u_k itself is zero.
         by_links: P_k, (n_samples, 3, n_joints, 3); last index the component of r_k.
@@ -76,15 +76,17 @@ def probe_derivatives(geometry: Geometry, angles_rad: Floats) -> ProbeDerivative
             f"angles_rad has shape {angles_rad.shape}, expected (n_samples, "
             f"{expected}): one column a joint of the arm"
         )
-    angles_rad = aligned_floats(angles_rad)
+    angles_rad = aligned_floats(geometry.hinge_readings(angles_rad))
     chain = compiled_chain(geometry)
     if chain is None:
-        return numpy_derivatives(geometry, angles_rad)
-    return ProbeDerivatives(*chain.derivatives(angles_rad))
+        found = numpy_derivatives(geometry, angles_rad)
+    else:
+        found = ProbeDerivatives(*chain.derivatives(angles_rad))
+    return replace(found, by_angles=geometry.by_readings(found.by_angles))
 
 
 def numpy_derivatives(geometry: Geometry, angles_rad: Floats) -> ProbeDerivatives:
-    """Compute what `probe_derivatives` does, by NumPy."""
+    """Compute what `probe_derivatives` does without couplings, by NumPy."""
     axes = geometry.axes.T[:, :, np.newaxis]
     turns_rad = np.ascontiguousarray((angles_rad - geometry.zeros_rad).T)
     turns = turn(axes, turns_rad)

@@ -7,8 +7,9 @@ written in the base posture (Benciolini and Vitti, 2017):
     direction = P_n d                                   the shank, towards the ball
 
 The functions called numpy_... are the readable definition, and compute where the kernel
-in C was not built or is not wanted. The ball is reached from the tip inwards, which
-needs no P_k; the skeleton goes outwards with P_k as quaternions.
+in C was not built or is not wanted; both take what encoders on the hinges would read.
+The ball is reached from the tip inwards, which needs no P_k; the skeleton goes outwards
+with P_k as quaternions.
 """
 
 import numpy as np
@@ -154,4 +155,4 @@ def _checked(geometry: Geometry, angles_rad: Floats) -> Floats:
             f"angles_rad has shape {angles_rad.shape}, expected (n_samples, "
             f"{expected}): one column a joint of the arm"
         )
-    return aligned_floats(angles_rad)
+    return aligned_floats(geometry.hinge_readings(angles_rad))

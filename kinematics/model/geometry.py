@@ -1,7 +1,7 @@
 """The geometry of an arm in its base posture, as arrays ready for computing."""
 
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,9 +12,20 @@ if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
 
 
+class Coupling(NamedTuple):
+    """A hinge that another joint's drive turns, too; joints counted from 0."""
+
+    joint: int
+    other: int
+    ratio: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Geometry:
     """An arm in its base posture; every array is read-only float64.
+
+    The turn of hinge k is alpha_k - alpha0_k, and where it is coupled to joint j that
+    plus ratio (alpha_j - alpha0_j).
 
     Attributes:
         origin_mm: x_0, (3,).
@@ -23,6 +34,7 @@ class Geometry:
         zeros_rad: alpha0_k, readings in the base posture, (n_joints,).
         probe_vector_mm: From the end of the last link to the ball's centre, (3,).
         probe_direction: The shank, unit vector towards the ball, (3,).
+        couplings: Of hinges, one each at most.
     """
 
     origin_mm: Floats
@@ -31,6 +43,7 @@ class Geometry:
     zeros_rad: Floats
     probe_vector_mm: Floats
     probe_direction: Floats
+    couplings: tuple[Coupling, ...] = ()
 
     def __post_init__(self) -> None:
         axes = np.array(self.axes, dtype=np.float64)
@@ -44,7 +57,7 @@ class Geometry:
             "links_mm": axes.shape,
             "zeros_rad": axes.shape[:1],
         }
-        for field in fields(self):
+        for field in fields(self)[:-1]:
             array = np.array(getattr(self, field.name), dtype=np.float64)
             expected = shapes.get(field.name, (3,))
             if array.shape != expected:
@@ -66,6 +79,33 @@ class Geometry:
     def n_joints(self) -> int:
         """The number of joints."""
         return len(self.zeros_rad)
+
+    def hinge_readings(self, angles_rad: Floats) -> Floats:
+        """Say what encoders on the hinges would read: (n_samples, n_joints) [rad].
+
+        Args:
+            angles_rad: Readings, likewise; given back as they are without couplings.
+        """
+        if not self.couplings:
+            return angles_rad
+        hinges_rad = np.array(angles_rad, dtype=np.float64)
+        for joint, other, ratio in self.couplings:
+            turns_rad = angles_rad[:, other] - self.zeros_rad[other]
+            hinges_rad[:, joint] += ratio * turns_rad
+        return hinges_rad
+
+    def by_readings(self, by_hinges: Floats) -> Floats:
+        """Turn derivatives by the hinges' turns into those by readings.
+
+        Args:
+            by_hinges: (..., n_joints); given back as they are without couplings.
+        """
+        if not self.couplings:
+            return by_hinges
+        by_readings = by_hinges.copy()
+        for joint, other, ratio in self.couplings:
+            by_readings[..., other] += ratio * by_hinges[..., joint]
+        return by_readings
 
 
 def unit_vectors(vectors: ArrayLike) -> Floats:
@@ -112,6 +152,7 @@ def geometry_from_arm(arm: "Arm") -> Geometry:
     vector_mm = np.array(arm.probe.vector_mm)
     direction = arm.probe.direction
     shank = vector_mm + arm.joints[-1].link_mm if direction is None else direction
+    names = [joint.name for joint in arm.joints]
     return Geometry(
         origin_mm=np.array(arm.origin_mm),
         axes=unit_vectors([joint.axis for joint in arm.joints]),
@@ -119,4 +160,9 @@ def geometry_from_arm(arm: "Arm") -> Geometry:
         zeros_rad=np.array([joint.zero_rad for joint in arm.joints]),
         probe_vector_mm=vector_mm,
         probe_direction=unit_vectors(shank),
+        couplings=tuple(
+            Coupling(k, names.index(joint.coupled_to), joint.ratio)
+            for k, joint in enumerate(arm.joints)
+            if joint.coupled_to is not None and joint.ratio is not None
+        ),
     )

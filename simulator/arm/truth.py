@@ -56,12 +56,14 @@ class TrueArm:
     Attributes:
         mechanism: Its base posture.
         zeros_rad: (n_joints,) readings in the base posture.
+        gearing: (n_joints, n_joints) turns of the hinges by those of the encoders.
         radius_mm: Of the probe's ball.
         switching: The probe has a switch.
     """
 
     mechanism: Mechanism
     zeros_rad: Floats
+    gearing: Floats
     radius_mm: float
     switching: bool
 
@@ -91,6 +93,15 @@ def true_arm(arm: Arm, deviations: Deviations, seed: int) -> TrueArm:
             origins_mm, axes, ends_mm[-1] + vector_mm, shank / np.linalg.norm(shank)
         ),
         zeros_rad=zeros_rad,
+        gearing=gearing_of(arm),
         radius_mm=arm.probe.radius_mm,
         switching=arm.probe.kind == "switching",
     )
+
+
+def gearing_of(arm: Arm) -> Floats:
+    """How the encoders' turns make those of the hinges, (n_joints, n_joints)."""
+    gearing = np.eye(len(arm.joints))
+    for row, joint in zip(gearing, arm.joints, strict=True):
+        row[[other.name == joint.coupled_to for other in arm.joints]] = joint.ratio
+    return gearing

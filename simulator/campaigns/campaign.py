@@ -161,7 +161,7 @@ class Truth:
 
         Distances between them do not depend on any datum or base posture.
         """
-        turns_rad = readings_rad - self.arm.zeros_rad
+        turns_rad = (readings_rad - self.arm.zeros_rad) @ self.arm.gearing.T
         return probe_pose(self.arm.mechanism, turns_rad)[0]
 
 

@@ -16,7 +16,7 @@ class JointState:
 
     Attributes:
         build: The arm.
-        turns_rad: (n, n_joints) of the hinges, true.
+        turns_rad: (n, n_joints) of the encoders, true.
         readings_rad: (n, n_joints) what the encoders show, their errors included.
         around: Of every sample.
     """

@@ -60,10 +60,11 @@ class FaultyArm:
         return not self.bodies and not self.touches
 
     def readings_rad(self, turns_rad: Floats, around: Surroundings) -> Floats:
-        """What the encoders show at true turns, (n, n_joints).
+        """What the encoders show at true turns of the hinges, (n, n_joints).
 
         Errors depend on what is shown: looked up until they agree.
         """
+        turns_rad = self.build.encoders_of(turns_rad)
         perfect_rad = turns_rad + self.build.zeros_rad
         if not self.readings:
             return perfect_rad

@@ -14,6 +14,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.arm.physics import Mechanism, body_motions, turn_matrices
+from traverse.simulator.arm.truth import gearing_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +25,7 @@ class Surroundings:
         time_s: (n,) since the campaign or the script began.
         utc_s: (n,) since 1970, or None if unknown.
         temperature_c: (n,) of the whole arm.
-        speed_rad_s: (n, n_joints) of the turns.
+        speed_rad_s: (n, n_joints) of the encoders.
         approach: (n, n_joints) -1, 0, +1: sense of the last motion.
         towards: (n, 3) unit vectors from the ball towards the material; NaN where the
             ball touches nothing or sits in a seat.
@@ -72,6 +73,7 @@ class Build:
             the arm file states none.
         centres_mm: (n_joints + 1, 3) where those masses are; the probe's at the ball.
         gravity_m_s2: (3,)
+        gearing: (n_joints, n_joints) turns of the hinges by those of the encoders.
     """
 
     mechanism: Mechanism
@@ -80,6 +82,11 @@ class Build:
     masses_kg: Floats
     centres_mm: Floats
     gravity_m_s2: Floats
+    gearing: Floats
+
+    def encoders_of(self, hinges: Floats) -> Floats:
+        """What encoders turn, or how fast, where hinges do so: (n, n_joints)."""
+        return np.asarray(np.linalg.solve(self.gearing, hinges.T).T, dtype=np.float64)
 
 
 def build_of(arm: Arm, mechanism: Mechanism, zeros_rad: Floats) -> Build:
@@ -99,6 +106,7 @@ def build_of(arm: Arm, mechanism: Mechanism, zeros_rad: Floats) -> Build:
         masses_kg=np.array([mass or 0.0 for mass in masses]),
         centres_mm=centres_mm,
         gravity_m_s2=np.array(arm.reference.gravity_m_s2, dtype=np.float64),
+        gearing=gearing_of(arm),
     )
 
 

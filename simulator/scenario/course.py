@@ -122,7 +122,8 @@ class Course:
         """What the encoders show, (n, n_joints), at times (n,)."""
         turns_rad = self.turns_rad(script_s)
         if not self._arm.readings:
-            return turns_rad + self._arm.build.zeros_rad
+            build = self._arm.build
+            return build.encoders_of(turns_rad) + build.zeros_rad
         return self._arm.readings_rad(turns_rad, self._around(script_s))
 
     def probe(self, script_s: Floats) -> tuple[Floats, Floats]:
@@ -142,7 +143,7 @@ class Course:
             time_s=script_s,
             utc_s=self._start_utc_s + script_s,
             temperature_c=temperature_c,
-            speed_rad_s=self._script.speeds(script_s),
+            speed_rad_s=self._arm.build.encoders_of(self._script.speeds(script_s)),
             approach=self._script.senses(script_s),
             towards=self._contacts.at(script_s),
             force_n=np.full(len(script_s), FORCE_N),

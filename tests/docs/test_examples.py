@@ -47,6 +47,11 @@ def read_with_the_poses_shown(path: Path) -> object:
     return read_campaign(path.parent, ["J1", "J2"])
 
 
+def read_in_the_arm_shown(path: Path) -> object:
+    ((_, arm),) = examples("arm")
+    return parse_arm(arm.replace("[probe]", path.read_text("utf-8") + "[probe]", 1))
+
+
 def read_and_identified(path: Path) -> object:
     """What a table of artefacts says is touched with cones by a simulated arm."""
     tables = tomllib.loads(path.read_text("utf-8"))["artefacts"]
@@ -62,6 +67,7 @@ def read_and_identified(path: Path) -> object:
 
 READERS: dict[str, Callable[[Path], object]] = {
     "arm": lambda path: parse_arm(path.read_text("utf-8")),
+    "joint": read_in_the_arm_shown,
     "daemon": read_configuration,
     "simulator": read_simulator,
     "campaign": read_with_the_poses_shown,

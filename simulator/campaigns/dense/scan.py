@@ -100,8 +100,10 @@ def simulate_scan(arm: Arm, file: DenseFile, seed: int) -> DenseScan:
     ]
     turns_rad, drag_of = _joined(drags, file)
     touched = np.append(order, NOTHING)[drag_of]
-    around = _surroundings(file, drags, drag_of, turns_rad, seed)
     faulty = _faulty(arm, truth)
+    speeds_rad_s = np.gradient(turns_rad, axis=0) * file.scan.rate_hz
+    speeds_rad_s = faulty.build.encoders_of(speeds_rad_s)
+    around = _surroundings(file, drags, drag_of, speeds_rad_s, seed)
     readings_rad = _readings(
         file, faulty, drags, (turns_rad, drag_of), around, seed=seed
     )
@@ -150,19 +152,18 @@ def _surroundings(
     file: DenseFile,
     drags: list[Drag],
     drag_of: Integers,
-    turns_rad: Floats,
+    speed_rad_s: Floats,
     seed: int,
 ) -> Surroundings:
     table, rate_hz = file.conditions, file.scan.rate_hz
     rng = stream(seed, "conditions")
-    time_s = np.arange(len(turns_rad)) / rate_hz
+    time_s = np.arange(len(speed_rad_s)) / rate_hz
     progress = time_s / time_s[-1]
     swing = np.sin(2.0 * np.pi * (rng.uniform(0.5, 1.5) * progress + rng.uniform()))
     temperature_c = table.temperature_c + table.swing_c * swing
     temperature_c = temperature_c + table.drift_c * (progress - 0.5)
-    speed_rad_s = np.gradient(turns_rad, axis=0) * rate_hz
     forces = np.exp(table.force_spread * rng.standard_normal(len(drags) + 1))
-    towards = np.full((len(turns_rad), 3), np.nan)
+    towards = np.full((len(speed_rad_s), 3), np.nan)
     towards[drag_of != NOTHING] = np.concatenate([drag.towards for drag in drags])
     return Surroundings(
         time_s=time_s,

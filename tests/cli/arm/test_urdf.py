@@ -102,6 +102,28 @@ def test_the_arm_moves_as_the_description_says(made):
     assert shank[0][2] == pytest.approx(-math.sin(0.7), abs=1e-12)
 
 
+def test_a_joint_that_follows_another_is_coupled_and_has_no_encoder(made):
+    follows = '<mimic joint="pan" multiplier="-2" offset="0.25"/><limit'
+    text = ROBOT.replace("<limit", follows)
+    options = ("--tip", "ball", "--counts-per-turn=4096")
+    _, _, free = made(ROBOT, *options)
+    pan_rad = np.array([0.3, -0.8])
+    readings_rad = np.column_stack([pan_rad, 0.25 - 2 * pan_rad])
+    expected_mm, _ = probe_pose(geometry_from_arm(read_arm(free)), readings_rad)
+    for posture in ("0,0", "0.4,0"):
+        status, said, out = made(
+            text, *options, f"--base-posture-rad={posture}", "--force"
+        )
+        assert status == 0, said
+        pan, lift = (arm := read_arm(out)).joints
+        assert (lift.coupled_to, lift.ratio, lift.encoder) == ("pan", -2.0, None)
+        assert pan.encoder is not None
+        # Nothing reads its hinge: the reading stays where it was.
+        readings_rad = np.column_stack([pan_rad, np.full(2, lift.zero_rad)])
+        found_mm, _ = probe_pose(geometry_from_arm(arm), readings_rad)
+        np.testing.assert_allclose(found_mm, expected_mm, atol=1e-9)
+
+
 def test_another_base_posture_is_the_same_arm(made):
     _, _, out = made(ROBOT, "--tip", "ball")
     readings_rad = np.random.default_rng(1).uniform(-3, 3, (20, 2))
@@ -149,7 +171,12 @@ def test_an_end_that_only_fixed_joints_lead_to_is_no_chain(made):
         ('"revolute"', '"planar"', "joint 'lift' is planar"),
         ('"revolute"', '"floating"', "joint 'lift' is floating: nothing holds it"),
         ('"revolute"', '"hinge"', "line 26: joint 'lift': type 'hinge'; revolute,"),
-        ("<limit", '<mimic joint="pan"/><limit', "joint 'lift' mimics another"),
+        (
+            "<limit",
+            '<mimic joint="lift"/><limit',
+            "joint 'lift' mimics 'lift'; expected a joint that turns freely: pan",
+        ),
+        ("<limit", '<mimic joint="pan" multiplier="two"/><limit', "multiplier = 'two'"),
         ('"0 0 2"', '"0 0 0"', "line 29: joint 'lift': the axis has no length"),
         ('"0.4 0 0"', '"0.4 0"', "line 33: <origin> xyz = '0.4 0': expected 3 numbers"),
         ('"0.4 0 0"', '"1e306 0 0"', "expected 3 numbers below 1e6"),

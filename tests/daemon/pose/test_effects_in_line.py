@@ -19,7 +19,7 @@ from tests.daemon.effect_entries import (
     counts_of,
     effect,
 )
-from tests.daemon.pose.test_pipeline import probe_by_hand
+from tests.daemon.pose.test_pipeline import ZEROS, probe_by_hand
 from tests.daemon.values import SetClock, arm_model, count_samples
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.kinematics.effect_table import EFFECT_KINDS
@@ -55,6 +55,21 @@ def test_corrections_of_a_reading_get_what_they_need(tmp_path, kind):
     xyz_mm, ijk = with_readings_off(poses, 1, off)
     assert np.allclose(poses.xyz_mm, xyz_mm, atol=1e-6)
     assert np.allclose(poses.ijk, ijk, atol=1e-9)
+
+
+def test_a_coupled_hinge_turns_with_the_corrected_reading_of_the_other(tmp_path):
+    keys, d_alpha = READINGS["encoder_scale"]
+    text = MASSES + IDENTIFIED + effect("encoder_scale", joint='"J2"', **keys)
+    joint = 'name = "J3"\n'
+    assert text.count(joint) == 1
+    text = text.replace(joint, f'{joint}coupled_to = "J2"\nratio = -0.5\n')
+    pipeline = Pipeline(arm_model(tmp_path, text), SetClock())
+    poses = pipeline.poses(count_samples(counts_of()), TEMPERATURE_C)
+    hinges = poses.angles_rad.copy()
+    hinges[:, 1] -= d_alpha(poses.angles_rad[:, 1], np.arange(N) * 0.01)
+    hinges[:, 2] -= 0.5 * (hinges[:, 1] - ZEROS[1])
+    xyz_mm = [probe_by_hand(row)[0] for row in hinges]
+    assert np.allclose(poses.xyz_mm, xyz_mm, atol=1e-6)
 
 
 def test_latency_of_no_joint_is_that_of_all(tmp_path):

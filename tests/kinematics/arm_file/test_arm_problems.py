@@ -188,6 +188,35 @@ def test_shank_without_direction_needs_a_link_to_lie_along():
     assert list(problems_of(text)) == ["probe.direction"]
 
 
+@pytest.mark.parametrize(
+    ("first", "second", "where", "message"),
+    [
+        (
+            '"J3"\nratio = 1.0',
+            None,
+            "[0].coupled_to",
+            "unknown joint 'J3'; known here: J1",
+        ),
+        ('"J1"\nratio = 1.0', None, "[0].coupled_to", "couples J1 to J1: a ring;"),
+        (
+            '"J2"\nratio = 1.0',
+            '"J1"\nratio = -0.5',
+            "[1].coupled_to",
+            "couples J2 to J1 to J2: a ring; leave one of them out",
+        ),
+        (None, '"J1"', "[1]", "ratio is missing; a coupling has both"),
+        (None, '"J1"\nratio = inf', "[1].ratio", "inf is not a finite number"),
+    ],
+)
+def test_couplings_name_another_joint_in_no_ring(first, second, where, message):
+    text = ARM_TEXT
+    for zero, coupling in (("1.234", first), ("-0.5", second)):
+        if coupling is not None:
+            line = f"zero_rad = {zero}\n"
+            text = text.replace(line, f"{line}coupled_to = {coupling}\n")
+    assert problems_of(text)[f"joints{where}"].startswith(message)
+
+
 def test_arm_without_joints_is_refused():
     head, _, rest = ARM_TEXT.partition("[[joints]]")
     tail = rest[rest.index("[probe]") :]

@@ -27,6 +27,7 @@ from traverse.kinematics.effects.pose import (
     numpy_corrected_pose,
 )
 from traverse.kinematics.kernel.terms import Form, Quantity, Source, Term
+from traverse.kinematics.model.geometry import Coupling
 
 compiled = pytest.importorskip("traverse.kinematics.kernel.compiled")
 VARIANTS = compiled.runnable_variants()
@@ -58,11 +59,13 @@ def test_all_effects_together_are_what_numpy_makes_of_them():
     agree(ALL, replace(full_block(seed=41, n_samples=9), temperature_c=np.zeros(9)))
     tilted = np.array([1.0, 2.0, -9.0])
     agree(ALL, replace(full_block(seed=42, n_samples=9), gravity_m_s2=tilted))
+    coupled = replace(GEOMETRY, couplings=(Coupling(2, 1, -1.0), Coupling(5, 2, 0.5)))
+    agree(ALL, full_block(seed=46, n_samples=500), coupled)
 
 
-def agree(effects, block):
-    centres, shanks, _ = corrected_pose(GEOMETRY, effects, block)
-    expected, expected_shanks = numpy_corrected_pose(GEOMETRY, effects, block)
+def agree(effects, block, geometry=GEOMETRY):
+    centres, shanks, _ = corrected_pose(geometry, effects, block)
+    expected, expected_shanks = numpy_corrected_pose(geometry, effects, block)
     # NumPy rounds each turn, up to 7 rad, and the effect's part of it.
     lost = 14 * 2**-53 * N_JOINTS
     np.testing.assert_allclose(centres, expected, rtol=0, atol=lost * size_mm(GEOMETRY))

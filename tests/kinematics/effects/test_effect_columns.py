@@ -1,5 +1,7 @@
 """Derivatives of the corrected centre against central differences, kind by kind."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,13 +16,17 @@ from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.columns import columns
 from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.model.geometry import Coupling
 
 BLOCK = full_block(seed=7, n_samples=9)
 
 
-def differences(effects, block):
+COUPLED = replace(GEOMETRY, couplings=(Coupling(2, 1, -1.0), Coupling(5, 2, 0.5)))
+
+
+def differences(effects, block, geometry=GEOMETRY):
     """Central differences, with steps that move the ball by about a micrometre."""
-    analytic = columns(GEOMETRY, effects, block)
+    analytic = columns(geometry, effects, block)
     found = np.empty_like(analytic)
     for p, value in enumerate(effects.values):
         step = 1e-3 / max(np.abs(analytic[:, :, p]).max(), 1e-6)
@@ -31,7 +37,7 @@ def differences(effects, block):
             values = effects.values.copy()
             values[p] = value + sign * step
             changed = effects.with_values(values)
-            ends.append(corrected_pose(GEOMETRY, changed, block)[0])
+            ends.append(corrected_pose(geometry, changed, block)[0])
         found[:, :, p] = (ends[0] - ends[1]) / (2 * step)
     return analytic, found
 
@@ -41,12 +47,13 @@ def assert_close(analytic, found, rtol):
     assert np.all(np.abs(analytic - found) <= rtol * scale + 1e-9)
 
 
+@pytest.mark.parametrize("geometry", [GEOMETRY, COUPLED], ids=["plain", "coupled"])
 @pytest.mark.parametrize(
     "one", EVERY_KIND, ids=lambda one: f"{one.kind}-{one.joint or 'arm'}"
 )
-def test_columns_of_each_kind_are_central_differences(one):
+def test_columns_of_each_kind_are_central_differences(one, geometry):
     effects = effects_of(ARM, (one,), CAMPAIGN)
-    analytic, found = differences(effects, BLOCK)
+    analytic, found = differences(effects, BLOCK, geometry)
     assert analytic.shape == (9, 3, len(effects.parameter_names))
     if one.kind != "artefact_length":
         assert np.abs(analytic).max(axis=(0, 1)).min() > 0.0

@@ -10,7 +10,11 @@ from hypothesis import strategies as st
 from tests.kinematics.arms import geometries, random_geometry, seeds, size_mm
 from traverse.kinematics.model.derivatives import derivative_chunks, probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
-from traverse.kinematics.model.geometry import Geometry, unit_vectors
+from traverse.kinematics.model.geometry import (
+    Coupling,
+    Geometry,
+    unit_vectors,
+)
 
 STEP = 1e-5
 RELATIVE = 1e-7
@@ -36,8 +40,12 @@ def _difference(geometry, angles_rad, field, index, step):
 
 
 @settings(max_examples=25)
-@given(geometries, seeds)
-def test_every_derivative_agrees_with_central_differences(geometry, seed):
+@given(geometries, seeds, st.booleans())
+def test_every_derivative_agrees_with_central_differences(geometry, seed, is_coupled):
+    last = geometry.n_joints - 1
+    if is_coupled and last > 0:
+        couplings = (Coupling(last, last - 1, -1.0), Coupling(0, last, 0.7))
+        geometry = replace(geometry, couplings=couplings)
     angles_rad = _angles(seed, geometry)
     found = probe_derivatives(geometry, angles_rad)
     tolerance = RELATIVE * size_mm(geometry)

@@ -16,6 +16,19 @@ def six_joint_arm() -> Arm:
     return arm.model_copy(update={"joints": arm.joints[:2] + arm.joints[3:]})
 
 
+def coupled(arm: Arm, **others: tuple[str, float]) -> Arm:
+    """Couple joints to others: names and ratios."""
+    joints = [
+        joint.model_copy(
+            update=dict(zip(("coupled_to", "ratio"), others[joint.name], strict=True))
+        )
+        if joint.name in others
+        else joint
+        for joint in arm.joints
+    ]
+    return arm.model_copy(update={"joints": tuple(joints)})
+
+
 def ball_centres_mm(arm: Arm, readings_rad: np.ndarray) -> np.ndarray:
     """x = x0 + sum P_k r_k, P_k = R_1 ... R_k: vectors only, one pose at a time."""
     centres = []
@@ -24,7 +37,11 @@ def ball_centres_mm(arm: Arm, readings_rad: np.ndarray) -> np.ndarray:
         turned = Rotation.identity()
         for joint, reading in zip(arm.joints, readings, strict=True):
             axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
-            turned *= Rotation.from_rotvec((reading - joint.zero_rad) * axis)
+            turn = reading - joint.zero_rad
+            for other, shown in zip(arm.joints, readings, strict=True):
+                if other.name == joint.coupled_to:
+                    turn += joint.ratio * (shown - other.zero_rad)
+            turned *= Rotation.from_rotvec(turn * axis)
             at = at + turned.apply(joint.link_mm)
         centres.append(at + turned.apply(arm.probe.vector_mm))
     return np.array(centres)

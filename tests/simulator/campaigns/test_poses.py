@@ -3,6 +3,7 @@ import pytest
 
 from tests.simulator.campaigns.arms import (
     ball_centres_mm,
+    coupled,
     seven_joint_arm,
     six_joint_arm,
 )
@@ -52,6 +53,16 @@ def test_a_cone_holds_the_ball_in_one_point():
     point_mm = placed.true_table()["point_mm"]
     assert_equal_mm(true_centres_mm(poses), np.tile(point_mm, (30, 1)))
     assert np.all(np.isnan(poses.towards))
+
+
+def test_encoders_of_coupled_joints_show_what_makes_the_hinges_turn():
+    arm = coupled(ARM, J3=("J2", -1.0), J5=("J3", 0.5))
+    poses = touched(Cone(id="c", n_poses=10), arm=arm)
+    readings_rad = poses.faulty.readings_rad(poses.turns_rad, poses.around)
+    true = true_arm_file(arm, poses.truth)
+    (placed,) = poses.artefacts
+    expected_mm = np.tile(placed.true_table()["point_mm"], (10, 1))
+    assert_equal_mm(ball_centres_mm(true, readings_rad), expected_mm)
 
 
 def test_seats_in_a_row_are_as_far_apart_as_they_are_said_to_be():

@@ -62,6 +62,7 @@ def course(script: Script) -> Course:
         masses_kg=np.zeros(3),
         centres_mm=np.zeros((3, 3)),
         gravity_m_s2=np.zeros(3),
+        gearing=np.eye(2),
     )
     return Course(script, FaultyArm(build, (), (), ()), ClimateTable(), 0.0)
 
