@@ -1,5 +1,6 @@
 """What the kernel reads of an arm and of a block of samples: arrays, wherever from."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from traverse.arrays import Floats, Integers
@@ -34,6 +35,10 @@ class ArmArrays(Protocol):
     @property
     def probe_direction(self) -> Floats:
         """Unit vector towards the ball, (3,)."""
+
+    @property
+    def couplings(self) -> Sequence[tuple[int, int, float]]:
+        """Joint, other, ratio: what the kernel itself knows nothing of."""
 
 
 class BlockArrays(Protocol):

@@ -29,7 +29,18 @@ def pose_function(
         and the shank's direction, three floats each.
     """
     chain = compiled_chain(geometry)
-    return PlainChain(geometry).pose if chain is None else chain.pose
+    pose = PlainChain(geometry).pose if chain is None else chain.pose
+    if not geometry.couplings:
+        return pose
+    zeros_rad = geometry.zeros_rad.tolist()
+
+    def coupled_pose(angles_rad: Sequence[float] | Floats) -> Pose:
+        hinges_rad = [float(alpha) for alpha in angles_rad]
+        for joint, other, ratio in geometry.couplings:
+            hinges_rad[joint] += ratio * (float(angles_rad[other]) - zeros_rad[other])
+        return pose(hinges_rad)
+
+    return coupled_pose
 
 
 class PlainChain:

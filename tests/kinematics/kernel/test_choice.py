@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -28,6 +29,7 @@ from traverse.kinematics.model.forward import (
     probe_centre,
     probe_pose,
 )
+from traverse.kinematics.model.geometry import Coupling
 
 if KERNEL != "numpy":
     from traverse.kinematics.kernel.compiled import DeflectedChain
@@ -160,8 +162,9 @@ def test_plain_floats_refuse_another_number_of_readings():
         PlainChain(random_geometry(1, 3)).pose([0.0, 1.0])
 
 
-def test_one_pose_is_that_of_the_block():
-    geometry = random_geometry(2, 7)
+@pytest.mark.parametrize("couplings", [(), (Coupling(2, 1, -1.0),)])
+def test_one_pose_is_that_of_the_block(couplings):
+    geometry = replace(random_geometry(2, 7), couplings=couplings)
     angles = np.random.default_rng(1).uniform(-3, 3, (4, 7))
     pose = pose_function(geometry)
     for sample, centre, direction in zip(
