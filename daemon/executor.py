@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
 
+from traverse.daemon.current_request import CURRENT_REQUEST
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.measurement import Measurement
 from traverse.daemon.points.averaging import AverageLimits, SampleAverage
@@ -118,7 +119,7 @@ class AwaitLatch(MeasurementCommand[PointFuture], recorded_name="await_latch"):
     def apply(self, measurement: Measurement, now_ns: int) -> PointFuture:
         """See the class."""
         answer: PointFuture = asyncio.get_running_loop().create_future()
-        measurement.latches[self.token] = answer
+        measurement.latches[self.token] = answer, CURRENT_REQUEST.get()
         measurement.latch_points[self.token] = answer
 
         def forget(answer: PointFuture) -> None:

@@ -104,7 +104,7 @@ class Measurement:
         listener: notified of each step, before it is taken.
         devices: all of the configuration, by id.
         joint_devices: those of them that read the arm's joints.
-        latches: point requests that wait for a requested latch, by its token.
+        latches: what waits for a requested latch, by its token, with its request.
         latch_points: all requests of such points that are not done, by the same.
         probe: that of the library which measures; None for that of the arm file.
         probes: names of the library's when it was last read; None without a library.
@@ -135,7 +135,7 @@ class Measurement:
     probe: LibraryProbe | None = None
     probes: tuple[str, ...] | None = None
     rate_hz: float = 0.0
-    latches: dict[int, PointFuture] = field(default_factory=dict)
+    latches: dict[int, tuple[PointFuture, str | None]] = field(default_factory=dict)
     latch_points: dict[int, PointFuture] = field(default_factory=dict)
     _keeps_readings: bool = False
 
@@ -409,8 +409,8 @@ class Measurement:
             if self.triggers.trigger_of(name, latch.input) == "button":
                 self._hold_scan(name, latch.input, latch)
             self.points.take_edge(device, latch)
-        elif (answer := self.latches.pop(latch.token, None)) is not None:
-            self.points.add_latched(latch, answer)
+        elif (waiting := self.latches.pop(latch.token, None)) is not None:
+            self.points.add_latched(latch, *waiting)
 
     def _hold_scan(self, device: str, number: int, latch: LatchedCounts) -> None:
         """Pass the edge of a button to a scan, which may depend on it."""

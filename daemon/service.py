@@ -17,13 +17,14 @@ from typing import Any
 
 from traverse.daemon.acquisition.device import Device, open_device, running_drivers
 from traverse.daemon.clock import FrozenClock, HostClock
-from traverse.daemon.commands.dispatcher import CommandDispatcher
-from traverse.daemon.commands.points import PointCommands
+from traverse.daemon.commands.dispatcher import MAX_REMEMBERED, CommandDispatcher
+from traverse.daemon.commands.points import PointCommands, point_result
 from traverse.daemon.commands.recording import record
 from traverse.daemon.commands.reload import ConfigurationReloader
 from traverse.daemon.commands.resend import ResendCommands
 from traverse.daemon.commands.scans import ButtonScans, ScanCommands
 from traverse.daemon.config.schema import Action, BrokerSection, Configuration
+from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.executor import stop_scan
 from traverse.daemon.inputs import REFUSED, Inputs, StartupError
 from traverse.daemon.measurement import Measurement, Sinks, build_measurement
@@ -396,6 +397,7 @@ async def run(service: Service, *, keep_trying: bool) -> None:
                 )
                 await run_unless(stopping, check)
                 if not stopping.is_set():
+                    await _remember_answers(service)
                     works = (
                         service.connection.run(service.receive),
                         _poll_periodically(service),
@@ -415,6 +417,14 @@ async def run(service: Service, *, keep_trying: bool) -> None:
                     task.cancel()
     if failure is not None:
         raise failure
+
+
+async def _remember_answers(service: Service) -> None:
+    """Take no second point for a request that an earlier run has executed."""
+    with contextlib.suppress(RequestRefusedError):  # the outbox reports its own trouble
+        for request, point in await service.outbox.answered(MAX_REMEMBERED):
+            name = "point" if point.retracts is None else "undo"
+            service.commands.remember(name, request, point_result(point))
 
 
 @contextlib.asynccontextmanager

@@ -18,6 +18,7 @@ from traverse.daemon.commands.rate_limit import (
     RefusalLog,
     single_line,
 )
+from traverse.daemon.current_request import CURRENT_REQUEST
 from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
@@ -37,6 +38,7 @@ MAX_REMEMBERED = 256
 MAX_REMEMBERED_BYTES = 4_194_304
 
 CommandHandler = Callable[[Any], Awaitable[Result]]
+Answer = asyncio.Future[bytes]
 
 
 class CommandDispatcher:
@@ -106,6 +108,11 @@ class CommandDispatcher:
         self._limits.check_flood_end()
         self._refusals.write_rest()
 
+    def remember(self, name: str, request: str, result: Result) -> None:
+        """Answer a request of an earlier run with its result, if it is repeated."""
+        reply = Reply(request=request, ok=True, result=dict(result))
+        self._answers.remember(name, request, encode(reply, self._encoding))
+
     async def close(self) -> None:
         """Abandon what is still running."""
         tasks = tuple(self._running)
@@ -147,6 +154,7 @@ class CommandDispatcher:
         self._offer(OutgoingMessage(topic, payload, qos=1, correlation=correlation))
 
     async def _reply(self, name: str, command: Command) -> bytes:
+        CURRENT_REQUEST.set(command.request)  # of this task
         try:
             carry_out = self._carry_out.get(name)
             if carry_out is None:
@@ -266,8 +274,8 @@ class ReplyCache:
     """
 
     def __init__(self) -> None:
-        self._answers: OrderedDict[tuple[str, str], asyncio.Task[bytes]] = OrderedDict()
-        self._working: set[asyncio.Task[bytes]] = set()
+        self._answers: OrderedDict[tuple[str, str], Answer] = OrderedDict()
+        self._working: set[Answer] = set()
         self._bytes = 0
 
     @property
@@ -275,13 +283,20 @@ class ReplyCache:
         """How many are being worked on."""
         return len(self._working)
 
-    def find(self, name: str, request: str) -> asyncio.Task[bytes] | None:
+    def find(self, name: str, request: str) -> Answer | None:
         """The first answer to a request, finished or not, if it is remembered."""
         return self._answers.get((name, request))
 
+    def remember(self, name: str, request: str, payload: bytes) -> None:
+        """Remember an answer that was given by an earlier run."""
+        answer: Answer = asyncio.get_running_loop().create_future()
+        answer.set_result(payload)
+        self._answers[name, request] = answer
+        self._ended(answer)
+
     def begin(
         self, name: str, request: str, work: Coroutine[Any, Any, bytes]
-    ) -> asyncio.Task[bytes]:
+    ) -> Answer:
         """Work on an answer and remember it."""
         task = asyncio.create_task(work)
         self._working.add(task)
@@ -296,7 +311,7 @@ class ReplyCache:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
 
-    def _ended(self, task: asyncio.Task[bytes]) -> None:
+    def _ended(self, task: Answer) -> None:
         self._working.discard(task)
         self._bytes += _size(task)
         while len(self._answers) > MAX_REMEMBERED or self._bytes > MAX_REMEMBERED_BYTES:
@@ -307,5 +322,5 @@ class ReplyCache:
             self._bytes -= _size(self._answers.pop(oldest))
 
 
-def _size(task: asyncio.Task[bytes]) -> int:
+def _size(task: Answer) -> int:
     return 0 if task.cancelled() else len(task.result())

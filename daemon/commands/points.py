@@ -3,6 +3,7 @@
 import asyncio
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.acquisition.joint_devices import JointDevices
@@ -66,20 +67,11 @@ class PointCommands:
             point = await self._latched_point(self._devices.devices[0])
         else:
             point = await execute(self.measurement, TakeNow())
-        result = {"session": point.session, "seq": point.seq, "id": point.id}
-        if point.samples > 1:
-            result |= {"samples": point.samples, "spread_mm": point.spread_mm}
-        return result
+        return point_result(point)
 
     async def undo(self, args: UndoArgs) -> Result:
         """Take the last point back; gives the retraction and what it retracts."""
-        retraction = await execute(self.measurement, Undo(args.id))
-        return {
-            "session": retraction.session,
-            "seq": retraction.seq,
-            "id": retraction.id,
-            "retracts": retraction.retracts,
-        }
+        return point_result(await execute(self.measurement, Undo(args.id)))
 
     async def label(self, args: LabelArgs) -> Result:
         """Set the label of the next points."""
@@ -183,6 +175,16 @@ class PointCommands:
         finally:
             if not waiting.done():
                 execute(self.measurement, GiveUpLatch(token))
+
+
+def point_result(point: Point) -> dict[str, Any]:
+    """What is answered to the command that took this point, or took it back."""
+    result = {"session": point.session, "seq": point.seq, "id": point.id}
+    if point.retracts is not None:
+        return result | {"retracts": point.retracts}
+    if point.samples > 1:
+        result |= {"samples": point.samples, "spread_mm": point.spread_mm}
+    return result
 
 
 def check_ready(devices: JointDevices) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.config.schema import Action, CaptureSection
+from traverse.daemon.current_request import CURRENT_REQUEST
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies
@@ -207,7 +208,9 @@ class PointController:
         """Take a point at this very instant, out of the stream."""
         return self._asked(self._request_now("command"))
 
-    def add_latched(self, latch: LatchedCounts, answer: PointFuture) -> None:
+    def add_latched(
+        self, latch: LatchedCounts, answer: PointFuture, requested_by: str | None
+    ) -> None:
         """Take a point of what a device has latched on request."""
         self._pending.add(
             PointRequest(
@@ -217,6 +220,7 @@ class PointController:
                 "command",
                 latch=latch,
                 answer=answer,
+                requested_by=requested_by,
             )
         )
 
@@ -253,6 +257,7 @@ class PointController:
         outcome: Outcome = True
         # Do not create a point after its requester has timed out.
         if not request.is_cancelled:
+            within = CURRENT_REQUEST.set(request.requested_by)
             try:
                 outcome = self._outcome(request, is_last_chance)
             except CaptureRefusedError as error:
@@ -260,6 +265,8 @@ class PointController:
             except Exception as error:  # what follows it must not wait for ever
                 log.exception("fault while a point was taken")
                 outcome = CaptureRefusedError(repr(error), REPORT_IT)
+            finally:
+                CURRENT_REQUEST.reset(within)
             if outcome is None:
                 return False
         self._making.forget(request)

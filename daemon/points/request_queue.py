@@ -8,11 +8,12 @@ their order and no edge is acknowledged before an earlier one.
 import asyncio
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.config.schema import Action
+from traverse.daemon.current_request import CURRENT_REQUEST
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.points.averaging import SampleAverage
 from traverse.daemon.points.buttons import Press
@@ -49,6 +50,7 @@ class PointRequest:
         pull: watches where the probe is pulled to.
         is_evaluated: nothing more is to be seen of its instant.
         seen: what is known of the arm at the instant, as soon as it is.
+        requested_by: the request of the command; None for an edge.
     """
 
     instant_ns: int
@@ -66,6 +68,7 @@ class PointRequest:
     pull: RetractDetector | None = None
     seen: PointMeasurement | None = None
     is_evaluated: bool = False
+    requested_by: str | None = field(default_factory=CURRENT_REQUEST.get)
 
     @property
     def captures(self) -> bool:

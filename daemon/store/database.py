@@ -38,12 +38,13 @@ DAY_NS = 86_400 * 10**9
 NOTE_S = 0.02  # at most so often, since it takes as long as to store a point
 
 
-VERSION = 2  # 1: without `crc`
+VERSION = 3  # 1: without `crc`; 2: without `request`
 CORRUPT_INDEX = sqlite3.SQLITE_CORRUPT | (3 << 8)  # its name is new in Python 3.12
 SET_ASIDE = 2  # `sent` of a damaged message
 APPLICATION = 0x54525650  # "TRVP", so that `file` and people can recognise it
 
-TABLES = """
+REQUESTED = "CREATE INDEX requested ON messages (number) WHERE request IS NOT NULL"
+TABLES = f"""
 CREATE TABLE sessions (
     session TEXT PRIMARY KEY,
     begun_ns INTEGER NOT NULL,
@@ -60,9 +61,11 @@ CREATE TABLE messages (
     payload BLOB NOT NULL,
     sent INTEGER NOT NULL DEFAULT 0,
     crc INTEGER,
+    request TEXT,
     UNIQUE (session, seq)
 );
 CREATE INDEX unsent ON messages (number) WHERE sent = 0;
+{REQUESTED};
 CREATE TABLE room (only INTEGER PRIMARY KEY, filler BLOB NOT NULL);
 """
 
@@ -183,9 +186,12 @@ class MessageDatabase:
         execute(f"PRAGMA journal_size_limit = {LOG_BYTES}")
         if not version:
             create_tables(connection)
-        elif version == 1:
+        elif version < VERSION:
             with self._transaction():
-                execute("ALTER TABLE messages ADD COLUMN crc INTEGER")
+                if version == 1:
+                    execute("ALTER TABLE messages ADD COLUMN crc INTEGER")
+                execute("ALTER TABLE messages ADD COLUMN request TEXT")
+                execute(REQUESTED)
                 execute(f"PRAGMA user_version = {VERSION}")
         # Counted once, then kept up: to count a million takes a while.
         (self._points,) = execute("SELECT count(*) FROM messages").fetchone()
@@ -265,10 +271,10 @@ class MessageDatabase:
             numbers = [
                 execute(
                     "INSERT INTO messages (session, seq, id, time_ns, topic, encoding, "
-                    "payload, crc) VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+                    "payload, crc, request) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
                     (
                         *(e.session, e.seq, e.id, e.time_ns, e.topic, e.encoding),
-                        *(e.payload, e.checksum),
+                        *(e.payload, e.checksum, e.request),
                     ),
                 ).lastrowid
                 or 0

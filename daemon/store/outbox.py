@@ -5,16 +5,19 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
 
 from traverse.daemon.config.schema import OutboxSection
+from traverse.daemon.current_request import CURRENT_REQUEST
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.message_publisher import MessagePublisher
 from traverse.daemon.store.durable_queue import DurableQueue, QueueProfile
 from traverse.daemon.store.folder_lock import exclusive_state_dir
+from traverse.daemon.store.queries import read_requested
 from traverse.daemon.store.records import NewMessage, PendingPoint, RetentionRules
-from traverse.protocol.encoding import Encoding, encode
+from traverse.protocol.encoding import Encoding, decode, encode
 from traverse.protocol.messages import OutboxHealth, Point
 from traverse.protocol.topics import point_topic
 
+ANSWERED_NS = 600 * 10**9
 PROFILE = QueueProfile(
     thread="outbox",
     kind="point",
@@ -43,6 +46,7 @@ def message_of(
         encode(point, encoding),
         begun_ns,
         note,
+        CURRENT_REQUEST.get(),
     )
 
 
@@ -112,6 +116,24 @@ class Outbox(DurableQueue):
         write = PendingPoint(point)
         self.put(message_of(point, self._topic, self._encoding, begun_ns, note), write)
         return write
+
+    async def answered(self, at_most: int) -> list[tuple[str, Point]]:
+        """The latest requests that took or took back a point, oldest first.
+
+        None that are older than `ANSWERED_NS`: people use the same one again.
+
+        Raises:
+            RequestRefusedError: the database cannot be read.
+        """
+        now_ns = self._clock.to_utc_ns(self._clock.monotonic_ns())
+        found = await self.query(
+            lambda store: store.read(read_requested, now_ns - ANSWERED_NS, at_most)
+        )
+        return [
+            (message.request, decode(Point, message.payload, message.encoding))
+            for message in found
+            if message.request is not None
+        ]
 
     def health(self) -> OutboxHealth:
         """How the outbox is."""

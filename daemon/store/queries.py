@@ -77,7 +77,7 @@ def open_read_only(path: Path) -> sqlite3.Connection:
         version = check_version(connection, str(path))
         if not version:
             raise StoreRefusedError(f"{path}: is empty; no daemon has used it yet")
-        if version == 1:
+        if version == 1:  # what only reads needs no `request`
             connection.execute(
                 "CREATE TEMP VIEW messages AS SELECT *, NULL AS crc FROM main.messages"
             )
@@ -85,6 +85,18 @@ def open_read_only(path: Path) -> sqlite3.Connection:
         connection.close()
         raise
     return connection
+
+
+def read_requested(
+    connection: sqlite3.Connection, since_ns: int, at_most: int
+) -> list[StoredMessage]:
+    """The latest points that a request of a command took, oldest first."""
+    rows = connection.execute(
+        f"SELECT request, {COLUMNS} FROM messages INDEXED BY requested "
+        "WHERE request IS NOT NULL AND time_ns >= ? ORDER BY number DESC LIMIT ?",
+        (since_ns, at_most),
+    ).fetchall()
+    return [replace(stored_message(row[1:]), request=row[0]) for row in rows[::-1]]
 
 
 def read_sessions(connection: sqlite3.Connection, at_most: int) -> list[StoredSession]:

@@ -44,10 +44,12 @@ class NewMessage(StorableMessage):
     Attributes:
         begun_ns: when the session began [UTC].
         note: the user's note about the session; of a scan, the session.
+        request: of the command that took the point; None for all others.
     """
 
     begun_ns: int
     note: str
+    request: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +61,13 @@ class StoredMessage(StorableMessage):
         is_sent: the broker has acknowledged it.
         is_whole: it is as it was stored; else nothing of it can be relied on, not even
             the types.
+        request: of the command that took the point, where that was asked for.
     """
 
     number: int
     is_sent: bool
     is_whole: bool = True
+    request: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,7 +38,7 @@ async def test_a_refused_capture_is_told(bench):
 
 async def test_a_latch_on_request_answers_whoever_waits(bench):
     waiting = asyncio.get_running_loop().create_future()
-    bench.measurement.latches[7] = waiting
+    bench.measurement.latches[7] = waiting, None
     bench.take(latch((5, 6, 7), number=None, token=7))
     point = await waiting
     assert (point.trigger, bench.points) == ("command", [point])

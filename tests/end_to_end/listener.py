@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import uuid
 from collections.abc import AsyncIterator
 from typing import Any
 
@@ -34,6 +35,7 @@ class Listener:
         self.client = client
         self._arm = arm
         self._requests = 0
+        self._name = uuid.uuid4().hex[:8]  # requests are not those of another listener
         self.connected = False
         self.points: list[Point] = []
         self.scans: list[Scan] = []
@@ -65,7 +67,7 @@ class Listener:
     async def command(self, args: Args, request: str = "") -> Reply:
         """Send a command and wait for its answer on reply/<name>."""
         self._requests += 1
-        command = Command.carrying(args, request or f"test-{self._requests}")
+        command = Command.carrying(args, request or f"{self._name}-{self._requests}")
         topic = topics.command_topic(self._arm, args.command)
         await self.client.publish(topic, encode(command, "msgpack"), qos=1)
         await until(

@@ -175,7 +175,7 @@ async def test_another_arm_is_refused(reloading, old, new, words):
 async def test_it_waits_until_no_point_is_being_taken(reloading):
     bench = reloading.bench
     waiting = asyncio.get_running_loop().create_future()
-    bench.measurement.latches[7] = waiting
+    bench.measurement.latches[7] = waiting, None
     arm_file(reloading.folder, ARM.replace("radius_mm = 3.0", "radius_mm = 2.0"))
     task = asyncio.create_task(reloading.carried_out())
     done, _ = await asyncio.wait({task}, timeout=0.1)

@@ -153,7 +153,7 @@ class CaptureMachine(CaptureBench):
         async def ask() -> None:
             answer = asyncio.get_running_loop().create_future()
             self.answers.append(answer)
-            self.measurement.latches[-self.counts] = answer
+            self.measurement.latches[-self.counts] = answer, None
             self.take(self.latch(None, True, -self.counts, self.counts))
 
         self.loop.run_until_complete(ask())

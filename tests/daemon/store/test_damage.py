@@ -268,9 +268,12 @@ PRAGMA user_version = 1;
 """
 
 
-def make_version_1(path):
+def make_old(path, version):
     for statement in VERSION_1.split(";"):
         execute(path, statement)
+    if version == 2:
+        execute(path, "ALTER TABLE messages ADD COLUMN crc INTEGER")
+        execute(path, "PRAGMA user_version = 2")
     execute(path, "INSERT INTO sessions VALUES (?, 1, 'note')", SESSION)
     for seq in range(6):
         m = message(seq)
@@ -284,9 +287,10 @@ def make_version_1(path):
     execute(path, "UPDATE messages SET payload = ? WHERE seq = 2", other)
 
 
-async def test_a_file_of_version_1_is_read_converted_and_sent(tmp_path):
+@pytest.mark.parametrize("version", [1, 2])
+async def test_an_old_file_is_read_converted_and_sent(tmp_path, version):
     bench = OutboxOnLoop(tmp_path)
-    make_version_1(bench.path)
+    make_old(bench.path, version)
     with contextlib.closing(open_read_only(bench.path)) as connection:
         kept = list(iter_messages(connection, SESSION, 0, 99))
         assert [m.is_whole for m in kept] == [True, True, False, True, True, True]
@@ -294,14 +298,16 @@ async def test_a_file_of_version_1_is_read_converted_and_sent(tmp_path):
         assert await sent_by(bench, 6) == ORIGINALS[:2] + ORIGINALS[3:6]
         assert bench.codes() == ["outbox.damaged"]
         await bench.take_all(1)
-    assert execute(bench.path, "PRAGMA user_version") == [(2,)]
+    assert execute(bench.path, "PRAGMA user_version") == [(3,)]
     checksums = execute(bench.path, "SELECT crc FROM messages ORDER BY number")
     assert [crc is None for (crc,) in checksums] == [True] * 6 + [False]
+    indices = execute(bench.path, "SELECT name FROM pragma_index_list('messages')")
+    assert ("requested",) in indices
 
 
 async def test_a_damaged_file_of_version_1_is_taken_over(tmp_path):
     bench = OutboxOnLoop(tmp_path)
-    make_version_1(bench.path)
+    make_old(bench.path, 1)
     content = bytearray(bench.path.read_bytes())
     ((root,),) = execute(
         bench.path,

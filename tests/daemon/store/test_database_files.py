@@ -17,8 +17,8 @@ from traverse.daemon.store.recovery import move_aside, storage_error_of
 
 def test_a_newer_version_is_refused_with_what_to_do(store, path):
     store.close()
-    execute(path, "PRAGMA user_version = 3")
-    with pytest.raises(StoreRefusedError, match=r"version 3.*knows version 2.*install"):
+    execute(path, "PRAGMA user_version = 4")
+    with pytest.raises(StoreRefusedError, match=r"version 4.*knows version 3.*install"):
         MessageDatabase(path)
 
 

@@ -18,7 +18,7 @@ from tests.end_to_end.programs import Program, until
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.mosquitto import Mosquitto
 from traverse.daemon.store.queries import iter_messages, open_read_only, read_sessions
-from traverse.protocol.messages import PointArgs, ResendArgs
+from traverse.protocol.messages import Args, PointArgs, ResendArgs, UndoArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
 
@@ -112,6 +112,36 @@ async def test_a_daemon_killed_before_the_broker_has_its_points(
     for numbers in by_session.values():
         assert numbers == list(range(len(numbers)))
     assert len({p.id for p in listener.points}) == len(listener.points)
+
+
+async def test_a_request_that_is_repeated_after_a_crash_takes_no_second_point(
+    mosquitto: Mosquitto, resting: Workbench
+) -> None:
+    """Its requester does not know whether it was executed, and sends it again."""
+    requests: dict[str, Args] = {
+        "a latch": PointArgs(),
+        "a mean": PointArgs(samples=5),
+        "an undo": UndoArgs(),
+    }
+    resting.write_daemon()
+    with resting.simulator() as simulator:
+        await simulator.says("ready base")
+        answers = []
+        for life in ("first", "second"):
+            async with listening(resting.host, resting.port, resting.arm) as listener:
+                with resting.daemon(name=life) as daemon:
+                    await daemon.says("arm")
+                    await listener.ready()
+                    for request, args in requests.items():
+                        answers.append(await listener.command(args, request))
+                    daemon.process.kill()
+                    await daemon.ended()
+        assert await simulator.stop() == 0
+    assert answers[:3] == answers[3:]
+    assert all(answer.ok for answer in answers)
+    assert answers[1].result["samples"] == 5
+    assert answers[2].result["retracts"] == answers[1].result["id"]
+    assert [seq for _, seq, _ in on_disk(resting)] == [0, 1, 2]
 
 
 async def test_one_damaged_row_costs_that_point_only(
