@@ -81,8 +81,8 @@ COMMAND_HEAD = """\
 The reply is sent to the MQTT 5 response topic if the command has one, which must be
 below `reply/` ([why](../security.md#answers)), else to `reply/<name>`. Choose a new
 `request` for each command: a repeated one gets the first reply again and is not
-carried out again. The daemon remembers 256 replies, and those to `point` and `undo` over a
-restart, for ten minutes. What `args` holds depends on the name:
+carried out again. The daemon remembers 256 replies, and those to `point` and `undo`
+over a restart, for ten minutes. What `args` holds depends on the name:
 """
 
 
