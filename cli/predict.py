@@ -54,15 +54,16 @@ def predict(
 
         held = read_arm(arm)
         names = [joint.name for joint in held.joints]
-        judged = read_campaign(campaign, names)
-        fitted = judged if fit_on is None else read_campaign(fit_on, names)
+        judged = fitted = read_campaign(campaign, names, several_tools=True)
+        if fit_on is not None:
+            fitted = read_campaign(fit_on, names, several_tools=True)
         for folder, one in {campaign: judged, fit_on or campaign: fitted}.items():
             for note in one.notes:
                 typer.echo(f"{folder}: {note}", err=True)
         try:
             found = placed(fitted, held, with_tool=fit_tool)
             places = {} if fit_on is None else places_of(found)
-            result = compared(judged, found.arm, places)
+            result = compared(judged, found.arm, places, found.tools_mm)
         except IdentificationError as error:
             refuse("predict", str(error))
         if out is not None:

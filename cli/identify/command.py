@@ -264,4 +264,5 @@ def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -
 def _campaign(folder: Path, arm: "Arm") -> "Campaign":
     from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
 
-    return read_campaign(folder, [joint.name for joint in arm.joints])
+    names = [joint.name for joint in arm.joints]
+    return read_campaign(folder, names, several_tools=True)

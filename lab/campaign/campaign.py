@@ -1,7 +1,7 @@
 """A campaign: what was measured for identification or diagnosis, as arrays."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -16,6 +16,7 @@ from traverse.lab.artefacts.artefact import Artefact, Touches
 from traverse.lab.artefacts.points import Points
 from traverse.lab.campaign.campaign_file import (
     CampaignFile,
+    Tool,
     example_problems,
     read_campaign_file,
 )
@@ -50,6 +51,7 @@ class Poses:
         directions: Unit vectors from the ball towards the material, (n_poses, 3).
         force_n: (n_poses,).
         lengths_mm: As read by artefacts that read lengths, (n_poses,).
+        tools: Number of `Campaign.tools`, from 1 on; 0 for the arm's own, (n_poses,).
     """
 
     lines: Integers
@@ -64,6 +66,7 @@ class Poses:
     directions: Floats | None = None
     force_n: Floats | None = None
     lengths_mm: Floats | None = None
+    tools: Integers | None = None
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -97,6 +100,7 @@ class Campaign:
         digest: SHA-256 over the files, hexadecimal; empty if there were none.
         is_stream: Poses are the samples of a recording: their errors are correlated.
         notes: What is not as it should be, but no reason to refuse.
+        tools: Others than the arm's own, as `Poses.tools` numbers them from 1 on.
     """
 
     artefacts: tuple[Artefact, ...]
@@ -114,6 +118,7 @@ class Campaign:
     digest: str = ""
     is_stream: bool = False
     notes: tuple[str, ...] = ()
+    tools: tuple[Tool, ...] = ()
 
     @property
     def start(self) -> datetime:
@@ -160,6 +165,16 @@ class Campaign:
             gravity_m_s2=None if gravity is None else np.array(gravity),
         )
 
+    def with_tools(self, vectors_mm: Mapping[str, Floats]) -> "Campaign":
+        """Hold tools at vectors, (3,), by their names."""
+        tools = tuple(
+            Tool(name=tool.name, vector_mm=tuple(known.tolist()), held=True)
+            if (known := vectors_mm.get(tool.name)) is not None
+            else tool
+            for tool in self.tools
+        )
+        return replace(self, tools=tools)
+
     def part(self, rows: Booleans | Integers | slice) -> "Campaign":
         """Take some of the poses; all artefacts stay."""
         return replace(self, poses=self.poses.part(rows))
@@ -191,12 +206,15 @@ class Campaign:
         )
 
 
-def read_campaign(folder: str | Path, joint_names: Sequence[str]) -> Campaign:
+def read_campaign(
+    folder: str | Path, joint_names: Sequence[str], *, several_tools: bool = False
+) -> Campaign:
     """Read a campaign's folder.
 
     Args:
         folder: With `campaign.toml` in it.
         joint_names: Of the arm, from the base outwards.
+        several_tools: Whether poses may name tools.
 
     Raises:
         FileError: With everything that is wrong with a file.
@@ -213,7 +231,12 @@ def read_campaign(folder: str | Path, joint_names: Sequence[str]) -> Campaign:
     if poses.suffix == SUFFIX:
         table = read_stream_table(poses, joint_names, features, file.start_utc)
     else:
-        table = read_pose_table(poses, joint_names, features)
+        tools = [tool.name for tool in file.tools]
+        table = read_pose_table(poses, joint_names, features, tools)
+        if table.tools is not None and not several_tools:
+            text = "only `traverse identify` and `traverse predict` take several tools"
+            what = f"{text}; take the poses of one, and leave the column out"
+            raise FileError(str(poses), [Problem("tool", what)])
     return _campaign(path, file, table, tuple(joint_names))
 
 
@@ -236,6 +259,7 @@ def _campaign(
         directions=directions,
         force_n=table.optional.get("force_n"),
         lengths_mm=table.optional.get("length_mm"),
+        tools=table.tools,
     )
     _check_lengths(path.parent / file.poses, file, poses)
     is_stream = Path(file.poses).suffix == SUFFIX
@@ -274,6 +298,7 @@ def _campaign(
         digest=_digest(path, file),
         is_stream=is_stream,
         notes=notes,
+        tools=file.tools if poses.tools is not None else (),
     )
 
 

@@ -49,8 +49,23 @@ class Noise(StrictModel):
     contact_mm: float | None = Field(default=None, gt=0.0)
 
 
+class Tool(StrictModel):
+    """Another marker or ball at the end of the arm than the probe of the arm file.
+
+    Attributes:
+        name: In the column `tool` of the poses.
+        vector_mm: As `probe.vector_mm` of the arm file; without it that of the probe.
+        held: Whether that counts, and is not only where the estimate begins.
+    """
+
+    name: str = Field(min_length=1)
+    vector_mm: Vector | None = None
+    held: bool = False
+
+
 # How `traverse verify --plan` marks what is to be replaced.
 EXAMPLE = "EXAMPLE"
+_TOOL_NAME = re.compile(r"[A-Za-z0-9_-]+")
 _CERTIFIED = re.compile(r"(radius|distance|points)(_std)?_mm|expansion_per_c")
 
 
@@ -65,6 +80,7 @@ class CampaignFile(StrictModel):
         place: Where.
         gravity_m_s2: Override of the arm's.
         noise: A-priori standard deviations.
+        tools: What poses may name.
         tables: The artefacts.
     """
 
@@ -76,6 +92,7 @@ class CampaignFile(StrictModel):
     place: str | None = None
     gravity_m_s2: Vector | None = None
     noise: Noise = Noise()
+    tools: tuple[Tool, ...] = ()
     tables: tuple[
         Annotated[Any, PlainValidator(artefact_from_table), KeysByKind()], ...
     ] = Field(alias="artefacts", min_length=1)
@@ -175,6 +192,19 @@ def _problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
             'does not go with time = "order": numbers of poses do not count from a '
             "moment; remove one of them",
         )
+    tools = [table.get("name") for table in tables_in(raw.get("tools"))]
+    for index, tool in enumerate(tools):
+        if isinstance(tool, str) and tool in tools[:index]:
+            yield Problem(
+                f"tools[{index}].name",
+                f"{shown(tool)} is also the name of tools[{tools.index(tool)}]; names "
+                "must differ",
+            )
+        if isinstance(tool, str) and not _TOOL_NAME.fullmatch(tool):
+            yield Problem(
+                f"tools[{index}].name",
+                f"{shown(tool)} is not a tool's name; use letters, digits, '-' and '_'",
+            )
     first_with_id: dict[str, int] = {}
     for index, table in enumerate(tables_in(raw.get("artefacts"))):
         name = table.get("id")

@@ -30,8 +30,9 @@ def without_copies(poses: "Poses", places: Floats) -> tuple["Poses", tuple[str, 
     Returns:
         The poses without copies, and what to report.
     """
+    of = poses.artefacts if poses.tools is None else (poses.artefacts, poses.tools)
     touched = np.column_stack(
-        [poses.artefacts.astype(np.float64), places, poses.angles_rad]
+        [np.transpose(of).astype(np.float64), places, poses.angles_rad]
     )
     candidates = _with_equals(touched)
     if len(candidates) == 0:

@@ -39,6 +39,8 @@ class PoseColumns:
         feature: Of feature.
         angles: Of every joint's angle, in the order of the arm.
         optional: Index by name of every optional column that is there.
+        tool: Of tool, where it is there.
+        tools: What that column may name.
     """
 
     names: tuple[str, ...]
@@ -47,6 +49,8 @@ class PoseColumns:
     feature: int
     angles: tuple[int, ...]
     optional: dict[str, int]
+    tool: int | None = None
+    tools: tuple[str, ...] = ()
 
     @property
     def numeric(self) -> tuple[int, ...]:
@@ -55,7 +59,7 @@ class PoseColumns:
 
 
 def columns_from_header(
-    header: Sequence[str], joint_names: Sequence[str]
+    header: Sequence[str], joint_names: Sequence[str], tools: Sequence[str] = ()
 ) -> PoseColumns | list[Problem]:
     """Find the columns, or say all that is wrong with the header."""
     problems = list(_header_problems(header, joint_names))
@@ -70,6 +74,8 @@ def columns_from_header(
         feature=places["feature"],
         angles=tuple(places[f"{name}_rad"] for name in joint_names),
         optional={name: at for name, at in places.items() if name in optional},
+        tool=places.get("tool"),
+        tools=tuple(tools),
     )
 
 
@@ -90,7 +96,7 @@ def _header_problems(
     header: Sequence[str], joint_names: Sequence[str]
 ) -> Iterator[Problem]:
     required = ("time_s", "artefact", "feature", *(f"{n}_rad" for n in joint_names))
-    known = (*required, *optional_columns(joint_names))
+    known = (*required, "tool", *optional_columns(joint_names))
     for name in required:
         if name not in header:
             yield Problem("line 1", f"column '{name}' is missing; add it")
@@ -145,6 +151,10 @@ def _cell_messages(
             unknown_name_message("feature", feature, features[artefact])
             + f" ({artefact})"
         )
+    tool = "" if columns.tool is None else cells[columns.tool]
+    if tool and tool not in columns.tools:
+        message = unknown_name_message("tool", tool, columns.tools)
+        yield f"{message}; say it in [[tools]] of campaign.toml, or leave it empty"
     for index in columns.numeric:
         if _number(cells[index]) is None:
             found = shown(cells[index])
@@ -204,6 +214,7 @@ class PoseTable:
         lines: Of the file, or numbers of the samples of a stream, from 1, (n_poses,).
         start_utc: From where time_s counts, where the table itself tells it.
         notes: What is not as it should be, but no reason to refuse.
+        tools: 0 for the arm's own, else number of the tool, (n_poses,).
     """
 
     artefacts: Integers
@@ -215,12 +226,14 @@ class PoseTable:
     lines: Integers
     start_utc: datetime | None = None
     notes: tuple[str, ...] = ()
+    tools: Integers | None = None
 
 
 def read_pose_table(
     path: Path,
     joint_names: Sequence[str],
     features: Mapping[str, tuple[str, ...]],
+    tools: Sequence[str] = (),
 ) -> PoseTable:
     """Read a table of poses.
 
@@ -228,12 +241,13 @@ def read_pose_table(
         path: The CSV file.
         joint_names: Of the arm, in order.
         features: The features that each artefact has, by its id; none: any.
+        tools: What the column `tool` may name.
 
     Raises:
         FileError: With the lines that cannot be used.
     """
     with csv_rows(path, "poses") as (header, rows):
-        columns = columns_from_header(header, joint_names)
+        columns = columns_from_header(header, joint_names, tools)
         if isinstance(columns, list):
             raise FileError(str(path), columns)
         numeric = (*columns.numeric, *columns.optional.values())
@@ -248,17 +262,21 @@ def _read_rows(
 ) -> PoseTable:
     words = _Words(features)
     blocks: list[tuple[Integers, Integers, Floats]] = []
+    used: list[str] = []
     problems: list[Problem] = []
     n_problems, line = 0, 2
     while block := list(islice(rows, _BLOCK_ROWS)):
         numbers = _numbers(block, columns)
         names = None if numbers is None else words.indices(block, columns)
-        if numbers is None or names is None:
+        at = columns.tool
+        own = [] if at is None or names is None else [row[at] for row in block]
+        if numbers is None or names is None or set(own) - {"", *columns.tools}:
             found = list(row_problems(block, line, columns, features))
             n_problems += len(found)
             problems += found[: _MOST_PROBLEMS - len(problems)]
         else:
             blocks.append((*names, numbers))
+            used += own
         line += len(block)
     if n_problems > len(problems):
         more = n_problems - len(problems)
@@ -276,6 +294,9 @@ def _read_rows(
         angles_rad=np.ascontiguousarray(numbers[:, columns.angles]),
         optional={name: numbers[:, at].copy() for name, at in columns.optional.items()},
         lines=np.arange(2, len(numbers) + 2),
+        tools=np.array([("", *columns.tools).index(tool) for tool in used])
+        if any(used)
+        else None,
     )
 
 

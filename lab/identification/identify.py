@@ -198,17 +198,39 @@ def prepared(
         effects = effect_model(arm, arm.effects, campaign) if arm.effects else None
     except ValueError as error:
         raise IdentificationError(str(error)) from error
-    parameters = arm_parameters(geometry, campaign.joint_names, effects)
+    names = [tool.name for tool in campaign.tools]
+    parameters = arm_parameters(geometry, campaign.joint_names, effects, names)
     in_the_arms_system = any(artefact.fixes_datum for artefact in campaign.artefacts)
     wishes = (*(("origin.*",) if in_the_arms_system else ()), *options.free)
+    tools_mm = np.array(
+        [tool.vector_mm or geometry.probe_vector_mm for tool in campaign.tools]
+    ).reshape(-1, 3)
     try:
+        held = [f"tool.{name}.?" for name in _held_tools(campaign)]
+        parameters = parameters.with_free(masked(parameters, held, ()))
         parameters = parameters.with_free(masked(parameters, options.hold, wishes))
     except ValueError as error:
         raise IdentificationError(str(error)) from error
     if not in_the_arms_system:
-        parameters = with_datum(parameters, geometry)
+        parameters = with_datum(parameters, geometry, tools_mm=tools_mm)
     values = np.empty(0) if effects is None else effects.effects.values
-    return ArmValues(geometry, values), parameters
+    return ArmValues(geometry, values, tools_mm), parameters
+
+
+def _held_tools(campaign: Campaign) -> list[str]:
+    """Name the tools that are held.
+
+    Where no pose has the arm's own, the first one is: what its vector is off is in
+    the last link, as that of the probe is otherwise.
+    """
+    if campaign.poses.tools is None:
+        return []
+    used = np.unique(campaign.poses.tools)
+    return [
+        tool.name
+        for number, tool in enumerate(campaign.tools, start=1)
+        if tool.held or number not in used or number == used[0]
+    ]
 
 
 def _check(campaign: Campaign, arm: Arm) -> None:

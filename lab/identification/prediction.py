@@ -110,21 +110,32 @@ def places_of(result: Identification) -> Mapping[str, Floats]:
     }
 
 
-def predict(campaign: Campaign, arm: Arm, places: Mapping[str, Floats]) -> Prediction:
+def predict(
+    campaign: Campaign,
+    arm: Arm,
+    places: Mapping[str, Floats],
+    tools_mm: Mapping[str, Floats] | None = None,
+) -> Prediction:
     """Compare poses with an arm.
 
     Args:
         campaign: Of the poses.
         arm: The arm, with its effects and its probe.
         places: States of artefacts by their ids; what is missing is found here.
+        tools_mm: Vectors of tools by their names, (3,); found here where absent.
 
     Raises:
         IdentificationError: Arm and campaign do not fit together.
     """
     touched = campaign.poses.artefacts
     is_missing = np.array([entry.id not in places for entry in campaign.artefacts])
+    if tools_mm is not None:
+        campaign = campaign.with_tools(tools_mm)
     if np.any(is_missing[touched]):
-        own = places_of(placed(campaign.part(is_missing[touched]), arm))
+        found = placed(campaign.part(is_missing[touched]), arm)
+        own = places_of(found)
+        if tools_mm is None:
+            campaign = campaign.with_tools(found.tools_mm)
     else:
         own = {}
     values, parameters = prepared(campaign, arm, _PLACING)
@@ -155,8 +166,8 @@ def holdout_figures(
     """
     # The tool is part of the last link, which is free in the result.
     given = placed(result.campaign, result.design, with_tool=True)
-    before = predict(kept_aside, given.arm, places_of(given))
-    after = predict(kept_aside, result.arm, places_of(result))
+    before = predict(kept_aside, given.arm, places_of(given), given.tools_mm)
+    after = predict(kept_aside, result.arm, places_of(result), result.tools_mm)
     return {
         "by": by,
         "seed": seed,

@@ -52,6 +52,17 @@ def read_in_the_arm_shown(path: Path) -> object:
     return parse_arm(arm.replace("[probe]", path.read_text("utf-8") + "[probe]", 1))
 
 
+def read_with_the_tools_shown(path: Path) -> object:
+    ((_, campaign),), ((_, poses),) = examples("campaign"), examples("tooled")
+    (path.parent / "poses.csv").write_text(poses, "utf-8")
+    text = campaign + path.read_text("utf-8")
+    (path.parent / "campaign.toml").write_text(text, "utf-8")
+    read = read_campaign(path.parent, ["J1", "J2"], several_tools=True)
+    assert read.poses.tools is not None
+    assert read.poses.tools.tolist() == [0, 1, 2]
+    return read
+
+
 def read_and_identified(path: Path) -> object:
     """What a table of artefacts says is touched with cones by a simulated arm."""
     tables = tomllib.loads(path.read_text("utf-8"))["artefacts"]
@@ -72,12 +83,14 @@ READERS: dict[str, Callable[[Path], object]] = {
     "simulator": read_simulator,
     "campaign": read_with_the_poses_shown,
     "artefact": read_and_identified,
+    "tools": read_with_the_tools_shown,
 }
 FILES = [(kind, *example) for kind in READERS for example in examples(kind)]
 
 
 def test_every_kind_of_example_is_known_here() -> None:
-    assert kinds_of_examples() == {*READERS, "output", "points", "arrays", "poses"}
+    others = {"output", "points", "arrays", "poses", "tooled"}
+    assert kinds_of_examples() == {*READERS} | others
 
 
 @pytest.mark.parametrize(

@@ -56,6 +56,7 @@ SECTIONS: dict[str, list[tuple[str, type[BaseModel]]]] = {
     "docs/reference/campaign.md": [
         ("Top level", campaign_file.CampaignFile),
         ("`[noise]`", campaign_file.Noise),
+        ("`[[tools]]`", campaign_file.Tool),
         *((f"`{name}`", kind) for name, kind in ARTEFACT_KINDS.items()),
     ],
     "docs/reference/probe-library.md": [("Probe library", probe_library.LibraryProbe)],
@@ -122,7 +123,7 @@ def test_every_column_of_poses_stands_there() -> None:
     rows = tables("docs/reference/campaign.md")["Poses"]
     said = {word for row in rows for word in code_words(row[0])}
     required = {"time_s", "artefact", "feature", "J1_rad"}
-    assert said == required | set(optional_columns(["J1"]))
+    assert said == required | {"tool"} | set(optional_columns(["J1"]))
 
 
 def default_of(field: FieldInfo) -> Any:

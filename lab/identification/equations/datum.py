@@ -17,7 +17,12 @@ from traverse.lab.identification.equations.parameters import Parameters
 _NULL = 1e-9
 
 
-def rigid_motions(parameters: Parameters, geometry: Geometry) -> Floats:
+NO_TOOLS = np.empty((0, 3))
+
+
+def rigid_motions(
+    parameters: Parameters, geometry: Geometry, tools_mm: Floats = NO_TOOLS
+) -> Floats:
     """Write three turns about x_0 and three shifts in all parameters, (n_all, 6).
 
     A turn e changes u_k by e x u_k and r_k by e x r_k. What of the latter lies along
@@ -48,9 +53,17 @@ def rigid_motions(parameters: Parameters, geometry: Geometry) -> Floats:
         motions[4 * n : 4 * n + 3, column] = origin_mm
         probe = slice(4 * n + 3, 4 * n + 6)
         motions[probe, column] = np.cross(turn, geometry.probe_vector_mm)
+        # The last link has the probe vector's turn, for the other tools, too.
+        beyond_mm = tools_mm - geometry.probe_vector_mm
+        motions[_tools(parameters), column] = np.cross(turn, beyond_mm).ravel()
     # The probe vector turns with the last link: held, its turn is the link's.
     motions[4 * n : 4 * n + 3, 3:] = np.eye(3)
     return _probe_moved_into_links(parameters, geometry, motions)
+
+
+def _tools(parameters: Parameters) -> slice:
+    """Where the vectors of tools stand among all parameters."""
+    return slice(5 * parameters.n_joints + 6, parameters.n_geometric)
 
 
 def _probe_moved_into_links(
@@ -84,7 +97,10 @@ def free_motions(motions: Floats, free: Booleans) -> Floats:
 
 
 def with_datum(
-    parameters: Parameters, geometry: Geometry, preferred: Booleans | None = None
+    parameters: Parameters,
+    geometry: Geometry,
+    preferred: Booleans | None = None,
+    tools_mm: Floats = NO_TOOLS,
 ) -> Parameters:
     """Hold as many components as there are motions left, the best ones.
 
@@ -94,8 +110,10 @@ def with_datum(
         parameters: With what is held otherwise.
         geometry: The arm.
         preferred: Components among which to choose, (n_all,); default all.
+        tools_mm: Vectors of tools beside the arm's own, (n_tools, 3).
     """
-    left = free_motions(rigid_motions(parameters, geometry), parameters.free)
+    motions = rigid_motions(parameters, geometry, tools_mm)
+    left = free_motions(motions, parameters.free)
     free = parameters.free.copy()
     free[4 * parameters.n_joints + 6] = False
     candidates = free if preferred is None else free & preferred
@@ -110,7 +128,9 @@ def with_datum(
     return parameters.with_free(free)
 
 
-def scale_direction(parameters: Parameters, geometry: Geometry) -> Floats:
+def scale_direction(
+    parameters: Parameters, geometry: Geometry, tools_mm: Floats = NO_TOOLS
+) -> Floats:
     """Write a stretch of the whole arm in the free parameters.
 
     Links grow by themselves; held components are kept by turning the arm back.
@@ -132,7 +152,9 @@ def scale_direction(parameters: Parameters, geometry: Geometry) -> Floats:
         else:
             # A shift of x_0 along the first axis moves the arm as a whole.
             stretch[4 * n : 4 * n + 3] = along
-    motions = rigid_motions(parameters, geometry)
+    beyond_mm = tools_mm - geometry.probe_vector_mm
+    stretch[_tools(parameters)] = beyond_mm.ravel()
+    motions = rigid_motions(parameters, geometry, tools_mm)
     held = ~parameters.free
     turned = np.linalg.lstsq(motions[held], stretch[held], rcond=1e-9)[0]
     whole = stretch - motions @ turned

@@ -119,19 +119,24 @@ class Network:
 def stations(
     campaign: Campaign, radius_mm: float, included: Booleans
 ) -> tuple[Station, ...]:
-    """Sort the included poses by artefact; artefacts without any are left out."""
-    order = np.argsort(campaign.poses.artefacts, kind="stable")
+    """Sort the included poses by artefact, and then by tool.
+
+    Artefacts without any are left out.
+    """
+    poses = campaign.poses
+    tools = np.zeros(len(poses)) if poses.tools is None else poses.tools
+    order = np.lexsort((tools, poses.artefacts))
     order = order[included[order]]
-    indices = campaign.poses.artefacts[order]
+    indices = poses.artefacts[order]
     found = []
     for index, artefact in enumerate(campaign.artefacts):
         first, last = np.searchsorted(indices, (index, index + 1))
         if first == last:
             continue
-        poses = order[first:last]
-        touches = campaign.touches(index, poses, radius_mm)
+        mine = order[first:last]
+        touches = campaign.touches(index, mine, radius_mm)
         scales = artefact.unknown_scales(touches)
-        found.append(Station(artefact, index, poses, touches, scales))
+        found.append(Station(artefact, index, mine, touches, scales))
     return tuple(found)
 
 

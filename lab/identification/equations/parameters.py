@@ -6,7 +6,7 @@ is left alone, because x does not change when a hinge slides along its own axis.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -25,10 +25,20 @@ class ArmValues:
     Attributes:
         geometry: The arm in its base posture.
         amplitudes: Values of the effects in the order of the arm file, (n_values,).
+        tools_mm: Vectors of the campaign's tools beside the arm's own, (n_tools, 3).
     """
 
     geometry: Geometry
     amplitudes: Floats
+    tools_mm: Floats = field(default_factory=lambda: np.empty((0, 3)))
+
+    def with_tool(self, tool: int) -> "ArmValues":
+        """Put on a tool, counted from 1; 0 is the arm's own."""
+        if tool == 0:
+            return self
+        vector_mm = self.tools_mm[tool - 1]
+        changed = replace(self.geometry, probe_vector_mm=vector_mm)
+        return replace(self, geometry=changed)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,12 +47,13 @@ class Parameters:
 
     Attributes:
         names: `J3.axis.v`, ..., `origin.x`, ..., `probe.vector.x`, ..., `J3.zero`,
-            ..., and those of the effects, (n_all,).
+            ..., `tool.NAME.x`, ..., and those of the effects, (n_all,).
         units: "" for axes (radians of a small turn), mm, rad; as effects say.
         tolerances: Plausible deviations from the design, (n_all,).
         free: Which are estimated, (n_all,).
         smallest: The component of each design axis that v_k is built from.
         effects: Of the arm, or None.
+        n_tools: Of the campaign, beside the arm's own.
     """
 
     names: tuple[str, ...]
@@ -51,6 +62,12 @@ class Parameters:
     free: Booleans
     smallest: tuple[int, ...]
     effects: EffectModel | None = None
+    n_tools: int = 0
+
+    @property
+    def n_geometric(self) -> int:
+        """How many parameters come before those of the effects."""
+        return 5 * self.n_joints + 6 + 3 * self.n_tools
 
     @property
     def n_joints(self) -> int:
@@ -83,13 +100,14 @@ class Parameters:
 
     def of_geometry(self) -> "Parameters":
         """Keep the geometry only."""
-        n_kept = 5 * self.n_joints + 6
+        n_kept = self.n_geometric
         return Parameters(
             self.names[:n_kept],
             self.units[:n_kept],
             self.tolerances[:n_kept],
             self.free[:n_kept],
             self.smallest,
+            n_tools=self.n_tools,
         )
 
     def basis(self, geometry: Geometry) -> Floats:
@@ -103,9 +121,13 @@ class Parameters:
     def columns(
         self, values: ArmValues, derivatives: ProbeDerivatives, poses: Poses
     ) -> Floats:
-        """Compute dx for the free parameters, (n_poses, 3, n_free)."""
+        """Compute dx for the free parameters, (n_poses, 3, n_free).
+
+        All poses are of one tool.
+        """
         n_poses, n = len(derivatives.centres_mm), self.n_joints
-        by_axes, by_links, by_zeros = self._maps(values.geometry)
+        tool = 0 if poses.tools is None or not len(poses) else int(poses.tools[0])
+        by_axes, by_links, by_zeros = self._maps(values.geometry, tool)
         # A small product a pose: a single large one would be shared between threads,
         # which costs more than it brings.
         columns: Floats = derivatives.by_axes.reshape(n_poses, 3, -1) @ by_axes
@@ -115,13 +137,14 @@ class Parameters:
         if np.any(self.free[4 * n : 4 * n + 3]):
             rest = len(self.names) - 4 * n - 3
             columns += np.pad(np.eye(3), ((0, 0), (4 * n, rest)))[:, self.free]
-        free = self.free[5 * n + 6 :]
+        free = self.free[self.n_geometric :]
         if self.effects is not None and np.any(free):
-            moves = self.effects.columns(values.geometry, values.amplitudes, poses)
+            geometry = values.with_tool(tool).geometry
+            moves = self.effects.columns(geometry, values.amplitudes, poses)
             columns[:, :, -np.count_nonzero(free) :] = moves[:, :, free]
         return columns
 
-    def _maps(self, geometry: Geometry) -> tuple[Floats, Floats, Floats]:
+    def _maps(self, geometry: Geometry, tool: int) -> tuple[Floats, Floats, Floats]:
         """Write components of axes, links and zeros in the free parameters."""
         basis, n = self.basis(geometry), self.n_joints
         by_axes = np.zeros((3 * n, len(self.names)))
@@ -131,7 +154,8 @@ class Parameters:
             own = slice(3 * k, 3 * k + 3)
             by_axes[own, 4 * k : 4 * k + 2] = basis[k].T
             by_links[own, 4 * k + 2 : 4 * k + 4] = basis[k].T
-        by_links[-3:, 4 * n + 3 : 4 * n + 6] = np.eye(3)
+        vector = 5 * n + 3 + 3 * tool if tool else 4 * n + 3
+        by_links[-3:, vector : vector + 3] = np.eye(3)
         by_zeros[:, 4 * n + 6 : 5 * n + 6] = np.eye(n)
         # A choice of columns is stored column by column, which multiplies slowly.
         return (
@@ -158,7 +182,10 @@ class Parameters:
             probe_vector_mm=geometry.probe_vector_mm + rest[3:6],
             zeros_rad=geometry.zeros_rad + rest[6 : 6 + n],
         )
-        return ArmValues(moved, self._moved_amplitudes(values, moved, rest[6 + n :]))
+        first = self.n_geometric - 4 * n
+        tools_mm = values.tools_mm + rest[6 + n : first].reshape(-1, 3)
+        amplitudes = self._moved_amplitudes(values, moved, rest[first:])
+        return ArmValues(moved, amplitudes, tools_mm)
 
     def _moved_amplitudes(
         self, values: ArmValues, moved: Geometry, step: Floats
@@ -198,6 +225,7 @@ class Parameters:
                 there.origin_mm - here.origin_mm,
                 there.probe_vector_mm - here.probe_vector_mm,
                 there.zeros_rad - here.zeros_rad,
+                (to.tools_mm - at.tools_mm).ravel(),
                 self._amplitude_step(at, to.amplitudes - at.amplitudes),
             ]
         )
@@ -220,8 +248,9 @@ def arm_parameters(
     geometry: Geometry,
     joint_names: Sequence[str],
     effects: EffectModel | None = None,
+    tools: Sequence[str] = (),
 ) -> Parameters:
-    """List the parameters of an arm; axes and links are free.
+    """List the parameters of an arm; axes, links and tools are free.
 
     Effects are held at their values, until they are freed.
     """
@@ -239,24 +268,31 @@ def arm_parameters(
         *[ORIGIN_TOLERANCE_MM] * 3,
         *[LINK_TOLERANCE_MM] * 3,
         *[ZERO_TOLERANCE_RAD] * n,
+        *[ORIGIN_TOLERANCE_MM] * (3 * len(tools)),
     ]
+    vectors = [f"tool.{name}.{axis}" for name in tools for axis in "xyz"]
     free = np.ones(len(tolerances), dtype=np.bool_)
     free[4 * n : 5 * n + 6] = False
     if effects is not None:
         tolerances += effects.tolerances.tolist()
         free = np.append(free, np.zeros(len(effects.names), dtype=np.bool_))
     return Parameters(
-        names=(*joints, *rest, *zeros, *(() if effects is None else effects.names)),
+        names=(
+            *(*joints, *rest, *zeros, *vectors),
+            *(() if effects is None else effects.names),
+        ),
         units=(
             *(["rad"] * 2 + ["mm"] * 2) * n,
             *["mm"] * 6,
             *["rad"] * n,
+            *["mm"] * len(vectors),
             *(() if effects is None else effects.units),
         ),
         tolerances=np.array(tolerances),
         free=free,
         smallest=tuple(int(at) for at in np.argmin(np.abs(geometry.axes), axis=1)),
         effects=effects,
+        n_tools=len(tools),
     )
 
 

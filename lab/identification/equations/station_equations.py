@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -125,7 +126,7 @@ def station_centres(
     corrections: Floats | None = None,
 ) -> Floats:
     """Compute the ball centres of a station's poses in mm, (n_poses, 3)."""
-    if network.parameters.effects is None:
+    if network.parameters.effects is None and not network.parameters.n_tools:
         angles_rad = network.campaign.poses.angles_rad[station.poses]
         if corrections is None:
             return probe_centre(arm.geometry, angles_rad)
@@ -196,13 +197,24 @@ def _spread_evenly(n_poses: int) -> Integers:
     return chosen.astype(np.int64)
 
 
+def _parts(network: Network, station: Station) -> Iterator[tuple[int, slice]]:
+    """Cut a station's poses where the tool changes, and to a bounded size."""
+    tools, n_poses = network.campaign.poses.tools, len(station.poses)
+    ends = np.arange(0, n_poses, _CHUNK_POSES)[1:]
+    if tools is not None:
+        ends = np.union1d(ends, 1 + np.flatnonzero(np.diff(tools[station.poses])))
+    for first, last in pairwise((0, *ends.tolist(), n_poses)):
+        tool = 0 if tools is None else int(tools[station.poses[first]])
+        yield tool, slice(first, last)
+
+
 def _chunks(
-    network: Network, station: Station, arm: ArmValues, corrections: Floats | None
+    network: Network, station: Station, values: ArmValues, corrections: Floats | None
 ) -> Iterator[tuple[slice, Floats, ProbeDerivatives]]:
     """Go through a station's poses: which, ball centres, derivatives."""
     poses, n = network.campaign.poses, network.parameters.n_joints
-    for first in range(0, len(station.poses), _CHUNK_POSES):
-        part = slice(first, min(first + _CHUNK_POSES, len(station.poses)))
+    for tool, part in _parts(network, station):
+        arm = values.with_tool(tool)
         rows = station.poses[part]
         angles_rad = poses.angles_rad[rows]
         if corrections is not None:

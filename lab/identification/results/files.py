@@ -122,6 +122,7 @@ def identification_json(
             for entry in result.weak
         ],
         "artefacts": {entry.id: _artefact(entry) for entry in result.artefacts},
+        "tools": result.tools,
         # Of an artefact that lost all poses none can be tested.
         "excluded": [
             {"line": e.line, "w": e.w if np.isfinite(e.w) else None}

@@ -113,7 +113,9 @@ def cartesian_covariance(
     to_xyz[6 * n : 6 * n + 3, 4 * n + 3 : 4 * n + 6] = np.eye(3)
     names_of_effects: tuple[str, ...] = ()
     if parameters.effects is not None:
-        to_xyz[first:last, 5 * n + 6 :] = parameters.effects.directions(geometry)
+        to_xyz[first:last, parameters.n_geometric :] = parameters.effects.directions(
+            geometry
+        )
         names_of_effects = parameters.effects.effects.parameter_names
     to_xyz[last:, 4 * n : 4 * n + 3] = np.eye(3)
     free = to_xyz[:, parameters.free]

@@ -196,6 +196,25 @@ class Identification:
     holdout: Mapping[str, Any] | None = None
 
     @property
+    def tools_mm(self) -> dict[str, Floats]:
+        """Vectors of the campaign's tools by their names, (3,)."""
+        vectors_mm = self.adjustment.state.arm.tools_mm
+        names = [tool.name for tool in self.campaign.tools]
+        return dict(zip(names, vectors_mm, strict=True))
+
+    @property
+    def tools(self) -> dict[str, dict[str, list[Any]]]:
+        """Say vectors of tools, and standard deviations, None of what is held."""
+        stds = {entry.name: entry.std for entry in self.parameters}
+        return {
+            name: {
+                "vector_mm": vector_mm.tolist(),
+                "std_mm": [stds.get(f"tool.{name}.{axis}") for axis in "xyz"],
+            }
+            for name, vector_mm in self.tools_mm.items()
+        }
+
+    @property
     def artefacts_agree(self) -> bool:
         """Whether no certificate is contradicted and no artefact lost many poses."""
         return not (self.contradictions or self.lost_poses)

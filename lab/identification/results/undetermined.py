@@ -76,7 +76,8 @@ def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
     found = []
     rest = adjustment.split.undetermined
     if not has_length(network):
-        scale = scale_direction(network.parameters, geometry)
+        tools_mm = adjustment.state.arm.tools_mm
+        scale = scale_direction(network.parameters, geometry, tools_mm)
         for direction in scale:
             components = named(network.parameters, direction)
             found.append(Undetermined(components, _NO_LENGTH, is_scale=True))

@@ -333,7 +333,8 @@ def _split(
     parameters = network.parameters
     scale = np.empty((0, parameters.n_free))
     if not has_length(network):
-        scale = scale_direction(parameters, state.arm.geometry)
+        arm = state.arm
+        scale = scale_direction(parameters, arm.geometry, arm.tools_mm)
     tolerances = parameters.free_tolerances
     if settled and n_before is not None:
         return decide_rank(system.upper, tolerances, scale, n_before)

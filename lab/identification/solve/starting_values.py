@@ -122,7 +122,8 @@ def _coarse_network(
     free = parameters.free.copy()
     free[: 4 * n - 2] = False
     free[4 * n : 4 * n + 3] = False
-    free[4 * n + 6 :] = False
+    free[4 * n + 6 : 5 * n + 6] = False
+    free[parameters.n_geometric :] = False
     noise = Noise(np.full(n, 1e-6), np.full(len(campaign.artefacts), _COARSE_MM))
     tool_only = parameters.with_free(free)
     return network_of(campaign, radius_mm, included, tool_only, noise)

@@ -241,6 +241,52 @@ def test_times_may_be_an_order(folder):
     assert read_campaign(folder, ["J1", "J2"]).time_is_order
 
 
+TOOLS = '[[tools]]\nname = "low"\n[[tools]]\nname = "high"\nheld = true\n'
+
+
+def with_tools(folder, tools, *names):
+    """Name tools in the first poses."""
+    lines = (HEADER + ROWS).splitlines()
+    cells = ["tool", *names, *[""] * (len(lines) - 1 - len(names))]
+    table = "".join(f"{a},{b}\n" for a, b in zip(lines, cells, strict=True))
+    (folder / "poses.csv").write_text(table)
+    (folder / "campaign.toml").write_text(CAMPAIGN + tools)
+
+
+def test_poses_name_tools_where_that_is_asked_for(folder):
+    with_tools(folder, TOOLS, "high", "", "low")
+    assert "only `traverse identify` and `traverse predict`" in problems(folder)[0]
+    campaign = read_campaign(folder, ["J1", "J2"], several_tools=True)
+    assert campaign.poses.tools.tolist() == [2, 0, 1, 0]
+    assert [tool.name for tool in campaign.tools] == ["low", "high"]
+    assert campaign.part(campaign.poses.tools > 0).poses.tools.tolist() == [2, 1]
+    with_tools(folder, TOOLS)
+    assert read_campaign(folder, ["J1", "J2"]).poses.tools is None
+
+
+@pytest.mark.parametrize(
+    ("tools", "names", "what"),
+    [
+        (TOOLS, ["hihg"], "unknown tool 'hihg'; did you mean 'high'?; say it in [[too"),
+        ("", ["high"], "unknown tool 'high'; known here: ; say it in [[tools]]"),
+        (TOOLS + TOOLS, [], "tools[2].name: 'low' is also the name of tools[0]"),
+        (TOOLS.replace("low", "l.w"), [], "tools[0].name: 'l.w' is not a tool's name"),
+    ],
+)
+def test_mistakes_about_tools_are_named(folder, tools, names, what):
+    with_tools(folder, tools, *names)
+    assert any(what in text for text in problems(folder))
+
+
+def test_the_same_readings_with_another_tool_are_no_copy(folder):
+    with_tools(folder, TOOLS, "", "", "low", "high")
+    text = (
+        (folder / "poses.csv").read_text().replace("grid,A,-0.5,6e-1", "grid,C,0.5,0.6")
+    )
+    (folder / "poses.csv").write_text(text)
+    assert read_campaign(folder, ["J1", "J2"], several_tools=True).notes == ()
+
+
 def test_no_poses_are_refused(folder):
     (folder / "poses.csv").write_text(HEADER)
     assert problems(folder) == ["holds no poses; measure some"]
