@@ -24,6 +24,7 @@ BALL = {"id": "ball", "kind": "sphere", "radius_mm": 25.4}
 GAUGE = {"id": "gauge", "kind": "parallel_planes", "distance_mm": 100.0}
 SHORT = bar(id="short")
 LONG = bar(id="long", distance_mm=500.0)
+LONGEST = bar(id="longest", distance_mm=800.0)
 GRID = {
     "id": "grid",
     "kind": "points",
@@ -115,6 +116,20 @@ def test_a_campaign_that_determines_little_converges(seed, free):
             "distance",
             400,
             True,
+        ),
+        (
+            [*cones(2), SHORT, LONGEST],
+            {"longest": {"distance_mm": 808.0}},
+            "distance",
+            800,
+            True,
+        ),
+        (
+            [*cones(2), SHORT, LONGEST],
+            {"longest": {"distance_mm": 80.0}},
+            "distance",
+            800,
+            False,
         ),
         (
             [*cones(2), SHORT, LONG],
