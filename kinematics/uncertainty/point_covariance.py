@@ -16,6 +16,9 @@ the Fourier series of the mean rounding error over the place within a step, damp
 the noise: q^2/12 without noise, next to nothing from s_e = q/2 on. A contact, an
 instant and the arm itself are the same for all n.
 
+A reading whose correction is held beyond what the arm was seen at is as uncertain, in
+addition, as that effect says.
+
 What is left of coarse encoders is spread evenly and not normally: an ellipsoid of 95 %
 then holds more than that.
 """
@@ -91,11 +94,13 @@ def point_covariances(
     # Readings, the arm, the instant, the contact.
     factor = np.zeros((len(block), 3, n_joints + n_known + 4))
     by_angles = known.by_angles
-    np.multiply(
-        by_angles,
-        _reading_stds(noise, samples),
-        out=factor[:, :, :n_joints],
-    )
+    stds_rad = _reading_stds(noise, samples)
+    for effect in effects.readings:
+        if (unseen_rad := effect.unseen_rad(block)) is not None:
+            stds_rad = np.broadcast_to(stds_rad, (len(block), 1, n_joints)).copy()
+            joints = stds_rad[:, 0, effect.joints]
+            joints[:] = np.hypot(joints, unseen_rad[:, np.newaxis])
+    np.multiply(by_angles, stds_rad, out=factor[:, :, :n_joints])
     if arm is not None and by_parameters is not None:
         factor[:, :, n_joints:-4] = by_parameters @ arm.factor
     if speeds_rad_s is not None:

@@ -153,6 +153,14 @@ class ReadingCorrection(Correction):
         """d_alpha in rad, (n_chosen, n_samples)."""
         return weighted_sum(self.values, self.unit_amounts(geometry, block))
 
+    def unseen_rad(self, block: Block) -> Floats | None:
+        """Standard deviations of d_alpha beyond what the arm was seen at, (n_samples,).
+
+        None where no sample is beyond, which is all that most effects know.
+        """
+        del block
+        return None
+
     @property
     @abstractmethod
     def terms(self) -> tuple[Term, ...]:

@@ -2,8 +2,8 @@
 
 The covariate is named like a column of a campaign: `<joint>_rad`, `temperature_c`,
 `<joint>_temperature_c`, `<joint>_speed_rad_s`, `<joint>_approach`, `force_n`, `time_s`.
-The spline is the natural cubic one; beyond the outer knots its last value is held and
-the sample flagged `beyond_knots`. Every sample is flagged `empirical`.
+The spline is the natural cubic one; beyond the outer knots its last value is held, the
+sample flagged `beyond_knots` and its reading as uncertain as a straight line on is far. Every sample is flagged `empirical`.
 """
 
 from collections.abc import Iterator
@@ -17,7 +17,11 @@ from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import FlagName, ReadingCorrection
 from traverse.kinematics.effects.base.covariate import Covariate, Need
-from traverse.kinematics.effects.readings.spline import spline_amounts, spline_numbers
+from traverse.kinematics.effects.readings.spline import (
+    spline_amounts,
+    spline_numbers,
+    straight_on,
+)
 from traverse.kinematics.kernel.terms import Form, Quantity, Source, Term
 from traverse.kinematics.model.geometry import Geometry
 
@@ -99,6 +103,11 @@ class Empirical(ReadingCorrection):
         """The unit splines, (n_knots, 1, n_samples)."""
         del geometry
         return spline_amounts(self.knots, self._at(block))[:, np.newaxis]
+
+    def unseen_rad(self, block: Block) -> Floats | None:
+        """As far as the straight line on would be from the value that is held."""
+        away_rad = np.abs(straight_on(self.knots, self.values, self._at(block)))
+        return away_rad if away_rad.any() else None
 
     @property
     def terms(self) -> tuple[Term, ...]:

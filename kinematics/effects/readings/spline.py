@@ -50,6 +50,31 @@ def spline_numbers(
     return tuple(np.concatenate(rows).tolist())
 
 
+def straight_on(
+    knots: tuple[float, ...], values: tuple[float, ...], at: Floats
+) -> Floats:
+    """How far the straight lines on from the outer knots are from the held values.
+
+    The slope of a natural spline at its first knot is (y_1 - y_0)/h - h m_1/6, at its
+    last (y_n - y_(n-1))/h + h m_(n-1)/6.
+
+    Args:
+        knots: Increasing, at least 2.
+        values: At the knots.
+        at: Where, (n,).
+
+    Returns:
+        In the unit of the values, (n,); 0 between the knots.
+    """
+    places, steps, curvatures = _tables(knots)
+    slopes, bows = np.diff(values) / steps, np.array(values) @ curvatures
+    first = slopes[0] - steps[0] * bows[1] / 6.0
+    last = slopes[-1] + steps[-1] * bows[-2] / 6.0
+    away: Floats = first * np.minimum(at - places[0], 0.0)
+    away += last * np.maximum(at - places[-1], 0.0)
+    return away
+
+
 # The knots of an effect never change, and every block asks for them.
 @lru_cache(maxsize=64)
 def _tables(knots: tuple[float, ...]) -> tuple[Floats, Floats, Floats]:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from tests.kinematics.effects.reference import (
     EPOCH,
@@ -18,8 +19,13 @@ from traverse.kinematics.arm_file.arm import Identification
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
+from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.forward import probe_pose
 from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.kinematics.uncertainty.point_covariance import (
+    PointNoise,
+    point_covariances,
+)
 
 ARM = random_arm(11)
 GEOMETRY = geometry_from_arm(ARM)
@@ -153,6 +159,28 @@ def test_empirical_spline_of_another_joint_is_the_natural_cubic_one():
     flags = corrected_pose(GEOMETRY, effects_of(ARM, (one,)), Block(READINGS))[2]
     assert flags.empirical.all()
     np.testing.assert_array_equal(flags.beyond_knots, (at < -3.0) | (at > 3.5))
+
+
+def test_beyond_its_knots_a_reading_is_as_uncertain_as_a_straight_line_on():
+    """The slopes at the outer knots are scipy's."""
+    knots, values = (-3.0, -1.0, 0.5, 2.0, 3.5), (1e-4, -2e-4, 3e-4, 0.0, 1e-4)
+    one = effect(
+        "empirical", joint="J3", covariate="J5_rad", knots=knots, values_rad=values
+    )
+    curved, plain = effects_of(ARM, (one,)), effects_of(ARM, ())
+    readings_rad = READINGS[:5].copy()
+    readings_rad[:, 4] = (-4.0, -3.0, 0.1, 3.5, 5.5)
+    block, n_joints = Block(readings_rad), readings_rad.shape[1]
+    noise = PointNoise(np.full(n_joints, 1e-5), np.zeros(n_joints), 0.01, 0.0)
+    stated = point_covariances(GEOMETRY, curved, block, noise)
+    true_rad = readings_rad - angle_corrections(GEOMETRY, curved, block)
+    inside = point_covariances(GEOMETRY, plain, Block(true_rad), noise)
+    slopes = CubicSpline(knots, values, bc_type="natural")((-3.0, 3.5), 1)
+    away_rad = np.array([slopes[0], 0.0, 0.0, 0.0, 2.0 * slopes[1]])
+    lever = probe_derivatives(GEOMETRY, true_rad).by_angles[:, :, 2]
+    grown = np.einsum("n,ni,nj->nij", away_rad**2, lever, lever)
+    assert np.all(np.linalg.norm(grown[[0, 4]], axis=(1, 2)) > 1e-4)
+    np.testing.assert_allclose(stated, inside + grown, rtol=1e-9, atol=1e-14)
 
 
 def natural_cubic(knots, values):
