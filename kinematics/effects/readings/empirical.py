@@ -3,7 +3,8 @@
 The covariate is named like a column of a campaign: `<joint>_rad`, `temperature_c`,
 `<joint>_temperature_c`, `<joint>_speed_rad_s`, `<joint>_approach`, `force_n`, `time_s`.
 The spline is the natural cubic one; beyond the outer knots its last value is held, the
-sample flagged `beyond_knots` and its reading as uncertain as a straight line on is far. Every sample is flagged `empirical`.
+sample flagged `beyond_knots`, and its reading as uncertain as a straight line on is
+far. Every sample is flagged `empirical`.
 """
 
 from collections.abc import Iterator
