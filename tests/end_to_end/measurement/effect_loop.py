@@ -1,6 +1,7 @@
 """An arm with effects touches a ball; a daemon with them and one without measure it."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 
 from tests.daemon.values import configuration, kept_at_once
 from tests.end_to_end.measurement.virtual_time import Straight, VirtualBoard, played
+from tests.simulator.campaigns.arms import coupled
 from tests.simulator.effects.examples import START, heavy_arm
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.clock import HostClock
@@ -166,10 +168,14 @@ class Daemon:
 
 
 def measured(
-    folder: Path, monkeypatch, *effects: Effect, noise_rad: float = 0.0
+    folder: Path,
+    monkeypatch,
+    *effects: Effect,
+    noise_rad: float = 0.0,
+    couplings: Mapping[str, tuple[str, float]] | None = None,
 ) -> Measured:
     """Play the script once and measure it with and without the effects."""
-    arm = fine_arm(*effects)
+    arm = coupled(fine_arm(*effects), **(couplings or {}))
     write_arm(folder / "true.toml", arm)
     write_arm(folder / "bare.toml", arm.model_copy(update={"effects": ()}))
     text = SIMULATION.format(noise_rad=noise_rad)

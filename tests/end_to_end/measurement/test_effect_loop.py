@@ -95,6 +95,17 @@ def test_points_agree_with_the_truth_by_the_adapted_file_alone(
     assert {p.quality for p in found.bare} == {Quality(ok=True, flags=())}
 
 
+@pytest.mark.parametrize(
+    "kind", ["encoder_eccentricity", "backlash", "joint_compliance"]
+)
+def test_coupled_joints_agree_with_the_truth(tmp_path, monkeypatch, kind):
+    couplings = {"J2": ("J1", 0.5), "J3": ("J2", -1.0), "J5": ("J4", 0.4)}
+    found = measured(tmp_path, monkeypatch, entry(kind), couplings=couplings)
+    most_mm = rounding_mm(found)
+    assert (lengths(found.misses_mm) < most_mm).all()
+    assert lengths(found.bare_misses_mm).max() > MANY * most_mm.max()
+
+
 @pytest.mark.parametrize("kind", kinds_of("D"))
 def test_what_needs_the_surface_is_flagged_and_closes_once_it_is_known(
     tmp_path, monkeypatch, kind
