@@ -49,7 +49,10 @@ from traverse.lab.identification.solve.iterative_adjustment import (
     with_stream_weights,
 )
 from traverse.lab.identification.solve.serial_noise import serial_noise
-from traverse.lab.identification.solve.starting_values import coarse_start
+from traverse.lab.identification.solve.starting_values import (
+    coarse_start,
+    with_tools_fitted,
+)
 from traverse.lab.identification.solve.variance_components import VarianceModel
 
 __all__ = ["IdentificationError", "Options", "identify"]
@@ -88,7 +91,8 @@ def identify(
     every = np.ones(len(campaign.poses), dtype=np.bool_)
     network = network_of(campaign, radius_mm, every, parameters)
     rms_before_mm = rms_mm(network, start_state(network, design))
-    start = design
+    given_mm = design.tools_mm
+    start = design = with_tools_fitted(campaign, parameters, design, radius_mm)
     if options.coarse_start:
         start = coarse_start(campaign, parameters, design, radius_mm, options.hold)
 
@@ -104,7 +108,7 @@ def identify(
         if not _fits_better((run, start), (as_given, design)):
             run, start = as_given, design
     zero_offsets_rad = start.geometry.zeros_rad - design.geometry.zeros_rad
-    design = start
+    design = replace(start, tools_mm=given_mm)
     contradictions: tuple[Contradiction, ...] = ()
     if options.snooping:
         campaign, run, contradictions = without_wrong_certificates(

@@ -49,6 +49,27 @@ _COARSE_MM = 10.0
 _SEED = 1
 
 
+def with_tools_fitted(
+    campaign: Campaign, parameters: Parameters, design: ArmValues, radius_mm: float
+) -> ArmValues:
+    """Begin where the vectors of free tools fit to the arm as given.
+
+    Else a tool far from the probe would look like as many blunders.
+
+    Args:
+        campaign: What was measured.
+        parameters: Which are free to be estimated.
+        design: The arm as given.
+        radius_mm: Of the probe's ball.
+    """
+    network = _coarse_network(campaign, parameters, radius_mm)
+    tools = slice(5 * parameters.n_joints + 6, parameters.n_geometric)
+    if not np.any(network.parameters.free[tools]):
+        return design
+    fitted = adjust(network, start_state(network, design), design, None, 12).state
+    return replace(design, tools_mm=fitted.arm.tools_mm)
+
+
 def coarse_start(
     campaign: Campaign,
     parameters: Parameters,

@@ -23,7 +23,10 @@ from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.prediction import placed, places_of, predict
 from traverse.strict_toml.writing import arm_text
 
-OFFSETS_MM = {"low": np.array([12.0, -35.0, 20.0]), "far": np.array([90.0, 40.0, 55.0])}
+OFFSETS_MM = {
+    "low": np.array([12.0, -35.0, 20.0]),
+    "far": np.array([300.0, -200.0, 250.0]),
+}
 GRID = {"A": [0.0, 0, 0], "B": [90.0, 0, 0], "C": [0.0, 80, 0], "D": [10.0, 20, 70]}
 TABLES = [
     {"id": "grid", "kind": "points", "frame": "own", "points_mm": GRID},
@@ -86,6 +89,15 @@ def test_vectors_of_tools_are_estimated_with_the_arm(campaign):
         assert np.linalg.norm(result.tools_mm[name]) == pytest.approx(
             np.linalg.norm(offset_mm), abs=0.05
         )
+
+
+def test_poses_with_the_name_of_another_tool_are_left_out_alone(campaign):
+    tools, wrong = campaign.poses.tools.copy(), np.array([3, 50, 130, 200, 300])
+    tools[wrong] = (tools[wrong] + 1) % 3
+    named = replace(campaign, poses=replace(campaign.poses, tools=tools))
+    result = identify(named, arm_value(disturbed(TRUE, seed=8)), QUICK)
+    assert [pose.line for pose in result.excluded] == (wrong + 2).tolist()
+    assert result.global_test.passed
 
 
 def test_with_the_arm_held_they_are_those_of_linear_least_squares():
