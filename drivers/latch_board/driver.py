@@ -33,6 +33,7 @@ QUICK_ANSWER_NS = 2_000_000  # shorter than any motion that matters
 TIE_NS = 200_000_000  # longer than that nobody waits for a quick answer
 # The board sends an edge again after 50 ms. So it is acknowledged in a quiet moment,
 # not while its point is on its way, and several are at once.
+AGAIN_NS = 70_000_000
 QUIET_S = 0.003
 OVERDUE_NS = 20_000_000
 BATCH_WINDOW_WITH_EDGES_NS = 5_000_000
@@ -88,6 +89,11 @@ class LatchBoardDriver(Driver):
         )
         line.begin()
         first = self._boot_id is None
+        if first:  # HELLO has the board forget edges: they are counted before
+            until_ns = self._now_ns() + AGAIN_NS
+            while (left_ns := until_ns - self._now_ns()) > 0 and not self._stopping:
+                if line.wait(left_ns * 1e-9):
+                    line.read()
         flags = wire.FORGET_EDGES if first else 0
         hello = line.ask("HELLO", lambda number: wire.hello_request(number, flags))
         if not isinstance(hello, wire.Hello):
@@ -237,8 +243,10 @@ class LatchBoardDriver(Driver):
                 session.take(message, received_ns, earlier)
             case wire.SampleBlock():
                 self._counters["samples_of_old_stream"] += len(message.seq)
+            case wire.Edge():
+                self._edges.note_missed(message.seq)
             case _:
-                pass  # edges and heartbeats are repeated after HELLO
+                pass  # heartbeats are repeated after HELLO
 
     def _report_broken(self, broken: int) -> None:
         if broken:

@@ -25,6 +25,7 @@ class EdgeSequencer:
         self._next = expected
         self._delivered: int | None = None
         self._acknowledged: int | None = None
+        self._oldest_missed: int | None = None
         self._told: int | None = None
         self._early_since_ns: int | None = None
         self._oldest_early = 0
@@ -46,10 +47,22 @@ class EdgeSequencer:
         self._told = self._acknowledged
         return self._told
 
-    def begin_at(self, seq: int) -> None:
-        """The board reports its first edge; used only at the beginning."""
-        if self._next is None:
-            self._next = seq % WRAP
+    def note_missed(self, seq: int) -> None:
+        """An edge that the board kept from before HELLO, which has it forgotten."""
+        if self._oldest_missed is None or _signed(seq - self._oldest_missed) < 0:
+            self._oldest_missed = seq
+
+    def begin_at(self, seq: int) -> int:
+        """The board reports its first edge; used only at the beginning.
+
+        Returns:
+            How many edges of before were forgotten, as far as one of them was seen.
+        """
+        if self._next is not None:
+            return 0
+        self._next = seq % WRAP
+        oldest = self._oldest_missed
+        return 0 if oldest is None else max(0, _signed(seq - oldest))
 
     def classify(self, seq: int, now_ns: int) -> tuple[Verdict, int]:
         """What to do with edge ``seq``, and how many before it are lost for good.

@@ -171,7 +171,15 @@ class LatchBoardSession:
             # It contains the next sample's number: those before have been sent.
             self._report_lost(self._sequence.reach(heartbeat.next_sample_seq))
         clock.update(clock.unwrap_one(heartbeat.ticks), received_ns)
-        self._edges.begin_at(heartbeat.next_edge_seq - heartbeat.edges_back)
+        first_edge = heartbeat.next_edge_seq - heartbeat.edges_back
+        if (forgotten := self._edges.begin_at(first_edge)) > 0:
+            self._fault(
+                "edges_lost",
+                f"{counted(forgotten, 'button or probe edge')} of the time before this "
+                "start were forgotten: a press and its release are two",
+                "look which points of that time are missing, and take them again",
+                forgotten,
+            )
         counters["board_tx_dropped"] = heartbeat.tx_dropped
         counters["board_rx_rejected"] = heartbeat.rx_rejected
         if (steps := clock.steps - counters["clock_steps"]) > 0:

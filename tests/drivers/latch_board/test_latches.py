@@ -111,3 +111,18 @@ async def test_frames_with_other_channels_never_reach_the_consumer(rig):
     assert taken.seqs() == [1]
     assert taken.of(LatchedCounts) == []
     assert "channels_changed" in {fault.code for fault in taken.of(DeviceFault)}
+
+
+async def test_edges_of_the_time_before_the_start_are_counted_and_forgotten(rig):
+    for level in (1, 0, 1, 0):
+        rig.board.press(0, level=level)
+    rig.board.next_edge += 3  # for which the board had no room
+    with rig.driver:
+        taken = Taken(rig.delivery_queue)
+        await taken.until(lambda: taken.of(DeviceFault), "what was forgotten")
+        token = rig.board.press()
+        await taken.until(lambda: taken.of(LatchedCounts), "an edge of now")
+    (fault,) = taken.of(DeviceFault)
+    assert (fault.code, fault.count) == ("edges_lost", 7)
+    assert fault.text.startswith("7 button or probe edges of the time before this")
+    assert [latch.token for latch in taken.of(LatchedCounts)] == [token]
