@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from traverse.cli.align.options import AlignmentOptions, with_alignment
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.control import clear_alignment
-from traverse.cli.options import Json, Operator
+from traverse.cli.options import Json
 from traverse.cli.refusals import client_errors, refusals, refuse
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ COMMAND = "align"
 
 
 @with_broker
+@with_alignment
 def align(
     points: Annotated[
         Path | None,
@@ -28,43 +30,7 @@ def align(
         ),
     ] = None,
     *,
-    nominal: Annotated[
-        Path | None,
-        typer.Option(
-            help="Where they should be, CSV or TOML; the first station's points with "
-            "leapfrog."
-        ),
-    ] = None,
-    method: Annotated[
-        str, typer.Option(help="best-fit, 3-2-1 or leapfrog.")
-    ] = "best-fit",
-    scale: Annotated[
-        bool, typer.Option("--scale", help="Adjust a scale, too.")
-    ] = False,
-    std: Annotated[
-        float | None,
-        typer.Option(help="Standard deviation of a coordinate [mm]; else the points'."),
-    ] = None,
-    coordinates: Annotated[
-        str, typer.Option(help="centre of the ball, or touched surface.")
-    ] = "centre",
-    spheres: Annotated[
-        bool, typer.Option("--spheres", help="Names are spheres; their centres count.")
-    ] = False,
-    arm: Annotated[
-        Path | None, typer.Option(help="The arm file, of a campaign or for its reach.")
-    ] = None,
-    volume: Annotated[
-        str | None,
-        typer.Option(help="x,y,z,x,y,z (box), x,y,z,r (ball), mm in the part; reach."),
-    ] = None,
-    onto: Annotated[
-        Path | None,
-        typer.Option(
-            help="Alignment of the first station, to be joined to a leapfrog."
-        ),
-    ] = None,
-    name: Annotated[str | None, typer.Option(help="Name of the alignment.")] = None,
+    options: AlignmentOptions,
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit status 1 where anything is flagged.")
     ] = False,
@@ -72,7 +38,6 @@ def align(
         Path | None,
         typer.Option("--out", "-o", help="Folder for alignment.json and .html."),
     ] = None,
-    operator: Operator = None,
     as_json: Json = False,
     send: Annotated[
         bool, typer.Option("--send", help="Have the daemon use it from now on.")
@@ -96,36 +61,12 @@ def align(
     if points is None:
         refuse(COMMAND, "name the points to be aligned, or give --clear")
     with refusals(COMMAND):
-        from traverse.cli.align.computing import (  # noqa: PLC0415 - keeps --help quick
-            METHODS,
-            AlignmentOptions,
-        )
-
-        _check(coordinates, std)
-        if method not in METHODS:
-            refuse(COMMAND, f"--method {method}: one of {', '.join(METHODS)}")
-        if method == "3-2-1" and (scale or spheres):
-            refuse(COMMAND, "--scale and --spheres do not go with --method 3-2-1")
-        if onto is not None and method != "leapfrog":
-            refuse(COMMAND, "--onto needs --method leapfrog")
-        if nominal is None:
+        if options.problem is not None:
+            refuse(COMMAND, options.problem)
+        if options.nominal is None:
             values = _read(points, send=send)
         else:
-            options = AlignmentOptions(
-                points=points,
-                nominal=nominal,
-                method=method,
-                scale=scale,
-                std_mm=std,
-                coordinates="surface" if coordinates == "surface" else "centre",
-                spheres=spheres,
-                arm=arm,
-                volume=volume,
-                onto=onto,
-                name=name,
-                computed_by=operator,
-            )
-            values = _computed(options)
+            values = _computed(points, options.nominal, options)
         if out is not None:
             from traverse.lab.alignment.files import write_alignment  # noqa: PLC0415
 
@@ -141,14 +82,6 @@ def align(
         _send(values, to, address)
 
 
-def _check(coordinates: str, std_mm: float | None) -> None:
-    """Refuse values that no method can use."""
-    if coordinates not in ("centre", "surface"):
-        refuse(COMMAND, f"--coordinates {coordinates}: centre or surface")
-    if std_mm is not None and not std_mm > 0.0:
-        refuse(COMMAND, f"--std {std_mm:g}: expected a length above zero")
-
-
 def _read(file: Path, *, send: bool) -> dict[str, Any]:
     """An alignment that was computed before."""
     if not send:
@@ -158,12 +91,12 @@ def _read(file: Path, *, send: bool) -> dict[str, Any]:
     return read_alignment(file)
 
 
-def _computed(options: Any) -> dict[str, Any]:  # noqa: ANN401 - imported late
+def _computed(points: Path, nominal: Path, options: AlignmentOptions) -> dict[str, Any]:
     from traverse.cli.align.computing import compute_alignment  # noqa: PLC0415
     from traverse.strict_toml.problems import FileError  # noqa: PLC0415
 
     try:
-        return compute_alignment(options)
+        return compute_alignment(points, nominal, options)
     except FileError:
         raise
     except ValueError as error:

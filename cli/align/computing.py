@@ -1,12 +1,12 @@
 """From files to an alignment's values: what `traverse align` computes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
+from traverse.cli.align.options import AlignmentOptions
 from traverse.cli.align.sources import arm_of, read_touches
 from traverse.kinematics.arm_file.arm import Arm, read_arm
 from traverse.lab.alignment.best_fit import best_fit_alignment
@@ -35,28 +35,10 @@ from traverse.lab.report.provenance import (
     report_provenance,
 )
 
-METHODS = ("best-fit", "3-2-1", "leapfrog")
 
-
-@dataclass(frozen=True, slots=True)
-class AlignmentOptions:
-    """The request; the names are those of the command's options."""
-
-    points: Path
-    nominal: Path
-    method: str = "best-fit"
-    scale: bool = False
-    std_mm: float | None = None
-    coordinates: Literal["centre", "surface"] = "centre"
-    spheres: bool = False
-    arm: Path | None = None
-    volume: str | None = None
-    onto: Path | None = None
-    name: str | None = None
-    computed_by: str | None = None
-
-
-def compute_alignment(options: AlignmentOptions) -> dict[str, Any]:
+def compute_alignment(
+    points: Path, nominal_file: Path, options: AlignmentOptions
+) -> dict[str, Any]:
     """Read everything, compute everything; gives the values of alignment.json.
 
     Raises:
@@ -66,22 +48,22 @@ def compute_alignment(options: AlignmentOptions) -> dict[str, Any]:
         OSError: A file cannot be read.
     """
     arm = None if options.arm is None else read_arm(options.arm)
-    touches = read_touches(options.points, options.coordinates, arm)
+    touches = read_touches(points, options.coordinates, arm)
     arm_name = arm_of(touches) or (None if arm is None else arm.name)
-    name = options.name or options.nominal.stem
+    name = options.name or nominal_file.stem
     if options.method == "leapfrog":
-        result = _leapfrog(options, touches, arm)
+        result = _leapfrog(options, touches, nominal_file, arm)
     else:
-        nominal = read_nominal(options.nominal)
-        name = options.name or nominal.name or options.nominal.stem
+        nominal = read_nominal(nominal_file)
+        name = options.name or nominal.name or nominal_file.stem
         result = _onto_nominal(options, touches, nominal, arm)
     values = alignment_values(
         result,
         name=name,
         arm=arm_name,
-        measured=str(options.points),
-        nominal=str(options.nominal),
-        provenance=report_provenance(_source(options.points), options.computed_by),
+        measured=str(points),
+        nominal=str(nominal_file),
+        provenance=report_provenance(_source(points), options.operator),
     )
     if options.onto is None:
         return values
@@ -103,11 +85,11 @@ def _onto_nominal(
     volume_of, source = _volume(options, nominal, arm)
     if options.method == "3-2-1":
         return align_plane_line_point(
-            touches, nominal, volume_of, source, std_mm=options.std_mm
+            touches, nominal, volume_of, source, std_mm=options.std
         )
     known = [point.name for point in nominal.points]
     measured, remarks = places_by_name(
-        touches, known, std_mm=options.std_mm, spheres=options.spheres
+        touches, known, std_mm=options.std, spheres=options.spheres
     )
     places = {
         point.name: Place(place, point.std_mm**2 * np.eye(3))
@@ -123,10 +105,13 @@ def _onto_nominal(
 
 
 def _leapfrog(
-    options: AlignmentOptions, touches: Sequence[Touch], arm: Arm | None
+    options: AlignmentOptions,
+    touches: Sequence[Touch],
+    from_file: Path,
+    arm: Arm | None,
 ) -> AlignmentResult:
-    before = read_touches(options.nominal, options.coordinates, arm)
-    given = {"std_mm": options.std_mm}
+    before = read_touches(from_file, options.coordinates, arm)
+    given = {"std_mm": options.std}
     first, first_remarks = places_by_name(
         before, None, spheres=options.spheres, **given
     )

@@ -132,9 +132,12 @@ def test_points_that_determine_nothing_are_refused(files, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--method", "worst-fit"], "one of best-fit, 3-2-1, leapfrog"),
+        (
+            ["--method", "worst-fit"],
+            "'worst-fit' is not one of 'best-fit', '3-2-1', 'leapfrog'",
+        ),
         (["--std", "-1"], "above zero"),
-        (["--coordinates", "middle"], "centre or surface"),
+        (["--coordinates", "middle"], "'middle' is not one of 'centre', 'surface'"),
         (["--volume", "somewhere"], "six numbers"),
         (["--volume", "reach"], "--arm FILE"),
         (["--method", "3-2-1"], "3-2-1 needs [plane], [line], [point]"),

@@ -1,0 +1,66 @@
+"""Options of `traverse align` that say what is computed."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from traverse.cli.options import Operator, with_options
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlignmentOptions:
+    """The options, in the order of `--help`; `with_alignment` gives them to `align`."""
+
+    nominal: Annotated[
+        Path | None,
+        typer.Option(
+            help="Where they should be, CSV or TOML; the first station's points with "
+            "leapfrog."
+        ),
+    ] = None
+    method: Annotated[
+        Literal["best-fit", "3-2-1", "leapfrog"], typer.Option(help="What is fitted.")
+    ] = "best-fit"
+    scale: Annotated[bool, typer.Option("--scale", help="Adjust a scale, too.")] = False
+    std: Annotated[
+        float | None,
+        typer.Option(help="Standard deviation of a coordinate [mm]; else the points'."),
+    ] = None
+    coordinates: Annotated[
+        Literal["centre", "surface"],
+        typer.Option(help="Of the ball, or of the touched surface."),
+    ] = "centre"
+    spheres: Annotated[
+        bool, typer.Option("--spheres", help="Names are spheres; their centres count.")
+    ] = False
+    arm: Annotated[
+        Path | None, typer.Option(help="The arm file, of a campaign or for its reach.")
+    ] = None
+    volume: Annotated[
+        str | None,
+        typer.Option(help="x,y,z,x,y,z (box), x,y,z,r (ball), mm in the part; reach."),
+    ] = None
+    onto: Annotated[
+        Path | None,
+        typer.Option(
+            help="Alignment of the first station, to be joined to a leapfrog."
+        ),
+    ] = None
+    name: Annotated[str | None, typer.Option(help="Name of the alignment.")] = None
+    operator: Operator = None
+
+    @property
+    def problem(self) -> str | None:
+        """Why these do not go together; None where they do."""
+        if self.std is not None and not self.std > 0.0:
+            return f"--std {self.std:g}: expected a length above zero"
+        if self.method == "3-2-1" and (self.scale or self.spheres):
+            return "--scale and --spheres do not go with --method 3-2-1"
+        if self.onto is not None and self.method != "leapfrog":
+            return "--onto needs --method leapfrog"
+        return None
+
+
+with_alignment = with_options("options", AlignmentOptions)
