@@ -181,7 +181,7 @@ def year(seed: int, fault: Callable[[int], Fault]) -> Year:
 
 
 def lines(years: int) -> Iterator[str]:
-    """What came of all scenarios."""
+    """Results of all scenarios."""
     for place, (name, fault) in enumerate(SCENARIOS.items()):
         n = years if place == 0 else max(1, years // 3)
         found = [year(1000 * place + seed, fault) for seed in range(n)]

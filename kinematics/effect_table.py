@@ -1,4 +1,4 @@
-"""The table of effects: one row a kind, with everything that is asked about it by name.
+"""The table of effects: one row per kind, with all its properties.
 
 What a kind corrects stands in its own file in `traverse.kinematics.effects`. This table
 says how it is written down, where it can be applied, and what the laboratory has to
@@ -21,7 +21,7 @@ BankUse = Literal["library", "steps", "curves", "periodogram"]
 
 
 class Family(Enum):
-    """Kinds that depend on the same, and are therefore hard to tell apart."""
+    """Kinds that depend on the same quantity, and are therefore hard to separate."""
 
     OWN_ANGLE = auto()  # errors of a reading that are functions of that reading
     AXIS_MOTION = auto()  # error motions of a bearing: vectors about the joint's axis
@@ -36,7 +36,7 @@ class Family(Enum):
 
 # Families that depend on when, how warm or how fast, rather than on where.
 _NOT_OF_POSES = (Family.WARM, Family.SLOW, Family.MOVING, Family.LENGTH)
-# Keys that are given beforehand, not estimated, in the order in which they are named.
+# Keys with fixed values, not estimated, in the order in which they are named.
 _FIXED = ("component", "order", "at_s", "artefact", "covariate", "knots")
 # The least order at which an error motion, or a harmonic, is no other kind.
 _FIRST_ORDER = 2
@@ -59,10 +59,10 @@ class EffectKind:
         components: Varieties and the least order of each.
         most: Largest values of keys that are above 0.
         size_by_order: Where the size depends on the order.
-        is_size_of_campaign: Whether `size` is what a whole campaign brings, so that
+        is_size_of_campaign: Whether `size` is the effect over a whole campaign, so that
             the plausible rate is that over its duration.
         phase: Key of a phase, with which the effect is not linear; its size is 1 rad.
-        log_prior: Preference before the data are seen, a natural logarithm.
+        log_prior: Preference before the data are used, a natural logarithm.
         log_prior_of_joint: Instead, where one of several alike joints is meant.
         log_prior_per_order: For each order above 2.
         least_log_prior: However high the order.
@@ -109,7 +109,7 @@ class EffectKind:
 
     @property
     def fixed(self) -> tuple[str, ...]:
-        """Keys that are given beforehand: which order, which moment."""
+        """Keys with fixed values: order, epoch."""
         return tuple(key for key in (*_FIXED, *self.most) if key in self.keys)
 
     @property
@@ -134,12 +134,12 @@ class EffectKind:
 
     @property
     def turns_with_joint(self) -> bool:
-        """Whether it goes round with the joint: two of them fit nearly any curve."""
+        """Whether it is periodic in the joint: two of them fit nearly any curve."""
         return self.family in (Family.OWN_ANGLE, Family.AXIS_MOTION)
 
     @property
     def depends_on_posture(self) -> bool:
-        """Whether other postures tell it from others."""
+        """Whether other postures separate it from others."""
         return self.family not in _NOT_OF_POSES
 
     def least_order(self, component: object = None) -> int:
@@ -153,7 +153,7 @@ class EffectKind:
         return self.size_by_order.get(order, self.size)
 
     def preference(self, joint: str | None, order: int | None) -> float:
-        """Say how much it is preferred before the data are seen.
+        """Return its preference before the data are used.
 
         Args:
             joint: Its name, or None for the whole arm.

@@ -1,8 +1,8 @@
 """`make prove-acceptance`: how often acceptance is wrong, with guard bands or without.
 
-A thousand simulated arms are tested by ISO 10360-12. The truth of each is the figure
-that exact standards at an exactly known temperature would have given with the same
-touches. What is measured has certificates with errors and a thermometer with one; its
+A thousand simulated arms are tested by ISO 10360-12. The true value of each figure is
+the one that exact standards at an exactly known temperature would give with the same
+touches. The certificates and the thermometer used have errors; the
 stated uncertainty is computed as in every certificate of acceptance. All arms are near
 their limit: it is drawn within three standard uncertainties of the true figure.
 """

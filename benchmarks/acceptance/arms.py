@@ -63,7 +63,7 @@ class Tested:
         found_mm: Its figures as measured.
         standard_mm: Their stated standard uncertainties.
         limit_mm: A limit near each, by key.
-        procedure: Verdict on E_UNI with the ten repeats that it asks for, by rule.
+        procedure: Verdict on E_UNI with the ten repeats of the standard, by rule.
         lengths: Every measured length: true error, found error, uncertainty.
     """
 

@@ -60,7 +60,7 @@ def examples() -> tuple[Example, Example]:
 
 
 def _example(title: str, to_mm: Floats, residual_mm: float) -> Example:
-    """Scale drawn errors so that the residuals are what is wanted."""
+    """Scale drawn errors so that the residuals have the requested size."""
     rng = np.random.default_rng(3)
     true = Helmert(drawn_rotation(rng), rng.uniform(-500.0, 500.0, 3))
     errors = rng.normal(size=to_mm.shape)

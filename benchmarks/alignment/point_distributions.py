@@ -36,7 +36,7 @@ class Disposition:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """What came of one disposition.
+    """Result for one distribution of points.
 
     Attributes:
         refused: Why, or nothing.
@@ -123,7 +123,7 @@ def outcome(seed: int) -> Outcome:
         return Outcome(
             str(error), (), *nothing, index.rms_mm, true_mm, fit_mm, straightness
         )
-    # The prediction is judged as it stands before any test has an influence on it.
+    # The prediction is compared before any test influences it.
     test, predicted = found.test, found.predicted
     if test is None or predicted is None:
         raise AssertionError("three points on no line always have redundancy")

@@ -74,7 +74,7 @@ def _fits(name: str, parts: Sequence[str]) -> bool:
 
 
 def _made(todo: Sequence[tuple[str, int]], ends_s: float) -> Iterator[Line]:
-    """Make runs on all cores, told in the order in which they end."""
+    """Make runs on all cores, reported in the order in which they end."""
     if not todo or time.monotonic() >= ends_s:
         return
     # Many small matrices: threads of the linear algebra would only get in the way.

@@ -2,7 +2,7 @@
 
 Four usual ways, each as good as it gets on the rows of a fit: the overall test, the
 correlation of raw residuals with regressors, forward selection by BIC, and sparse
-regression. All are given the rows without contradicting poses.
+regression. All use the rows without contradicting poses.
 """
 
 from collections.abc import Callable, Mapping
@@ -94,7 +94,7 @@ def sparse_regression(rows: ObservationEquations, bank: Bank) -> BaselineResult:
     """Lasso by coordinate descent on all columns of unit length together.
 
     The penalty is sqrt(2 log p) standard deviations of the noise, p columns: noise
-    alone then brings hardly any column in.
+    alone then selects hardly any column.
     """
     columns = rows.project(bank.columns)
     lengths = np.linalg.norm(columns, axis=0)

@@ -36,9 +36,9 @@ from traverse.lab.identification.solve.iterative_adjustment import Options
 from traverse.simulator.campaigns import Campaign as Columns
 from traverse.simulator.campaigns import NoiseTable, PoseSet, draw_noise
 
-# Beyond so many plausible sizes nobody would believe an effect.
+# An effect larger than this many plausible sizes is not credible.
 MOST_PLAUSIBLE = 30.0
-# A signal that moves the data by less than that at the plausible size is not seen.
+# A signal that moves the data by less than this at its plausible size is undetectable.
 _LEAST = 1e-3
 _SILENT = NoiseTable(encoder_rad=0.0, contact_mm=0.0, direction_rad=0.0)
 
@@ -88,9 +88,9 @@ class SizeScale:
         return hidden.scaled(factor)
 
     def names_like(self, hidden: Hidden) -> frozenset[Identity]:
-        """Find the names of the library within whose columns an effect's signal lies.
+        """Find the library effects whose columns span an effect's signal.
 
-        Nothing that is measured at poses like these tells them apart.
+        Measurements at poses like these cannot distinguish them.
         """
         return frozenset(
             identity for identity, part in self._explained(hidden) if part > ALIAS
@@ -151,7 +151,7 @@ def exact_columns(poses: PoseSet) -> Columns:
 
 
 def _lengths_mm(columns: Columns) -> dict[str, float]:
-    """Say the lengths that certificates tell, by artefact."""
+    """Return the certified lengths [mm] by artefact."""
     return {
         stated.id: float(stated.table["distance_mm"])
         for stated in columns.artefacts

@@ -1,4 +1,4 @@
-"""The blind test's scenarios, what came of each of their rounds, and the file of it."""
+"""Scenarios of the blind test, the outcomes of their rounds, and their file."""
 
 import json
 import time
@@ -76,7 +76,7 @@ Line = dict[str, Any]
 
 
 def run(scenario: str, seed: int) -> Line:
-    """Hide, find and score; what goes wrong is told in the line."""
+    """Hide, find and score; failures are recorded in the line."""
     line: Line = {"scenario": scenario, "seed": seed, "error": None}
     begun_s = time.monotonic()
     try:
@@ -162,7 +162,7 @@ def stored(path: Path) -> list[Line]:
 
 
 def append(path: Path, line: Line) -> None:
-    """Add a line; half a line that an interruption left at the end goes."""
+    """Add a line; an incomplete last line, left by an interruption, is removed."""
     text = json.dumps(line, allow_nan=False) + "\n"
     with path.open("a+b") as file:
         file.seek(0)
@@ -178,7 +178,7 @@ def missing(
 
     Args:
         lines: Of runs that were made.
-        wanted: Runs of each scenario.
+        wanted: Number of runs of each scenario.
         first_seed: Of each.
     """
     done = {(line["scenario"], line["seed"]) for line in lines}

@@ -36,7 +36,7 @@ _TAG = 0x626C696E
 _APART = 1_000_000
 # Draws of a kind's joint and direction before another round is drawn.
 _DRAWS = 40
-# Half of all effects of this size are seen.
+# Half of all effects of this size are detected.
 _HARDLY_SEEN = 4.0
 
 
@@ -106,7 +106,7 @@ def hide(arm: Arm, scenario: Scenario, seed: int) -> Case:
     """Draw effects, play them, measure.
 
     Args:
-        arm: What the arm file says; masses are added where it tells none.
+        arm: What the arm file says; masses are added where it has none.
         scenario: How to hide.
         seed: Of everything.
     """
@@ -145,9 +145,9 @@ def find(
     """Let diagnosis find what was hidden.
 
     Args:
-        case: Of which only the campaign and the arm file are looked at.
-        progress: Told what is done.
-        details: Whether to work out all that a report tells.
+        case: Only its campaign and arm file are used.
+        progress: Called with each step that is done.
+        details: Whether to compute everything that a report contains.
     """
     options = DiagnosisOptions(seed=case.pose_seed, details=details)
     return diagnose(case.campaign, case.arm, options, progress)
@@ -187,7 +187,7 @@ def _drawn_sizes(
     kinds: tuple[str, ...],
     scenario: Scenario,
 ) -> tuple[Hidden, ...]:
-    """Draw one effect of each kind that the campaign sees; fewer: it sees none."""
+    """Draw one effect of each kind that the campaign can detect, if any."""
     hidden: list[Hidden] = []
     for kind in kinds:
         for _ in range(_DRAWS):
@@ -200,7 +200,7 @@ def _drawn_sizes(
 
 
 def _has_a_name(measure: SizeScale, hidden: Hidden) -> bool:
-    """Say whether a name fits so well that what it leaves over is not seen."""
+    """Return whether a name fits so well that the remainder is undetectable."""
     size = float(np.linalg.norm(measure.signal((hidden,))))
     left = size * np.sqrt(max(1.0 - measure.likeness(hidden) ** 2, 0.0))
     return bool(left < _HARDLY_SEEN)

@@ -1,7 +1,7 @@
 """How good a diagnosis is, where the truth is known.
 
-The truth comes as plain values, from wherever effects were hidden. A name counts as
-right modulo its aliases: names that no poses of the campaign could ever tell apart.
+The truth is passed as plain values, however effects were hidden. A name counts as
+right modulo its aliases: names that the campaign's poses cannot distinguish.
 """
 
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ class TrueTerm:
         identity: Kind, joint, order, component of a runout, artefact; the kind of what
             no name of the library fits is none of the arm file's.
         sizes: Keys of the arm file that are estimated, with their true values.
-        aliases: Other names of the same thing.
+        aliases: Other names of the same effect.
         in_library: Whether a name of the arm file fits at all.
     """
 

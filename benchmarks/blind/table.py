@@ -21,9 +21,9 @@ class Row:
     """A line of the table.
 
     Attributes:
-        what: Is counted.
-        figure: That the issue asks for, in words.
-        n: Of runs, or of what is counted in them.
+        what: What is counted.
+        figure: Required by the issue, in words.
+        n: Number of runs, or of what is counted in them.
         found: The rate or ratio.
         interval: Of 95 %.
         holds: The interval contains the figure, or is better.

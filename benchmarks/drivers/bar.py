@@ -3,8 +3,8 @@
 A simulated arm touches the two spheres of a bar of 500 mm. It is the same motion for
 all makes of encoders; each rounds to its own counts, at its own instants, over its own
 line. The daemon's assembler and pipeline make points of what the drivers deliver; two
-spheres of the known radius are fitted to them. Beside the deviation of the length
-stands what rounding to counts alone is expected to make of it.
+spheres of the known radius are fitted to them. The deviation of the length is
+printed with the deviation expected from rounding to counts alone.
 """
 
 import argparse
@@ -56,7 +56,7 @@ VIRTUAL_LEAD_S = 2.0
 
 
 class Taker:
-    """Takes what a driver delivers, in its thread, and asks for a stream.
+    """Requests a stream and takes the driver's deliveries, in the driver's thread.
 
     Attributes:
         up: the device was found.
@@ -96,7 +96,7 @@ class Measured:
         off_mm: of the length, from the true one.
         rounding_mm: standard deviation of the length that rounding makes.
         noise_mm: the same of a point, all directions together.
-        rate_hz: samples that came in a second.
+        rate_hz: samples received per second.
         skew_us: from the first to the last reading of a sample, median.
     """
 
@@ -140,7 +140,7 @@ def measured_virtually(
 ) -> Measured:
     """Read in virtual time, through cables in memory; not for buses.
 
-    A controller board must not be asked for more than 400 Hz: above, its driver
+    A controller board must not be requested to stream above 400 Hz: above, its driver
     gathers bytes in real time.
     """
     stage = staged(make, points, folder)
@@ -167,7 +167,7 @@ def measured_virtually(
 
 
 def judged(stage: Stage, deliveries: list[Delivery], origin_ns: int) -> Measured:
-    """What came of the deliveries of one driver."""
+    """Result of the deliveries of one driver."""
     model = read_model(stage.folder / "arm.toml", {stage.make.name: None})
     balls_mm = points_of(model, stage, deliveries, origin_ns)
     centres_mm = _centres_mm(balls_mm, stage.touched_mm)

@@ -51,7 +51,7 @@ class Make:
         line: in words.
         table: of the simulated device, besides kind and id.
         options: of the driver; ports are relative to a folder.
-        asked_hz: fastest stream that is asked for.
+        asked_hz: fastest stream that is requested.
         latches: all encoders at one instant of its own, so that real time does as
             well as virtual time.
     """
@@ -66,7 +66,7 @@ class Make:
 
     @property
     def is_polled(self) -> bool:
-        """Its encoders are asked one after the other."""
+        """Device whose encoders are polled one after the other."""
         return issubclass(driver_class(self.name), PolledDriver)
 
     def arm_text(self) -> str:
@@ -90,7 +90,7 @@ class Make:
     def driver(
         self, delivery_queue: DeliveryQueue, folder: Path, **more: object
     ) -> Driver:
-        """A driver that reads them; more of what it is made with may be given."""
+        """Create a driver that reads them, with `more` options."""
         options = dict(self.options)
         if "port" in options:
             options["port"] = str(folder / options["port"])
@@ -185,7 +185,7 @@ class Begun:
 
     @property
     def begin_s(self) -> float | None:
-        """Time of the simulation; None as long as nobody has said."""
+        """Start in simulation time [s]; None until it is set."""
         return None if self._begin_s.value < 0.0 else self._begin_s.value
 
     def set(self, time_s: float) -> None:
@@ -197,7 +197,7 @@ class Begun:
         self._ended.set()
 
     def is_over(self) -> bool:
-        """They shall end, or nobody is there any more."""
+        """Whether the devices were told to end, or the parent process is gone."""
         return self._ended.is_set() or os.getppid() == 1
 
     def begin(self, time_s: float) -> None:

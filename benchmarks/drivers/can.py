@@ -52,7 +52,7 @@ class CheapNodes(FakeNodes):
             node.count += 1
 
     def put(self, frames: list[tuple[int, bytes]]) -> None:
-        """Give frames to everybody else on the bus."""
+        """Deliver frames to all other nodes on the bus."""
         own = getattr(self._bus, "queue", None)  # of python-can's virtual bus
         others = [queue for queue in channels[CHANNEL] if queue is not own]
         for can_id, data in frames:
@@ -138,7 +138,7 @@ def thread_named(part: str) -> threading.Thread:
 
 
 async def measure(seconds: float, sync: Literal["host", "external"]) -> list[str]:
-    """Run, and say what came of it."""
+    """Run, and return the result."""
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     driver = CanOpenDriver(
         "arm",
@@ -184,7 +184,7 @@ async def measure(seconds: float, sync: Literal["host", "external"]) -> list[str
 
 
 def told(taken: list[object]) -> str:
-    """What came of a stream."""
+    """Result of a stream."""
     blocks = [d for d in taken if isinstance(d, CountSamples)]
     faults = Counter[str]()
     for fault in (d for d in taken if isinstance(d, DeviceFault)):
@@ -205,7 +205,7 @@ def told(taken: list[object]) -> str:
 
 
 def dispatch(n_syncs: int = 20_000) -> str:
-    """The same frames given to both ways, without a bus."""
+    """Dispatch the same frames in both ways, without a bus."""
     frames = [
         (0x180 + node, bytearray(u32(k))) for k in range(n_syncs) for node in NODES
     ]

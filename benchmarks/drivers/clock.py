@@ -1,9 +1,9 @@
 """`python -m benchmarks.drivers.clock`: how well a device's clock is tied to ours.
 
 A device latches 100 times a second by a clock of its own that is some ppm off; every
-latch reaches the host later, by a delay that is never the same. Told is how far the
-mapped time is from the true one. Of the delay its smallest part is always there and no
-one can tell it from an offset: it is 0.1 ms here and taken off. Virtual time, seeded.
+latch reaches the host later, by a delay that is never the same. Printed is how far the
+mapped time is from the true one. The smallest delay is always present and
+cannot be told from an offset: it is 0.1 ms here and subtracted. Virtual time, seeded.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ SECONDS = 60.0
 SETTLED_S = 10.0
 TICK_RATE_HZ = 1_000_000
 LEAST_NS = 100_000
-BLOCK = 2  # samples that come in one read
+BLOCK = 2  # samples per read
 
 Delays = Callable[[np.random.Generator, int], Floats]
 

@@ -1,9 +1,9 @@
-"""An arm that moves while its AMT21 encoders are asked one after the other.
+"""An arm that moves while its AMT21 encoders are polled one after the other.
 
-The daemon's assembler brings the readings to common instants, and its pipeline makes
-points of them; the truth is the simulator's own physics at that instant. Beside the
-error as read and that after interpolation stand that of an arm whose encoders are all
-latched at the instant, which is what their 14 bits alone do, and the daemon's published
+The daemon's assembler interpolates readings to common instants, its pipeline makes
+points of them; the truth is the simulator's own physics at that instant. The output
+compares the error as read, that after interpolation, that of an arm whose encoders are
+all latched at the instant (their 14 bits alone), and the daemon's published
 estimate.
 """
 

@@ -5,10 +5,10 @@ each contact
 
     latched        is the daemon's point, of the counts latched at the edge
     interpolated   is the daemon's own interpolation of the stream at the edge's instant
-    naive          is the last sample of the stream before the message has come
+    naive          is the last sample of the stream before the message arrived
 
-each against the simulator's truth at the edge. The stream comes at 100 Hz, 1 kHz and so
-on; the message comes after the debounce time.
+each against the simulator's truth at the edge. The stream has 100 Hz, 1 kHz and so
+on; the message arrives after the debounce time.
 """
 
 import asyncio
@@ -63,7 +63,7 @@ SWITCH = '{ source = "base/1", trigger = "switch" }'
 
 
 class Followed:
-    """Points and the stream as they came, with the instants at which points came."""
+    """Received points and stream, with the times at which points arrived."""
 
     def __init__(self) -> None:
         self.points: list[Point] = []
@@ -83,12 +83,12 @@ class Followed:
             self.xyz_mm.append(message.xyz_mm)
 
     def reaches(self) -> bool:
-        """Whether the stream has come to the instant of the last message."""
+        """Whether the stream has reached the time of the last message."""
         return bool(self.times_ns) and self.times_ns[-1][-1] > self.came_ns[-1]
 
 
 async def followed(port: int, rate_hz: float) -> Followed:
-    """Scan until all points have come, and a little longer."""
+    """Scan until all points have arrived, and a little longer."""
     found = Followed()
     async with connection(BrokerAddress("127.0.0.1", port)) as client:
         await subscribe(client, ARM, ("point", "scan"))
@@ -166,7 +166,7 @@ def run(folder: Path, rate_hz: float) -> list[str]:
     (folder / "simulator.toml").write_text(text)
     text = rig.DAEMON.format(folder=folder, port=port)
     text = text.replace('{ source = "base/0", trigger = "button" }', SWITCH)
-    text = text.replace("debounce_us = 0\n", "")  # as it comes
+    text = text.replace("debounce_us = 0\n", "")  # undebounced
     text = text.replace("[capture]\n", "[capture]\nscan_block_s = 0.01\n")
     (folder / "daemon.toml").write_text(text)
     traverse = (sys.executable, "-m", "traverse")

@@ -1,7 +1,7 @@
 """`python -m benchmarks.fleet`: many arms, one mosquitto, a group of three consumers.
 
 First arms without daemons (one process with a connection for each), then real daemons
-on simulated boards, as many as are asked for. Every point and every point of a scan
+on simulated boards, as many as requested. Every point and every point of a scan
 has to reach exactly one consumer. Shares are of one core.
 """
 
@@ -80,7 +80,7 @@ def run_publishers(folder: Path, n: int, rate_hz: float, seconds: float) -> Flee
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run and print; 1 where anything was lost or came twice."""
+    """Run and print; 1 where anything was lost or duplicated."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.fleet")
     parser.add_argument("--arms", type=int, default=50, help="without daemons")
     parser.add_argument("--daemons", default="1,5,10", help="numbers of real daemons")

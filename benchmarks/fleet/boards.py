@@ -1,7 +1,7 @@
 """Many boards in one process: `python -m benchmarks.fleet.boards FOLDER N`.
 
 Each is on a pty of its own, FOLDER/<number>/board.pty, and streams counts that turn
-slowly, at the rate that its daemon asks for.
+slowly, at the rate that its daemon requests.
 """
 
 import os
@@ -20,7 +20,7 @@ TURN_COUNTS = 50  # in a sample
 
 
 class Board(EdgeBoard):
-    """A board that nobody presses, one of many."""
+    """One of many boards, whose button is never pressed."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, 1.0)
@@ -38,7 +38,7 @@ class Board(EdgeBoard):
         return min(self._beat_ns, begun_ns + self._sample_seq * period_ns)
 
     def serve(self, now_ns: int) -> None:
-        """Send what is due; samples that are late come together."""
+        """Send what is due; late samples are sent together."""
         request, period_ns, begun_ns = self._stream
         if request:
             n = (now_ns - begun_ns) // period_ns + 1 - self._sample_seq
@@ -49,7 +49,7 @@ class Board(EdgeBoard):
             self._send_heartbeat()
 
     def hear(self) -> None:
-        """Do what the daemon asks for."""
+        """Execute the daemon's request."""
         self._receive(os.read(self._port, 4096))
 
     def _send_samples(self, request: int, n: int) -> None:

@@ -33,7 +33,7 @@ MakeGroup = Callable[[Path, int], AbstractContextManager[Group]]
 
 
 def write_arm(folder: Path, number: int, port: int) -> Path:
-    """Configuration and arm file of one; gives its folder."""
+    """Write configuration and arm file of one daemon; return its folder."""
     place = folder / str(number)
     place.mkdir()
     arm = rig.ARM.read_text("utf-8").replace('"demo-7"', f'"{name_of(number)}"')

@@ -65,7 +65,7 @@ class Sent:
     """How many numbers each arm has sent of each kind.
 
     Attributes:
-        expected: by arm and kind; empty: gaps alone tell of losses.
+        expected: by arm and kind; empty: losses are counted from gaps alone.
         latest_s: how late the publisher itself was at most.
     """
 
@@ -146,7 +146,7 @@ class Fleet:
 def tally(
     run: Run, sent: Sent, consumers: Group, *, shares: Shares, broker_mb: float
 ) -> Fleet:
-    """The figures that the broker and the consumers tell."""
+    """Compute the figures of the run from broker and consumers."""
     had: dict[tuple[str, str, str], list[tuple[int, int]]] = defaultdict(list)
     per_consumer, n_bytes, line_lost = [], 0, 0
     for file in consumers.files:

@@ -5,8 +5,8 @@ own with one thread of linear algebra, so that peak memory is its own. Seconds a
 the processor: what else the machine does meanwhile counts little.
 
 Numerical derivatives are differences of hundreds of forward computations, which our
-kernel speeds up tenfold. So this peer comes twice: with the kernel, as ours has it
-too, and with the vectorised NumPy that one would write without it.
+kernel speeds up tenfold. So this peer runs twice: with the kernel, as ours does
+and with the vectorised NumPy that one would write without it.
 """
 
 import argparse

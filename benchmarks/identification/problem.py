@@ -117,7 +117,7 @@ class PeerResult:
 
 
 class DensePeer:
-    """A problem as scipy wants it: one vector in, one vector or dense matrix out."""
+    """A problem in scipy's form: one vector in, one vector or dense matrix out."""
 
     def __init__(self, given: Problem) -> None:
         self._network, self._start = given.network, given.start

@@ -24,12 +24,12 @@ from traverse.protocol.latch_board import Decoder, SampleBlock
 from traverse.protocol.latch_board.framing import FrameSplitter
 from traverse.protocol.messages import Scan
 
-BLOCK_S = 0.05  # what one message spans unless told otherwise
+BLOCK_S = 0.05  # default span of one message
 
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """How bytes come: the size of a read, and how many the event loop takes up."""
+    """How bytes are delivered: bytes of a read, and of a turn of the event loop."""
 
     name: str
     read_bytes: int
@@ -41,7 +41,7 @@ LIKE_A_LINE = Delivery("reads of 2 ms, taken up every 20 ms", 940, 10)
 
 
 class Timing:
-    """Numbers and times of samples, as the driver gives them."""
+    """Numbers and times of samples, as assigned by the driver."""
 
     def __init__(self) -> None:
         self._sequence = StreamSequence()
@@ -120,7 +120,7 @@ def whole(
 def stages(
     model: ArmModel, rate_hz: float, data: bytes, n: int, delivery: Delivery
 ) -> list[Task]:
-    """The stages one by one; each is given what the one before it makes."""
+    """The stages one by one; each processes the output of the one before."""
     reads = cut(data, delivery.read_bytes)
     decoder, timing = Decoder(), Timing()
     decoded = [b for read in reads for b in decoder.feed(read)]

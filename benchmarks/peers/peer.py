@@ -16,7 +16,7 @@ class Peer:
 
     Attributes:
         one: turns of one sample, alpha - alpha0, (n_joints,), to the ball's centre in
-            whatever form the library has it.
+            whatever form the library returns.
         batch: turns (n_samples, n_joints) to centres (n_samples, 3).
         derivatives: turns to the derivatives by angles, (n_samples, 3, n_joints).
         takes_list: `one` is quickest with a list of floats.
@@ -33,7 +33,7 @@ class Peer:
 
 
 def offsets_mm(geometry: Geometry) -> Floats:
-    """Where each frame lies from the one before, the ball last: (n_joints + 1, 3).
+    """Origins of the frames in the one before [mm], the ball last: (n_joints + 1, 3).
 
     All frames are parallel to the base's in the base posture, so a joint's frame lies
     r_k from the one before and turns about u_k by alpha_k - alpha0_k.

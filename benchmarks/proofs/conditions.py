@@ -42,7 +42,7 @@ def mix_poses(
     return make_poses(arm or demo_arm(), spec, seed)
 
 
-# As derived beforehand, by another program, for an arm and places that are not known:
+# Derived beforehand, by another program, for another arm and unknown places:
 # the pattern is to be compared, not the figures.
 EXPECTED = {
     "full": (17.0, 22.0, 31.0),
@@ -50,7 +50,7 @@ EXPECTED = {
     "narrow": (74.0, 328.0, 13472.0),
 }
 ORDERS: tuple[tuple[int, ...], ...] = ((), (1,), (1, 2))
-# So little noise that nothing is held: the numbers of the whole are wanted.
+# So little noise that no parameter is held: all condition numbers are required.
 _QUIET = {"encoder_rad": 5e-9, "contact_mm": 5e-6}
 _N_POSES = 100
 

@@ -2,8 +2,8 @@
 
 What any correct identification must predict, whatever its datum: distances.
 
-The distance of the ball between two postures does not depend on where the base
-stands, nor on how parameters share a shift. What was estimated is compared with the
+The distance of the ball between two postures does not depend on the place of the base
+nor on how parameters share a shift. What was estimated is compared with the
 simulator's own matrices, whitened with the covariance that the identification states;
 derivatives of distances are differences of distances, not the adjustment's own.
 """
@@ -126,7 +126,7 @@ _SILENCE = NoiseTable(encoder_rad=0.0, contact_mm=0.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Foreseen:
-    """What must come out of a campaign.
+    """Expected result of a campaign.
 
     Attributes:
         sum_of_squares: Weighted.
@@ -173,7 +173,7 @@ class PlantedNoise:
         self.redundancy = int(np.subtract(*self._explained.shape))
 
     def foreseen(self, drawn: SimulatedCampaign) -> Foreseen:
-        """Foresee what comes out of a campaign with these poses.
+        """Predict the result of a campaign with these poses.
 
         Where there is no length, steps change the scale too, as happens to be least.
         """

@@ -6,8 +6,8 @@ threads by any, or the daemon lost samples. A run of less than ten minutes compa
 half its time.
 
 The simulated board keeps what the daemon does not read for 1.3 s. Where it drops
-samples because its own program had not run for a second, on a busy computer, that is
-told, and is not the daemon's fault.
+samples because its own program had not run for a second, on a busy computer, this is
+reported, and is not the daemon's fault.
 """
 
 import asyncio
@@ -75,7 +75,7 @@ def _own_mb(proc: Path) -> float:
 
 @dataclass
 class Followed:
-    """What came of the scan.
+    """What was received of the scan.
 
     Attributes:
         lost: by the line, of which ``excused`` because the board's program stood still.
@@ -90,7 +90,7 @@ class Followed:
     missing: int = 0
 
     def add(self, block: Scan) -> None:
-        """A block has come."""
+        """Process a received block."""
         self.points += len(block.dtime_ns)
         self.lost, self.dropped = block.lost, block.dropped
 

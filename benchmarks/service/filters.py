@@ -121,7 +121,7 @@ def _taken_s(chain: FilterChain, n_points: int) -> tuple[float, int]:
 
 
 async def share_of_core(folder: Path, filters: str, seconds: float) -> str:
-    """What the daemon uses while it scans at 10 kHz, and what came."""
+    """Measure the daemon's CPU use while it scans at 10 kHz, and what was received."""
     port = rig.free_port()
     with rig.mosquitto(folder, port), rig.simulator(folder):
         config = folder / "daemon.toml"

@@ -52,7 +52,7 @@ while True:
 
 
 class Reader:
-    """The thread that waits; `delays_ns` is what it has seen."""
+    """The thread that waits; `delays_ns` are its measured delays."""
 
     def __init__(self, pipe: int) -> None:
         self._pipe = pipe
@@ -71,7 +71,7 @@ class Reader:
             select.select([self._pipe], [], [])
             stamps = os.read(self._pipe, 4096)
             now_ns = time.monotonic_ns()
-            # The first of those that have come together has waited longest.
+            # The first of those that arrived together has waited longest.
             self.delays_ns.append(now_ns - int.from_bytes(stamps[:8], "little"))
 
 
@@ -163,7 +163,7 @@ def paced(turn: Callable[[], object]) -> None:
 
 
 def count(n: int) -> int:
-    """Pure Python: it lets go of the lock only when it is made to."""
+    """Count in pure Python, which releases the lock only when forced to."""
     total = 0
     for k in range(n):
         total += k

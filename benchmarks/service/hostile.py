@@ -1,7 +1,7 @@
 """`python -m benchmarks.service.hostile`: the daemon beside a hostile client.
 
 The same daemon throughout: points by command one after the other; then, while a scan
-runs and somebody floods the commands as fast as the broker takes them, how late blocks
+runs and a client floods the commands as fast as the broker takes them, how late blocks
 of the scan are (commands are dropped then); then points by command again. Medians, and
 what the flood cost the daemon.
 """
@@ -55,7 +55,7 @@ def by_command_ms(port: int, name: str, n: int = POINTS) -> list[float]:
 
 @contextlib.contextmanager
 def flood(port: int) -> Iterator[list[int]]:
-    """Somebody sends commands without a pause; gives how many, afterwards."""
+    """Send commands without a pause; return how many were sent."""
     sent, ended = [0], threading.Event()
     payload = encode(Command.carrying(PointArgs(), "flood"), "msgpack")
     burst = packet(PUBLISH, 0, text(TOPIC) + payload) * 100
@@ -127,7 +127,7 @@ def main() -> None:
         rate_hz = sent[0] / FLOOD_S
         print(told(f"the same, flooded by {rate_hz:.0f} commands/s", flooded))
         print(f"the daemon meanwhile: {share:.0%} of a core")
-        time.sleep(6.0)  # until commands are heard again
+        time.sleep(6.0)  # until commands are accepted again
         print(told("a point by command, after", by_command_ms(port, "after")))
         print(f"memory: {before_mb:.0f} MB before, {rig.rss_mb(daemon):.0f} MB after")
 

@@ -3,7 +3,7 @@
 A board presses its button; from the last byte on the pty to the subscriber, which is a
 bare socket. In turns with it the same from a publisher on a bare socket: what the
 broker and the subscriber take by themselves. A point is on the disk before it is sent,
-so what that takes is told beside it, as the daemon sees it (`point_to_disk`: to the
+so this time is printed too, as the daemon measures it (`point_to_disk`: to the
 outbox's thread, its transaction, and back), and what a bare write and sync of 4 KiB
 takes on the same disk in the same round.
 """
@@ -39,7 +39,7 @@ SECONDS = 3.0
 
 @contextlib.contextmanager
 def edge_board(folder: Path, presses_hz: float) -> Iterator[Path]:
-    """The board that presses; gives the file that its press times go to.
+    """Run a board that presses; return the file to which it writes press times.
 
     What a daemon kept of an earlier board's points is not sent again.
     """
@@ -82,7 +82,7 @@ def begin_scan(port: int, rate_hz: float) -> None:
     for _, payload in client.payloads():
         if "dtime_ns" in msgpack.unpackb(payload):
             break
-        # One that tells of itself hears; the first may be of the daemon before.
+        # A status proves that it is subscribed; the first may be the previous daemon's.
         client.publish(command_topic(ARM, "scan"), 1, encode(command, "json"))
     client.close()
 
@@ -94,7 +94,7 @@ def point_latencies_ns(
 
     Returns:
         The latencies, the daemon's share of a core meanwhile, and how long points took
-        to the disk, the median that the daemon tells [us].
+        to the disk, the median reported by the daemon [us].
     """
     client = RawClient(port, "point-taker")
     client.subscribe(f"traverse/{ARM}/health")
@@ -178,7 +178,7 @@ def rounds(
 def latency(
     rate_hz: float, stream_hz: float, n_rounds: int, seconds: float
 ) -> dict[str, object]:
-    """Everything measured at one rate, printed as it comes."""
+    """Measure everything at one rate, and print results as they arrive."""
     beside = f", stream of {stream_hz:.0f} Hz" if stream_hz else ""
     with tempfile.TemporaryDirectory() as folder:
         found = []

@@ -21,7 +21,7 @@ from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.monitoring.prometheus import exposition
 
 STARTS = 7
-WATCHDOG_S = 10.0  # as the unit in deploy/ has it
+WATCHDOG_S = 10.0  # as in the unit in deploy/
 LONGEST_S = 60.0
 
 
@@ -37,7 +37,7 @@ def manager(folder: Path) -> Iterator[socket.socket]:
 
 
 def wait_for(heard: socket.socket, line: bytes) -> float:
-    """Monotonic time at which a line comes."""
+    """Monotonic time at which a line arrives."""
     while True:
         if line in heard.recv(65536).split(b"\n"):
             return time.monotonic()

@@ -1,8 +1,8 @@
-"""What it costs that a point is on the disk before anybody hears of it.
+"""Cost of storing each point on disk before it is published.
 
 `python -m benchmarks.service.outbox [FOLDER]`: points handed to the outbox on an event
 loop, with nothing else running, on the file system of FOLDER. One at a time: time until
-it is known to be safe. Many in flight: points a second, with group commit.
+the point is stored safely. Many in flight: points a second, with group commit.
 """
 
 import asyncio
@@ -32,7 +32,7 @@ BAR_BYTES = 4096
 
 
 class Rig:
-    """An outbox, and somebody who takes points as `Capture` does."""
+    """An outbox, and a caller that takes points as `Capture` does."""
 
     def __init__(self, folder: Path) -> None:
         clock = HostClock()

@@ -1,10 +1,10 @@
 """`python -m benchmarks.service.points [FILE] [SECONDS]`: triggered points.
 
 A board on a pty presses its button so many times a second; daemon, mosquitto and a
-subscriber on a bare socket as in `benchmarks.service.latency`. Told are: whether all
-points came, how long that took, what the disk took of it, and the CPU time of the
-daemon for each point, by thread. The share that the daemon takes without points (its
-stream, its house) is measured first and taken off.
+subscriber on a bare socket as in `benchmarks.service.latency`. Printed are: whether all
+points arrived, how long that took, what the disk took of it, and the CPU time of the
+daemon for each point, by thread. The share that the daemon uses without points (its
+stream and periodic work) is measured first and subtracted.
 
 The board sends no edge again: one that finds no room in the daemon is a point lost.
 """
@@ -38,10 +38,10 @@ class Taken:
     """One round.
 
     Attributes:
-        pressed, came: presses, and points that the subscriber had of them.
+        pressed, came: presses, and points that the subscriber received of them.
         latency: from the last byte of a press to the subscriber.
         sync: of 4 KiB on the same disk, before the round.
-        to_disk: from a point to its transaction's end, as the daemon tells.
+        to_disk: from a point to its transaction's end, as the daemon reports.
         threads_us: CPU time a point, threads in the order of their start: event loop,
             others, reader, outbox, recorder.
         counters: of the daemon that are not 0.
@@ -82,7 +82,7 @@ def threads_ns(pid: int) -> dict[int, int]:
 
 
 def idle_share(folder: Path, port: int) -> dict[int, float]:
-    """What each thread of the daemon takes of a core while nobody presses."""
+    """Share of a core of each thread of the daemon without presses."""
     with edge_board(folder, NEVER_HZ), rig.daemon(folder, port) as process:
         time.sleep(1.0)
         before = threads_ns(process.pid)
@@ -95,7 +95,7 @@ def idle_share(folder: Path, port: int) -> dict[int, float]:
 def take(
     folder: Path, port: int, rate_hz: float, seconds: float, idle: dict[int, float]
 ) -> Taken:
-    """Have the button pressed for some time, and count what comes of it."""
+    """Press the button for some time, and count the points."""
     sync = figures(syncs_ns(folder, rate_hz))
     client = RawClient(port, "point-taker")
     client.subscribe(f"traverse/{ARM}/health")

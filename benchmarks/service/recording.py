@@ -63,7 +63,7 @@ class Cost:
 
 
 class Meter:
-    """A subscriber that measures the daemon's share and asks it to record."""
+    """A subscriber that measures the daemon's share and requests a recording."""
 
     def __init__(
         self, client: aiomqtt.Client, process: "subprocess.Popen[bytes]"
@@ -74,7 +74,7 @@ class Meter:
         self.queued = self.dropped = 0
 
     async def listen(self) -> None:
-        """Take what comes."""
+        """Receive messages."""
         async for item in received(self._client):
             if isinstance(item.message, Reply):
                 self._replies.put_nowait(item.message)
@@ -83,7 +83,7 @@ class Meter:
                 self.dropped = item.message.recording.dropped
 
     async def record(self, args: RecordArgs) -> dict[str, Any]:
-        """Send the command; gives its result."""
+        """Send the command; return its result."""
         command = Command.carrying(args, str(time.monotonic_ns()))
         topic = command_topic(ARM, "record")
         await self._client.publish(topic, encode(command, "msgpack"), qos=1)
@@ -173,7 +173,7 @@ def cost(seconds: float) -> Cost:
 
 
 def replayed(file: Path, block: int | None) -> tuple[float, ReplayResult]:
-    """Samples a second, and what came of it."""
+    """Samples a second, and the result."""
 
     async def replay() -> ReplayResult:
         with RunReader(file) as reader:

@@ -2,7 +2,7 @@
 
 A real daemon scans the simulated arm at 1 kHz; mosquitto is killed, stays away for 20
 seconds and comes back. Once with each delivery: which points does a consumer have in
-the end, are gaps told, and were all encoders read meanwhile?
+the end, are gaps reported, and were all encoders read meanwhile?
 """
 
 import asyncio
@@ -31,16 +31,16 @@ PATIENCE_S = 120.0
 
 @dataclass(frozen=True, slots=True)
 class Outage:
-    """What came of one scan.
+    """What was received of one scan.
 
     Attributes:
         total: points of the scan, by its last block.
-        arrived, twice: points that a consumer has, and those that came more than once.
+        arrived, twice: points that a consumer received, received more than once.
         gaps: stretches of numbers that are missing.
-        told: points of these that the blocks tell of as dropped or lost.
-        blocks_in_order: first sight of each block, in the order of its numbers.
+        told: points of these that the blocks report as dropped or lost.
+        blocks_in_order: whether blocks first arrived in the order of their numbers.
         samples_lost: between device and daemon.
-        after_s: from the broker's return until nothing more was missing, or came.
+        after_s: from the broker's return until nothing was missing, or none arrived.
     """
 
     delivery: str
@@ -124,7 +124,7 @@ def _judged(
 
 
 def main(seconds: float) -> int:
-    """Print what came of both; 1 where a complete scan was not."""
+    """Print the results of both; 1 where a complete scan was not."""
     print(load())
     found = []
     for delivery in ("complete", "live"):

@@ -65,7 +65,7 @@ async def follow_scan(
     """Scan until ``n_samples`` instants have passed.
 
     Returns:
-        What came, the daemon's CPU share of one core, and seconds it was taken over.
+        What was received, the daemon's CPU share of one core, and its seconds.
     """
     followed = Followed()
     async with connection(BrokerAddress("127.0.0.1", port)) as client:
@@ -81,8 +81,8 @@ async def follow_scan(
                     break
             elif isinstance(message, Health):
                 followed.health = message
-                # One that tells of itself hears; the first may be kept by the broker
-                # of the daemon before.
+                # A status proves that it is subscribed; the first may be the broker's
+                # retained one of the previous daemon.
                 if not begun_s:
                     await order_scan(client, "start", rate_hz)
             elif isinstance(message, Event):

@@ -72,7 +72,7 @@ async def _first_points(bench: Bench) -> None:
 
 
 async def _disks(bench: Bench) -> list[str]:
-    """What goes wrong with a full disk, then with one that is read-only."""
+    """Return failures with a full disk, then with a read-only one."""
     said = []
     troubles = {
         "full disk": disk.full(bench.state),
@@ -88,7 +88,7 @@ async def _disks(bench: Bench) -> list[str]:
 
 
 async def _drained(bench: Bench) -> None:
-    """Wait until nothing more comes, in the store or in the outbox."""
+    """Wait until neither store nor outbox changes."""
     quiet_since_s, last = time.monotonic(), -1
     until_s = time.monotonic() + DRAIN_S
     while time.monotonic() < until_s:
@@ -148,7 +148,7 @@ def main(options: argparse.Namespace) -> int:
         verdict.figures.update(figures)
         verdict.faults.extend(foreign)
         if has_disk and options.folder is not None:
-            shutil.copytree(state, folder / "kept")  # the disk itself goes away
+            shutil.copytree(state, folder / "kept")  # the disk itself disappears
     faults = said + verdict.faults
     disks = "refused, told, recovered" if has_disk else "not tried: mounting needs root"
     disks = "; ".join(said) or disks

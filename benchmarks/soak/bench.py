@@ -25,7 +25,7 @@ class Kept:
     Args:
         name: of its log.
         folder: where it runs and logs.
-        command: gives the command line of the next life.
+        command: returns the command line of the next life.
         environment: in addition to ours.
 
     Attributes:
@@ -77,7 +77,7 @@ class Kept:
             )
 
     def kill(self, down_s: float) -> None:
-        """End it as a power cut does; it comes back after a while."""
+        """End it as a power cut does; it restarts after `down_s` seconds."""
         if self._process is not None and self.is_running:
             self.down_s = down_s
             self._process.kill()
@@ -87,7 +87,7 @@ class Kept:
         """Start it again after every end, until cancelled."""
         while True:
             self.start()
-            while self.is_running:  # noqa: ASYNC110 - no event tells of it
+            while self.is_running:  # noqa: ASYNC110 - no event reports it
                 await asyncio.sleep(0.05)
             await asyncio.sleep(self.down_s)
             self.down_s = PAUSE_S

@@ -1,6 +1,6 @@
 """`python -m benchmarks.soak.consumer ARM BROKER STORE`: points into its own store.
 
-The place where it goes on is in the store, in the same transaction as the points: a
+The position where it resumes is in the store, in the same transaction as the points: a
 consumer that is killed stores every point once. It has no other memory.
 """
 
@@ -79,7 +79,7 @@ class Store:
 
 
 async def main(arm_name: str, broker: str, path: Path) -> None:
-    """Follow the arm until told to end."""
+    """Follow the arm until stopped."""
     ended = asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ended.set)
     with contextlib.closing(Store(path)) as store:

@@ -54,7 +54,7 @@ async def read_only(folder: Path, daemon: Kept) -> AsyncIterator[None]:
     """Nothing can be written while the block lasts.
 
     The kernel does not allow that while a file is open for writing: so the daemon is
-    killed, and comes back to a disk that cannot be written to.
+    killed, and restarts on a disk that cannot be written to.
     """
     daemon.kill(2.0)
     await _remount(folder, "ro")

@@ -21,7 +21,7 @@ from typing import Any
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Point
 
-QUIET_S = 2.0  # presses come about every 0.4 s
+QUIET_S = 2.0  # presses are about 0.4 s apart
 LEAST_SHARE = 0.5
 
 
@@ -120,7 +120,7 @@ def lines(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def outbox_points(path: Path) -> list[Point]:
-    """What the daemon has on disk, in the order in which it came there."""
+    """Return the points on the daemon's disk, in the order of storing."""
     with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True)) as database:
         rows = database.execute("SELECT payload FROM messages ORDER BY number")
         return [decode(Point, payload) for (payload,) in rows]
@@ -136,7 +136,7 @@ def stored(path: Path) -> list[tuple[str, str, int]]:
 def judge(
     folder: Path, outbox: Path, lives: list[str], span: Span, others: int = 0
 ) -> Verdict:
-    """Compare what was told to the operator, what is on disk, and what was received.
+    """Compare what was acknowledged to the operator, stored, and received.
 
     Args:
         folder: of the crash test.
@@ -255,8 +255,8 @@ def _edges(
 def _told(log: list[dict[str, Any]]) -> set[tuple[str, int]]:
     """Life and number of edges whose acknowledgement promises a point.
 
-    Not those that met a disk that fails: of these the operator is told a refusal, and
-    the acknowledgement may come when the disk is sound again.
+    Not those that met a disk that fails: these are refused to the operator, and
+    the acknowledgement may follow when the disk works again.
     """
     notes = [(line["time_s"], line["disk"]) for line in log if "disk" in line]
     notes.append((math.inf, True))

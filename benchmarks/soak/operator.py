@@ -1,6 +1,6 @@
 """`python -m benchmarks.soak.operator ARM BROKER RATE LOG`: commands points for ever.
 
-Writes down what it asked for and what it was told: a point counts as acknowledged when
+Logs its requests and the replies: a point counts as acknowledged when
 the answer says ok.
 """
 
@@ -24,7 +24,7 @@ MOST_RUNNING = 8
 
 
 class Operator:
-    """Somebody at the arm who wants points."""
+    """Operator who commands points."""
 
     def __init__(self, arm: str, address: BrokerAddress, log: TextIO) -> None:
         self._log = log

@@ -1,4 +1,4 @@
-"""What goes wrong, one after the other and at once."""
+"""Faults of the soak test, one after the other and at once."""
 
 import asyncio
 import random

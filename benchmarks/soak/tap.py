@@ -3,9 +3,9 @@
 Passes bytes between the board's pty and one of its own for the daemon, and writes down
 which edges the daemon acknowledges. When the board vanishes so does the daemon's pty.
 
-A board that is killed leaves its link behind, and the number of its pty goes to the
-next program that asks for one. So the link is taken away as soon as the board is gone,
-as udev does, and looked at all the time: what it leads to is the board, nothing else.
+A board that is killed leaves its link behind, and the number of its pty is used by the
+next program that opens one. So the link is removed as soon as the board is gone,
+as udev does, and polled: its target is always the board.
 """
 
 import contextlib
@@ -57,7 +57,7 @@ class Edges:
         for message in self._from_board.feed(data):
             if isinstance(message, Hello):
                 self._is_forgetting = False
-                if self._unanswered:  # what came before this is forgotten, too
+                if self._unanswered:  # what arrived earlier is forgotten, too
                     self._unanswered -= 1
                     self._waiting.clear()
             elif isinstance(message, Edge) and not self._is_forgetting:
@@ -67,7 +67,7 @@ class Edges:
         """The daemon has said this."""
         for body in self._from_host.feed(data):
             if body[0] == HELLO and body[3] & FORGET_EDGES:
-                # A new daemon: they came before its time, also those on their way.
+                # A new daemon: earlier edges are dropped, also those in transit.
                 self._waiting.clear()
                 self._is_forgetting = True
                 self._unanswered += 1
@@ -122,7 +122,7 @@ def pass_on(board: int, host: int, edges: Edges, is_board: Callable[[], bool]) -
         if ready.get(board, 0) & select.POLLIN:
             data = read(board)
             edges.sent(data)
-            with contextlib.suppress(BlockingIOError):  # nobody reads: as on a line
+            with contextlib.suppress(BlockingIOError):  # no reader: lost, as on a line
                 os.write(host, data)
         if ready.get(host, 0) & select.POLLIN:
             data = read(host)

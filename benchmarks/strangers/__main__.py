@@ -90,7 +90,7 @@ def ours(
 def distances_mm(
     given: Campaign, judged: Campaign, arm: Arm, *, was_moved: bool = False
 ) -> Floats:
-    """Distances of all poses kept aside; what they touch, placed as far as known."""
+    """Distances [mm] of all held-out poses; artefacts placed as far as known."""
     places = {} if was_moved else places_of(placed(given, arm))
     return predict(judged, arm, places).distances_mm
 

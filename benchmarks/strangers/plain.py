@@ -67,9 +67,9 @@ def fitted(nominal: Chain, measured: Measured, *, tool_only: bool = False) -> Ch
 
 
 def held_out_mm(chain: Chain, measured: Measured) -> Floats:
-    """Distances of the poses kept aside, as `traverse predict` has them.
+    """Distances of the poses kept aside, as `traverse predict` computes them.
 
-    Sockets stand where those poses say; the tracker, where the others said, unless it
+    Sockets are placed from those poses, the tracker from the others unless it
     was moved.
     """
     kept = measured.is_kept

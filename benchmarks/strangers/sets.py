@@ -1,6 +1,6 @@
 """Measurements of other people's arms, as campaigns and arm files.
 
-Which poses are kept aside is a rule written here, decided before any result was seen:
+Held-out poses follow a rule that was fixed before any result was computed:
 every third place of a gauge, a series of its own, or the owner's own test.
 """
 
@@ -40,7 +40,7 @@ class Measured:
         places_mm: where a tracker saw the point, (n, 3); None: a ball in sockets.
         sockets: name of the gauge's place and its socket, 1 or 2, of each pose.
         is_kept: whether a pose takes no part in the identification, (n,).
-        was_moved: the tracker stood elsewhere for these; they say where.
+        was_moved: the tracker was moved for these, which determine its place.
     """
 
     name: str

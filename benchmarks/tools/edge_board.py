@@ -1,7 +1,7 @@
 """`python -m benchmarks.tools.edge_board`: a board that only presses its button.
 
-Opens a pty, links it to the path given, answers the driver, tracks at the rate it is
-asked for, and presses and releases its button so many times a second. For each press
+Opens a pty, links it to the given path, answers the driver, streams at the
+requested rate, presses and releases its button so many times a second. For each press
 it prints the monotonic time right after the last byte was written.
 """
 

@@ -1,4 +1,4 @@
-"""A network that fails when told to: a TCP proxy between a program and its server."""
+"""A network that fails on command: a TCP proxy between a program and its server."""
 
 import asyncio
 import contextlib
@@ -8,7 +8,7 @@ READ_BYTES = 65_536
 
 
 class Network:
-    """Passes bytes between whoever connects to `port` and a server on loopback.
+    """Passes bytes between clients of `port` and a server on loopback.
 
     Args:
         server_port: where the bytes go.

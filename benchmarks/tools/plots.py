@@ -68,7 +68,7 @@ def kernel(found: Tables, path: Path) -> None:
 
 
 def stages(found: Tables, path: Path) -> None:
-    """Where the time goes from bytes to payload."""
+    """Time of each stage from bytes to payload."""
     figure, places = plt.subplots(
         len(found), 1, figsize=(7.5, 8.0), layout="constrained"
     )

@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterator
 
 CONNECT, PUBLISH, SUBSCRIBE, SUBACK = 1, 3, 8, 9
-AT_LEAST_ONCE = 2  # quality of service 1, as it stands in the first byte
+AT_LEAST_ONCE = 2  # quality of service 1, as in the first byte
 PAYLOAD_BYTES = 500
 READ_BYTES = 65_536
 
@@ -60,7 +60,7 @@ class RawClient:
         self._socket.sendall(packet(PUBLISH, AT_LEAST_ONCE, content))
 
     def eat(self) -> None:
-        """Read answers that have come."""
+        """Read replies that have arrived."""
         self._socket.setblocking(False)
         try:
             self._socket.recv(READ_BYTES)
@@ -70,7 +70,7 @@ class RawClient:
             self._socket.setblocking(True)
 
     def payloads(self) -> Iterator[tuple[int, bytes]]:
-        """What comes on the topics asked for, with the time right after its read."""
+        """Payloads of the subscribed topics, with the time [ns] after the read."""
         for kind, content in self._packets():
             now_ns = time.monotonic_ns()
             if kind >> 4 == PUBLISH:

@@ -1,8 +1,8 @@
-"""Virtual time for drivers of devices that are asked: no port, no waiting, no chance.
+"""Virtual time for drivers of polled devices: no port, no waiting, no chance.
 
-The driver's thread is the only one that works. When it waits, simulated devices live on
-to what is due next, until bytes have come or the time is over. Bytes go through a cable
-in memory, which stands in for the pty on the device's side and for the port on the
+The driver's thread is the only one that works. When it waits, simulated devices run
+until their next action, until bytes arrive or the timeout ends. A cable in memory
+carries the bytes: it replaces the pty on the device's side and the port on the
 driver's.
 """
 
@@ -35,7 +35,7 @@ class Living(Protocol):
 
 
 class VirtualTime:
-    """Monotonic time that moves when somebody waits; it goes on after its end.
+    """Monotonic time that advances in waits; it still advances after the end.
 
     Args:
         end_s: when `over` is set.
@@ -132,7 +132,7 @@ class HostEnd:
 
     @property
     def ready(self) -> bool:
-        """Reading it has something to tell."""
+        """Whether a read would return something."""
         return bool(self._cable.to_host) or not self._cable.plugged
 
     def fileno(self) -> int:
@@ -144,7 +144,7 @@ class HostEnd:
         return self._cable.time.go_on(seconds, lambda: self.ready)
 
     def read(self) -> bytes:
-        """What has come."""
+        """Return the received bytes."""
         self._check()
         data, self._cable.to_host = self._cable.to_host, b""
         return data
@@ -177,7 +177,7 @@ class DeviceEnd:
         self._was_held = False
 
     def host_changed(self) -> bool:
-        """Whether a host came or went."""
+        """Whether a host connected or disconnected."""
         changed, self._was_held = self._cable.held != self._was_held, self._cable.held
         return changed
 

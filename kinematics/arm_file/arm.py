@@ -132,7 +132,7 @@ class Effect(StrictModel):
 
 
 class _UnknownEffect(Effect):
-    """What is of no known kind: refused for that alone, not for its other keys."""
+    """An effect of unknown kind: only the kind is an error, not the other keys."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -152,7 +152,7 @@ _EFFECT_MODELS = {
 
 
 def effect_from_table(table: object) -> Effect:
-    """Make an effect of the class that its kind asks for."""
+    """Make an effect of the class for its kind."""
     if isinstance(table, Effect):
         return table
     return Effect.variant(table).model_validate(tuples_for_lists(table))

@@ -66,7 +66,7 @@ class ArmEffects:
 
     @property
     def needs(self) -> frozenset[Need]:
-        """What must be known of every sample."""
+        """Covariates that every sample must have."""
         return frozenset(need for c in self.corrections for need in c.needs)
 
     @property
@@ -84,7 +84,7 @@ class ArmEffects:
         return np.array([value for c in self.corrections for value in c.values])
 
     def name(self, correction: Correction) -> str:
-        """Name an effect: joint where it has one, kind, what else tells it apart."""
+        """Name an effect: joint where it has one, kind, and variety."""
         names = self.joint_names[correction.joints]
         joint = names if len(names) == 1 else ()
         return ".".join((*joint, correction.kind, *correction.variety))
@@ -110,7 +110,7 @@ class ArmEffects:
     def are_served_by(self, block: Block) -> bool:
         """Say quickly that a block lacks nothing; False where it has to be looked at.
 
-        Whole columns are looked at, those of joints that nobody asks for too.
+        Whole columns are checked, including joints that no effect uses.
         """
         return all(block.is_known(covariate) for covariate in self.covariates)
 
@@ -179,7 +179,7 @@ def effects_of(
 
 
 def _believed_utc(arm: "Arm", effect: "Effect") -> Span | None:
-    """From the epoch to the identification, which comes after its campaign."""
+    """Span from the epoch to the identification, which follows its campaign."""
     date = None if arm.identification is None else arm.identification.date
     if isinstance(date, str):
         try:

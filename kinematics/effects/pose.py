@@ -6,7 +6,7 @@
     pose       the deflected arm
     contact    shift of the ball's centre, where the surface is known
 
-The kernel in C computes it where it was built, but for the contact; what stands here in
+The kernel in C computes it where it was built, but for the contact; the code here in
 NumPy is the readable definition, and computes where it was not. Both agree within the
 last digits.
 
@@ -66,7 +66,7 @@ def compiled_pose(
 
 
 def _readable(block: Block) -> Block:
-    """Take the block, its columns copied only where they lie or are otherwise."""
+    """Return the block; columns are copied only if the kernel cannot read them."""
     changes: dict[str, Any] = {}
     for field in fields(block):
         column = getattr(block, field.name)

@@ -44,7 +44,7 @@ class FilterChain:
 
     @property
     def interpolates(self) -> bool:
-        """Whether points come out that lie between samples."""
+        """Whether the output contains points between samples."""
         return any(made.interpolates for made in self.filters)
 
     def apply(self, block: PointBlock) -> PointBlock:

@@ -1,4 +1,4 @@
-"""Filters by how a point came about: the probe's speed, its quality."""
+"""Filters by the conditions of a point: the probe's speed, its quality."""
 
 import math
 from dataclasses import dataclass, field

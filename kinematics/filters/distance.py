@@ -1,4 +1,4 @@
-"""Thinning along the way: a point each time the probe has come so far."""
+"""Decimation by distance: a point each time the probe has moved so far."""
 
 from dataclasses import dataclass, field
 from typing import ClassVar

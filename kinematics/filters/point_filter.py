@@ -13,7 +13,7 @@ Vector = tuple[float, float, float]
 
 
 class PointFilter(ABC):
-    """Takes points in the order of time and lets some of them through.
+    """Takes points in the order of time and passes some of them.
 
     A stream may be cut into blocks in any way: the result is the same. What a filter
     has to remember for that is bounded; `restart` forgets it.

@@ -20,7 +20,7 @@ class PointBlock:
         ijk: (n, 3) the shank.
         angles_rad: (n, n_joints) readings.
         counts: (n, n_joints) int64.
-        quality: (n,) uint32, bits of whoever made the points; filters keep them.
+        quality: (n,) uint32, bits set by the source of the points; filters keep them.
     """
 
     seq: Integers

@@ -98,7 +98,7 @@ class Slab(Selection):
 
 
 def _side(inside: Booleans, block: PointBlock, outside: bool) -> Booleans:
-    """The wanted side; a point without a place is on neither."""
+    """Select the configured side; a point without a place is on neither."""
     if not outside:
         return inside
     known: Booleans = np.asarray(np.isfinite(block.xyz_mm).all(axis=1))

@@ -1,4 +1,4 @@
-"""Gauss-Newton steps to the least squares of orthogonal distances, and what is known.
+"""Gauss-Newton steps to the least squares of orthogonal distances, and their accuracy.
 
 All is without unit: points are taken about their mean, over their extent. Of points
 that scatter alike in all directions with the standard deviation s, the parameters have
@@ -28,10 +28,10 @@ _SINGULAR = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Precision:
-    """How well a fitted shape is known.
+    """Uncertainty of a fitted shape.
 
     Attributes:
-        cofactors: Q in the order of parameters that the shape tells, singular where
+        cofactors: Q in the order of parameters of the shape, singular where
             they hang together (a direction has two freedoms, not three).
         redundancy: Number of distances less number of freedoms.
         sum_of_squares_mm2: Of all distances.

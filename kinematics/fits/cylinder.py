@@ -1,7 +1,7 @@
 """A cylinder: the distance from the axis less the radius.
 
 The sum of squares has several valleys. For a given direction of the axis the points,
-seen along it, lie on a circle, whose algebraic fit is closed: directions all over a
+projected along it, lie on a circle, whose algebraic fit is closed: directions over a
 half sphere and the principal ones of the cloud are tried so, the best few are starts
 of Gauss-Newton steps, and the lowest end counts.
 """
@@ -94,7 +94,7 @@ def fit_cylinder(points_mm: Floats) -> Cylinder:
 
 
 def _starts(cloud: Cloud) -> list[_State]:
-    """Try directions of the axis, and circles of the points as seen along them."""
+    """Try directions of the axis, and circles of the points projected along them."""
     numbers = np.arange(_N_DIRECTIONS)
     heights = (numbers + 0.5) / _N_DIRECTIONS
     turns = numbers * np.pi * (3.0 - np.sqrt(5.0))  # a spiral of even density
@@ -109,7 +109,7 @@ def _starts(cloud: Cloud) -> list[_State]:
     from_mean = flat - flat_means[:, np.newaxis]
     gram = 2.0 * np.einsum("dni,dnj->dij", from_mean, from_mean)
     right = np.einsum("dni,dn->di", from_mean, squares - square_means[:, np.newaxis])
-    # On a line, as seen along a direction: no circle.
+    # Projected points on a line: no circle.
     wide = np.linalg.det(gram) > FLAT * np.square(np.trace(gram, axis1=1, axis2=2))
     gram[~wide] = np.eye(2)
     centres = np.linalg.solve(gram, right[:, :, np.newaxis])[:, :, 0]

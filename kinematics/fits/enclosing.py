@@ -1,7 +1,7 @@
 """The smallest sphere around points, exactly, with the points that hold it.
 
 It is the circumscribed sphere of 1 to 4 of the points, its supports, in whose convex
-hull its centre lies. From the supports so far and the point that sticks out most, at
+hull its centre lies. From the supports so far and the farthest point outside, at
 most five, the smallest sphere of these is found by trying all their subsets; its radius
 grows in every round, so there is an end. Fewer supports are preferred where several
 subsets give the same sphere.
@@ -100,6 +100,6 @@ def _circumscribed(points: Floats) -> tuple[Floats, float] | None:
     gram = edges @ edges.T
     weights = np.linalg.solve(2.0 * gram, np.diag(gram))
     if min(float(weights.min()), 1.0 - float(weights.sum())) < -_OUTSIDE:
-        return None  # some smaller sphere goes around them, or a part of them
+        return None  # a smaller sphere encloses them, or a part of them
     from_first = weights @ edges
     return points[0] + from_first, float(np.linalg.norm(from_first))

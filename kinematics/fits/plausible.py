@@ -31,7 +31,7 @@ def off_sphere(
     Args:
         points_mm: In question, (n_points, 3).
         others_mm: Of the same sphere, (n_others, 3); too few say nothing.
-        widest_mm: Largest possible distance between two; None: it is not known.
+        widest_mm: Largest possible distance between two; None: unknown.
     """
     off = np.zeros(len(points_mm))
     if widest_mm is not None and len(others_mm):

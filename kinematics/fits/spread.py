@@ -1,4 +1,4 @@
-"""Points that should coincide: how they lie about their mean."""
+"""Spread of points that should coincide, about their mean."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from traverse.kinematics.fits.adjustment import checked_points
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
-    """How points that should coincide lie about their mean.
+    """Spread of points that should coincide, about their mean.
 
     Attributes:
         mean_mm: (3,).

@@ -43,11 +43,11 @@ class HelmertError(ValueError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AdjustedHelmert:
-    """A transformation, and what is known of it.
+    """A transformation with its covariance and residuals.
 
     Attributes:
         transformation: The adjusted one.
-        centre_mm: About which xi is told, in the system it leads to, (3,).
+        centre_mm: Reference point of xi, in the target system, (3,).
         cofactors: Of xi; with the stated covariances its covariance, (p, p).
         misclosures_mm: to - T(from), (n, 3).
         from_corrections_mm: v_from, (n, 3).

@@ -22,7 +22,7 @@ class Reliability:
 
     Attributes:
         shares: Redundancy numbers of the coordinates; all together the redundancy,
-            (n, 3). Near 0: an error there goes into the transformation.
+            (n, 3). Near 0: an error there distorts the transformation.
         seen_per_mm2: Eigenvalues of B, the least first, (n, 3); 0 where an error in
             that direction cannot be revealed by any test.
         directions: Of these, as rows, (n, 3, 3).
@@ -55,7 +55,7 @@ def reliability_of(adjusted: AdjustedHelmert) -> Reliability:
 
 
 def point_statistics(adjusted: AdjustedHelmert, found: Reliability) -> Floats:
-    """Compute the statistic of every point: chi-squared by what is seen of it.
+    """Compute the statistic of every point: chi-squared of its detectable part.
 
     Returns:
         (n,), with as many degrees of freedom as `seen_per_mm2` has values above 0.

@@ -1,4 +1,4 @@
-"""What common points determine at all: how they lie, in words and directions."""
+"""Shape of the common points, which limits what they determine."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -17,7 +17,7 @@ _FLAT = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
-    """How points lie about their mean.
+    """Shape of points about their mean.
 
     Attributes:
         n: How many.
@@ -33,7 +33,7 @@ class Shape:
 
     @property
     def kind(self) -> Kind:
-        """What they span, but for rounding; three or more that nearly lie so, too."""
+        """Dimension that they span, also if they do so only nearly."""
         if self.n == 0:
             return "none"
         length_mm = float(self.extents_mm[0])
@@ -51,7 +51,7 @@ class Shape:
 
 
 def shape_of(points_mm: Floats) -> Shape:
-    """Say how points (n, 3) lie."""
+    """Compute the shape of points (n, 3)."""
     n = len(points_mm)
     if n == 0:
         return Shape(0, np.zeros(3), np.eye(3), np.zeros(3))

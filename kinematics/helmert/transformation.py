@@ -1,6 +1,6 @@
 """The Helmert transformation: to = scale * rotation * from + translation.
 
-A small change of it is told by a vector xi about a centre c in the system that it leads
+A vector xi describes a small change of it about a centre c in the system that it leads
 to: shift of c (mm), turn (rad), and relative change of scale, which a rigid motion has
 not. A place y moves by J(y) xi, J(y) = [I, -[d]x, d] with d = y - c.
 
@@ -46,7 +46,7 @@ class Helmert:
         return self.scale * turned + self.translation_mm
 
     def after(self, first: Self) -> "Helmert":
-        """Join with a transformation that comes before."""
+        """Compose with a transformation that is applied before."""
         return Helmert(
             self.rotation @ first.rotation,
             self.places_mm(first.translation_mm[np.newaxis])[0],
@@ -121,7 +121,7 @@ def moved_centre(
 def closed_helmert(
     from_mm: Floats, to_mm: Floats, weights: Floats, *, with_scale: bool
 ) -> Helmert:
-    """Solve for rotation, shift and, where wanted, scale.
+    """Solve for rotation, shift and, if requested, scale.
 
     The points have to determine it: `helmert_adjustment` looks at that.
 

@@ -1,4 +1,4 @@
-"""How errors of a Helmert transformation come out in a volume: its disposition index.
+"""Errors of a Helmert transformation in a volume: its disposition index.
 
 The mean square error of position over a volume is the trace of C M, with C the
 covariance of xi and M the mean of J'J over the volume, which has a closed form. With C
@@ -147,7 +147,7 @@ def volume_error(volume: Volume, centre_mm: Floats, covariance: Floats) -> Volum
 
     Args:
         volume: In the system that the transformation leads to.
-        centre_mm: About which xi is told, (3,).
+        centre_mm: Reference point of xi, (3,).
         covariance: Of xi, (p, p).
     """
     n_parameters = len(covariance)

@@ -10,7 +10,7 @@ from traverse.kinematics.importers.urdf import Body, Mimic
 from traverse.kinematics.model.geometry import Geometry
 from traverse.strict_toml.writing import arm_text
 
-# Arm files from tables show 1 and not 0.9999999999999999: below this no arm is known.
+# Arm files from tables show 1 and not 0.9999999999999999: no arm is that accurate.
 _AXIS_DECIMALS = 15
 _MM_DECIMALS = 12
 
@@ -54,7 +54,7 @@ def assemble_arm(
     """Put an arm together, at 20 degrees Celsius and gravity along -z.
 
     Raises:
-        FileError: A value may not stand in an arm file; says all, for `source`.
+        FileError: A value is not allowed in an arm file; lists all, for `source`.
     """
     values = {
         "schema": "traverse/arm/1",

@@ -30,7 +30,7 @@ _SAME_LINE = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DHTable:
-    """A table with what stands before and behind it; arrays are read-only.
+    """A table with the transforms before and behind it; arrays are read-only.
 
     Attributes:
         convention: Order of the motions in a row.
@@ -91,7 +91,7 @@ class NearestTable:
 def geometry_from_dh(table: DHTable, base_posture_rad: Floats) -> Geometry:
     """Write a table as the geometry of an arm.
 
-    A joint's origin is where the frame behind `before` has it: the foot of the common
+    A joint's origin is that of the frame behind `before`: the foot of the common
     normal from the hinge before.
 
     Args:
@@ -146,15 +146,15 @@ def misfits_mm(geometry: Geometry, table: DHTable, angles_rad: Floats) -> Floats
 def nearest_table(geometry: Geometry, parallel_below_rad: float) -> NearestTable:
     """Draw the common normals of an arm's hinges and read the classic table off them.
 
-    The common normal of two hinges at an angle phi stands where their lines come
-    nearest, which slides by 1/phi^2 with their tilt: for hinges made parallel, but
-    measured at 1e-4 rad, it stands metres away from the arm and d says nothing about
+    The common normal of two hinges at an angle phi is where their lines are
+    closest, which slides by 1/phi^2 with their tilt: for hinges made parallel, but
+    measured at 1e-4 rad, it is metres away from the arm and d says nothing about
     the arm's build. Exactly parallel hinges have it anywhere. Hinges within
     `parallel_below_rad` are therefore taken as parallel (alpha 0 or pi), with the
     normal drawn where the one before ends (d = 0): the shortest table. That is the
     only misfit of the table, and it is none in the base posture.
 
-    Free choices: the first frame stands at x_0 with its x axis along the arm's own as
+    Free choices: the first frame is at x_0 with its x axis along the arm's own as
     nearly as may be; x axes point so that theta offsets stay within a quarter turn (a
     may be negative); behind the last hinge the shank takes the part of a next one.
     """

@@ -1,8 +1,8 @@
 """Files with a Denavit-Hartenberg table: CSV and TOML, read strictly and written.
 
 A key carries its unit (`a_mm`, `alpha_deg`); one without takes the unit given on the
-command line and is refused if there is none. What is wrong comes back as pairs of the
-key and a message; who reads the file knows the place.
+command line and is refused if there is none. Errors are returned as pairs of the
+key and a message; the caller adds the place in the file.
 """
 
 import csv
@@ -116,7 +116,7 @@ def row_of(
     """Take one row.
 
     Args:
-        values: What stands under each key; text that is empty counts as absent.
+        values: Value of each key; empty text counts as absent.
         columns: What the keys hold; other keys are passed over.
         as_text: Numbers are still text, as in CSV.
 
@@ -232,7 +232,7 @@ Convention = Literal["classic", "modified"]
 
 
 class Placement(StrictModel):
-    """Where a coordinate frame stands; roll, pitch and yaw as a URDF has them."""
+    """Pose of a coordinate frame; roll, pitch and yaw as in a URDF."""
 
     xyz_mm: Vector = (0.0, 0.0, 0.0)
     rpy_rad: Vector = (0.0, 0.0, 0.0)
@@ -320,7 +320,7 @@ def _parse_csv(text: str, source: str, units: Units) -> DHFile:
 
 
 def dh_csv(table: DHTable, names: Sequence[str], base_rad: Sequence[float]) -> str:
-    """Write a classic table as CSV; base and tool stand in a comment, as options."""
+    """Write a classic table as CSV; base and tool are in a comment, as options."""
     lines = [
         "# classic; theta_rad where the reading is zero, base_rad the base posture.",
         "# CSV has no place for these, give them to `traverse arm from-dh`:",
@@ -377,7 +377,7 @@ def _options(which: str, transform: np.ndarray[Any, np.dtype[np.float64]]) -> st
 
 
 def _mm(length: float) -> float:
-    # The dust of rounding goes; adding zero turns -0.0 into 0.0.
+    # Rounding errors are removed; adding zero turns -0.0 into 0.0.
     return round(float(length), 12) + 0.0
 
 

@@ -1,4 +1,4 @@
-"""How well a Denavit-Hartenberg table stands for an arm."""
+"""How well a Denavit-Hartenberg table represents an arm."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -68,7 +68,7 @@ def dh_report(
 
 
 def remark_lines(report: Mapping[str, Any]) -> Iterator[str]:
-    """Write what is to be known about a table as lines of text."""
+    """Describe a table in lines of text."""
     misfit = report["misfit_mm"]
     yield (
         f"misfit at the probe over {misfit['postures']} random postures: rms "

@@ -1,7 +1,7 @@
 """A chain of robot description joints as an arm: frames merged, masses gathered.
 
 A joint of a URDF places its child's frame in its parent's by an `origin`, xyz and
-roll-pitch-yaw (R = R_z(yaw) R_y(pitch) R_x(roll)), and lets it turn about an `axis`
+roll-pitch-yaw (R = R_z(yaw) R_y(pitch) R_x(roll)), and turns it about an `axis`
 written in the child's frame. Here lengths are mm already.
 """
 
@@ -22,7 +22,7 @@ class Body:
 
     Attributes:
         mass_kg: Not negative.
-        centre_mm: Centre of mass in the frame that the body is given in, (3,).
+        centre_mm: Centre of mass in the body's frame, (3,).
     """
 
     mass_kg: float
@@ -42,7 +42,7 @@ class ChainJoint:
     """A joint between two frames, with the bodies fixed to the frame behind it.
 
     Attributes:
-        name: As the description has it.
+        name: As in the description.
         origin: Transform from the child's frame to the parent's, not turned, (4, 4).
         axis: In the child's frame, any length > 0, (3,); nothing for a fixed joint.
         bodies: What the child carries, in the child's frame.
@@ -64,7 +64,7 @@ class ChainArm:
         geometry: The arm; the probe is the tip's origin moved by the tool.
         names: Of the turning joints, (n_joints).
         bodies: What each joint carries as one body, from the joint's origin in the base
-            posture; nothing where the description gives no mass, (n_joints).
+            posture; empty if the description has no mass, (n_joints).
         mimics: What each joint follows, (n_joints).
     """
 
@@ -79,8 +79,8 @@ def arm_from_chain(
 ) -> ChainArm:
     """Merge a chain from the root to the tip into an arm.
 
-    What a joint carries reaches up to the next turning joint; what stands before the
-    first one does not move and is left out.
+    What a joint carries reaches up to the next turning joint; links before the
+    first one do not move and are left out.
 
     Args:
         chain: From the root outwards, at least one joint that turns.

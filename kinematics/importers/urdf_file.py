@@ -129,7 +129,7 @@ def _elements(content: bytes, source: str) -> tuple[Element, dict[Element, int]]
 
 
 class _Reading:
-    """One reading of a description: gathers what is wrong as it goes."""
+    """One reading of a description: collects errors while reading."""
 
     def __init__(self, source: str, lines: Mapping[Element, int]) -> None:
         self._source = source
@@ -259,7 +259,7 @@ def chain_of(robot: Robot, root: str | None, tip: str | None) -> list[ChainJoint
 
     Args:
         robot: As described.
-        root: Where the arm stands; the only root if None.
+        root: Link of the arm's base; the only root if None.
         tip: What carries the probe; the only end if None.
 
     Raises:

@@ -7,7 +7,7 @@ from traverse.arrays import Floats, Integers
 
 
 class ArmArrays(Protocol):
-    """An arm in its base posture, as `traverse.kinematics.model.geometry` has it."""
+    """An arm in its base posture, as in `traverse.kinematics.model.geometry`."""
 
     def __hash__(self) -> int:
         """By identity: the arrays do not change."""
@@ -38,7 +38,7 @@ class ArmArrays(Protocol):
 
     @property
     def couplings(self) -> Sequence[tuple[int, int, float]]:
-        """Joint, other, ratio: what the kernel itself knows nothing of."""
+        """Joint, other, ratio: which the kernel does not handle."""
 
 
 class BlockArrays(Protocol):

@@ -30,10 +30,10 @@ KERNELS = ("numpy", *_RUNNABLE)
 
 
 def chosen_kernel(wanted: str | None, kernels: tuple[str, ...]) -> str:
-    """Choose among kernels in rising order of speed: the last, or the one wanted.
+    """Choose among kernels in rising order of speed: the last, or the requested one.
 
     Raises:
-        ValueError: What is wanted does not run here.
+        ValueError: The requested kernel does not run here.
     """
     if not wanted:
         return kernels[-1]
@@ -56,7 +56,7 @@ def compiled_chain(geometry: ArmArrays) -> "Chain | None":
 
 
 def aligned_floats(angles_rad: Floats) -> Floats:
-    """Give what the kernel reads, copied only where numbers lie or are otherwise."""
+    """Return float64 values for the kernel, copied only if needed."""
     floats = np.asarray(angles_rad, dtype=np.float64)
     return floats if floats.flags.aligned else floats.copy()
 

@@ -1,4 +1,4 @@
-"""One pose at a time, as quickly as it goes: in C, or in plain floats of Python.
+"""One pose at a time with low latency: in C, or in plain floats of Python.
 
 NumPy needs some fifty times as long for a single sample as Python's own floats do for
 one of its operations, so here it has no part.
@@ -49,7 +49,7 @@ class PlainChain:
     def __init__(self, geometry: ArmArrays) -> None:
         links_mm = geometry.links_mm.copy()
         links_mm[-1] += geometry.probe_vector_mm
-        # From the tip inwards, as `pose` goes.
+        # From the tip inwards, as `pose` does.
         self._joints: list[tuple[float, ...]] = [
             (zero_rad, *axis, *link_mm)
             for zero_rad, axis, link_mm in zip(

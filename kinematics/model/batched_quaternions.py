@@ -1,6 +1,6 @@
 """Rotations of all joints in few calls of NumPy, bit for bit as in `quaternion`.
 
-A daemon corrects blocks of some dozens of samples, where most of the time goes into
+A daemon corrects blocks of some dozens of samples, where most of the time is spent in
 calling NumPy and not into its arithmetic. Here components are multiplied together
 instead of one by one; every number is added up in the same order, so every bit is
 that of `quaternion.multiply` and `quaternion.rotate`.
@@ -93,7 +93,7 @@ def _cyclic(vectors: Floats) -> Floats:
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
-    """Cross product of vectors as `_cyclic` gives them, (3, ...)."""
+    """Cross product of vectors as returned by `_cyclic`, (3, ...)."""
     product = a[1:4] * b[2:5]
     product -= a[2:5] * b[1:4]
     return product

@@ -10,7 +10,7 @@ the last one for each column e of I - u_k u_k^T: an axis is a unit vector, so on
 tangent perturbations count.
 
 `numpy_derivatives` is the readable definition, and computes where the kernel in C was
-not built or is not wanted.
+not built or is disabled.
 """
 
 from collections.abc import Iterator
@@ -64,7 +64,7 @@ def probe_derivatives(geometry: Geometry, angles_rad: Floats) -> ProbeDerivative
     """Compute the ball's centres and their derivatives for one block of samples.
 
     Memory is 1.3 kB a sample for seven joints and some times that while computing;
-    `derivative_chunks` goes through long series.
+    `derivative_chunks` iterates over long series.
 
     Args:
         geometry: The arm.
@@ -98,7 +98,7 @@ def numpy_derivatives(geometry: Geometry, angles_rad: Floats) -> ProbeDerivative
     links_mm = geometry.links_mm.copy()
     links_mm[-1] += geometry.probe_vector_mm
     steps_mm = rotate(after, links_mm.T[:, :, np.newaxis])
-    # What lies beyond joint k: x - o_k, (3, n_joints, n_samples).
+    # Lever arm of joint k: x - o_k, (3, n_joints, n_samples).
     arms_mm = np.cumsum(steps_mm[:, ::-1], axis=1)[:, ::-1]
     by_angles = _cross(rotate(after, axes), arms_mm)
     columns = np.eye(3)[:, :, np.newaxis, np.newaxis]
@@ -134,9 +134,9 @@ def derivative_chunks(
 def _by_axes(axes: Floats, rotations: Floats, arms_mm: Floats) -> Floats:
     """Differentiate by the axes: (3 of x, 3 of u, n_joints, n_samples).
 
-    An axis that tilts by e, across it, turns by the small vector u x e what stands
-    before its own rotation, and back what stands behind it:
-    dx = ((P_(k-1) - P_k) (u x e)) x (x - o_k). What of e lies along u drops out.
+    An axis that tilts by e, across it, turns by the small vector u x e the part
+    before its own rotation, and back the part behind it:
+    dx = ((P_(k-1) - P_k) (u x e)) x (x - o_k). The component of e along u drops out.
 
     Args:
         axes: u_k, (3, n_joints, 1).

@@ -7,7 +7,7 @@ written in the base posture (Benciolini and Vitti, 2017):
     direction = P_n d                                   the shank, towards the ball
 
 The functions called numpy_... are the readable definition, and compute where the kernel
-in C was not built or is not wanted; both take what encoders on the hinges would read.
+in C was not built or is disabled; both take what encoders on the hinges would read.
 The ball is reached from the tip inwards, which needs no P_k; the skeleton goes outwards
 with P_k as quaternions.
 """

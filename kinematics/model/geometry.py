@@ -84,7 +84,7 @@ class Geometry:
         """Say what encoders on the hinges would read: (n_samples, n_joints) [rad].
 
         Args:
-            angles_rad: Readings, likewise; given back as they are without couplings.
+            angles_rad: Readings, likewise; returned unchanged without couplings.
         """
         if not self.couplings:
             return angles_rad
@@ -98,7 +98,7 @@ class Geometry:
         """Turn derivatives by the hinges' turns into those by readings.
 
         Args:
-            by_hinges: (..., n_joints); given back as they are without couplings.
+            by_hinges: (..., n_joints); returned unchanged without couplings.
         """
         if not self.couplings:
             return by_hinges

@@ -189,7 +189,7 @@ class Unwrapper:
     def turns(self) -> tuple[Integers, Booleans]:
         """The last sample over all turns, and which joints have had none, (n_joints,).
 
-        `resume` takes them; a stream goes on as if it had never been left.
+        `resume` takes them; a stream continues as if never interrupted.
         """
         return self._last.copy(), self._fresh.copy()
 

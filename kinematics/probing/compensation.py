@@ -1,8 +1,8 @@
-"""From the ball's centre to the touched point: which way the material lies.
+"""From the ball's centre to the touched point: the direction of the material.
 
     surface = centre + radius n,    n the unit vector from the ball to the material
 
-Ways to know n: the shank points at the material (`shank`); the probe came from a
+Ways to know n: the shank points at the material (`shank`); the probe approached from a
 place in the air (`pretouch`) or was pulled off to one (`pulled`), the material lies on
 the other side of the ball; the part is touched from outside or from inside, as seen
 from a point in its middle (`outside`, `inside`).
@@ -24,7 +24,7 @@ class DirectionError(ValueError):
 def towards_material(
     method: str, centre_mm: Floats, shank: Floats, other_mm: Floats | None
 ) -> Floats:
-    """Say where the material is as seen from the ball.
+    """Return the direction from the ball to the material.
 
     Args:
         method: One of `METHODS`.

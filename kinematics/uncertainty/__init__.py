@@ -1,1 +1,1 @@
-"""How well an arm and the points that it measures are known."""
+"""Uncertainty of an arm and of the points that it measures."""

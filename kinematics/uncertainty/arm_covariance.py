@@ -1,4 +1,4 @@
-"""How well an identified arm is known: the file beside it, and what it says of points.
+"""Covariance of an identified arm: its file, and the covariance of points.
 
 `arm.cov.npz` holds names, values and the covariance C over the components of axes,
 links, probe vector, effects and origin (docs/reference/identification.md). A ball's
@@ -108,7 +108,7 @@ def read_arm_covariance(
     Args:
         path: Of the file.
         names: Of the arm's parameters, see `parameter_names`.
-        digest: Of the file as the arm file tells it; None where it does not.
+        digest: Of the file, as stated in the arm file; None without.
 
     Raises:
         ValueError: The file is missing, damaged, or of another arm; says what to do.

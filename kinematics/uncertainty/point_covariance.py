@@ -44,7 +44,7 @@ _ORDERS = 256  # without noise the rest of the series is 0.2 % of it
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointNoise:
-    """What every new point brings with it.
+    """Error contributions of every new point.
 
     Attributes:
         encoder_rad: standard deviations of readings, (n_joints,).
@@ -76,7 +76,7 @@ def point_covariances(
         effects: Of the same arm.
         block: The samples with what the effects need.
         noise: Of one sample.
-        arm: What is known of the arm's parameters; None: nothing is said of them.
+        arm: Covariance of the arm's parameters; None: not included.
         speeds_rad_s: dalpha/dt, (n_points, n_joints); None at rest.
         samples: Each point is the mean of so many.
 

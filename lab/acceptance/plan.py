@@ -32,7 +32,7 @@ from traverse.strict_toml.writing import write_atomically
 SPHERE = {"kind": "sphere", "radius_mm": 12.7, "radius_std_mm": 0.0003}
 PER_BALL = 5
 PER_FACE = 4
-LONGEST_SHARE = 0.70  # of the measuring range; 66 % is wanted at least
+LONGEST_SHARE = 0.70  # of the measuring range; at least 66 % is required
 _DIRECTIONS = ("down", "left", "right", "towards", "away")
 _PATTERN_25 = "1 on the pole, 4 at 22.5, 8 at 45, 4 at 67.5, 8 at 90 degrees from it"
 _PATTERN_9 = "1 on the pole, 4 at 45 degrees from it, 4 on the equator"
@@ -49,7 +49,7 @@ _WAYS = (
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One thing to do.
+    """One step of the plan.
 
     Attributes:
         artefact: Its id.
@@ -245,7 +245,7 @@ _HEAD = """\
 
 
 def write_plan(plan: Plan, standard: str, folder: Path) -> dict[str, Any]:
-    """Write campaign.toml and plan.toml; gives what they hold.
+    """Write campaign.toml and plan.toml; return their contents.
 
     Raises:
         FileError: A campaign is there already; it is not replaced.
@@ -274,7 +274,7 @@ def write_plan(plan: Plan, standard: str, folder: Path) -> dict[str, Any]:
 
 
 def plan_words(report: Mapping[str, Any]) -> list[str]:
-    """What was written, and what there is to do."""
+    """Files written, and steps to carry out."""
     counts = [
         counted(report[f"{what}{end}"], what)
         for what, end in (("artefact", "s"), ("step", "s"), ("touch", "es"))

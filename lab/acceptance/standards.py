@@ -1,4 +1,4 @@
-"""The standards by their names in commands, and what each asks for.
+"""The standards by their names in commands, and the requirements of each.
 
 What belongs to which test is said by the ids of the artefacts in `campaign.toml`, and
 by features; docs/acceptance.md lists them.

@@ -55,7 +55,7 @@ def best_fit_alignment(
         common: Points with two places.
         volume_of: Where it will be used, see
             `traverse.lab.alignment.nominal`.
-        volume_source: Where that comes from.
+        volume_source: Source of the volume.
         method: What to call it.
         with_scale: Seven parameters.
         remarks: What is to be said of the points.
@@ -152,7 +152,7 @@ def _points(
     volume: Volume,
     unit_mm: float | None,
 ) -> tuple[PointResult, ...]:
-    """Say of every point what its errors could have done, and whether it was seen.
+    """Compute for every point the effect of an undetected error, and test the point.
 
     Args:
         common: The points.
@@ -226,7 +226,7 @@ def _hidden_ratio(found: Reliability, row: int, mean: Floats) -> float:
 def _suspects(
     points: Sequence[PointResult], *, is_stated: bool
 ) -> list[AlignmentWarning]:
-    """Name the point whose residuals stand out, if any does."""
+    """Name the point whose residuals are outliers, if any."""
     tested = [p for p in points if p.p_value is not None]
     if not is_stated or not tested:
         return []

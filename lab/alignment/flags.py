@@ -10,7 +10,7 @@ from traverse.kinematics.helmert.volume import VolumeError
 from traverse.lab.alignment.result import AlignmentTest, AlignmentWarning, PointResult
 from traverse.lab.alignment.touches import CommonPoints
 
-# A rotation known no better than that is not known: 0.1 rad, a tenth of any distance.
+# A rotation with more uncertainty counts as unknown: 0.1 rad, a tenth of distances.
 UNKNOWN_RAD = 0.1
 STRAIGHT = 0.15
 POOR_INDEX = 3.0
@@ -20,7 +20,7 @@ _MOST_SCATTER_MM = 0.5  # where none is stated
 
 
 def turn_problem(covariance: Floats, shape: Shape) -> str | None:
-    """Say which rotation is not known within its errors; None if all are."""
+    """Name the rotation that is undetermined within its errors, or None."""
     sizes, vectors = np.linalg.eigh(covariance[3:6, 3:6])
     std_rad = float(np.sqrt(max(sizes[-1], 0.0)))
     if not std_rad > UNKNOWN_RAD:

@@ -2,7 +2,7 @@
 
 The volume that an alignment is for is said by the user, the nominal file, or points. It
 is a function of the transformation: the arm's reach is known in the arm's system,
-errors are told in that of the part.
+errors are stated in that of the part.
 """
 
 from collections.abc import Callable
@@ -27,7 +27,7 @@ REACH = "reach"
 
 
 def volume_from_text(text: str, arm: Arm | None) -> VolumeFunction:
-    """Read what was given for a volume.
+    """Parse the option for a volume.
 
     Args:
         text: "x,y,z,x,y,z", two corners of a box in the part's system; "x,y,z,r", a
@@ -70,7 +70,7 @@ def box_around(places_mm: Floats) -> Box:
 
 
 def fixed_volume(volume: Volume) -> VolumeFunction:
-    """Take a volume that is known in the part's system."""
+    """Take a volume given in the part's system."""
     return lambda _: volume
 
 
@@ -125,7 +125,7 @@ def _is_box(low: Vector, high: Vector) -> bool:
 
 
 class NominalPlane(StrictModel):
-    """The plane of 3-2-1: touches lie on it; the normal leaves the part."""
+    """The plane of 3-2-1: touches lie on it; the normal points out of the part."""
 
     feature: str
     point_mm: Vector

@@ -18,7 +18,7 @@ _N_AROUND = 60
 def alignment_paintings(
     values: Mapping[str, Any],
 ) -> Iterator[tuple[str, float, Paint]]:
-    """Say what there is to paint: title, height in mm, and how.
+    """List the pictures to paint: title, height in mm, and how.
 
     Args:
         values: As in alignment.json.

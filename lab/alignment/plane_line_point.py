@@ -53,7 +53,7 @@ def touch_results(
     in_volume: Floats,
     is_stated: bool,
 ) -> Iterator[PointResult]:
-    """Say of every touch what its error could have done, and whether it was seen.
+    """Compute for every touch the effect of an undetected error, and test it.
 
     Args:
         names: Of the features, (n,).
@@ -116,7 +116,7 @@ def plane_flags(index: VolumeError, on_plane_mm: Floats) -> Iterator[AlignmentWa
 
 
 def centre_flags(touches: Sequence[Touch]) -> Iterator[AlignmentWarning]:
-    """Flag places that are not on the surfaces that the nominal file tells of."""
+    """Flag places that are not on the surfaces of the nominal file."""
     off_mm = max((touch.off_mm or 0.0 for touch in touches), default=0.0)
     if off_mm > 0.0:
         yield AlignmentWarning(
@@ -144,7 +144,7 @@ def feature_values(
         }
 
 
-_SIDE = 0.3  # mean cosine of shanks and normal, from which on they tell its side
+_SIDE = 0.3  # mean cosine of shanks and normal, from which on they decide its side
 
 
 def align_plane_line_point(
@@ -161,7 +161,7 @@ def align_plane_line_point(
         touches: With the features' names; those of the line in their order.
         nominal: With plane, line, point.
         volume_of: Where it will be used.
-        volume_source: Where that comes from.
+        volume_source: Source of the volume.
         std_mm: Of each coordinate of a touch; None: as the touches say.
 
     Raises:
@@ -273,7 +273,7 @@ def _upwards(
     nominal: Nominal,
     goal: PartFrame,
 ) -> Floats:
-    """Tell the two sides of the plane: the shank comes from outside the part.
+    """Determine the outside of the plane: the shank is outside the part.
 
     Where no shanks are known, by the side on which line or point are nominally.
     """

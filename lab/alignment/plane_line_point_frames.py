@@ -1,8 +1,8 @@
 """Frames of 3-2-1: from a plane, a line and a point, and how touches move them.
 
-The plane's normal is the third axis; the line, seen along it, gives the first; the
+The plane's normal is the third axis; the line, projected along it, gives the first; the
 point, projected onto the line, is the origin. Everything is a fit of least squares that
-comes after the one before it, so its errors are linear in those of the touches: the
+follows from the one before it, so its errors are linear in those of the touches: the
 plane leaves out 3 freedoms, the line 2 of what is left, the point the last.
 """
 
@@ -123,7 +123,7 @@ def _frame(
     stop_mm: Floats,
 ) -> PartFrame:
     axes = np.column_stack([direction, np.cross(normal, direction), normal])
-    # Each coordinate comes from the feature that fixes it.
+    # Each coordinate is determined by the feature that fixes it.
     origin = np.array(
         [stop_mm @ axes[:, 0], on_line_mm @ axes[:, 1], on_plane_mm @ axes[:, 2]]
     )

@@ -93,13 +93,13 @@ def global_test(
 
 
 def point_p_value(statistic: float, degrees: int) -> float | None:
-    """Test a point; None where nothing of it is seen."""
+    """Test a point; None where its redundancy is zero."""
     return float(special.chdtrc(degrees, statistic)) if degrees else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AlignmentWarning:
-    """Something that has to be known before the alignment is used.
+    """A warning to be read before the alignment is used.
 
     Attributes:
         code: For programs.
@@ -130,7 +130,7 @@ class PointResult:
         hidden_mm: What an error that is just not found does to the volume, at the
             worst; None where there is no limit to it.
         hidden_ratio: The same per mm of an error in the worst direction.
-        p_value: Of its residuals; None where nothing is seen of them.
+        p_value: Of its residuals; None without redundancy.
     """
 
     name: str
@@ -154,15 +154,15 @@ class AlignmentResult:
     Attributes:
         method: `best-fit`, `3-2-1` or `leapfrog`.
         transformation: From the arm's system.
-        centre_mm: About which the covariance is told, (3,).
-        covariance: Of xi, (p, p); None where nothing tells the errors.
+        centre_mm: Reference point of the covariance, (3,).
+        covariance: Of xi, (p, p); None where the errors are unknown.
         is_stated: Whether errors are stated; else they are estimated from residuals.
         points: In their order.
         test: Of sigma0; None without redundancy.
         volume: Where it is used, in the system it leads to.
-        volume_source: Where the volume comes from.
+        volume_source: Source of the volume.
         index: Of the points' disposition for that volume.
-        flags: What has to be known.
+        flags: Warnings.
         remarks: What else is to be said.
     """
 
@@ -182,7 +182,7 @@ class AlignmentResult:
 
     @property
     def predicted(self) -> VolumeError | None:
-        """Errors of position in the volume; None where nothing tells the errors."""
+        """Errors of position in the volume; None where the errors are unknown."""
         if self.covariance is None:
             return None
         return volume_error(self.volume, self.centre_mm, self.covariance)
@@ -219,9 +219,9 @@ def alignment_values(
     Args:
         found: The alignment.
         name: What it is called.
-        arm: Name of the arm; None where it is not known.
-        measured: Where the touches come from.
-        nominal: Where the nominal places come from.
+        arm: Name of the arm; None if unknown.
+        measured: Source of the touches.
+        nominal: Source of the nominal places.
         provenance: Of the computation; default this user, now.
     """
     origin = provenance or report_provenance(ReportSource(measured, ""))

@@ -35,14 +35,14 @@ class Touch:
     """One measured place.
 
     Attributes:
-        names: By which it may be known, the first that is known counts.
+        names: Possible names; the first one that is defined counts.
         place_mm: (3,).
-        covariance_mm2: (3, 3); None where it is not known.
-        shank: Unit vector towards the ball, (3,); None where it is not known.
-        arm: Name of the arm; None where it is not known.
+        covariance_mm2: (3, 3); None if unknown.
+        shank: Unit vector towards the ball, (3,); None if unknown.
+        arm: Name of the arm; None if unknown.
         flags: What is doubtful about it.
         off_mm: How far from the touched surface the place is: the ball's radius for
-            its centre; None where it is not known.
+            its centre; None if unknown.
     """
 
     names: tuple[str, ...]
@@ -54,7 +54,7 @@ class Touch:
     off_mm: float | None = None
 
     def name_among(self, known: Iterable[str]) -> str | None:
-        """Say by which of the known names it is called; None by none of them."""
+        """Return the first of its names that is defined; None without any."""
         there = set(known)
         return next((name for name in self.names if name in there), None)
 
@@ -198,7 +198,7 @@ class Place:
 
     Attributes:
         place_mm: (3,).
-        covariance_mm2: (3, 3); None where it is not known.
+        covariance_mm2: (3, 3); None if unknown.
         touches: How many it was made of.
         spread_mm: Root mean square distance from their mean, or from the sphere.
     """
@@ -279,7 +279,7 @@ def places_by_name(
 
 
 def stated_covariances(touches: Sequence[Touch], std_mm: float | None) -> Floats | None:
-    """List the covariances of touches, (n, 3, 3); None where one is not known."""
+    """List the covariances of touches, (n, 3, 3); None if one is unknown."""
     if std_mm is not None:
         return np.tile(std_mm**2 * np.eye(3), (len(touches), 1, 1))
     found = [touch.covariance_mm2 for touch in touches]

@@ -31,7 +31,7 @@ ARTEFACT_KINDS: Mapping[str, type[Artefact]] = {
 
 
 class ArtefactTable(StrictModel):
-    """A table of any kind; by itself one of no known kind, refused for that alone."""
+    """A table of any kind; the class itself stands for an unknown kind, an error."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -55,7 +55,7 @@ def artefact_class(table: object) -> type[StrictModel]:
 
 
 def artefact_from_table(table: object) -> object:
-    """Make an artefact of the class that its kind asks for."""
+    """Make an artefact of the class for its kind."""
     if isinstance(table, Artefact):
         return table
     return artefact_class(table).model_validate(tuples_for_lists(table))

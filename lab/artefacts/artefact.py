@@ -19,7 +19,7 @@ from pydantic import Field, field_validator
 from traverse.arrays import Floats, Integers
 from traverse.strict_toml.reader import StrictModel
 
-# Standard deviation of a certified length whose uncertainty is not given: a
+# Standard deviation of a certified length without a stated uncertainty: a
 # nanometre, which is as good as exact and still an ordinary observation.
 EXACT_MM = 1e-6
 REFERENCE_TEMPERATURE_C = 20.0
@@ -142,7 +142,7 @@ class Artefact(StrictModel):
         return ()
 
     def reduced(self, touched: Sequence[str]) -> Self:
-        """Leave out features that nobody touched, where that is possible.
+        """Leave out features that were not touched, where that is possible.
 
         Args:
             touched: Those to keep, in the order of `features`.
@@ -151,7 +151,7 @@ class Artefact(StrictModel):
 
     @property
     def rows_per_pose(self) -> int:
-        """3 where a point is known, 1 where a surface is touched."""
+        """Conditions per pose: 3 for a known point, 1 for a surface."""
         return 1
 
     @property
@@ -160,12 +160,12 @@ class Artefact(StrictModel):
         return False
 
     def tells_length(self, touches: Touches) -> bool:
-        """Say whether these touches tell the arm how long a millimetre is."""
+        """Return whether these touches determine the scale of the arm."""
         return False
 
     @property
     def fixes_datum(self) -> bool:
-        """Whether it is known in the arm's own system."""
+        """Whether its place in the arm's own system is known."""
         return False
 
     @property

@@ -76,7 +76,7 @@ class BallBar(Artefact):
         return np.array([PLACE_SCALE_MM] * 6 + [RADIUS_SCALE_MM] * 2)
 
     def start(self, centres_mm: Floats, touches: Touches) -> Floats:
-        """Fit two spheres; one that was not touched lies somewhere near."""
+        """Fit two spheres; one that was not touched is placed near them."""
         middle_mm = centres_mm.mean(axis=0)
         places = np.array(
             [middle_mm, middle_mm + np.array([self.distance_mm, 0.0, 0.0])]

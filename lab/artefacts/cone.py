@@ -10,7 +10,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.lab.artefacts.artefact import Artefact, Equations, Touches
 
-# Nobody needs a seat that is known to a metre only.
+# A seat known to a metre only is useless.
 PLACE_SCALE_MM = 1000.0
 
 

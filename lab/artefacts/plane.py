@@ -38,7 +38,7 @@ def start_normal(centres_mm: Floats, groups: Floats) -> Floats:
 
     Args:
         centres_mm: (n_poses, 3).
-        groups: Which plane each pose lies in, (n_poses,).
+        groups: Index of the plane of each pose, (n_poses,).
 
     Returns:
         A unit vector; its sign means nothing.
@@ -69,7 +69,7 @@ class Plane(Artefact):
         return np.array([ATTITUDE_SCALE_RAD] * 2 + [HEIGHT_SCALE_MM])
 
     def start(self, centres_mm: Floats, touches: Touches) -> Floats:
-        """Fit a plane; the directions of touch tell where its outside is."""
+        """Fit a plane; the directions of touch determine its outside."""
         normal = start_normal(centres_mm, np.zeros(len(centres_mm)))
         if np.nansum(touches.directions @ normal) > 0.0:
             normal = -normal

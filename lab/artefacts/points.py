@@ -31,7 +31,7 @@ _N_FRAME_UNKNOWNS = {"arm": 0, "own": 6, "own_scaled": 7}
 
 
 class Points(Artefact):
-    """A set of points whose coordinates are known in some system."""
+    """A set of points with known coordinates in some system."""
 
     kind: Literal["points"]
     frame: Literal["arm", "own", "own_scaled"]
@@ -58,7 +58,7 @@ class Points(Artefact):
         return 3
 
     def tells_length(self, touches: Touches) -> bool:
-        """Say whether there are distances to known points and no scale of their own."""
+        """Return whether known points determine the scale, which is not estimated."""
         n_points = len(np.unique(touches.features))
         return self.frame == "arm" or (self.frame == "own" and n_points > 1)
 

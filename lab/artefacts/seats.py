@@ -85,7 +85,7 @@ class Seats(Artefact):
         return 3
 
     def tells_length(self, touches: Touches) -> bool:
-        """Say whether both ends of a known distance were touched."""
+        """Return whether both ends of a known distance were touched."""
         touched = set(np.unique(touches.features).tolist())
         return any(
             touched >= {first, second} and one.distance_std_mm != float("inf")
@@ -120,7 +120,7 @@ class Seats(Artefact):
         return np.full(3 * len(self.features), PLACE_SCALE_MM)
 
     def start(self, centres_mm: Floats, touches: Touches) -> Floats:
-        """Take median points; a seat that was not touched lies somewhere near."""
+        """Take median points; a seat that was not touched is placed near them."""
         n_seats = len(self.features)
         places_mm = np.tile(np.median(centres_mm, axis=0), (n_seats, 1))
         places_mm[:, 0] += np.arange(n_seats) * self.known[0].distance_mm
@@ -180,7 +180,7 @@ class Seats(Artefact):
         return {"points_mm": dict(zip(self.features, places_mm, strict=True))}
 
     def _pairs(self) -> Iterator[tuple[SeatDistance, int, int]]:
-        """Go through the known distances with the indices of their seats."""
+        """Iterate over the known distances with the indices of their seats."""
         index = {name: at for at, name in enumerate(self.features)}
         for one in self.known:
             yield one, index[one.between[0]], index[one.between[1]]

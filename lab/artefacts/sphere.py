@@ -144,7 +144,7 @@ class Sphere(Artefact):
     reference_temperature_c: float = REFERENCE_TEMPERATURE_C
 
     def tells_length(self, touches: Touches) -> bool:
-        """Say that a known radius is a length."""
+        """Return whether the radius is known, which determines the scale."""
         return bool(self.certified_lengths)
 
     @property

@@ -38,7 +38,7 @@ class Poses:
     """Probed poses, one a row; NaN where a file had an empty cell.
 
     Attributes:
-        lines: Line of the file that each came from, or number of the sample in a
+        lines: Line of each in the file, or number of the sample in a
             stream, counting from 1, (n_poses,).
         time_s: Since the campaign's start, (n_poses,).
         artefacts: Index of the touched artefact, (n_poses,).
@@ -275,7 +275,7 @@ def _campaign(
         listed = artefact.features or table.free_features
         mine = poses.artefacts == index
         if artefact.features:
-            # Points that nobody touched would be unknowns for nothing.
+            # Points that were not touched would only add unknowns.
             kept, among = np.unique(features[mine], return_inverse=True)
             artefact = artefact.reduced([listed[at] for at in kept])  # noqa: PLW2901 the artefact without its untouched points
             if artefact.features != listed:

@@ -124,7 +124,7 @@ def read_campaign_file(path: Path) -> CampaignFile:
 def example_problems(file: CampaignFile) -> list[Problem]:
     """Say what is still as `traverse verify --plan` wrote it; empty where nothing is.
 
-    The values of such a standard are nobody's: they must not count.
+    The values of such a standard are meaningless: they must not count.
     """
     problems = [
         Problem(key, f"is {shown(value)}; say what it is, or leave the line out")

@@ -1,4 +1,4 @@
-"""Rows of a table that stand there more than once."""
+"""Duplicate rows of a table."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING

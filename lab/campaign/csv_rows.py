@@ -35,8 +35,8 @@ def csv_rows(path: Path, key: str) -> Iterator[tuple[list[str], Rows]]:
         key: What names it in `campaign.toml`, for errors.
 
     Yields:
-        The names of the header, and a function that gives the rows below it when it is
-        given the indices of the columns that hold numbers.
+        The names of the header, and a function that returns the rows below it, called
+        with the indices of the columns that hold numbers.
 
     Raises:
         FileError: It cannot be read; also for what happens while its rows are read.

@@ -1,6 +1,6 @@
 """Reading a table of poses: by blocks of columns, fast where nothing is wrong.
 
-A block that does not convert whole is gone through cell by cell, only to say what
+A block that does not convert whole is parsed cell by cell, only to report what
 is wrong in which line. Nothing is half-read: any problem refuses the file.
 """
 
@@ -212,7 +212,7 @@ class PoseTable:
         angles_rad: (n_poses, n_joints).
         optional: Numbers by name of optional column, NaN where empty, (n_poses,).
         lines: Of the file, or numbers of the samples of a stream, from 1, (n_poses,).
-        start_utc: From where time_s counts, where the table itself tells it.
+        start_utc: Zero of time_s, where the table itself contains it.
         notes: What is not as it should be, but no reason to refuse.
         tools: 0 for the arm's own, else number of the tool, (n_poses,).
     """

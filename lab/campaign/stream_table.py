@@ -2,7 +2,7 @@
 
 Counts become readings by the encoders of the arm file in the recording: the first
 sample takes the turn nearest zero_rad, then counts are unwrapped. Speeds and senses
-of motion come from the readings around each sample; a sample at the end of a stretch,
+of motion use the readings around each sample; a sample at the end of a stretch,
 which has none, is no pose.
 """
 

@@ -2,7 +2,7 @@
 
 `collected.jsonl` beside the campaign is written first, a line a point or retraction,
 and is on the disk before a point counts; `poses.csv` is made anew from it each time.
-So a collection goes on where it was, whatever ended it.
+So a collection resumes where it was, however it ended.
 """
 
 import csv
@@ -37,9 +37,9 @@ class CollectedTouch:
 
     Attributes:
         time_ns: UTC.
-        approach: -1, 0, +1; None where the motion is not known.
+        approach: -1, 0, +1; None if the motion is unknown.
         speed_rad_s: None likewise.
-        direction: towards the material; None where it is not known.
+        direction: towards the material; None if unknown.
         xyz_mm: as the daemon computed it, for the running figures.
     """
 
@@ -65,7 +65,7 @@ class Collection:
         file: the campaign.
         folder: where it is.
         joint_names: of the arm, from the base outwards.
-        targets: what is wanted, in order; a feature may come again, counted up.
+        targets: required touches, in order; a feature may recur, counted up.
         plan: that they are of, or None.
 
     Attributes:
@@ -113,7 +113,7 @@ class Collection:
         self._write_table()
 
     def take(self, touch: CollectedTouch) -> bool:
-        """Keep a point, on the disk too; False where it is known already."""
+        """Store a point, also on disk; False if it is stored already."""
         if touch.id in self.touches or touch.id in self._retracted:
             return False
         self._keep(asdict(touch))
@@ -144,7 +144,7 @@ class Collection:
         ]
 
     def unfinished(self) -> list[Target]:
-        """What is not yet touched as often as wanted, in order."""
+        """Targets that lack touches, in order."""
         return [t for t in self.targets if self.count(t) < t.wanted]
 
     def target(self, artefact: str, feature: str) -> Target | None:
@@ -236,7 +236,7 @@ def touch_of(
 ) -> CollectedTouch:
     """A captured point as one touch of a target."""
     direction = None
-    # Along the shank is assumed, the other methods have seen the direction.
+    # Along the shank is assumed, the other methods have measured the direction.
     if point.surface_mm is not None and point.compensation != "shank":
         way_mm = np.subtract(point.surface_mm, point.xyz_mm)
         length_mm = float(np.linalg.norm(way_mm))

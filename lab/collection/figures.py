@@ -24,7 +24,7 @@ _HEIGHTS = " ▁▂▃▄▅▆▇█"
 
 
 def agreement(collection: Collection, artefact: str, kind: str) -> str:
-    """How well the touches of an artefact agree so far; empty if that is not known."""
+    """How well the touches of an artefact agree so far; empty if unknown."""
     touches = collection.of(artefact)
     by_feature: dict[str, list[CollectedTouch]] = {}
     for touch in touches:
@@ -74,7 +74,7 @@ def implausible_mm(
 ) -> float | None:
     """How far a touch is off the others of its place; None where it can be of it.
 
-    What somebody has counted in is believed: an arm that is not yet identified may be
+    Points counted in by the user are trusted: an arm that is not yet identified may be
     that coarse, and twice as far is then plausible.
 
     Args:

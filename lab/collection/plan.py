@@ -1,4 +1,4 @@
-"""What is wanted of a collection: every feature so often, or a plan step by step."""
+"""Targets of a collection: a number of touches for every feature, or a plan's steps."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -102,14 +102,14 @@ class Target:
 
 
 def targets_of(file: CampaignFile, wanted: int) -> tuple[Target, ...]:
-    """What a campaign wants touched, each feature so many times."""
+    """Targets of a campaign: each feature so many times."""
     return tuple(_targets(file, wanted))
 
 
 def planned_targets(
     plan: PlanFile, file: CampaignFile, source: str
 ) -> tuple[Target, ...]:
-    """Turn steps into targets, counted up: a feature may come again and again.
+    """Turn steps into targets, counted up: a feature may recur.
 
     Raises:
         FileError: Steps name what the campaign does not have.

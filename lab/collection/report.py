@@ -11,8 +11,8 @@ from traverse.lab.report.provenance import (
 
 
 def collection_report(collection: Collection) -> dict[str, Any]:
-    """Touches of every feature, and whether there are as many as were wanted."""
-    # Of a feature that comes again the last target counts all.
+    """Touches of every feature, and whether they reach the target."""
+    # The last target of a recurring feature includes all its touches.
     last = {(one.artefact, one.feature): one for one in collection.targets}
     table = collection.folder / collection.file.poses
     files = [path for path in (collection.folder / CAMPAIGN, table) if path.is_file()]

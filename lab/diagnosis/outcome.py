@@ -98,13 +98,13 @@ def terms_of(
 
 
 def _is_at(term: Term, place: Cluster) -> bool:
-    """Say whether a term tells of a place already."""
+    """Return whether a term already reports a place."""
     one = term.candidate
     return (one.joint, one.covariate) == (place.joint, place.covariate)
 
 
 def _from_cluster(place: Cluster) -> Term:
-    """Report poses that lie together and contradict all others."""
+    """Report a cluster of poses that contradict all others."""
     at = {"covariate": place.covariate, "artefact": place.artefact}
     return replace(_at_place(place.log_p, place.joint, **at), cluster=place)
 
@@ -153,7 +153,7 @@ def _without_form(stuck: ScoredCandidate) -> Term:
 
 
 def _shown(naming: NamedTerm) -> Candidate:
-    """Say as what a term is told: a harmonic with overtones is a curve."""
+    """Return the kind reported for a term: a harmonic with overtones is a curve."""
     candidate = naming.added.candidate
     if naming.harmonic is None:
         return candidate
@@ -198,7 +198,7 @@ def leftovers_of(search: SearchState) -> tuple[BankRemainder, ...]:
 
 
 def detectable_of(search: SearchState) -> tuple[Detectable, ...]:
-    """Work out what could have been seen."""
+    """Compute the minimal detectable sizes."""
     rows, arm = search.stage.rows, search.fit.arm
     found = detectable(
         rows,
@@ -206,6 +206,6 @@ def detectable_of(search: SearchState) -> tuple[Detectable, ...]:
         absent_candidates(rows, arm),
         search.thresholds[BankName.LIBRARY],
     )
-    # What was found is in the model, where it cannot be seen once more.
+    # What was found is in the model, and cannot be detected again.
     known = {term.candidate.identity for term in search.terms}
     return tuple(one for one in found if one.candidate.identity not in known)

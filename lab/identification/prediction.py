@@ -1,6 +1,6 @@
 """How well an arm fits poses that took no part in its identification.
 
-The arm is held. Where the artefacts stand comes from other poses, or, where nothing
+The arm is held. Places of the artefacts are taken from other poses, or, where nothing
 else says it, from the judged poses themselves; then distances are somewhat too small.
 """
 
@@ -81,7 +81,7 @@ class Prediction:
 
 
 def placed(campaign: Campaign, arm: Arm, *, with_tool: bool = False) -> Identification:
-    """Find where the artefacts stand, by least squares over all poses.
+    """Find the places of the artefacts, by least squares over all poses.
 
     Args:
         campaign: What was measured.
@@ -154,9 +154,9 @@ def predict(
 def holdout_figures(
     result: Identification, kept_aside: Campaign, by: str, seed: int
 ) -> dict[str, Any]:
-    """Compare poses that took no part with the arm as given and as identified.
+    """Compare poses that took no part with the input arm and the identified one.
 
-    The probe's vector of the arm as given is fitted to the poses that took part.
+    The probe's vector of the input arm is fitted to the poses that took part.
 
     Args:
         result: Of the other poses.

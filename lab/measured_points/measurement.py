@@ -92,7 +92,7 @@ class Measurement:
 
     Attributes:
         artefacts: By id, as the campaign file has them.
-        touched: By id; nothing for those that nobody touched.
+        touched: By id; nothing for those not touched.
         arm_name: Of the arm.
         shoulder_mm: Where the arm's reach is counted from, (3,).
         reach_mm: How far the ball gets from there, at most.
@@ -223,7 +223,7 @@ def warmer_c(artefact: Artefact, touched: ArtefactTouches) -> float:
     """Say by how much it was warmer than at its certificate.
 
     Raises:
-        IncompleteError: It expands, and nobody measured how warm it was.
+        IncompleteError: It expands, and its temperature was not measured.
     """
     per_c, reference_c = artefact.expansion
     known = touched.temperature_c[np.isfinite(touched.temperature_c)]
@@ -243,7 +243,7 @@ def growth(artefact: Artefact, touched: ArtefactTouches) -> float:
 
 
 def certified_sphere(artefact: Artefact | None, name: str) -> Sphere:
-    """Take an artefact that must be a sphere of known radius, touched outside.
+    """Check that an artefact is a sphere of known radius, touched outside.
 
     Raises:
         IncompleteError: It is not.
@@ -321,7 +321,7 @@ def fitted_sphere(sphere: Sphere, touched: ArtefactTouches, what: str) -> Fitted
     """Fit the touches of a calibrated sphere.
 
     Raises:
-        IncompleteError: They fit no sphere, or nobody knows how warm it was.
+        IncompleteError: They fit no sphere, or its temperature is unknown.
     """
     found = fitted(touched, what)
     calibrated_mm = 2.0 * float(sphere.radius_mm or 0.0) * growth(sphere, touched)

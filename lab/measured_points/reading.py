@@ -173,11 +173,11 @@ def measured_campaign(
     Args:
         campaign: Its readings are uncorrected.
         arm: With its effects.
-        artefacts: As in the campaign file, with the points that nobody touched.
+        artefacts: As in the campaign file, with the points that were not touched.
         source: What to call the campaign in errors.
 
     Raises:
-        FileError: The campaign does not tell what effects need.
+        FileError: The campaign lacks data that effects need.
     """
     geometry = geometry_from_arm(arm)
     own, off_line = list[Effect](), list[Effect]()

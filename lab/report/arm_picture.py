@@ -1,7 +1,7 @@
 """A picture of an arm in its base posture: three views at one scale.
 
 Above the front (looking along +y) and the side (looking along -x), below the top, as on
-a drawing; beside it stands what the joints are.
+a drawing; beside it the joints are listed.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ class _View:
     """A direction to look in: which way x and y of the paper point in the arm's system.
 
     Attributes:
-        title: What is seen.
+        title: What is shown.
         right: Component of the arm's system that grows to the right.
         up: Component that grows upwards.
         away: Component along the look, with its sign: 1 if it grows away from the eye.
@@ -143,7 +143,7 @@ class _Scene:
     def _draw_hinge(
         self, panel: Axes, view: _View, joint_mm: Floats, axis: Floats
     ) -> None:
-        """Draw a hinge as its axis, or, seen end on, as a circle."""
+        """Draw a hinge as its axis, or, viewed end on, as a circle."""
         flat = axis[[view.right, view.up]]
         if np.linalg.norm(flat) > 0.2:
             half_mm = 0.06 * self._size_mm * flat

@@ -1,6 +1,6 @@
 """How pictures are made: one look, PNG bytes, no global state of matplotlib.
 
-Colours are Okabe and Ito's, which colour-blind readers tell apart; whatever matters
+Colours are Okabe and Ito's, which the colour-blind can distinguish; whatever matters
 also differs in shape.
 """
 
@@ -23,7 +23,7 @@ Look = tuple[str, str, str | None]
 BLUE, ORANGE, VERMILION, GREY = "#0072B2", "#E69F00", "#D55E00", "#707070"
 # Of the box of a verdict; as in frame.jinja.
 STATE_COLOURS = {"good": BLUE, "doubt": ORANGE, "bad": VERMILION, "open": GREY}
-# Nobody sees more dots than that, and the page stays small.
+# More dots are not visible, and the page stays small.
 MOST_DOTS = 12_000
 
 _INCHES_PER_MM = 1.0 / 25.4

@@ -1,6 +1,6 @@
 """Templates of reports: pages of HTML, and sentences for pages and terminals.
 
-A template lies beside the module that fills it. Pages escape every value; sentences are
+A template is beside the module that fills it. Pages escape every value; sentences are
 plain text that a page escapes like any other value.
 """
 

@@ -16,7 +16,7 @@ class GlobalTest:
 
     Attributes:
         p_value: Of sigma0 being so far off by chance; None where nothing is stated.
-        noise_estimated: The noise came from the same residuals: sigma0 is 1 by
+        noise_estimated: The noise was estimated from the same residuals: sigma0 is 1 by
             construction, and the test says nothing.
     """
 
@@ -51,14 +51,14 @@ def equivalent_normal(statistics: Floats, degrees: Floats) -> Floats:
     """
     safe = np.maximum(degrees, 1.0)
     log_tails = chi_square_log_tail(statistics, safe)
-    # Near one the tail cannot be told from one; w is next to nothing there.
+    # Near one the tail is indistinguishable from one; w is near zero there.
     normal = -special.ndtri_exp(np.minimum(log_tails - np.log(2.0), -np.log(2.0)))
     w: Floats = np.where(degrees == 1.0, np.sqrt(np.maximum(statistics, 0.0)), normal)
     return np.where(degrees > 0.0, w, 0.0)
 
 
 def normal_quantile(probability: float) -> float:
-    """Say below which value a standard normal lies with this probability."""
+    """Return the quantile of the standard normal for this probability."""
     return float(special.ndtri(probability))
 
 

@@ -24,7 +24,7 @@ CURVE = "empirical"
 
 @dataclass(frozen=True, slots=True)
 class HiddenFault:
-    """One thing that is wrong with an encoder, without a name.
+    """One encoder fault, without a name.
 
     Attributes:
         kind: What to call it in a score table.

@@ -1,7 +1,7 @@
 """Campaigns in which effects are hidden: arm, artefacts, conditions.
 
 All columns of a campaign are written: times, temperature, senses
-of approach, speeds, directions and forces; else some effects could not be seen at all.
+of approach, speeds, directions and forces; without them some effects are undetectable.
 """
 
 from dataclasses import dataclass

@@ -2,7 +2,7 @@
 
 Nothing is filled in here: what is absent is None, what is unknown for single samples
 is NaN, and an effect that needs it is refused by name. The one exception is the
-law's own: a contact force that is not known counts as 1 N.
+law's own: an unknown contact force counts as 1 N.
 """
 
 from dataclasses import dataclass, fields
@@ -104,10 +104,10 @@ class Block:
         return np.where(np.isnan(own), self.temperature_c, own)
 
     def is_known(self, covariate: Covariate) -> bool:
-        """Whether a quantity is known for every sample, and every joint that has it."""
+        """Whether a quantity is known for every sample, on every joint with it."""
         column: NDArray[Any] | None = getattr(self, _COLUMNS[covariate])
         if covariate is Covariate.TEMPERATURE and self.joint_temperatures_c is not None:
-            return False  # one may stand for the other: `lack` knows
+            return False  # one may replace the other: see `lack`
         return column is not None and bool(np.isfinite(column).all())
 
     def lack(self, need: Need) -> str | None:
@@ -125,7 +125,7 @@ class Block:
         )
 
     def _column(self, need: Need) -> NDArray[Any] | None:
-        """Find what a need asks for, (n_samples,)."""
+        """Return the quantity of a need, (n_samples,)."""
         at = slice(None) if need.joint is None else slice(need.joint, need.joint + 1)
         if need.covariate is Covariate.TEMPERATURE:
             if need.joint is None or self.joint_temperatures_c is None:

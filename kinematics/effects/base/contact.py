@@ -1,4 +1,4 @@
-"""Where and how the ball touches, seen from the probe.
+"""Contact of the ball: direction and force in the probe's system.
 
 The azimuth psi of a direction about the shank counts, right-handed about the shank,
 from v = normalise(e - (e . s) s), e the unit vector of the smallest component of the

@@ -20,7 +20,7 @@ class EffectContext:
         joint_names: From the base outwards.
         reference_temperature_c: Where the geometry holds.
         campaign_utc: Start and end of the campaign that drifts were found in; None
-            where it is not known.
+            if unknown.
     """
 
     joint_names: tuple[str, ...]

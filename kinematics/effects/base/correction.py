@@ -54,7 +54,7 @@ class Correction(ABC):
     Attributes:
         joints: The affected joints, counted from 0; empty where there are none.
         values: Of the parameters, in the order of `parameters`.
-        variety: What tells it from others of its kind on the same joint.
+        variety: Distinguishes it from others of its kind on the same joint.
     """
 
     joints: slice
@@ -102,7 +102,7 @@ class Correction(ABC):
 
     @property
     def needs(self) -> tuple[Need, ...]:
-        """What must be known of every sample."""
+        """Covariates that every sample must have."""
         return ()
 
     def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
@@ -201,7 +201,7 @@ class ContactCorrection(Correction):
 
 
 def _shown(key: str, value: object) -> str:
-    """Say a key that is given beforehand in the name of an effect."""
+    """Format a fixed key for the name of an effect."""
     text = f"{value:g}" if isinstance(value, float) else str(value)
     return f"{text}s" if key == "at_s" else text
 

@@ -17,7 +17,7 @@ class Covariate(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """One covariate that must be known for every sample.
+    """One covariate that every sample must have.
 
     Attributes:
         covariate: Which.

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class EffectTime(ABC):
-    """What an effect is multiplied by as time goes by."""
+    """Factor of an effect as a function of time."""
 
     @classmethod
     @abstractmethod

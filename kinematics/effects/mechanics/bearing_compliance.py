@@ -18,7 +18,7 @@ from traverse.kinematics.kernel.terms import Form
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BearingCompliance(Compliance):
-    """The joint gives way across its axis."""
+    """Elastic tilt of the joint across its axis."""
 
     kind: ClassVar[str] = "bearing_compliance"
     target: ClassVar[Target] = Target.TILT

@@ -18,7 +18,7 @@ from traverse.kinematics.kernel.terms import Form
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointCompliance(Compliance):
-    """The joint gives way about its axis."""
+    """Elastic turn of the joint about its axis."""
 
     kind: ClassVar[str] = "joint_compliance"
     target: ClassVar[Target] = Target.TURN

@@ -1,4 +1,4 @@
-"""A stand, a table or a magnet that gives way under the arm.
+"""A stand, a table or a magnet that yields under the arm.
 
     w = compliance_rad_nm M_1, the moment of all weights about origin_mm
 
@@ -18,7 +18,7 @@ from traverse.kinematics.kernel.terms import Form
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MountCompliance(Compliance):
-    """The base gives way as a whole."""
+    """Elastic motion of the whole base."""
 
     kind: ClassVar[str] = "mount_compliance"
     target: ClassVar[Target] = Target.MOUNT

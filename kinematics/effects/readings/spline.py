@@ -75,7 +75,7 @@ def straight_on(
     return away
 
 
-# The knots of an effect never change, and every block asks for them.
+# The knots of an effect never change, and every block uses them.
 @lru_cache(maxsize=64)
 def _tables(knots: tuple[float, ...]) -> tuple[Floats, Floats, Floats]:
     """Knots, the steps between them, and `_curvatures`."""

@@ -15,7 +15,7 @@ CERTIFICATE = "certificate.json"
 def write_certificate(certificate: SealedCertificate, folder: Path) -> None:
     """Write everything into a folder, which is made if need be.
 
-    The JSON comes last: what it states is there.
+    The JSON is written last: the files that it lists exist.
 
     Raises:
         OSError: The folder cannot be written.

@@ -26,7 +26,7 @@ _MARKS = ("o", "s", "^", "D", "v", "P", "X")
 
 
 def paintings(values: Mapping[str, Any]) -> Iterator[tuple[str, float, Paint]]:
-    """Say what there is to paint: title, height in mm, and how.
+    """List the pictures to paint: title, height in mm, and how.
 
     Args:
         values: The certificate.

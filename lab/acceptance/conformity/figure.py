@@ -84,7 +84,7 @@ def rule_text(limits: Limits) -> str:
 
 
 def worst(verdicts: list[Verdict]) -> Verdict:
-    """Say what many verdicts come to: one rejection rejects."""
+    """Combine verdicts: one rejection rejects."""
     for verdict in ("reject", "undecided", "neither"):
         if verdict in verdicts:
             return verdict
@@ -96,7 +96,7 @@ class Contribution:
     """One line of a budget.
 
     Attributes:
-        name: What it comes from.
+        name: Its source.
         formula: With the numbers in it; or where to state it.
         standard_mm: Standard uncertainty of the test value from it; None where it is
             required and not stated.
@@ -111,7 +111,7 @@ def required(name: str, formula: str, standard_mm: float, where: str) -> Contrib
     """Make a line without which no uncertainty is stated.
 
     Args:
-        name: What it comes from.
+        name: Its source.
         formula: With the numbers in it.
         standard_mm: 0 where it is not stated.
         where: Keys that state it, and their file.
@@ -166,7 +166,7 @@ def length_budget(
     Args:
         length_mm: Certified.
         calibration_mm: Standard uncertainty of that.
-        standards: What else is known.
+        standards: Further data of the material standards.
         per_c: Coefficient of expansion.
         warmer_c: Temperature less that of the certificate.
     """
@@ -235,12 +235,12 @@ class Figure:
         key: In files, for example `p_size`.
         name: As the standard calls it.
         definition: How it was computed, in words.
-        source: Where the definition comes from; general knowledge is to be confirmed.
+        source: Source of the definition; general knowledge is to be confirmed.
         value_mm: Signed where the definition is.
         budget: Of its uncertainty.
         decision: None where the limits give no limit.
         parts: Further figures that it is made of, in mm by name.
-        remarks: What is not as the standard wants it.
+        remarks: Deviations from the standard.
     """
 
     key: str
@@ -313,7 +313,7 @@ Part = Figure | Missing | LengthError | Scatter
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verification:
-    """All that a standard asks for.
+    """Everything that a standard requires.
 
     Attributes:
         standard: Its name in commands.
@@ -335,7 +335,7 @@ class Verification:
 
     @property
     def verdict(self) -> Verdict | None:
-        """What the decisions come to; None without any."""
+        """Combined verdict of the decisions; None without any."""
         verdicts = [f.decision.verdict for f in self.figures if f.decision]
         return worst(verdicts) if verdicts else None
 

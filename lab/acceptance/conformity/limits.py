@@ -1,4 +1,4 @@
-"""What is permitted, how it is decided, what else is known: a TOML file of limits."""
+"""The TOML file of limits: permissible errors, decision rule, material standards."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -49,7 +49,7 @@ Limit = Annotated[float | None, Field(gt=0.0)]
 
 
 class Mpe(StrictModel):
-    """Maximum permissible errors; a figure without one is told without a decision."""
+    """Maximum permissible errors; a figure without one gets no decision."""
 
     p_size_mm: Limit = None
     p_form_mm: Limit = None
@@ -72,7 +72,7 @@ class Mpe(StrictModel):
 
 
 class Standards(StrictModel):
-    """What is known of the material standards beyond the campaign's certificates.
+    """Data of the material standards beyond the campaign's certificates.
 
     Attributes:
         temperature_std_c: Standard uncertainty of a standard's temperature.
@@ -95,11 +95,11 @@ class Limits(StrictModel):
     Attributes:
         decision: `iso14253-1` with guard bands, or `simple` acceptance without.
         guard_factor: Guard band in standard uncertainties.
-        coverage_factor: Of the expanded uncertainties that are told.
+        coverage_factor: Of the expanded uncertainties that are reported.
         measuring_range_mm: Diameter of the volume; else twice the reach of the arm.
         l_dia_radius: Whether the spheres of L_DIA are fitted with their radius free.
         mpe: Maximum permissible errors.
-        standards: What else is known of the material standards.
+        standards: Further data of the material standards.
     """
 
     schema_: Literal["traverse/acceptance-limits/1"] = Field(alias="schema")

@@ -1,7 +1,7 @@
 """E_UNI and E_BI: five lengths in seven positions, three times each.
 
 Rule for repeats, as of ISO 10360 [K]: of at most five of the 35 sets of three one error
-may lie outside of what can be accepted; that length is measured ten times again in the
+may exceed the acceptance limit; that length is measured ten times again in the
 same place, and all ten must be inside.
 """
 

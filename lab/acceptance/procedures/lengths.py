@@ -45,7 +45,7 @@ def errors_of(
         measured: All touches.
         name: Id of the artefact.
         key: Of the figure, for its limit.
-        limits: With what else is known of the standard.
+        limits: With further data of the standard.
 
     Raises:
         IncompleteError: Something is missing or does not fit.
@@ -187,7 +187,7 @@ def length_sets(
         measured: All touches.
         names: Ids of the artefacts.
         key: Of the figure.
-        limits: With what else is known of the standards.
+        limits: With further data of the standards.
         times: How often each may have been measured, with the words for it.
 
     Returns:

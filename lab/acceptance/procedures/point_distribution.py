@@ -1,4 +1,4 @@
-"""Whether touches are spread as a standard wants: remarks, no reasons to refuse."""
+"""Check that touches are spread as a standard requires; gives remarks only."""
 
 from collections.abc import Iterator, Sequence
 
@@ -7,7 +7,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.lab.measured_points.measurement import ArtefactTouches, Measurement
 
-_LEAST_FROM_POLE = 75.0  # degrees; the pattern goes to 90
+_LEAST_FROM_POLE = 75.0  # degrees; the pattern extends to 90
 _LARGEST_HOLE = 50.0  # degrees from a spot on the half sphere to the nearest touch
 _LEAST_SPREAD = 0.10  # least mean square of cosines; 1/3 where directions are even
 _N_SPOTS = 200
@@ -27,7 +27,7 @@ def half_sphere_remarks(
     outwards = outwards / np.linalg.norm(outwards, axis=1, keepdims=True)
     pole = outwards.mean(axis=0)
     if not np.linalg.norm(pole) > 0.1:
-        return  # all around, which is more than is wanted
+        return  # all around, more than required
     pole = pole / np.linalg.norm(pole)
     farthest = float(np.degrees(np.arccos(np.clip(outwards @ pole, -1.0, 1.0)).max()))
     if farthest < _LEAST_FROM_POLE:
@@ -55,7 +55,7 @@ def half_sphere_remarks(
 
 
 def direction_remarks(measured: Measurement, names: Sequence[str]) -> Iterator[str]:
-    """Say where lengths lie all alike, in one plane or along one line."""
+    """Report lengths that all lie in one plane or along one line."""
     ways = []
     for name in names:
         touched = measured.of(name)

@@ -1,6 +1,6 @@
 """Tests on a calibrated sphere: size, form, location by articulation.
 
-Touched are places of the ball's centre: they lie on a sphere of the test sphere's
+The measured points are ball centres: they lie on a sphere of the test sphere's
 radius plus that of the tip, at the temperature of the measurement.
 """
 
@@ -150,7 +150,7 @@ def _location_remarks(measured: Measurement, names: Sequence[str]) -> Iterator[s
 
 
 def _told_apart(touched: ArtefactTouches, name: str, n: int, what: str) -> list[str]:
-    """List the features by which the parts of a test are told apart.
+    """List the features that distinguish the parts of a test.
 
     Raises:
         IncompleteError: There are more or fewer of them.

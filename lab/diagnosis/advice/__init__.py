@@ -1,1 +1,1 @@
-"""What would have been seen, and which experiment would tell effects apart."""
+"""Minimal detectable sizes, and experiments that separate effects."""

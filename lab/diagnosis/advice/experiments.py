@@ -1,4 +1,4 @@
-"""Which experiment would tell a finding from what else it may be, in words."""
+"""Experiments that separate a finding from its alternatives, in words."""
 
 from collections.abc import Sequence
 
@@ -71,19 +71,19 @@ def optimal_experiment(
     rows: ObservationEquations,
     arm: Arm,
 ) -> Experiment | None:
-    """Choose the poses that tell a finding from other names.
+    """Choose the poses that separate a finding from other names.
 
     Within what the joints have travelled, or, where that is not enough, a radian
     beyond it in the joints of the effects.
 
     Args:
         naming: The finding.
-        others: What it is to be told from.
+        others: Names to be separated from.
         rows: Of the fit with all terms.
         arm: Of that fit.
 
     Returns:
-        None where it depends on other things than on poses, or where more poses than
+        None where it does not depend on poses, or where more poses than
         anyone likes to measure would be needed.
     """
     own = naming.own
@@ -118,7 +118,7 @@ def optimal_experiment(
 def gain_needed(ahead: float) -> float:
     """Say by how much the separation must grow to take a name out of the set.
 
-    A separation of Delta brings the evidence Delta / 2 on average, with the standard
+    A separation of Delta yields the evidence Delta / 2 on average, with the standard
     deviation sqrt(Delta).
 
     Args:
@@ -129,7 +129,7 @@ def gain_needed(ahead: float) -> float:
 
 
 def postures_text(poses_rad: Floats, campaign: Campaign, joints: Sequence[str]) -> str:
-    """Say where chosen poses lie, compared with those that were measured.
+    """Describe where chosen poses lie, compared with those that were measured.
 
     Args:
         poses_rad: Readings of the chosen poses, (n_poses, n_joints).
@@ -166,7 +166,7 @@ def postures_text(poses_rad: Floats, campaign: Campaign, joints: Sequence[str]) 
 
 
 def _goals(apart: list[Alternative]) -> list[list[Alternative]]:
-    """List what to tell a finding from: all its rivals, or at least the best one."""
+    """List the rivals to separate a finding from: all, or at least the best one."""
     return [apart[:n] for n in (_MOST_RIVALS, 1) if n == 1 or len(apart) > 1]
 
 
@@ -224,7 +224,7 @@ def _poses_in_words(
     found: Experiment,
     rows: ObservationEquations,
 ) -> str:
-    """Say how many poses, where, and what they bring; and the known experiment."""
+    """Describe the poses (number, place, gain) and the known experiment."""
     n, campaign = len(found.poses), rows.adjustment.network.campaign
     effects = (own, *(other.candidate for other in others))
     joints = dict.fromkeys(one.joint for one in effects if one.joint is not None)

@@ -1,4 +1,4 @@
-"""Pairs of effects that are hard to tell apart: why, and what separates them.
+"""Pairs of effects that are hard to separate: why, and what separates them.
 
 Some are aliases by structure: no poses of the same kind ever would.
 """
@@ -26,7 +26,7 @@ from traverse.lab.diagnosis.model.observation_equations import ObservationEquati
 
 @dataclass(frozen=True, slots=True)
 class KnownPair:
-    """Two effects that are hard to tell apart.
+    """Two effects that are hard to separate.
 
     Attributes:
         why: What they have in common.
@@ -42,7 +42,7 @@ class KnownPair:
 def known_pair(
     first: Candidate, second: Candidate, rows: ObservationEquations
 ) -> KnownPair | None:
-    """Look two effects up in the table of pairs that are hard to tell apart.
+    """Look two effects up in the table of pairs that are hard to separate.
 
     Args:
         first: One effect.

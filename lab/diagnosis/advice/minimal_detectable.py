@@ -1,4 +1,4 @@
-"""What would have been seen: the smallest size of every effect, and what it may do.
+"""Minimal detectable size of every effect, and its influence on the probe.
 
 An effect of the size nabla gives the F test of its block the non-centrality
 lambda = |P C nabla|^2. With lambda_0 that is found with a power of 95 % at the level
@@ -55,7 +55,7 @@ _STANDARD_GRAVITY = (0.0, 0.0, -9.80665)
 
 
 def reason(rows: ObservationEquations, candidate: Candidate, moved: float) -> str:
-    """Say why nothing is seen of an effect.
+    """Return why an effect is undetectable.
 
     Args:
         rows: Of the fit.
@@ -117,7 +117,7 @@ def detectable(
     absent: Sequence[tuple[Candidate, str]] = (),
     log_p: float | None = None,
 ) -> tuple[Detectable, ...]:
-    """Say of every candidate how large it must be to be seen.
+    """Compute the minimal detectable size of every candidate.
 
     Args:
         rows: Of the fit that is final, or of a planned campaign.
@@ -156,7 +156,7 @@ def detectable(
 
 
 def left_at_probe_mm(rows: ObservationEquations, changes: Floats) -> Floats:
-    """Say how far the probe is off where effects are there and not known of.
+    """Compute the error of the probe [mm] from undetected effects.
 
     The arm is estimated as if they were not; what remains at the campaign's poses,
     less a motion of everything together, is the error of the arm. Surfaces show only
@@ -225,7 +225,7 @@ def _entry(
 
 
 def _unseen(candidate: Candidate, why: str) -> Detectable:
-    # What has no columns is told as a block of poses sees it.
+    # Candidates without columns: as computed from a block of poses.
     why = why.replace("the block has", "the campaign has")
     key = candidate.parameters[0].partition(".")[0]
     return Detectable(candidate, key, None, None, key_unit(key), 0.0, why)
@@ -240,14 +240,14 @@ def planned(campaign: Campaign, arm: Arm) -> tuple[Detectable, ...]:
         arm: The design, or an identified arm; its effects are estimated too.
 
     Raises:
-        IdentificationError: The campaign does not tell what the arm's effects need.
+        IdentificationError: The campaign lacks data that the arm's effects need.
     """
     rows = planned_equations(campaign, arm)
     return detectable(rows, library_bank(rows, arm), absent_candidates(rows, arm))
 
 
 def planned_equations(campaign: Campaign, arm: Arm) -> ObservationEquations:
-    """Set up the rows of a campaign at an arm as it is given, nothing contradicting."""
+    """Set up the rows of a campaign at the given arm, without misclosures."""
     options = Options(free=free_effects(campaign, arm))
     design, parameters = prepared(campaign, arm, options)
     everyone = np.ones(len(campaign.poses), dtype=np.bool_)

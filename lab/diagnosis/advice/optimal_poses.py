@@ -1,4 +1,4 @@
-"""Which further poses tell two effects apart best (T-optimality).
+"""Further poses that separate two effects best (T-optimality).
 
 An effect does y to the equations. Another can be told from it by as much as it cannot
 imitate, the unknowns X of the model and the other's amplitudes adjusted,
@@ -45,7 +45,7 @@ def further_contacts(
     pose of the same artefact; the direction of a surface is its normal.
 
     Args:
-        adjustment: The fit: where artefacts stand, which poses took part.
+        adjustment: The fit: places of artefacts, included poses.
         n_tries: Of every artefact; those that do not reach it fall away.
         seed: Of the postures.
         wider_rad: By how much each joint may go beyond either end of what it has
@@ -78,7 +78,7 @@ def joined_poses(parts: list[Poses], like: Poses) -> Poses:
 def extended_rows(adjustment: Adjustment, further: Poses) -> ObservationEquations:
     """Set up the rows of a fit, where it is, as if further poses had taken part.
 
-    The campaign's own poses come first.
+    The campaign's own poses are the first.
     """
     network = adjustment.network
     n_own = len(network.campaign.poses)
@@ -142,13 +142,13 @@ _LEAST_EFFECT = 0.016
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Experiment:
-    """Further poses that tell an effect from others, the best first.
+    """Further poses that separate an effect from others, the best first.
 
     Attributes:
         poses: What to touch and how, (n_poses,).
         separations: Delta from each other effect, now and after each pose,
             (n_poses + 1, n_others).
-        is_enough: Whether all grow by what was wanted.
+        is_enough: Whether all grow by the required amount.
     """
 
     poses: Poses
@@ -290,7 +290,7 @@ class _Contest:
 
     @property
     def lacking(self) -> float:
-        """The part of the wanted growth that is still lacking."""
+        """The part of the required growth that is still missing."""
         return 1.0 - (self.separations[-1] - self.separations[0]) / self._gain
 
     def growths(self) -> Floats:

@@ -101,7 +101,7 @@ def spline_knots(values: Floats, most: int = N_KNOTS) -> tuple[float, ...]:
     for quantile in quantiles[1:].tolist():
         if quantile - knots[-1] > step:
             knots.append(quantile)
-    # The last knot is the largest value, or beyond it nothing would be told apart.
+    # The last knot is the largest value, or values beyond it could not be separated.
     knots[-1] = float(quantiles[-1])
     return tuple(knots)
 

@@ -46,7 +46,7 @@ def candidate_of_kind(
         bank: Where it is looked for.
         kind: Of the arm file's effects, but for curves.
         joint: Its name, or None for the whole arm.
-        fixed: Keys that are given beforehand; None where the kind has no such key.
+        fixed: Keys with fixed values; None where the kind has no such key.
         scale: Plausible amplitude of every column.
     """
     parameters = parameter_names(kind, fixed.get("component"))

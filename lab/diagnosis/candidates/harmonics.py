@@ -1,7 +1,7 @@
 """Harmonics of every joint's reading, up to an order that no library would list.
 
 Orders that the sampling or the travelled range cannot hold apart look the same here
-too; whoever judges the bank sees that in how alike they are.
+too; their likeness shows this.
 """
 
 import numpy as np

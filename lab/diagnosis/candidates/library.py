@@ -2,7 +2,7 @@
 
 Left out are steps, whose moments are scanned (`steps`), and curves without a name
 (`generic`). What the campaign cannot speak about, since it has no such column or the
-column does not vary, is told with the reason.
+column does not vary, is reported with the reason.
 """
 
 from collections.abc import Iterator, Mapping

@@ -2,7 +2,7 @@
 
 The cycles are not known: they are searched over the periodogram of every joint, and
 their evidence is the mean over all cycles that were looked at, so that the best of many
-counts for less. What repeats a whole number of times, as far as the poses can tell, and
+counts for less. What repeats a whole number of times, as far as poses resolve it, and
 has an order in the bank of harmonics, is left to the encoder.
 """
 

@@ -23,7 +23,7 @@ from traverse.lab.diagnosis.model.observation_equations import ObservationEquati
 # Factors of the plausible size that are tried, and what an unusual one costs.
 _FACTORS = 10.0 ** np.linspace(-1.5, 1.5, 31)
 _FACTOR_PRIOR = 0.5 * (np.log10(_FACTORS) / 0.7) ** 2
-# Directions that move the data less than that at the largest factor cannot be seen.
+# Directions that move the data less than this at the largest factor are undetectable.
 LEAST_SINGULAR_VALUE = 0.016
 # Of the squared singular values: what rounding leaves of a direction that vanishes.
 _ROUNDING = 1e-12
@@ -211,5 +211,5 @@ ALIAS = 0.9995
 
 
 def is_alias(rho: float) -> bool:
-    """Say whether a correlation is that of two names of one thing."""
+    """Return whether a correlation is that of two names of one effect."""
     return rho >= ALIAS

@@ -153,7 +153,7 @@ class StepScan:
         joint: Its name; None: the base.
         gaps: Between the poses.
         pieces: Columns of a plausible step before all poses, (n_rows, n_columns).
-        singular_values: Of the projected columns, 0 where a direction cannot be seen,
+        singular_values: Of the projected columns, 0 where a direction is undetectable,
             (n_gaps, n_columns).
         combinations: From c^T v to z = U^T v, (n_gaps, n_columns, n_columns).
         along: z of the fit's residuals, (n_gaps, n_columns).

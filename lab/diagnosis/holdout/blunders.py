@@ -2,7 +2,7 @@
 
 A pose must not be called a blunder because the model under test fails to predict it.
 What a model lacks changes little from a pose to the next ones in joint space; a
-blunder stands alone. So each pose is compared with poses of the same feature: its
+blunder is isolated. So each pose is compared with poses of the same feature: its
 misclosure against the model *without* terms, less the median of its nearest
 neighbours' misclosures, in units of the typical such difference at the artefact.
 

@@ -1,12 +1,12 @@
 """The gap: how far the arm is from where a model predicts it, on poses kept aside.
 
-A pose that the model has not seen has the misclosure v (in units of its noise) with
+A pose that was not used by the fit has the misclosure v (in units of its noise) with
 the covariance I + Y Y^T, noise and the model's own uncertainty. S is the mean square
 
     S = sum over poses of v^T (I + Y Y^T)^-1 v / number of equations
 
 which is 1 for a perfect model. Two models are compared on the same poses, with the
-noise of the final one. All poses kept aside count; figures without blunders are given
+noise of the final one. All poses kept aside count; figures without blunders are added
 beside them (`blunders`).
 """
 
@@ -68,7 +68,7 @@ def predicted(
 ) -> PoseStatistics:
     """Test poses that took no part, one by one, with the predictive covariance.
 
-    An artefact of which no pose took part stands where its poses here put it: its
+    An artefact of which no pose took part is placed by its poses here: its
     unknowns are projected out, and the degrees of freedom that are left are shared
     equally among its equations.
 
@@ -188,7 +188,7 @@ def compare_on_holdout(
         after: With the terms.
         held_out: (n_poses,).
         radius_mm: Of the probe's ball.
-        blunders: Of the held-out poses, (n_poses,): figures without them are given
+        blunders: Of the held-out poses, (n_poses,): figures without them are reported
             beside those of all. Default: none.
         noise: That weighs both; default that of `after`.
     """

@@ -85,7 +85,7 @@ def _given_away(
     part: float,
     rng: np.random.Generator,
 ) -> Integers:
-    """Choose groups of an artefact's poses, given in the order of time."""
+    """Choose groups of an artefact's poses, in the order of time."""
     size = min(max(len(poses) // _GROUPS, _LEAST_SIZE), _LARGEST_SIZE)
     groups = np.array_split(poses, max(len(poses) // size, 1))
     wanted = part * len(poses)

@@ -16,7 +16,7 @@ from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 
 
 class BankName(Enum):
-    """Where a candidate comes from; each bank has its own threshold."""
+    """Source of a candidate; each bank has its own threshold."""
 
     LIBRARY = auto()  # every effect of the contract on every joint, but for steps
     STEPS = auto()  # slips of every joint and steps of the base, at every moment
@@ -30,7 +30,7 @@ class Candidate:
     """What might be missing.
 
     Attributes:
-        bank: Where it comes from.
+        bank: Its source.
         kind: Of the arm file's effects; "empirical" in the generic bank.
         joint: Its name, or None for the whole arm.
         order: Of a harmonic or an error motion, or None.
@@ -38,7 +38,7 @@ class Candidate:
             moves the joint ("angle", "tilt", "shift") in the generic bank; or None.
         covariate: Of a spline: named like a column of the campaign; or None.
         artefact: Whose length it is, or None.
-        at_s: When a step came, in the campaign's time; or None.
+        at_s: Time of a step, in the campaign's time [s]; or None.
         parameters: Names of the columns: keys of the arm file, with .v, .w, .u for
             directions across or along the axis, .x, .y, .z for those of the arm's
             system; of a spline .1, .2 ...

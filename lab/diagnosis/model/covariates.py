@@ -48,7 +48,7 @@ def varies(rows: ObservationEquations, values: Floats) -> bool:
 
 
 def covariate_values(rows: ObservationEquations, need: Need) -> Floats:
-    """Take what an effect needs from a campaign that has it, (n_poses,)."""
+    """Return the covariate that an effect needs from a campaign, (n_poses,)."""
     block, joint = rows.block, slice(need.joint, (need.joint or 0) + 1)
     match need.covariate:
         case Covariate.TEMPERATURE if need.joint is not None:

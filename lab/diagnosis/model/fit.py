@@ -45,7 +45,7 @@ def fitted(
 ) -> Fit:
     """Fit an arm and all its effects.
 
-    Contradicting poses are left out; whoever was left out of an earlier fit is tried
+    Contradicting poses are left out; poses left out of an earlier fit are tried
     again. The noise that the campaign does not state is estimated.
 
     Args:
@@ -56,7 +56,7 @@ def fitted(
         snooping: Whether contradicting poses are left out at all.
 
     Raises:
-        IdentificationError: The campaign does not tell what effects need.
+        IdentificationError: The campaign lacks data that effects need.
     """
     free = free_effects(campaign, arm)
     options = Options(coarse_start=False, n_suggestions=0, free=free, snooping=snooping)

@@ -181,7 +181,7 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
     columns = np.concatenate([part[1] for part in parts])
     columns[:, :n_free] *= parameters.free_tolerances
     if not has_length(network):
-        # Nothing tells how long the arm is, so the fit held that. Misclosures grow with
+        # The scale is undetermined, so the fit held it. Misclosures grow with
         # the arm, though: left in, the column would pass for them and absorb them.
         stretch = scale_direction(parameters, state.arm.geometry)
         columns[:, :n_free] -= columns[:, :n_free] @ stretch.T @ stretch

@@ -1,7 +1,7 @@
-"""Poses that were left out and lie together: blunders are anywhere, a fault is not.
+"""Clusters of left-out poses: blunders are anywhere, a fault is not.
 
 A scan statistic: over every covariate each window that begins and ends with a pose
-left out is asked how likely it is that so many of its poses are among those left out
+left out is tested: how likely is it that so many of its poses are among those left out
 (hypergeometric), and likewise every artefact. The smallest of all these p-values is
 compared with what it is where as many poses are left out at random, drawn many times;
 so windows, covariates and their kinship are all accounted for.
@@ -18,7 +18,7 @@ from traverse.lab.diagnosis.model.covariates import covariate_columns
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 ARTEFACT = "artefact"
-# Probability that poses left out at random are told to lie together.
+# Probability that poses left out at random are reported as a cluster.
 LEVEL = 1e-3
 _LEAST = 3
 # Windows with more of them are not looked at.
@@ -28,7 +28,7 @@ _TAIL = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Cluster:
-    """Where poses that were left out lie together.
+    """A cluster of poses that were left out.
 
     Attributes:
         covariate: Named like a column of the campaign.
@@ -58,7 +58,7 @@ def find_outlier_cluster(
     n_draws: int,
     seed: int,
 ) -> Cluster | None:
-    """Find where poses that were left out lie together.
+    """Find a cluster of poses that were left out.
 
     Args:
         rows: Of the fit.
@@ -68,7 +68,7 @@ def find_outlier_cluster(
         seed: Of the draws.
 
     Returns:
-        The most striking place; None: they lie as chance would have it.
+        The most significant cluster; None if consistent with chance.
     """
     poses = np.flatnonzero(eligible)
     out = np.flatnonzero(~included[poses])
@@ -91,7 +91,7 @@ def find_outlier_cluster(
     names = [artefact.id for artefact in campaign.artefacts]
     places += list(_of_artefacts(names, artefacts, out))
     log_p = np.array([tails[place.n_excluded, place.n_poses] for place in places])
-    # By chance it comes about somewhere at least as often as there.
+    # By chance it occurs somewhere at least as often as there.
     if np.min(log_p, initial=0.0) > np.log(LEVEL):
         return None
     rng = np.random.default_rng(seed)

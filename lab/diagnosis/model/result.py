@@ -38,7 +38,7 @@ class Alternative:
         candidate: The other name.
         log_bayes_factor: Natural logarithm, against nothing missing.
         correlation: Of this finding with the other block, 0 to 1.
-        alias: No poses of this kind would ever tell the two apart.
+        alias: No poses of this kind can separate the two.
     """
 
     candidate: Candidate
@@ -84,9 +84,9 @@ class Term:
         log10_p: Of its test in the model with all other terms.
         harmonic: Periods a turn of an unknown, periodic discrepancy, or None.
         alternatives: What else it may be, the best first.
-        separate_by: The experiment that would tell them apart, in words.
+        separate_by: The experiment that would separate them, in words.
         accepted: Whether it is in the adapted arm.
-        cluster: Where poses lie together that were left out, if it reports these.
+        cluster: The cluster of left-out poses, if it reports one.
         misfit: Poses kept aside that contradict the model, if it reports these.
     """
 
@@ -106,17 +106,17 @@ class Term:
 
 @dataclass(frozen=True, slots=True)
 class Detectable:
-    """The smallest size of an effect that would have been seen.
+    """Minimal detectable size of an effect.
 
     Attributes:
         candidate: The effect.
-        key: Of the arm file, whose size is told.
+        key: Key in the arm file to which the size belongs.
         minimum: In the unit of the key, in its worst direction; None: it cannot be
             seen at all.
         best: In its best direction.
         unit: Of both.
         probe_mm: What the undetected minimum does to the probe (root mean square).
-        why: Where it cannot be seen: the reason, else empty.
+        why: Reason where it is undetectable, else empty.
     """
 
     candidate: Candidate
@@ -130,13 +130,13 @@ class Detectable:
 
 @dataclass(frozen=True, slots=True)
 class HoldoutResult:
-    """How a model predicts poses that it has not seen.
+    """How well a model predicts held-out poses.
 
     Attributes:
         rms_mm: Of their misclosures.
         chi2: S, their mean square over the predictive covariance.
         n: How many equations.
-        mean_distance_mm: To known points, where there are any.
+        mean_distance_mm: To known points, if any.
         n_poses: How many poses.
         without_blunders: The same without poses that contradict their neighbours;
             None: there are none.
@@ -152,7 +152,7 @@ class HoldoutResult:
 
 @dataclass(frozen=True, slots=True)
 class HoldoutComparison:
-    """Two models on the poses that neither has seen.
+    """Two models compared on held-out poses.
 
     Attributes:
         before: Without what was added.
@@ -241,7 +241,7 @@ class Diagnosis:
         vetoed: Whether held-out poses got worse, so that nothing was accepted.
         noise: As found.
         leftovers: What remains in each bank.
-        detectable: What would have been seen, and what cannot be.
+        detectable: Minimal detectable sizes, and undetectable effects.
         seed: Of the split and the thresholds.
         seconds: By stage of the work.
     """
@@ -287,7 +287,7 @@ class DiagnosisOptions:
         most_terms: That are added at most.
         level: Probability that anything is found where nothing is missing.
         n_draws: Of noise, for the thresholds.
-        details: Whether to work out what could have been seen, the final estimates
+        details: Whether to compute detectable sizes, the final estimates
             from all poses, and the ledger's steps between the first and the last; a
             decision alone needs none of it.
         accept_tentative: Whether tentative terms enter the adapted arm.

@@ -1,6 +1,6 @@
 """Noise that is correlated from pose to pose, in the order of time.
 
-Readings and contacts drift a little as the day goes on: a part `share` of their
+Readings and contacts drift a little during the day: a part `share` of their
 variance then has the correlation phi^l between poses l apart. The rows' errors have
 the correlation
 

@@ -117,13 +117,13 @@ def _coordinates(rows: ObservationEquations, index: int) -> slice:
 
 
 def _columns(rows: ObservationEquations, coordinates: slice) -> slice:
-    """Find the columns of coordinates: all effects are free and come last."""
+    """Find the columns of coordinates: all effects are free and last."""
     first = rows.adjustment.network.parameters.n_free - len(_effects(rows).names)
     return slice(first + coordinates.start, first + coordinates.stop)
 
 
 def has_epoch(effect: Effect, campaign: Campaign) -> bool:
-    """Say whether the moment that an effect counts from is known, or not needed.
+    """Return whether an effect's epoch is known, or not needed.
 
     It is the campaign's start; a campaign need not say when it began.
     """

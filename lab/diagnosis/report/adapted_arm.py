@@ -1,4 +1,4 @@
-"""The adapted arm as it is written: which terms are in it, and where it comes from."""
+"""The adapted arm as it is written: its terms and provenance."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,7 +13,7 @@ from traverse.strict_toml.writing import arm_text, write_atomically
 
 
 def terms_without_epoch(diagnosis: Diagnosis) -> tuple[Term, ...]:
-    """List accepted terms that cannot be written: bound to a time nobody knows.
+    """List accepted terms that cannot be written: bound to an unknown time.
 
     The moment that such an effect counts from is the campaign's start; where the
     campaign does not say when it began there is none.
@@ -54,7 +54,7 @@ def arm_with_provenance(diagnosis: Diagnosis, when: datetime | None = None) -> A
 
 
 def write_adapted(path: Path, arm: Arm, source: Path) -> None:
-    """Write an arm file whole, with the comments of the file that it came from.
+    """Write an arm file whole, with the comments of its source file.
 
     Args:
         path: Where to.

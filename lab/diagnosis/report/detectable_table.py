@@ -1,4 +1,4 @@
-"""What would have been seen, as tables: effects down, joints across."""
+"""Minimal detectable sizes, as tables: effects down, joints across."""
 
 from collections.abc import Sequence
 
@@ -54,7 +54,7 @@ def whole_arm_rows(detectable: Sequence[Detectable]) -> list[list[str]]:
 
 
 def reasons(detectable: Sequence[Detectable]) -> list[str]:
-    """Say why effects cannot be seen at all, those of one reason together."""
+    """List why effects are undetectable, grouped by reason."""
     by_reason: dict[str, list[str]] = {}
     for entry in detectable:
         if entry.minimum is None:

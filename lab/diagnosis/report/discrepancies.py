@@ -59,13 +59,13 @@ class Discrepancies:
         return found
 
     def along(self, directions: Floats) -> tuple[Floats, Floats]:
-        """Say how far the ball is off along directions, as each pose alone sees it.
+        """Compute the ball's error along directions for each pose alone.
 
         Args:
             directions: Of one unit each, (n_poses, 3) [mm].
 
         Returns:
-            The amount and its standard deviation, NaN where it cannot be seen, both
+            The amount and its standard deviation, NaN where it is undetermined, both
             (n_poses,): measured less simulated.
         """
         return self._amount(np.einsum("nij,nj->ni", self.by_centre, directions))
@@ -73,7 +73,7 @@ class Discrepancies:
     def reading_errors_rad(self, joint: int) -> tuple[Floats, Floats]:
         """Say by how much a reading is larger than the simulation's, (n_poses,).
 
-        As each pose alone sees it, if this joint were the only cause; with its
+        For each pose alone, if this joint were the only cause; with its
         standard deviation.
 
         Args:

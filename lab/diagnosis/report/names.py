@@ -56,7 +56,7 @@ def _curve(candidate: Candidate) -> str:
 
 
 def cluster_text(place: Cluster) -> str:
-    """Say where poses lie together."""
+    """Describe the place of a cluster of poses."""
     if place.artefact is not None:
         return f"on {place.artefact}"
     low, high, unit = place.low, place.high, _unit(place.covariate)

@@ -57,7 +57,7 @@ WORDS = Words("diagnosis/report/words.jinja", **_FILTERS)
 
 
 def summary_lines(diagnosis: Diagnosis) -> list[str]:
-    """Say the most important things, a line each."""
+    """Return the most important results, a line each."""
     return WORDS.lines("summary", diagnosis)
 
 

@@ -10,7 +10,7 @@ from traverse.lab.diagnosis.model.result import Diagnosis, Term
 def value_covariance(diagnosis: Diagnosis, term: Term, effects: ArmEffects) -> Floats:
     """Find the covariance of the values of a term.
 
-    From the final fit, scaled to the standard deviations that the term is told with;
+    From the final fit, scaled to the standard deviations reported for the term;
     of a term that is not in it, those alone.
 
     Args:

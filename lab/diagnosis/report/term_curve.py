@@ -1,6 +1,6 @@
 """What a term says over the covariate that matters for it, and what the data say.
 
-Both are told as one amount a pose: an error of the joint's reading, or a shift of the
+Both are one amount per pose: an error of the joint's reading, or a shift of the
 ball along the way that the term moves it. What the data say with the term taken out
 again is the discrepancy that is left plus the term's own amount.
 """

@@ -3,7 +3,7 @@
 Neighbouring samples share most of their error, so as poses they would count many
 times over. What a model lacks changes with the posture, noise within less than that:
 so the misclosures of a first fit, less their running mean over a small part of the
-motion, tell how long noise lasts. Of each stretch over an artefact every so manyth
+motion, give the noise's correlation time. Of each stretch on an artefact every nth
 sample is kept.
 """
 
@@ -58,7 +58,7 @@ MOST_POSES = 2000
 _FIRST_POSES = 800
 # Below this correlation samples count as independent.
 _LEAST_CORRELATION = 0.02
-# How it falls is seen where it is above this, at so many lags at least.
+# Its decay is fitted where it is above this, at so many lags at least.
 _STEEP = 0.15
 _LEAST_LAGS = 3
 _LONGEST_LAG = 500
@@ -104,7 +104,7 @@ def decimated(
         most_poses: That are kept at most.
 
     Returns:
-        The whole campaign with directions where an artefact tells them, and which of
+        The whole campaign, with directions where artefacts define them, and which of
         its poses to keep.
     """
     first = campaign.part(_spread(campaign))
@@ -135,7 +135,7 @@ def decimated(
 def undecimated_network(
     adjustment: Adjustment, campaign: Campaign, radius_mm: float
 ) -> tuple[Network, State]:
-    """Set up all samples as a fit of some of them sees them.
+    """Set up the equations of all samples at a fit of some of them.
 
     Args:
         adjustment: The fit; artefacts that took no part in it are left out.
@@ -184,7 +184,7 @@ def _usual_s(campaign: Campaign) -> float:
 
 
 def _stretches(campaign: Campaign) -> Integers:
-    """Number the stretches in which one thing is touched without a gap, (n,)."""
+    """Number the stretches of uninterrupted touching of one artefact, (n,)."""
     poses = campaign.poses
     breaks = np.diff(poses.lines) != 1
     breaks |= np.diff(poses.time_s) > 1.5 * _usual_s(campaign)
@@ -236,7 +236,7 @@ def _lasting(values: Floats, stretches: Integers, window: int) -> int:
 
 
 def _extrapolated(found: Floats) -> int:
-    """Say when a correlation would be low that goes on falling as it does at first.
+    """Extrapolate when a correlation becomes low from its initial decay.
 
     One that was estimated from few samples crosses the limit early by chance.
 

@@ -5,7 +5,7 @@ With A the unknowns' columns and c a harmonic's two, all samples give
     M = c^T c - c^T A (A^T A)^-1 A^T c,    g = c^T v - c^T A (A^T A)^-1 A^T v
     T = g^T M^-1 g
 
-Sums are gathered part by part. The columns of A come in the directions that the fit
+Sums are gathered part by part. The columns of A are in the directions that the fit
 of the thinned poses determines, in which A^T A is near a multiple of the identity, so
 that nothing is lost by summing squares.
 
@@ -34,7 +34,7 @@ from traverse.lab.identification.solve.adjustment import certified
 
 # Combinations of unknowns that move the thinned data by less do not count.
 _LEAST_EFFECT = 0.02
-# What unknowns leave of a harmonic, of its square, below which it is not seen.
+# What unknowns leave of a harmonic, of its square, below which it is undetectable.
 _LEAST_LEFT = 1e-6
 _ORDERS_NEARBY = 8
 _MEDIAN_OF_CHI2 = 2.0 * float(np.log(2.0))
@@ -42,7 +42,7 @@ _MEDIAN_OF_CHI2 = 2.0 * float(np.log(2.0))
 
 @dataclass(frozen=True, slots=True)
 class HarmonicFinding:
-    """A harmonic as a whole stream sees it.
+    """A harmonic as estimated from a whole stream.
 
     Attributes:
         candidate: Joint and order.
@@ -73,7 +73,7 @@ def stream_harmonics(
         radius_mm: Of the probe's ball.
 
     Returns:
-        All that can be seen, the most significant first.
+        All detectable ones, the most significant first.
     """
     network, state = undecimated_network(rows.adjustment, campaign, radius_mm)
     sums = _gathered(rows, network, state)

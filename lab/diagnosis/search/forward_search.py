@@ -75,7 +75,7 @@ class SearchState:
 
     @property
     def is_finished(self) -> bool:
-        """Whether no bank sees anything more."""
+        """Whether no bank finds anything more."""
         return not is_significant(
             self.stage, self.thresholds, self.joints_with_own_curve
         )
@@ -137,7 +137,7 @@ def _choice(
     thresholds: dict[BankName, float],
     joints_with_own_curve: frozenset[str],
 ) -> ScoredCandidate | None:
-    """Choose what to add; None: no bank sees anything."""
+    """Choose what to add; None: no bank finds anything."""
     if not is_significant(stage, thresholds, joints_with_own_curve):
         return None
     return select_next(stage, joints_with_own_curve)
@@ -179,7 +179,7 @@ def refitted(
 def family_thresholds(
     stage: CandidateScores, options: DiagnosisOptions
 ) -> dict[BankName, float]:
-    """Find below which log p each bank sees something."""
+    """Find each bank's threshold of log p."""
     draws = noise_draws(stage.rows, options.n_draws, options.seed)
     found: dict[BankName, float] = {
         name: log_p_threshold(

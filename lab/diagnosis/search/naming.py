@@ -32,7 +32,7 @@ from traverse.lab.diagnosis.search.selection import (
 # Whoever is within this of the best belongs to the printed set.
 _SET = float(np.log(100.0))
 # A name does not suffice if a curve of its own kind is left over beside it with a
-# smaller p-value: few are asked, not all of the bank.
+# smaller p-value: few are tested, not all of the bank.
 _LEFT_OVER_LOG_P = float(np.log(0.02))
 _OVERTONES = (2, 3, 4)
 _OVERTONE_LOG_P = float(np.log(0.02))
@@ -155,7 +155,7 @@ def _is_doubtful(
     names: Sequence[ScoredCandidate],
     curves: Sequence[ScoredCandidate],
 ) -> bool:
-    """Say whether a name is not sure enough to stand for itself.
+    """Return whether a name is too uncertain to be reported alone.
 
     Because the evidence is small for having been looked for among so many, because
     another name or a curve is nearly as good, because a second term of the joint helps

@@ -326,7 +326,7 @@ def _log_p(
     found: MeanShifts,
     curve: ProjectedCandidate,
 ) -> float:
-    """Test a curve by what it lowers the cost by; as ever if nobody comes back."""
+    """Test a curve by the reduction of the cost; as usual if no pose is recovered."""
     gain = max(plain.cost - found.cost, 0.0)
     redundancy = rows.redundancy - len(found.rows)
     part = np.array([gain / (gain + found.sum_of_squares)])

@@ -5,7 +5,7 @@ Family-wise thresholds: how small the smallest p-value of a bank is by chance.
 Noise without any effect is drawn and tested like the residuals. The tail of the
 smallest log p of many tests is exponential with slope one, whatever their overlap
 (K p for the effective number K of tests), so the threshold is taken from the 10 %
-point of the draws, which is known well, and the slope.
+point of the draws, which is well determined, and the slope.
 """
 
 from collections.abc import Callable, Collection
@@ -92,7 +92,7 @@ class ScoredCandidate:
         evidence: Log Bayes factor.
         score: With the preference for its kind.
         log_p: Of its test.
-        bank: Where it comes from.
+        bank: Its source.
         residuals: That it was judged on, (n_rows,).
     """
 
@@ -136,7 +136,7 @@ def is_significant(
     thresholds: dict[BankName, float],
     joints_with_own_curve: Collection[str],
 ) -> bool:
-    """Say whether any bank sees anything."""
+    """Return whether any bank finds anything."""
     return any(
         choice.log_p < threshold
         for name, threshold in thresholds.items()
@@ -151,7 +151,7 @@ def select_next(
     """Choose what to add: a name if it explains as much as any curve does.
 
     A curve that wins may be two named effects at once: then the name that with a
-    second one explains as much goes first.
+    second one explains as much is first.
     """
     named = ranked(stage, NAMED_BANKS, joints_with_own_curve)
     curves = ranked(stage, (BankName.GENERIC,), joints_with_own_curve)

@@ -22,7 +22,7 @@ _REACHED_MM = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TouchingPostures:
-    """Where the joints came.
+    """Where the joints were.
 
     Attributes:
         angles_rad: (n, n_joints).

@@ -21,7 +21,7 @@ from traverse.lab.identification.equations.station_equations import whiteners
 from traverse.lab.identification.solve.adjustment import Adjustment
 
 _N_SECTORS = 36
-# Below this travel a joint is blamed for what cannot be told.
+# Below this travel a joint is named as the cause of undetermined parameters.
 _SMALL_TRAVEL_RAD = np.radians(20.0)
 
 
@@ -48,7 +48,7 @@ class JointCoverage:
 
     @property
     def hardly_turned(self) -> bool:
-        """Whether to turn it further is the first thing to advise."""
+        """Whether the first advice is to turn it further."""
         return bool(self.travel_rad < _SMALL_TRAVEL_RAD)
 
     @property
@@ -165,8 +165,8 @@ def _joint_covariance(adjustment: Adjustment) -> Floats:
 def _travel(network: Network) -> tuple[Floats, Floats]:
     """Say from where to where joints may turn, (n_joints,) each.
 
-    Nobody told their stops: where they have been they can go again. Only joints that
-    hardly turned are asked for more.
+    Their stops are unknown: visited postures are reachable. Only joints that
+    hardly turned must turn more.
     """
     poses = np.concatenate([station.poses for station in network.stations])
     coverage = joint_coverage(network.campaign, poses)

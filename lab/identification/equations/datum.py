@@ -1,7 +1,7 @@
 """The datum: which components are held so that the arm cannot move as a whole.
 
 Turning or shifting the whole arm changes nothing that artefacts without a system
-of their own can see. Written in the parameters, these six motions are known
+of their own determine. Written in the parameters, these six motions are known
 exactly; components are held until none of the motions is left. Which ones is chosen
 by pivoting on the motions scaled by the parameters' tolerances: the held components
 are then those that a motion changes most, so that the choice is well conditioned
@@ -25,7 +25,7 @@ def rigid_motions(
 ) -> Floats:
     """Write three turns about x_0 and three shifts in all parameters, (n_all, 6).
 
-    A turn e changes u_k by e x u_k and r_k by e x r_k. What of the latter lies along
+    A turn e changes u_k by e x u_k and r_k by e x r_k. The part of the latter along
     u_k goes into r_(k-1) with equal effect, and so on down to x_0.
     """
     n = geometry.n_joints
@@ -62,7 +62,7 @@ def rigid_motions(
 
 
 def _tools(parameters: Parameters) -> slice:
-    """Where the vectors of tools stand among all parameters."""
+    """Indices of the tools' vectors among all parameters."""
     return slice(5 * parameters.n_joints + 6, parameters.n_geometric)
 
 

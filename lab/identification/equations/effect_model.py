@@ -21,7 +21,7 @@ from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.campaign.campaign import Campaign, Poses
 
-# A direction that a campaign knows worse than so many plausible sizes is held.
+# A direction with a larger standard deviation (in plausible sizes) is held.
 _HOPELESS = 50.0
 
 

@@ -154,7 +154,7 @@ def network_of(
         radius_mm: Of the probe's ball.
         included: Poses that take part, (n_poses,).
         parameters: Which parameters are free.
-        noise: The stochastic model; default what is known beforehand.
+        noise: The stochastic model; default: the a priori one.
     """
     return Network(
         campaign,
@@ -166,7 +166,7 @@ def network_of(
 
 
 def has_length(network: Network) -> bool:
-    """Say whether anything tells how long a millimetre is."""
+    """Return whether anything determines the scale."""
     return any(
         station.artefact.tells_length(station.touches) for station in network.stations
     )

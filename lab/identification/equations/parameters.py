@@ -66,7 +66,7 @@ class Parameters:
 
     @property
     def n_geometric(self) -> int:
-        """How many parameters come before those of the effects."""
+        """Number of parameters before those of the effects."""
         return 5 * self.n_joints + 6 + 3 * self.n_tools
 
     @property
@@ -129,7 +129,7 @@ class Parameters:
         tool = 0 if poses.tools is None or not len(poses) else int(poses.tools[0])
         by_axes, by_links, by_zeros = self._maps(values.geometry, tool)
         # A small product a pose: a single large one would be shared between threads,
-        # which costs more than it brings.
+        # which costs more than it saves.
         columns: Floats = derivatives.by_axes.reshape(n_poses, 3, -1) @ by_axes
         columns += derivatives.by_links.reshape(n_poses, 3, -1) @ by_links
         if np.any(by_zeros):
@@ -209,7 +209,7 @@ class Parameters:
         return found, by_all[self.free]
 
     def coordinates(self, to: ArmValues, at: ArmValues) -> Floats:
-        """Say by which step of all parameters `at` would come to `to`, (n_all,)."""
+        """Return the step of all parameters from `at` to `to`, (n_all,)."""
         here, there = at.geometry, to.geometry
         basis = self.basis(here)
         joints = np.concatenate(

@@ -16,7 +16,7 @@ def probe_effects_mm(network: Network, arm: ArmValues, steps: Floats) -> Floats:
     """Compute the root mean square shift of the probe by each step.
 
     Over random postures within the travelled ranges, but at least 120 degrees a
-    joint: who identifies an arm wants to use it. The motion of the arm as a whole is
+    joint: an arm is identified to be used. The motion of the arm as a whole is
     taken out: it depends on the datum only.
 
     Args:

@@ -71,7 +71,7 @@ def result_map(result: Identification) -> UncertaintyMap:
 
 
 def summary_lines(result: Identification, found: UncertaintyMap) -> list[str]:
-    """Say the most important things, a line each."""
+    """Return the most important results, a line each."""
     effects_mm = undetermined_effects_mm(result) if result.converged else None
     return WORDS.lines("summary", result, found, effects_mm)
 

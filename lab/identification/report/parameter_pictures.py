@@ -21,7 +21,7 @@ def correlation_picture(result: Identification) -> bytes:
 
 
 def coverage_picture(result: Identification) -> bytes:
-    """Draw how often each joint stood in each sector of a turn."""
+    """Draw how often each joint was in each sector of a turn."""
     height_mm = 22.0 + 7.0 * len(result.coverage)
     return picture(180.0, height_mm, lambda figure: _paint_coverage(figure, result))
 

@@ -20,7 +20,7 @@ _ZONES = {"near": (0.0, 0.2), "middle": (0.2, 0.8), "far": (0.8, np.inf)}
 
 
 class ComparisonError(ValueError):
-    """The two arms cannot be given the same readings."""
+    """The same readings do not apply to both arms."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class ZoneDifference:
 
     Attributes:
         name: near (to 20 % of the reach from the first joint), middle, far (from 80 %).
-        n_postures: That lie in it.
+        n_postures: Number of postures in it.
         rms_mm: Root mean square of the distances; NaN without postures.
         largest_mm: Largest distance; NaN without postures.
     """

@@ -37,7 +37,7 @@ _INDEPENDENT = 1e-9
 
 
 def arm_of_adjustment(arm: Arm, adjustment: Adjustment) -> Arm:
-    """Put the estimated geometry into an arm; provenance comes when it is written."""
+    """Put the estimated geometry into an arm; provenance is added on writing."""
     geometry = adjustment.state.arm.geometry
     joints = tuple(
         joint.model_copy(
@@ -169,7 +169,7 @@ def variance_factor(sigma0: float, test: GlobalTest) -> float:
 def artefact_results(
     adjustment: Adjustment, found: PoseStatistics, factor: float
 ) -> tuple[ArtefactResult, ...]:
-    """Say how every artefact came out."""
+    """Summarise the result of every artefact."""
     return tuple(
         _artefact_result(adjustment, at, station, found, factor)
         for at, station in enumerate(adjustment.network.stations)
@@ -219,7 +219,7 @@ def _artefact_result(
 def _sizes(
     found: PoseStatistics, poses: Integers, artefact: Artefact
 ) -> tuple[float, float | None]:
-    """Say the rms of some misclosures, and of known points the mean length."""
+    """Return the rms of some misclosures, and of known points the mean length."""
     own_mm = found.misclosures_mm[poses, : artefact.rows_per_pose]
     rms_mm = float(np.sqrt(np.mean(own_mm**2)))
     if artefact.kind != "points":

@@ -65,7 +65,7 @@ class EstimatedLength:
 
 @dataclass(frozen=True, slots=True)
 class ArtefactResult:
-    """How an artefact came out.
+    """Result for an artefact.
 
     Attributes:
         id: As in the campaign.
@@ -78,7 +78,7 @@ class ArtefactResult:
         mean_distance_all_mm: As `mean_distance_mm`, likewise.
         lengths: As estimated.
         contact_mm: Standard deviation of a contact that was used.
-        place: Where it stands in the arm's system, by the keys of its kind.
+        place: Its place in the arm's system, by the keys of its kind.
     """
 
     id: str
@@ -120,11 +120,11 @@ class CartesianCovariance:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identification:
-    """An identified arm, and everything that is known about it.
+    """An identified arm, with its uncertainty and diagnostics.
 
     Attributes:
         arm: With the estimates and, in `[identification]`, their provenance.
-        design: As it was given.
+        design: The input arm.
         campaign: What was measured.
         adjustment: The last one, with state, system and rank. Samples of a stream
             have as little weight in it as they have to say.

@@ -23,7 +23,7 @@ from traverse.lab.identification.solve.adjustment import Adjustment
 
 # Components smaller than this part of the largest are not named.
 _NAMED = 0.1
-# A direction known worse than this part of its tolerance is called weak, and so is
+# Uncertainty beyond this part of its tolerance: the direction is called weak, and so is
 # one that moves the probe by more than ten contacts' noise.
 _WEAK = 0.2
 _WEAK_IN_CONTACTS = 10.0
@@ -91,7 +91,7 @@ def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
 
 
 def weak_directions(adjustment: Adjustment, factor: float) -> tuple[Weak, ...]:
-    """Name the determined directions that are known poorly, the worst first.
+    """Name the determined directions with large uncertainty, the worst first.
 
     Args:
         adjustment: The last one.

@@ -20,7 +20,7 @@ def undetermined_effects_mm(result: Identification) -> Floats:
     network = result.adjustment.network
     names = network.parameters.free_names
     named = np.array([_row(entry.direction, names) for entry in result.undetermined])
-    # Small components were left out of the names; the subspace gives them back.
+    # Small components were left out of the names; the subspace restores them.
     whole = named @ split.undetermined.T @ split.undetermined
     whole = whole / np.linalg.norm(whole, axis=1, keepdims=True)
     arm = result.adjustment.state.arm

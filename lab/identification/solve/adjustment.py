@@ -168,13 +168,13 @@ _GOOD_START = 100.0
 _NEAR = 1.0
 _RANK_SETTLES_AT = 12
 _CLEARLY = 2.0
-# Mean square of residuals above which they decide what is known, not the noise.
+# Mean square of residuals above which they determine the uncertainty, not the noise.
 _LARGE = 2.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Iteration:
-    """How far an adjustment has come.
+    """Progress of an adjustment.
 
     Attributes:
         number: From 1.

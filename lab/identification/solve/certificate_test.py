@@ -133,7 +133,7 @@ def without_wrong_certificates(
         if not _is_to_blame(
             other, without, name, off_mm, gross=gross, estimated=estimated
         ):
-            # Nothing else knows lengths, or the arm's model is wrong, or its noise.
+            # Nothing else determines lengths, or the arm's model or noise is wrong.
             break
         campaign, run = other, without
         rivals = [
@@ -157,7 +157,7 @@ def _is_to_blame(
     gross: bool,
     estimated: bool,
 ) -> bool:
-    """Say whether the rest agrees with itself and knows better.
+    """Return whether the rest is consistent and more precise.
 
     Args:
         campaign: Without the certificate.

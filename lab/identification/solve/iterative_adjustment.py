@@ -194,7 +194,7 @@ def _is_estimated(network: Network) -> bool:
 
 
 def _circle(visited: list[Booleans], included: Booleans) -> list[Booleans]:
-    """Find the choices of poses that come back again and again; none: no circle."""
+    """Find the recurring selections of poses; none without a cycle."""
     same = [at for at, one in enumerate(visited) if np.array_equal(one, included)]
     return [] if len(same) < _A_CIRCLE - 1 else visited[same[-1] :]
 

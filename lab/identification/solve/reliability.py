@@ -11,7 +11,7 @@ whole system, the pose's block of the projector on residuals is M = I - Y Y^T. T
 
 A pose that took no part in the adjustment has M = I + Y Y^T instead.
 
-Data snooping: poses that contradict the others leave, and may come back.
+Data snooping: poses that contradict the others are excluded, and may return.
 
 The worst contradict first, because one blunder makes its neighbours look bad; with
 many poses several leave at a time, all those near the worst. Whoever agrees with the
@@ -227,10 +227,10 @@ class SnoopingResult:
     """One round of tests.
 
     Attributes:
-        included: Who goes on, (n_poses,).
+        included: Included poses, (n_poses,).
         critical: |w| above which a pose is excluded.
         scale: Robust a-posteriori standard deviation of unit weight.
-        n_changed: How many left or came back.
+        n_changed: Number of poses excluded or returned.
     """
 
     included: Booleans

@@ -1,18 +1,18 @@
 """Orthogonal elimination: tall systems to small triangles, a part at a time.
 
-A triangle R stands for all rows A seen so far: R^T R = A^T A. The station's own
-unknowns come first in the columns, so that the rows of R below them hold what the
+A triangle R represents all rows A so far: R^T R = A^T A. The station's own
+unknowns are the first columns, so that the rows of R below them hold what the
 station says about the arm alone.
 
 The rank, decided on a noise scale.
 
 Columns are scaled by the parameters' plausible deviations from the design, so that a
-singular value s of the whitened triangle says: this combination is known to 1/s of
+singular value s of the whitened triangle says: this combination is determined to 1/s of
 what the design says already. Where s < 1 the campaign adds nothing: the combination
 is held at its design value. Nothing is regularised; all others are ordinary
 least squares.
 
-What is known beforehand to be undetermined (the scale, without any length) is left
+What is undetermined by design (the scale, without any length) is left
 out before anything is decided: away from the solution misclosures would feign
 information about it, and the arm would shrink to nothing.
 """
@@ -28,7 +28,7 @@ from traverse.arrays import Floats
 _STACKED_ROWS = 4096
 # Numbers in a block that is factored at a time. Small enough for the cache, and for
 # linear algebra libraries not to share it between threads, which costs more than it
-# brings for matrices this narrow (six times more on two busy cores).
+# gains for matrices this narrow (six times more on two busy cores).
 _BLOCK_SIZE = 7500
 
 
@@ -176,7 +176,7 @@ def decide_rank(
         tolerances: Plausible deviations from the design, (n_free,).
         known_null: Orthonormal directions in units of the tolerances that are
             undetermined for certain, (n_null, n_free).
-        n_determined: How many directions count; None: those known better than that.
+        n_determined: Number of directions to use; None: those above the threshold.
     """
     n_free = len(tolerances)
     rows = np.zeros((max(len(upper), n_free), n_free + 1))

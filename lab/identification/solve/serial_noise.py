@@ -25,7 +25,7 @@ _WINDOW = 3.0
 _MOST_LAGS = 4096
 # Below this correlation noise is over.
 _OVER = 0.05
-# Where more than this would be lost to the fit, nobody can say how much was.
+# Where more than this would be lost to the fit, the loss cannot be estimated.
 _LEAST_LEFT = 0.5
 
 

@@ -82,7 +82,7 @@ def coarse_start(
     Args:
         campaign: What was measured.
         parameters: Which are free to be estimated.
-        design: The arm as given.
+        design: The input arm.
         radius_mm: Of the probe's ball.
         hold: Patterns of parameters that are never moved.
 

@@ -1,1 +1,1 @@
-"""How well an identified arm knows distances over its working volume."""
+"""Uncertainty of distances over the working volume of an identified arm."""

@@ -18,7 +18,7 @@ _MARGIN_RAD = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PostureSample:
-    """Random postures within ranges; the first joint stands in the middle of its own.
+    """Random postures within ranges; the first joint is in the middle of its own.
 
     Attributes:
         geometry: The arm.
@@ -84,7 +84,7 @@ def postures_reaching(
 ) -> tuple[Floats, Booleans]:
     """Find a posture within the ranges for each place.
 
-    The sample that comes near by turning the first joint is taken, then Newton steps.
+    Start at the sample nearest after turning the first joint, then Newton steps.
 
     Args:
         cloud: Of the arm.

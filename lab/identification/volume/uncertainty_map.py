@@ -1,8 +1,8 @@
-"""How well an identified arm knows distances, over its working volume.
+"""Uncertainty of distances over the working volume of an identified arm.
 
 What the covariance of the parameters means for distances, whatever the datum is.
 Directions that the data do not determine are held at their design values and count
-as known; what noise adds to every new pose comes on top.
+as known; noise of every new pose is added.
 
 The first joint turns everything about its axis. Places therefore differ by radius and
 height about that axis only, and distances lie along the three directions there.
