@@ -12,7 +12,7 @@ def credential_file(name: str, folder: Path = Path()) -> Path:
     """The file that a name means: `credential:NAME`, or one in a folder.
 
     Raises:
-        ValueError: it is no name of a credential, or systemd has given none.
+        ValueError: it is no name of a credential, or systemd has passed none.
     """
     if not name.startswith(CREDENTIAL):
         return folder / name

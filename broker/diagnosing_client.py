@@ -67,7 +67,7 @@ class DiagnosingClient(aiomqtt.Client):
         """Connect.
 
         Raises:
-            aiomqtt.MqttError: there is no connection, with the known reason.
+            aiomqtt.MqttError: there is no connection, with the reason.
         """
         try:
             return await super().__aenter__()

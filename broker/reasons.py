@@ -90,7 +90,7 @@ class Address(Protocol):
 
 
 def reason_of(error: BaseException, address: Address, wording: Wording) -> str:
-    """What went wrong with a connection, and what to do about it."""
+    """Reason for a failed connection, and its remedy."""
     # aiomqtt puts what happened into a sentence of its own, and hides it.
     for one in (error, error.__cause__ or error.__context__):
         if reason := _known(one, address, wording):
@@ -99,9 +99,9 @@ def reason_of(error: BaseException, address: Address, wording: Wording) -> str:
 
 
 def reason_code(error: aiomqtt.MqttCodeError) -> int | None:
-    """The number that a broker gives as its reason, of MQTT 5 or 3.1.1.
+    """The reason code of a broker, of MQTT 5 or 3.1.1.
 
-    None where the library gives one of its own, which may be the same number.
+    None where the library uses one of its own, which may be the same number.
     """
     if isinstance(error.rc, MQTTErrorCode):
         return None

@@ -1,1 +1,1 @@
-"""The command line: one file a command; the only place that sees every package."""
+"""The command line: one file per command; the only package that imports all others."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BrokerOptions:
-    """The options, in the order of `--help`; `with_broker` gives them to a command."""
+    """The options, in the order of `--help`; `with_broker` adds them to a command."""
 
     broker: Annotated[
         str, typer.Option(help="MQTT broker: host, host:port or mqtts://host:port.")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from traverse.protocol.messages.scan import ScanMode
 
 FIND_S = 2.0
-CONNECT_S = 2.0  # somebody waits for it at a terminal
+CONNECT_S = 2.0  # a user waits for it at a terminal
 
 ArmName = Annotated[
     str | None, typer.Option("--arm", help="Name of the arm; else the only one.")
@@ -208,7 +208,7 @@ def _send(
     name: str | None,
     broker: BrokerOptions,
     act: Callable[["Arm"], Awaitable[Any]],
-) -> Any:  # noqa: ANN401 - what the command gives
+) -> Any:  # noqa: ANN401 - the command's result
     """Have an arm do something; ends the program where it does not."""
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
     from traverse.client.mqtt.discovery import find_arms  # noqa: PLC0415

@@ -80,7 +80,7 @@ def client_errors(command: str) -> Iterator[None]:
     """End with exit status 2 where the arm refuses, 3 where it is not reached."""
     from traverse.client.errors import ClientError, CommandRefused  # noqa: PLC0415
 
-    # What goes wrong ends the command with the same words.
+    # Errors end the command with the same text.
     logging.getLogger("traverse.client").addHandler(logging.NullHandler())
     try:
         yield

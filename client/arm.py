@@ -1,4 +1,4 @@
-"""An arm as a program sees it: `async with Arm("bench-7") as arm`."""
+"""Programming interface to one arm: `async with Arm("bench-7") as arm`."""
 
 import asyncio
 import logging
@@ -148,7 +148,7 @@ class Arm(ArmCommands):
         broker: "host", "host:port", "mqtts://host:port", or a BrokerAddress.
         since: where points begin: "now"; "session", with all of the arm's present
             session; "beginning", with all that the arm's outbox holds; or next numbers
-            by session as `cursor` gives them, the newest session last.
+            by session as returned by `cursor`, the newest session last.
         cursor_file: where the consumer's cursor is kept; where this file is there it
             counts instead of ``since``.
         connect_timeout_s: so long the first connection may take.

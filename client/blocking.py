@@ -65,7 +65,7 @@ class LoopThread:
 
 
 class AsyncSource(Generic[T]):
-    """What an asynchronous iterator gives, one after the other.
+    """Items of an asynchronous iterator, one after the other.
 
     A wait that was interrupted (Ctrl-C) or took too long loses nothing: the next one
     continues with it.
@@ -229,7 +229,7 @@ class BlockingArm:
         held: bool = False,
         idle_timeout_s: float | None = None,
     ) -> Iterator[TimedIterator[Scan]]:
-        """A scan that runs while a `with` does; gives its blocks."""
+        """A scan that runs inside a `with` block; iterates over its blocks."""
         loop = self._running()
         blocks = self._arm.scan(
             mode,
@@ -256,11 +256,11 @@ class BlockingArm:
     def capture(
         self, samples: int | None = None, dwell_s: float | None = None
     ) -> Point:
-        """Take a point now; the arm has it on disk when this returns."""
+        """Take a point now; it is stored on the arm's disk when this returns."""
         return self._do(self._arm.capture(samples, dwell_s))
 
     def undo(self, point_id: str | None = None) -> Point:
-        """Take the last point back; gives the retraction."""
+        """Retract the last point; return the retraction."""
         return self._do(self._arm.undo(point_id))
 
     def label(self, artefact: str | None = None, feature: str | None = None) -> None:
@@ -268,11 +268,11 @@ class BlockingArm:
         self._do(self._arm.label(artefact, feature))
 
     def probe(self, name: str) -> str:
-        """Change the probe; gives the digest of the arm with it."""
+        """Change the probe; return the digest of the arm with it."""
         return self._do(self._arm.probe(name))
 
     def reload(self) -> str:
-        """Have arm file and configuration read again; gives the arm's digest."""
+        """Reload arm file and configuration; return the arm's digest."""
         return self._do(self._arm.reload())
 
     def align(
@@ -291,7 +291,7 @@ class BlockingArm:
         self._do(self._arm.clear_alignment())
 
     def new_session(self, note: str | None = None) -> str:
-        """Number from 0 again; gives the new session."""
+        """Start a new session, numbered from 0; return it."""
         return self._do(self._arm.new_session(note))
 
     def sessions(self) -> tuple[StoredSession, ...]:
@@ -301,13 +301,13 @@ class BlockingArm:
     def resend(
         self, session: str, from_seq: int = 0, to_seq: int | None = None
     ) -> Resent:
-        """Have points sent again, to everybody who follows the arm."""
+        """Request points again, for all followers of the arm."""
         return self._do(self._arm.resend(session, from_seq, to_seq))
 
     def resend_scan(
         self, scan: str, from_seq: int = 0, to_seq: int | None = None
     ) -> ResentScan:
-        """Have blocks of a scan sent again, to everybody who follows the scans."""
+        """Request blocks of a scan again, for all followers of the scans."""
         return self._do(self._arm.resend_scan(scan, from_seq, to_seq))
 
     def execute(self, args: Args) -> Mapping[str, Any]:

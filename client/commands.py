@@ -60,7 +60,7 @@ class ArmCommands(ABC):
     async def capture(
         self, samples: int | None = None, dwell_s: float | None = None
     ) -> Point:
-        """Take a point now; the arm has it on disk when this returns.
+        """Take a point now; it is stored on the arm's disk when this returns.
 
         Args:
             samples: so many are averaged; or
@@ -72,7 +72,7 @@ class ArmCommands(ABC):
         return await self._point(await self.execute(args, extra_timeout_s=longest_s))
 
     async def undo(self, point_id: str | None = None) -> Point:
-        """Take the last point back; gives the retraction, which is a point too.
+        """Retract the last point; return the retraction, which is a point too.
 
         Args:
             point_id: if given, it must be that point.
@@ -87,7 +87,7 @@ class ArmCommands(ABC):
         await self.execute(LabelArgs(artefact=artefact, feature=feature))
 
     async def probe(self, name: str) -> str:
-        """Change the probe; gives the digest of the arm with it."""
+        """Change the probe; return the digest of the arm with it."""
         return str((await self.execute(ProbeArgs(name=name)))["model"])
 
     async def confirm_reference(
@@ -96,7 +96,7 @@ class ArmCommands(ABC):
         """Accept the positions of the encoders as right, after a loss of power.
 
         Args:
-            at_xyz_mm: where the probe is known to be, in the arm's system; refused if
+            at_xyz_mm: the probe's known position, in the arm's system; refused if
                 it is farther away than
             tolerance_mm: this.
 
@@ -109,7 +109,7 @@ class ArmCommands(ABC):
         return list((await self.execute(args))["confirmed"])
 
     async def reload(self) -> str:
-        """Have arm file and configuration read again; gives the arm's digest."""
+        """Reload arm file and configuration; return the arm's digest."""
         return str((await self.execute(ReloadArgs()))["model"])
 
     async def align(
@@ -143,7 +143,7 @@ class ArmCommands(ABC):
         await self.execute(AlignArgs(action="clear"))
 
     async def new_session(self, note: str | None = None) -> str:
-        """Number from 0 again; gives the new session."""
+        """Start a new session, numbered from 0; return it."""
         args = SessionArgs(action="new", note=note)
         return str((await self.execute(args))["session"])
 
@@ -180,7 +180,7 @@ class ArmCommands(ABC):
     async def resend(
         self, session: str, from_seq: int = 0, to_seq: int | None = None
     ) -> Resent:
-        """Have points sent again, to everybody who follows the arm.
+        """Request points again, for all followers of the arm.
 
         What was missed is requested automatically: `points` needs no help.
         """
@@ -190,7 +190,7 @@ class ArmCommands(ABC):
     async def resend_scan(
         self, scan: str, from_seq: int = 0, to_seq: int | None = None
     ) -> ResentScan:
-        """Have blocks of a scan sent again, to everybody who follows the arm's scans.
+        """Request blocks of a scan again, for all followers of the arm's scans.
 
         The arm has them where its configuration delivers scans completely.
         """

@@ -2,8 +2,8 @@
 
 A command may be lost on either side of the broker. It is sent again, with the same
 `request`, whenever a connection or the arm is there again: the daemon
-gives a repeated request its first answer. A daemon that was started anew remembers no
-requests, so a command that does something each time is not repeated to it.
+answers a repeated request with its first reply. A restarted daemon remembers no
+requests, so a command that acts each time is not repeated to it.
 """
 
 import asyncio

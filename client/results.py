@@ -16,7 +16,7 @@ def _time(value: object) -> object:
 
 
 class CommandResult(BaseModel):
-    """What a command has brought; keys of a newer daemon are left out."""
+    """Result of a command; unknown keys of a newer daemon are dropped."""
 
     model_config = ConfigDict(frozen=True, strict=True, extra="ignore")
 

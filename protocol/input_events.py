@@ -1,4 +1,4 @@
-"""Events of the kernel's input devices (evdev), as /dev/input/event* gives them.
+"""Events of the kernel's input devices (evdev), as read from /dev/input/event*.
 
     struct input_event {
         long seconds, microseconds; u16 type, code; s32 value;

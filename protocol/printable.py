@@ -4,7 +4,7 @@
 def printable(text: str) -> str:
     r"""Escape what does not print, such as `\n` and `\x1b`, as Python writes it.
 
-    So nobody can begin a line, move the cursor or turn the direction of writing.
+    So no text can begin a line, move the cursor or turn the direction of writing.
     """
     if text.isprintable():
         return text

@@ -12,7 +12,7 @@ P is big-endian: with multi-turn encoders the turns as 16 bits, signed; then the
 position from the highest bit down, 2 bytes up to 14 bits and 3 bytes above, its two
 lowest bits error and warning, which are 0 when there is something to report. D has its
 bits set when there is; T is signed, in tenths of a degree Celsius. There is no check
-sum: a header and the bits that must be 0 are all that a reply can be known by.
+sum: a header and the bits that must be 0 are all that identifies a reply.
 
 Settings are sent after the four bytes of `UNLOCK`, a millisecond or more between two
 bytes, each of which is echoed: `STOP` and `START` of the continuous mode, in which the
@@ -21,7 +21,7 @@ which request and how often.
 
 The bytes of commands and replies rest on three independent implementations and on
 data sheets as they quote them. That bits between position and status are 0, and that a
-reply tells where the shaft was when its request came, is general knowledge and not
+reply states the position at the arrival of its request, is general knowledge and not
 confirmed by the makers' documents.
 """
 

@@ -39,14 +39,14 @@ class KindTable(StrictModel):
 
     @classmethod
     def from_table(cls, table: object) -> Self:
-        """Make a table of the class that its kind asks for."""
+        """Make a table of the class for its kind."""
         if isinstance(table, cls):
             return table
         return cls.variant(table).model_validate(table)
 
 
 class _UnknownKind(KindTable):
-    """Of no known kind: refused for that alone, not for its other keys."""
+    """A table of unknown kind: only the kind is an error, not the other keys."""
 
     model_config = ConfigDict(extra="ignore")
 

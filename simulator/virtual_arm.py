@@ -29,7 +29,7 @@ from traverse.simulator.scenario.script import Script
 from traverse.simulator.scenario.wiring import CountSource, ScriptedCounts
 from traverse.strict_toml.problems import FileError, Problem
 
-LIMIT_RAD = 2.9  # of every turn, where the configuration gives none
+LIMIT_RAD = 2.9  # of every turn, default of the configuration
 WIDEST_WORD = 2**32
 
 

@@ -143,7 +143,7 @@ def problem_from_error(error: Mapping[str, Any], known: Collection[str]) -> Prob
 
     Args:
         error: Type, loc, msg, input and optionally ctx of the error.
-        known: The keys that exist in the table where the error was found.
+        known: The valid keys of the table with the error.
     """
     location: tuple[str | int, ...] = error["loc"]
     kind: str = error["type"]

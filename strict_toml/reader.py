@@ -1,6 +1,6 @@
 """Strict reading: a TOML file as a frozen model, with every mistake of it at once.
 
-The only module of the package that knows pydantic; validation errors leave it as
+The only module of the package that uses pydantic; validation errors leave it as
 `Problem` values.
 """
 
@@ -118,7 +118,7 @@ def _model_problems(
     for error in errors:
         location = _location_in_file(error["loc"], raw)
         if error["type"] == "too_short" and not _is_short(raw, location, error["ctx"]):
-            continue  # it is long enough; its entries are wrong, which is told
+            continue  # it is long enough; its entries are wrong, which is reported
         known = _known_keys(model, raw, location[:-1])
         problem = problem_from_error({**error, "loc": location}, known)
         if problem.where not in keys:

@@ -1,7 +1,7 @@
 """The text of an arm file from its plain values, in the layout people know.
 
 Numbers are written in the shortest decimals that give back the same bits. The only
-module beside `arm_file`, whose part it is, that knows tomlkit.
+module beside `arm_file`, whose part it is, that uses tomlkit.
 """
 
 import json
@@ -47,7 +47,7 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
     Raises:
         OSError: it cannot be written; its `filename` is `path`.
     """
-    # A symbolic link goes on pointing to the file; the file is replaced.
+    # A symbolic link still points to the file; the file is replaced.
     target = path.resolve()
     fresh = target.with_name(f".{target.name}.{os.getpid()}.new")
     try:

@@ -1,4 +1,4 @@
-"""`traverse align`: where the part is, how well that is known, and its use."""
+"""`traverse align`: place of the part, its uncertainty, and its use."""
 
 import json
 from pathlib import Path

@@ -39,7 +39,7 @@ from traverse.lab.report.provenance import (
 def compute_alignment(
     points: Path, nominal_file: Path, options: AlignmentOptions
 ) -> dict[str, Any]:
-    """Read everything, compute everything; gives the values of alignment.json.
+    """Read everything, compute everything; return the values of alignment.json.
 
     Raises:
         FileError: A file was refused.

@@ -59,7 +59,7 @@ def _of_campaign(folder: Path, coordinates: str, arm: Arm | None) -> list[Touch]
 
 
 def arm_of(touches: Sequence[Touch]) -> str | None:
-    """The arm that took them; None where that is not known.
+    """The arm that took them; None if unknown.
 
     Raises:
         ValueError: Several arms did.

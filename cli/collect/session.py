@@ -192,7 +192,7 @@ class _Session:
         self._count(suspect)
 
     def _count(self, touch: CollectedTouch) -> None:
-        self._suspect = None  # whoever touched it knew better at once
+        self._suspect = None  # the operator has corrected it
         target = self._collection.target(touch.artefact, touch.feature)
         if target is not None and self._collection.take(touch):
             done = self._collection.count(target)

@@ -173,7 +173,7 @@ def _collected(
     *,
     quiet: bool,
 ) -> Path:
-    """Have a check collected, guided; gives its folder.
+    """Guide the collection of a check; return its folder.
 
     `again` is the command that computes a folder later.
     """

@@ -101,7 +101,7 @@ def selected_points(
     """Points of a source; without retracted ones, unless requested."""
     gone: set[str] = set()
     if not retracted:
-        # They are known only when all has been read: once for them, once for points.
+        # Retractions are known only after a full read: so the file is read twice.
         gone = {p.retracts for p in points_of(source) if p.retracts is not None}
     for point in points_of(source):
         if session is not None and point.session != session:

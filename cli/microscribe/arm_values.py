@@ -51,7 +51,7 @@ def arm_from_microscribe(
     """Make an arm of a MicroScribe's report.
 
     Args:
-        told: by the arm.
+        told: reported by the arm.
         device: id that it will have in the daemon's configuration.
         radius_mm: of the ball, 0 for a pointed stylus.
 

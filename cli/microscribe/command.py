@@ -1,4 +1,4 @@
-"""`traverse microscribe`: from an arm that knows its geometry to a running daemon."""
+"""`traverse microscribe`: from an arm that stores its geometry to a running daemon."""
 
 import json
 import re

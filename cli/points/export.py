@@ -15,7 +15,7 @@ FORMATS = {"csv": Csv, "jsonl": JsonLines}
 def write_points(
     messages: Iterable[StoredMessage], file: IO[bytes], as_format: str
 ) -> tuple[int, list[str]]:
-    """Write messages; gives how many were written, and what was wrong with others."""
+    """Write messages; return how many were written, and errors of the others."""
     unreadable = []
     sink = FORMATS[as_format](file)
     sink.points([])

@@ -1,4 +1,4 @@
-"""A probe checked by pivoting in a cone: what was found beside what was known."""
+"""A probe checked by pivoting in a cone: the result beside the previous vector."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ class Check:
         cone: the artefact in which the ball sat.
         n: how many poses.
         pivot: what was fitted.
-        known_mm: the vector that was known, (3,).
+        known_mm: the previous vector, (3,).
         off_mm: how far the found one is from it.
         off_sigma: the same in standard deviations of the found one (Mahalanobis).
     """
@@ -91,7 +91,7 @@ def pivoted(
     Args:
         folder: of the campaign.
         arm: with its effects, which are corrected; none of the touch, in a cone.
-        probe: what is known; None: the arm's own.
+        probe: the previous probe; None: the arm's own.
         cone: id of the artefact; None where there is only one cone.
 
     Raises:

@@ -13,7 +13,7 @@ from traverse.protocol.topics import point_topic
 
 
 async def published(points: Sequence[Point], broker: BrokerAddress) -> int:
-    """Publish points; gives how many.
+    """Publish points; return how many.
 
     Sessions and ids are new ones: these points must not be taken for the captured
     ones, or leave them out because he has them.

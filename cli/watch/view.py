@@ -34,7 +34,7 @@ MM = Unit("mm", 1.0, 4)
 
 
 def picture(name: str, sight: ArmSight) -> RenderableType:
-    """All that is known of an arm, for a terminal."""
+    """State of an arm, for a terminal."""
     said = verdict(sight)
     head = f" {said.word.upper()}  {printable(said.text)} "
     lines: list[RenderableType] = [Text(head, style=COLOURS[said.level])]

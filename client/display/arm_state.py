@@ -36,9 +36,9 @@ class Change:
     """Something that every open page should show at once.
 
     Attributes:
-        kind: "point", "retraction", "stored" (either of them, of before, come late),
+        kind: "point", "retraction", "stored" (either of them, older, received late),
             "scan" (ended), "refused", "alarm", "cleared", "link", "status",
-            "absent" (no arm of this name has been heard).
+            "absent" (no message of this arm was received).
         text: for the user; empty where there is none.
         point: received.
     """
@@ -55,7 +55,7 @@ class ScanProgress:
     Attributes:
         points: delivered so far.
         lost: dropped by the daemon, or lost between device and daemon.
-        in_doubt: of those that came here, points with a flag that is no remark.
+        in_doubt: of those received here, points with a flag that is no remark.
     """
 
     scan: str
@@ -75,7 +75,7 @@ class ScanProgress:
 
 @dataclass(slots=True)
 class ArmSight:
-    """What is known of one arm.
+    """Last known state of one arm.
 
     Args:
         now_s: a monotonic clock.
@@ -85,9 +85,9 @@ class ArmSight:
         shown_session: an earlier session whose points are to be shown; None: the arm's.
         alarms: conditions that last, by code and source.
         events: the latest ones.
-        coverage: samples seen in each of 36 sectors of a joint's reading,
+        coverage: samples received in each of 36 sectors of a joint's reading,
             (n_joints, 36); None before the first pose.
-        scan: the latest; None where none is known.
+        scan: the latest; None if unknown.
         label: what the next points are taken on; None while unknown.
         probe: name of the probe; empty while unknown.
         aligned_ns: when the alignment was last set or cleared, as far as known.
@@ -180,7 +180,7 @@ class ArmSight:
 
     @property
     def known_label(self) -> Label | None:
-        """What the next points are taken on, as far as known."""
+        """Artefact or feature of the next points, as far as known."""
         if self.label is None and self.last_point is not None:
             return self.last_point.label
         return self.label
@@ -260,7 +260,7 @@ class ArmSight:
             self.alarms.clear()
             self.scan, self.label, self.probe = None, None, ""
         elif status.alarms is not None:
-            # Also those that began, or ended, while nobody here was connected.
+            # Includes those that began or ended while disconnected.
             self.alarms = {(a.code, a.source): a for a in status.alarms}
         self.label = status.label or self.label
         self.probe = status.probe or self.probe

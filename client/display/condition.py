@@ -40,7 +40,7 @@ class Verdict:
         word: for the eye at 2 m.
         sentence, remedy: for people.
         others: how many more conditions there are.
-        activity: what goes on beside that: a scan.
+        activity: what runs besides: a scan.
     """
 
     level: Level
@@ -85,7 +85,7 @@ def obstacle(sight: ArmSight, *, needs_pose: bool) -> str:
 
 
 def needs_reference(sight: ArmSight) -> bool:
-    """Whether somebody has to confirm the encoders' positions."""
+    """Whether the operator has to confirm the encoders' positions."""
     flags = sight.live.quality.flags if sight.live else ()
     return "turns_uncertain" in flags and not sight.is_stale
 
@@ -151,7 +151,7 @@ def _conditions(sight: ArmSight) -> Iterator[Verdict]:
 
 
 def _of_alarm(alarm: Event | Alarm) -> Verdict:
-    # Measuring goes on in doubt, which ends when somebody confirms.
+    # Measuring continues with a warning until the operator confirms.
     is_grave = alarm.severity == "error" and alarm.code != TURNS_UNCERTAIN
     return Verdict(
         "bad" if is_grave else "warning",

@@ -45,7 +45,7 @@ UNITS = {unit.name: unit for unit in (MM, INCH)}
 
 
 def place_mm(of: Live | Point, system: System) -> Vector | None:
-    """Ball centre in a system; None where it is not known there."""
+    """Ball centre in a system; None if unknown there."""
     return of.xyz_mm if system == "arm" else of.part_xyz_mm
 
 

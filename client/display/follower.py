@@ -34,9 +34,9 @@ class Follower:
         broker: where it reports to.
 
     Attributes:
-        sight: what is known of the arm.
+        sight: last known state of the arm.
         cloud: of scanned points.
-        broker: as given.
+        broker: address of the broker.
     """
 
     def __init__(self, name: str, broker: BrokerAddress) -> None:
@@ -89,7 +89,7 @@ class Follower:
     async def do(
         self, act: Callable[[Arm], Awaitable[object]], *, needs_pose: bool = False
     ) -> bool:
-        """Carry a command out; whether it was, else the sight tells why not."""
+        """Execute a command; return whether it succeeded (`sight` shows why not)."""
         reason = obstacle(self.sight, needs_pose=needs_pose)
         if reason or self._arm is None:
             self.sight.refuse("this is not possible now", reason)
@@ -151,7 +151,7 @@ class Follower:
     async def _absence(self, _: Arm) -> None:
         await asyncio.sleep(ABSENT_S)
         if self.sight.status is None:
-            # Where the broker has gone, that is reported elsewhere.
+            # A lost broker is reported elsewhere.
             with contextlib.suppress(ClientError):
                 self.sight.take_absence(
                     await absence_of(self.name, self.broker, ABSENT_S)

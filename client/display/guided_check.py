@@ -1,4 +1,4 @@
-"""Guided checks: what to do, how far one is, what came out, and whether it passed."""
+"""Guided checks: instructions, progress, results, and verdicts."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -26,8 +26,8 @@ class GuidedCheck:
         kind: "articulation": one point, a cone, from many postures; "sphere".
         wanted: number of points to take.
         limit_mm: permitted: of the largest deviation from the mean, or of the sphere's
-            form and its error of size; None: nobody has said.
-        diameter_mm: of the sphere by its certificate; None: it is not known.
+            form and its error of size; None: not set.
+        diameter_mm: of the sphere by its certificate; None: unknown.
         begun_ns: points of before do not count [UTC].
         points: taken so far.
         suspect: a touch that cannot be of the same seat; not counted.
@@ -73,7 +73,7 @@ class GuidedCheck:
             self.suspect = point
         else:
             self.points.append(point)
-            self.suspect = None  # whoever touched it knew better at once
+            self.suspect = None  # the operator has corrected it
 
     def undo(self, point_id: str) -> None:
         """A point was taken back."""

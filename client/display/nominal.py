@@ -15,7 +15,7 @@ class Deviation:
     Attributes:
         offsets_mm: in x, y, z; None where the nominal place leaves that open.
         distance_mm: over the coordinates that count.
-        expanded_mm: its expanded uncertainty (k = 2); None: not known.
+        expanded_mm: its expanded uncertainty (k = 2); None: unknown.
         tolerance_mm: permitted distance.
     """
 

@@ -112,7 +112,7 @@ class Parquet(Sink):
             self._arrow.array(table.time_ns).cast(self._schema.field("time").type),
             *(self._arrow.array(table.xyz_mm[:, i]) for i in range(3)),
             *(self._arrow.array(table.ijk[:, i]) for i in range(3)),
-            # NaN means that it is not known: a null.
+            # NaN means unknown: a null.
             *(
                 self._arrow.array(table.std_mm[:, i], from_pandas=True)
                 for i in range(3)

@@ -55,7 +55,7 @@ class LineTemplate:
         self.filled(specimen)
 
     def filled(self, values: Mapping[str, Any]) -> str:
-        """The text with these values; what is not known is empty."""
+        """The text with these values; unknown ones are empty."""
         parts = []
         for text, name, spec, _ in self._parts:
             parts.append(text)

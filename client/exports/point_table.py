@@ -26,7 +26,7 @@ class PointTable:
         time_ns: instants [UTC], (n,).
         xyz_mm: coordinates, (n, 3).
         ijk: the shank, (n, 3).
-        std_mm: standard deviations of xyz_mm, (n, 3); NaN where they are not known.
+        std_mm: standard deviations of xyz_mm, (n, 3); NaN if unknown.
         quality: bits of the table of quality flags, (n,).
     """
 

@@ -50,7 +50,7 @@ FORMULA = tuple("=+-@")
 
 
 def row_of(point: Point) -> list[Any]:
-    """A point in the order of `COLUMNS`; None for what is not known."""
+    """A point in the order of `COLUMNS`; None for unknown values."""
     return [
         *(point.session, point.seq, point.id, point.retracts),
         *(point.time_ns, *_iso_times([point.time_ns]), point.trigger),
@@ -118,7 +118,7 @@ def _iso_times(time_ns: ArrayLike) -> list[str]:
 
 
 class Csv(Sink):
-    """Comma-separated, a header line first; what is not known is empty.
+    """Comma-separated, a header line first; unknown values are empty.
 
     A label that a spreadsheet would take for a formula has an apostrophe before it.
     """
@@ -126,7 +126,7 @@ class Csv(Sink):
     _has_head = False
 
     def points(self, points: Sequence[Point]) -> None:
-        """Write points with all that is known of them."""
+        """Write points with all their fields."""
         rows = [row_of(point) for point in points]
         for row in rows:
             row[LABEL] = [_not_a_formula(name) for name in row[LABEL]]

@@ -1,4 +1,4 @@
-"""Lines to everybody who connects over TCP."""
+"""Lines to all TCP clients."""
 
 import asyncio
 import fcntl
@@ -42,7 +42,7 @@ class TcpOutlet(Outlet):
         self._server: asyncio.Server | None = None
 
     @property
-    def name(self) -> str:  # type: ignore[override]  # the port is known when it listens
+    def name(self) -> str:  # type: ignore[override]  # port assigned on listening
         """Where it listens."""
         return f"tcp {self._host}:{self.port}"
 
@@ -75,7 +75,7 @@ class TcpOutlet(Outlet):
             self._report(f"{name} is refused: {MAX_RECEIVERS} receivers are connected")
             writer.close()
             return
-        # Nothing waits in this program for a receiver that may be gone.
+        # No data is buffered here for a receiver that may be gone.
         writer.transport.set_write_buffer_limits(high=0)
         self._receivers[name] = writer
         self._report(f"{name} is connected")
@@ -102,7 +102,7 @@ class TcpOutlet(Outlet):
             async with asyncio.timeout(WRITE_S):
                 writer.write(data)
                 await writer.drain()
-                while _unconfirmed(writer):  # noqa: ASYNC110 - no event tells of it
+                while _unconfirmed(writer):  # noqa: ASYNC110 - no event reports it
                     await asyncio.sleep(LOOK_S)
         except TimeoutError:
             self._drop(name, f"has taken nothing for {WRITE_S:g} s: disconnected")

@@ -129,7 +129,7 @@ class ManualAckConnection(ConfiguredClient):
             )
 
     async def send(self, topic: str, payload: bytes) -> None:
-        """Publish with quality of service 1; returns when the broker has it.
+        """Publish with quality of service 1; returns on the broker's acknowledgement.
 
         Raises:
             aiomqtt.MqttError: the connection is lost.

@@ -82,7 +82,7 @@ class Guard:
         self._app = app
         self._token = token
         self._hosts = frozenset(hosts)
-        # Not the token itself: a cookie lies about in more places.
+        # Not the token itself: a cookie is stored in more places.
         self._key = secrets.token_hex(24)
         self._wrong_s: list[float] = []
 

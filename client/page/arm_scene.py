@@ -50,7 +50,7 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
         self._shown = None
 
     def show_points(self, points: Iterable[Point]) -> None:
-        """These points stand, and no others."""
+        """Show these points, and no others."""
         self.run_method("show_points", _rows(points))
 
     def add_points(self, points: Iterable[Point]) -> None:

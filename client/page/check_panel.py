@@ -25,7 +25,7 @@ class CheckPanel:
     Args:
         follower: of the arm; sets the label of the check's points.
         desk: the check itself.
-        dialogs: asks for limits.
+        dialogs: dialogs that request limits.
     """
 
     def __init__(self, follower: Follower, desk: CheckDesk, dialogs: Dialogs) -> None:

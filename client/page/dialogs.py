@@ -25,7 +25,7 @@ class Dialogs:
             title: the question.
             actions: the answers besides "Cancel"; the first is the one of Enter.
             fields: what is to be filled in, with what is there.
-            more: to be known before an answer.
+            more: further text above the buttons.
 
         Returns:
             The action, empty where there was none, and what was filled in.

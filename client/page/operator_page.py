@@ -43,7 +43,7 @@ class OperatorPage:
         desk: the guided check.
         choices: of what is shown.
         cloud_url: where scanned points are fetched.
-        export: gives the points as a file: name and content.
+        export: returns the points as a file: name and content.
     """
 
     def __init__(
@@ -135,7 +135,7 @@ class OperatorPage:
         if kind in ("alarm", "cleared"):
             self._show_verdict()
         if kind == "stored" or point is None:
-            return  # points that come late, or of another session: see `_fast`
+            return  # late points, or those of another session: see `_fast`
         if point.retracts is not None:
             self._scene.remove_point(point.retracts)
         elif not self._sight.shown_session:
@@ -144,7 +144,7 @@ class OperatorPage:
         self._check.show()
 
     def _tell_absence(self) -> None:
-        """Broker or arm have gone, or come back."""
+        """Notify that broker or arm are gone, or back."""
         is_online = self._sight.is_online
         if self._was_online and not is_online:
             self._is_gone = True

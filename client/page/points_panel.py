@@ -17,7 +17,7 @@ class PointsPanel:
 
     Args:
         choices: unit and system.
-        saving: gives what saves the points as a kind of file.
+        saving: returns the handler that saves points as a kind of file.
         show_session: called with the session whose points are to be shown; None: the
             arm's.
     """
@@ -71,6 +71,6 @@ class PointsPanel:
         self._forth.set_visibility(sight.shown_session is not None)
 
     def show_age(self, sight: ArmSight) -> None:
-        """Grey it where more points may have been taken than are known here."""
+        """Disable it where points may be missing here."""
         old = not sight.is_online
         self._panel.classes(add="old" if old else "", remove="" if old else "old")

@@ -1,4 +1,4 @@
-"""The digital read-out: where the probe is, and how well that is known."""
+"""The digital read-out: position of the probe, and its uncertainty."""
 
 from dataclasses import dataclass
 from html import escape
@@ -75,7 +75,7 @@ class Figures:
             ui.label("STALE").classes("stale-word").props('aria-hidden="true"')
 
     def show(self, sight: ArmSight) -> None:
-        """Show what is known now."""
+        """Show the current state."""
         stale = sight.is_stale
         self._panel.classes(
             add="stale" if stale else "", remove="" if stale else "stale"
@@ -152,7 +152,7 @@ def point_rows(
 
     Args:
         points: to be shown, oldest first.
-        newest: the one that has just come.
+        newest: the one received last.
         system: of the coordinates.
         unit: likewise.
         aligned_ns: part coordinates of before are of another system.

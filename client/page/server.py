@@ -39,10 +39,10 @@ def serve(
 
     Args:
         follower: of the arm.
-        export: gives points as a file of some kind: name and content.
+        export: returns points as a file of some kind: name and content.
         host: to listen on.
         port: likewise.
-        token: who has it may see the page; None: who is on this machine.
+        token: grants access to the page; None: access from this machine only.
         certificate: for TLS.
         key: of the certificate.
         show: open a browser.

@@ -19,7 +19,7 @@ class SetupBar:
     Args:
         follower: of the arm.
         choices: what is shown how; changed here.
-        dialogs: asks.
+        dialogs: shows questions.
         changed: called when choices have changed.
     """
 

@@ -25,10 +25,10 @@ CANNOT = ("command.not_available", "command.bad_args")
 
 
 class GapFiller:
-    """Finds out what is missing, and has it sent again.
+    """Determines missing points, and requests them again.
 
     Args:
-        order: knows what is missing.
+        order: determines what is missing.
         link: the connection.
         requests: the way to the outbox.
         room: how many points may be requested now.

@@ -60,7 +60,7 @@ class ReorderBuffer:
         n_taken: all received points.
         duplicates: repeated points.
         put_back: points for which there was no room; they are requested again.
-        asked: points that were requested again.
+        asked: number of points requested again.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class ReorderBuffer:
         return followed + sum(map(len, self._unknown_sessions.values()))
 
     def take(self, point: Point, *, room: bool = True) -> None:
-        """A point was received; without room it only counts as seen."""
+        """Process a received point; without room it is only counted."""
         self.n_taken += 1
         followed = self._sessions.get(point.session)
         if followed is None:

@@ -54,7 +54,7 @@ class SessionPoints:
         return self.has_ended and self.next_seq > self.known
 
     def missing(self) -> tuple[int, int] | None:
-        """The first gap that is known of: its first and last number."""
+        """The first known gap: its first and last number."""
         end = min(self.held) - 1 if self.held else self.known
         return None if end < self.next_seq else (self.next_seq, end)
 

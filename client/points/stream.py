@@ -109,7 +109,7 @@ class PointStream:
         self._arrived.notify()
 
     def commit_current(self) -> None:
-        """The reader is done with what it was given last."""
+        """Mark the item returned last as processed."""
         item, self._current = self._current, None
         if item is None:
             return

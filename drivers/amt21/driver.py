@@ -1,7 +1,7 @@
 """Driver of Same Sky (CUI) AMT21 encoders on one RS-485 line.
 
 Each encoder is polled in turn; a reading belongs to the middle of its exchange. What an
-encoder does between request and reply is not known better than that: that it latches
+encoder does between request and reply is not specified more precisely: that it latches
 when the request arrives is general knowledge, and not confirmed, as is that the turns
 of a multi-turn encoder change where its position passes 0.
 """

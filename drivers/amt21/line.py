@@ -1,7 +1,7 @@
 """An RS-485 line with AMT21 encoders: one request, one reply, then the next.
 
 A reply carries no address. So whenever the line was not as quiet as it should be, it is
-given time to become quiet, and the reader learns that answers may have been shifted
+given time to become quiet, and the reader learns that replies may have been shifted
 from one encoder to the next.
 """
 
@@ -56,7 +56,7 @@ class Amt21Line:
         monotonic_ns: the host's clock.
         timeout_s: within which an encoder answers through this adapter; half of it is
             the most by which the time of an answer may be off.
-        echoed: the adapter gives back what is sent; see `find_echo`.
+        echoed: the adapter echoes what is sent; see `find_echo`.
 
     Attributes:
         exchange_ns: how long an exchange takes, on average.
@@ -154,7 +154,7 @@ class Amt21Line:
     def take_validity(self) -> bool:
         """Whether since the last call every answer was from the encoder requested."""
         if self._missed:
-            # The reply that was given up may still arrive, or have displaced others.
+            # The reply that timed out may still arrive, or have displaced others.
             if late := self._until_quiet(self._usual_ns()):
                 self.unrequested_bytes += len(late)
                 self._disturbed = True

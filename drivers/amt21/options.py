@@ -17,7 +17,7 @@ class Amt21Options(PolledOptions):
         addresses: of the encoders.
         bits: resolution of the encoders, 12 or 14.
         turns: they count whole turns, which are to be read too.
-        echo: whether the adapter gives back what is sent.
+        echo: whether the adapter echoes what is sent.
     """
 
     port: str = Field(min_length=1)

@@ -132,7 +132,7 @@ class DeliveryQueue:
 
         Consecutive samples of one stream arrive as one block, after a stall
         as some: what is computed of a block takes a hundred times its memory, and what
-        was needed once is never quite given back.
+        was needed once is never fully released.
         """
         await self._filled.wait()
         early_ns = self._last_edges_ns + EDGE_INTERVAL_NS - self._now_ns()

@@ -118,7 +118,7 @@ class Driver(ABC):
 
     def request_stream(self, rate_hz: float) -> None:
         """Stream timed samples at ``rate_hz`` from now on; 0 stops the stream."""
-        self._rate_hz = rate_hz  # first: the thread reads it when it sees the number
+        self._rate_hz = rate_hz  # first: the thread reads it when it reads the number
         self._streams_requested += 1
         self._wake()
 

@@ -1,4 +1,4 @@
-"""What a driver delivers: frozen values, one for each thing that can happen."""
+"""Values that a driver delivers: one frozen class for each kind of event."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

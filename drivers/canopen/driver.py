@@ -2,7 +2,7 @@
 
 Every node is set up to send its position (object 6004) at each SYNC, which works with
 all makers whose manuals were read; nothing is stored in the encoders. A sample has the
-instant of its SYNC: the kernel's time stamp of the frame where the interface gives it,
+instant of its SYNC: the kernel's time stamp of the frame if the interface has it,
 else the moment right after it was sent.
 
 Rests on general knowledge, to be checked against the encoder's manual: how a PDO is

@@ -27,7 +27,7 @@ class FrameDispatcher:
         discovery: counts answers while all nodes are called.
         sdos: by node; take answers from then on.
         cycles: take positions once there are SYNCs.
-        scheduler: knows the SYNCs that are sent or seen.
+        scheduler: schedule of the SYNCs that are sent or received.
         supervisor: looks after the nodes that were started.
     """
 

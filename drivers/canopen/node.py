@@ -149,7 +149,7 @@ def _map_position(sdo: NodeSdo, node: int) -> None:
         sdo.write(objects.TPDO_MAP, 1, objects.MAP_OF_POSITION, 4)
         sdo.write(objects.TPDO_MAP, 0, 1, 1)
     except NodeRefusedError:
-        # Some makers have a fixed map; good if the position comes first in it.
+        # Some makers have a fixed map; usable if the position is first in it.
         if sdo.read_number(objects.TPDO_MAP, 1) != objects.MAP_OF_POSITION:
             raise
     sdo.write(objects.TPDO, 1, cob_id, 4)

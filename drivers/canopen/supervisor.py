@@ -1,4 +1,4 @@
-"""What is seen to besides the positions: nodes that restart, complaints, the bus.
+"""Supervision besides positions: restarted nodes, emergencies, state of the bus.
 
 Called between two reads of the bus. Its questions to a node read the bus meanwhile, so
 no position waits for them; only one node is dealt with at a time.

@@ -44,7 +44,7 @@ class SyncCycleAssembler:
             unread, or without a position.
         complete: sets with all answers.
         delivered: samples handed over.
-        seen: bit by channel, who has answered anything since it was last cleared.
+        seen: bit by channel, set if it has answered since it was last cleared.
     """
 
     def __init__(
@@ -226,7 +226,7 @@ class SyncCycleAssembler:
         if ambiguous:
             self.pauses += 1
             self._no_pause_before_ns = next_ns
-        if not self._overflowed:  # else it may be that some were not seen
+        if not self._overflowed:  # else some may have been lost
             self._attribution.expire()
 
     def _take_extra_answer(self, channel: int) -> bool:

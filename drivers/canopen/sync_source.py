@@ -1,8 +1,8 @@
 """The source of SYNCs, and their schedule.
 
 host      this program sends them between two reads, and stamps them right after
-kernel    the kernel's broadcast manager sends them; they are seen on the bus
-external  another master sends them; they are seen on the bus
+kernel    the kernel's broadcast manager sends them; they are received from the bus
+external  another master sends them; they are received from the bus
 """
 
 import contextlib
@@ -53,14 +53,14 @@ class HostSchedule:
 
 
 class ObservedSchedule:
-    """Numbers the SYNCs that are seen, by the time between them if the period is known.
+    """Numbers received SYNCs, by the time between them if the period is known.
 
     The kernel's broadcast manager sends one a period after it sent the last, and never
     catches up: what it is late adds up. So a schedule of its own, at the rate that was
-    wanted, would drift away from it and find SYNCs missing that were never due.
+    requested, would drift away from it and find SYNCs missing that were never due.
 
     Args:
-        rate_hz: the kernel's; None where another master's is not known.
+        rate_hz: the kernel's; None if another master's is unknown.
     """
 
     def __init__(self, rate_hz: float | None) -> None:
@@ -88,7 +88,7 @@ class SyncScheduler:
 
     Attributes:
         sent: the schedule where this program sends; else None.
-        seen: the numbering where SYNCs are seen on the bus; else None.
+        seen: the numbering where SYNCs are received from the bus; else None.
         is_fast: frames arrive so often that they are better read together.
     """
 

@@ -28,7 +28,7 @@ STAMP = struct.Struct("@ll")  # seconds, nanoseconds
 LOST = struct.Struct("@I")
 SO_RCVBUFFORCE, SO_TIMESTAMPNS, SO_RXQ_OVFL = 33, 35, 40
 # The kernel doubles it and reckons 768 bytes a frame: over a second of a bus at its
-# limit. It gives net.core.rmem_max at most, as delivered 70 ms, unless it is forced,
+# limit. It allows net.core.rmem_max at most, as delivered 70 ms, unless it is forced,
 # which needs CAP_NET_ADMIN.
 RECEIVE_BUFFER_BYTES = 4 << 20
 CONTROL_BYTES = socket.CMSG_SPACE(STAMP.size) + socket.CMSG_SPACE(LOST.size)
@@ -40,7 +40,7 @@ Frame = tuple[int, bytes | bytearray, int]
 MOST_AT_ONCE = 64  # frames read before the caller may send again
 BLIND_WAIT_S = 0.02  # of an interface that nothing else can wake
 EXACTLY = 0x7FF | EXTENDED | REMOTE  # so the kernel looks it up in a table
-FULL = {errno.ENOBUFS, None}  # of the queue; of the socket python-can gives no number
+FULL = {errno.ENOBUFS, None}  # of the queue; of the socket python-can has no number
 FULL_TRIES, FULL_WAIT_S = 50, 0.001  # SocketCAN queues ten frames as it is delivered
 SLCAN_WAIT_S = 0.1  # python-can waits 2 s, for boards that restart when opened
 
@@ -288,7 +288,7 @@ def _remedy(interface: str, channel: str) -> str:
 
 
 def _descriptor(bus: can.BusABC) -> int | None:
-    """What `select` can wait for, None where the interface has no such thing."""
+    """What `select` can wait for, None where the interface has no descriptor."""
     try:
         number = bus.fileno()
     except NotImplementedError:

@@ -25,7 +25,7 @@ class BytePort(Protocol):
         """Wait for bytes; False after ``seconds`` or a wake-up without any."""
 
     def read(self) -> bytes:
-        """Read what there is, after `wait` has returned True."""
+        """Read available bytes, after `wait` has returned True."""
 
     def write(self, data: bytes) -> None:
         """Send all of ``data``."""

@@ -77,7 +77,7 @@ class SerialPort:
         return False
 
     def read(self) -> bytes:
-        """Read what there is, at most 64 KiB; empty where nothing has arrived.
+        """Read available bytes, at most 64 KiB; empty where nothing has arrived.
 
         Raises:
             DeviceError: the port has disappeared.

@@ -30,7 +30,7 @@ EDGES_HEARTBEAT_MS = 20  # of a board that never streams: nothing else has its t
 TEMPERATURE_MS = 2000
 MAX_LATCHES = 16
 QUICK_ANSWER_NS = 2_000_000  # shorter than any motion that matters
-TIE_NS = 200_000_000  # longer than that nobody waits for a quick answer
+TIE_NS = 200_000_000  # limit of waiting for a fast reply
 # The board sends an edge again after 50 ms. So it is acknowledged in a quiet moment,
 # not while its point is on its way, and several are at once.
 AGAIN_NS = 70_000_000
@@ -100,7 +100,7 @@ class LatchBoardDriver(Driver):
             raise DeviceError(f"HELLO was answered by {hello}", "update the firmware")
         check_identification(hello, self._path)
         restarted = not first and hello.boot_id != self._boot_id
-        self._latches.clear()  # their requesters have given up
+        self._latches.clear()  # their requesters have timed out
         heartbeat_ms = HEARTBEAT_MS if hello.channels else EDGES_HEARTBEAT_MS
         line.ask(
             "CONFIGURE",

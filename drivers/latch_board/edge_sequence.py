@@ -15,7 +15,7 @@ Verdict = Literal["next", "early", "waiting", "acknowledged"]
 
 
 class EdgeSequencer:
-    """The sequence of edges as the host has seen it.
+    """The sequence of edges as received by the host.
 
     Args:
         expected: number of the next edge; None until the board reports it.

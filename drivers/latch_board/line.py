@@ -74,7 +74,7 @@ class LatchBoardLine:
         return self._port.wait(seconds)
 
     def read(self, until_ns: int = 0) -> None:
-        """Read what there is and dispatch it.
+        """Read available bytes and dispatch them.
 
         Args:
             until_ns: timed samples are collected so long; anything else among them

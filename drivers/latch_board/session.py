@@ -1,6 +1,6 @@
 """An identified latch board: its samples, edges and clock.
 
-What it sends from then on is numbered, given its time and handed over.
+What it sends from then on is numbered, timed and delivered.
 """
 
 from collections import Counter
@@ -102,7 +102,7 @@ class LatchBoardSession:
     ) -> None:
         """Hand over what is new in a block.
 
-        Each read gives the clock one delay, and the smallest of many is to be found.
+        Each read is one measurement of the delay; the clock uses the smallest of many.
         """
         counters, clock = self._counters, self._clock
         if block.request != self._request:

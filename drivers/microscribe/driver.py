@@ -27,7 +27,7 @@ from traverse.drivers.polling.channel import IMPLAUSIBLE
 from traverse.drivers.polling.sampling import SampleBlockBuilder, SampleSchedule
 from traverse.plurals import counted
 
-PEDAL_HZ = 100.0  # a press is seen in two packets; least rate of requests
+PEDAL_HZ = 100.0  # a press appears in two packets; least rate of requests
 SILENCE_NS = 500_000_000
 TELL_NS = 200_000_000
 
@@ -242,7 +242,7 @@ class MicroscribeDriver(Driver):
 
         Args:
             session: with the arm.
-            heard: the packet.
+            heard: the received packet.
             seq: its number where it belongs to the stream.
             reported: sent without a request, because something had changed.
         """

@@ -113,8 +113,8 @@ class PacketClock:
         clock.update(ticks, heard.begun_ns)
         self.steps += clock.steps - self._clock_steps
         self._clock_steps = clock.steps
-        # The tick had begun and the next one had not. Where in it the host knows
-        # better: requests may keep step with the timer, and then ticks never show it.
+        # The tick had begun and the next one had not. Where in it is known to the host
+        # better: requests may run in step with the timer, then ticks never show it.
         tick_ns = clock.to_ns(ticks) - self._delay_ns
         time_ns = min(max(time_ns, tick_ns), tick_ns + round(1e9 / self._clock_hz))
         self._last_ns = time_ns = min(max(time_ns, earliest_ns), heard.begun_ns)
@@ -132,7 +132,7 @@ class PacketClock:
 def timer_runs(heard: Sequence[TimedPacket], rate_hz: float, wrap: int) -> bool:
     """Whether the arm's timer may run at about a rate: by most pairs of packets.
 
-    Not by all: where a host stood still, an answer is matched with a later request.
+    Not by all: where a host was suspended, a reply is matched with a later request.
     """
     possible = []
     for earlier, later in combinations(heard, 2):
@@ -148,7 +148,7 @@ def timer_runs(heard: Sequence[TimedPacket], rate_hz: float, wrap: int) -> bool:
 def _rate_bounds(
     earlier: TimedPacket, later: TimedPacket, passed: int
 ) -> tuple[float, float]:
-    """Least and greatest rate [Hz] of a timer that went on by some ticks between."""
+    """Least and greatest rate [Hz] of a timer that advanced by some ticks between."""
     most_ns = max(1, later.begun_ns - earlier.sent_ns)
     least_ns = later.sent_ns - earlier.begun_ns
     high_hz = (passed + 1) * 1e9 / least_ns if least_ns > 0 else math.inf

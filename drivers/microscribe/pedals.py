@@ -84,7 +84,7 @@ class PendingPedalEdges:
         self._token = 0
 
     def add(self, edge: PedalEdge) -> int:
-        """Take an edge; gives how many were lost because too many wait."""
+        """Take an edge; return how many were lost because too many wait."""
         self._token += 1
         first = edge.first
         self._waiting.append(

@@ -53,7 +53,7 @@ def connect(
     monotonic_ns: Callable[[], int],
     stopping: Callable[[], bool],
 ) -> ArmConnection:
-    """Sign on, or continue the earlier session if the arm still has it.
+    """Sign on, or continue the earlier session if the arm still holds it.
 
     Raises:
         DeviceError: there is no arm, or none that can be read.
@@ -133,7 +133,7 @@ class MicroscribeSession:
         monotonic_ns: the host's clock.
 
     Attributes:
-        channels: what is known of the encoders.
+        channels: description of the encoders.
         decoder: of the packets.
         reached_hz: packets that can be requested in a second.
         delay_ns: from the latch to the first bytes of a packet, at the quickest.

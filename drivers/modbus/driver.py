@@ -2,7 +2,7 @@
 
 Each is polled in turn; a reading belongs to the middle of its exchange. That an encoder
 latches when the request has arrived is general knowledge and differs by maker; many
-renew their position only every few milliseconds. Which registers say what is told by
+renew their position only every few milliseconds. The meaning of registers is set by
 the configuration: there is no standard.
 """
 

@@ -1,6 +1,6 @@
 """A Modbus client of pymodbus that reads and writes through a port of ours.
 
-So the port is exclusive, can be waited for together with what wakes the thread, and it
+So the port is exclusive, can be polled together with the thread's wake-up, and it
 is known when a request had left and when its reply was read.
 """
 
@@ -23,7 +23,7 @@ class ModbusClient(ModbusBaseSyncClient):
         let_pass: waits so many seconds.
         timeout_s: within which a reply is whole; may be changed.
         silence_s: between two frames.
-        echo: the adapter gives back what is sent.
+        echo: the adapter echoes what is sent.
 
     Attributes:
         sent_ns: when the last request had been written.

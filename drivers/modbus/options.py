@@ -87,7 +87,7 @@ class ModbusOptions(PolledOptions):
         baud_rate: of the line.
         parity: of its bytes.
         stop_bits: of its bytes.
-        echo: the adapter gives back what is sent.
+        echo: the adapter echoes what is sent.
         status_period_s: so often each one's status register is read; 0 for never.
     """
 

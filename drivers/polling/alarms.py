@@ -124,7 +124,7 @@ class ConditionAlarms:
         self._seen.update((channel, code) for code in codes)
 
     def report(self, names: Mapping[int, str], now_ns: int) -> None:
-        """Report what has begun, and what has not been seen since the last time.
+        """Report what has begun, and what has not recurred since the last call.
 
         Args:
             names: of the encoders, by channel, for people.

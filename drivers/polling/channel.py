@@ -45,7 +45,7 @@ UNCONFIRMED = ReadError("unconfirmed", "answers again", "")
 
 
 class PolledChannel:
-    """What is known of one encoder.
+    """State of one encoder.
 
     Args:
         name: for people, as in "encoder 0x54".

@@ -60,7 +60,7 @@ class PolledLine(Protocol):
 
     @property
     def unrequested_bytes(self) -> int:
-        """Bytes that nobody had asked for."""
+        """Number of bytes received without a request."""
 
     def close_port(self) -> None:
         """Close the ports."""

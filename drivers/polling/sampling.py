@@ -48,7 +48,7 @@ class PolledSample:
     Attributes:
         ticks: the device's timer, unwrapped; the time again where it has none.
         inputs: levels as bits.
-        status: by channel, bits ``STATUS_*``; where missing the last count stands.
+        status: by channel, bits ``STATUS_*``; if missing, the last count is repeated.
         skew_ns: by channel, from ``time_ns`` to its reading; None: all at one instant.
     """
 
@@ -72,10 +72,10 @@ def sample_of_readings(
     last_counts: Sequence[int],
     received_ns: int,
 ) -> PolledSample:
-    """Bring readings of one cycle together.
+    """Combine the readings of one cycle.
 
-    Where there is no reading its last count stands in for it, at the time at which it
-    was given up.
+    A missing reading is replaced by the last count, at the time at which it
+    timed out.
     """
     given_up = EncoderReading(0, received_ns, STATUS_MISSING)
     read = [reading or given_up for reading in readings]

@@ -150,7 +150,7 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
         self._in_hand = set(due)
 
     def _wait(self, seconds: float) -> None:
-        """In the continuous mode encoders are heard meanwhile."""
+        """In the continuous mode encoders are read meanwhile."""
         if self._continuous:
             self._open_line.listen(seconds)
         else:

@@ -79,7 +79,7 @@ class RlsLine:
 
     @property
     def may_receive_late_reply(self) -> bool:
-        """A reply that was given up may still arrive, in the place of another."""
+        """Whether a reply that timed out may still arrive, in place of another."""
         return self._now_ns() < self._doubted_until_ns
 
     @property

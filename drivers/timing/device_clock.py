@@ -61,7 +61,7 @@ class DeviceClock:
         return not self._tied and not self._bins
 
     def tie(self) -> None:
-        """Use what has been learned at once: one of the delays is known to be small."""
+        """Apply the current estimate at once: one delay is known to be small."""
         self._tied, self._jump_ns = True, 0.0
 
     @property
@@ -70,7 +70,7 @@ class DeviceClock:
         return -self._slope * 1e6
 
     def unwrap(self, ticks: NDArray[np.uint32]) -> Integers:
-        """Ticks without wraps, (n,) int64, relative to the last ones seen."""
+        """Ticks without wraps, (n,) int64, relative to the last ones."""
         unwrapped = ticks.astype(np.int64)
         if self._last is None:
             self._last = int(unwrapped[0])
@@ -98,7 +98,7 @@ class DeviceClock:
             self._restart(ticks, received_ns)
             self.running = True
         elif self.to_ns(ticks) - received_ns > MAX_EARLY_NS:
-            # In the first half second it was only the first latch that came late.
+            # In the first half second only the first latch was late.
             self.steps += not self.is_uncertain
             self._restart(ticks, received_ns)
         elapsed = ticks - self._anchor_ticks

@@ -33,7 +33,7 @@ from traverse.protocol.input_events import (
 
 MAX_CODE = 0x2FF
 # Names and numbers as in the kernel's linux/input-event-codes.h; keys that are missing
-# here can be given by number.
+# here can be configured by number.
 
 _RUNS = {
     1: "ESC 1 2 3 4 5 6 7 8 9 0 MINUS EQUAL BACKSPACE TAB Q W E R T Y U I O P",

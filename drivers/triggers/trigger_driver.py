@@ -80,7 +80,7 @@ class Debounce:
 
 @dataclass(frozen=True, slots=True)
 class InputChange:
-    """An input was seen to change, at the host's monotonic time ``time_ns``."""
+    """Process a change of an input at the host's monotonic time ``time_ns``."""
 
     number: int
     active: bool

@@ -1,6 +1,6 @@
 """Bodies of frames to values (docs/serial-protocol.md, section 4).
 
-A parser gives None where the length is wrong. Bodies of timed samples that follow one
+A parser returns None where the length is wrong. Bodies of timed samples that follow one
 another become one block.
 """
 

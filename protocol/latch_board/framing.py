@@ -1,7 +1,7 @@
 """COBS frames with a CRC: the line discipline of docs/serial-protocol.md, section 1.
 
 A frame is ``COBS(body || crc) || 00``. `FrameSplitter` is fed with whatever a read
-brought; its answer and its counters depend on the bytes only, never on how they
+returned; its output and its counters depend on the bytes only, never on how they
 were cut into reads. What it keeps between reads is at most one frame long.
 """
 

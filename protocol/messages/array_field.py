@@ -23,7 +23,7 @@ class ArrayField:
 
     In MessagePack it is the extension type of `traverse.protocol.arrays`, in JSON
     nested lists. Elements are finite. An array without elements has all its free
-    dimensions 0, since nested lists cannot tell more.
+    dimensions 0, which nested lists cannot show.
 
     Attributes:
         dtype: name of the dtype, for example "float64".

@@ -90,7 +90,7 @@ class PacketDecoder:
         return bool(self._begun)
 
     def feed(self, data: bytes) -> list[Packet]:
-        """Take bytes; gives the packets that they complete."""
+        """Process bytes; return the packets that they complete."""
         packets = []
         for byte in data:
             if byte & _MARK:

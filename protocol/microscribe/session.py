@@ -69,7 +69,7 @@ class Kinematics:
         alpha_rad: (6).
         a_mm: (6).
         d_mm: (6).
-        beta_rad: rotation about y at joint 3, for arms that have been given one.
+        beta_rad: rotation about y at joint 3, for arms that have one.
     """
 
     alpha_rad: tuple[float, ...]

@@ -1,7 +1,7 @@
 """The virtual arm's motion: products of exponentials in 4x4 matrices.
 
 Joint k turns everything that follows it about the line through its origin along its
-axis, both as they lie in the base posture, so that
+axis, both in the base posture, so that
 
     T_k = exp(S_1 theta_1) ... exp(S_k theta_k),     x = T_n x_base
 

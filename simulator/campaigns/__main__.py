@@ -16,7 +16,7 @@ from traverse.strict_toml.reader import read_strict
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; gives its exit status."""
+    """Run the command; return its exit status."""
     return run_command(
         "python -m traverse.simulator.campaigns",
         "Make a simulated identification campaign: campaign.toml and "

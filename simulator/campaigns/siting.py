@@ -1,4 +1,4 @@
-"""Whether artefacts fit the arm, and where they can stand so that it reaches them."""
+"""Whether artefacts fit the arm, and places where it reaches them."""
 
 from collections.abc import Iterator, Sequence
 
@@ -76,7 +76,7 @@ def misfits(spec: CampaignSpec, arm: Arm) -> Iterator[Problem]:
 
 N_SITES = 12  # tried at a time
 N_TRIALS = 40
-N_HOPELESS = 5  # trials after which one that is not half reached anywhere is given up
+N_HOPELESS = 5  # trials after which one that is nowhere half reached is abandoned
 N_CONTACTS = 12  # tried at each, or every feature once
 N_ROUNDS = 5  # who needs more starts is at the edge of the working volume
 ENOUGH = 0.9  # of contacts that are reached in that many, where spots can be chosen

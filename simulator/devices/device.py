@@ -79,7 +79,7 @@ class DeviceObserver(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class DeviceContext:
-    """What a device is given besides its table.
+    """What a device receives besides its table.
 
     Attributes:
         folder: Paths of its table are relative to it.
@@ -122,7 +122,7 @@ class DeviceContext:
         Args:
             inputs: Names of the inputs, in order.
             n_power_ups: Which power-up it is, from 1; each has noise of its own.
-            from_s: Time of the power-up; what was before is not seen.
+            from_s: Time of the power-up; earlier changes are not reported.
         """
         return Wiring(
             self.source,

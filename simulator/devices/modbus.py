@@ -138,7 +138,7 @@ class SimulatedModbusLine(SerialDevice):
             self._send(line, channel, answer, at_s)
 
     def _size(self) -> int:
-        """How long the frame will be, as far as that is known."""
+        """Length of the frame in bytes, as far as known."""
         if self._frame[1:2] == bytes((WRITE_MANY,)):
             return 9 + self._frame[6] if len(self._frame) > 6 else 9
         return 8

@@ -67,7 +67,7 @@ class PtyPort:
 
     @property
     def held(self) -> bool:
-        """A host holds the other end, as far as was last seen."""
+        """Whether a host had the other end open at the last check."""
         return self._held
 
     @property
@@ -115,7 +115,7 @@ class PtyPort:
         self._changes.poll(0)  # of our own opening and closing
 
     def read(self) -> bytes:
-        """Take what the host has sent; of one not yet seen it is kept until it is."""
+        """Return what the host has sent; kept until the host is detected."""
         return self._received() if self._held else b""
 
     def _received(self) -> bytes:

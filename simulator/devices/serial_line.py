@@ -5,7 +5,7 @@ looking at the host's bytes before their time and by holding answers back: a byt
 takes `bits_per_byte / baud_rate`, an adapter adds its delays on the way there and
 back. Instants are kept as numbers, so what is latched at them is exact however late
 the program is woken; an answer is written as soon after its instant as the operating
-system lets us, some tens of microseconds.
+operating system allows, some tens of microseconds.
 """
 
 from collections import deque

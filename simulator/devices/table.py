@@ -1,7 +1,7 @@
 """`[[device]]` of the simulator's configuration: the kinds, and what all share.
 
 A new kind is one file in this folder and one line here. Names instead of classes, so
-that a kind which needs an optional package is imported only where it is asked for.
+that a kind which needs an optional package is imported only where it is used.
 """
 
 from collections.abc import Iterator, Sequence

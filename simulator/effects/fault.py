@@ -12,7 +12,7 @@ from traverse.simulator.effects.posture import Build, Deflection, Posture, Surro
 
 @dataclass(frozen=True, slots=True)
 class JointState:
-    """What an encoder sees.
+    """The state of an encoder.
 
     Attributes:
         build: The arm.

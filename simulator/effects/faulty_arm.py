@@ -56,7 +56,7 @@ class FaultyArm:
 
     @property
     def is_stiff(self) -> bool:
-        """The ball is where the rigid arm has it."""
+        """Whether the ball is where it is on the rigid arm."""
         return not self.bodies and not self.touches
 
     def readings_rad(self, turns_rad: Floats, around: Surroundings) -> Floats:
@@ -80,7 +80,7 @@ class FaultyArm:
         return shown_rad
 
     def balls_mm(self, turns_rad: Floats, around: Surroundings) -> Floats:
-        """Where the ball (n, 3) is, as touching material sees it.
+        """Positions (n, 3) [mm] of the ball, as defined by touching material.
 
         That is where the centre of a ball of the arm file's radius is that begins
         where this one does.

@@ -191,7 +191,7 @@ def effect_problems(arm: Arm, where: str) -> list[Problem]:
 def on_true_axes(
     arm: Arm, effects: Sequence[Effect], axes: Floats
 ) -> tuple[Effect, ...]:
-    """Turn vectors that lie across or along design axes onto the true ones.
+    """Rotate vectors across or along design axes onto the true ones.
 
     A bearing wanders across the axis that it has, not across the one on paper.
 

@@ -1,7 +1,7 @@
 """Encoders that show the wrong angle.
 
 A disc's error belongs to the line under the head, so to what is shown, not to the
-true turn: who asks for a reading has to look where both agree. The last six are faults
+true turn: a reading is found where both agree. The last six are faults
 that no arm file can name; a diagnosis should say that it knows no name. Their angles
 are true ones: reading minus errors.
 """

@@ -1,6 +1,6 @@
 """What the arm with its faults really does while it is led along a script.
 
-Who leads it sees where the ball is: a joint that yields is made up for, so that the
+The operator watches the ball: a joint that yields is compensated, so that the
 ball moves as in the script. These corrections of the turns are small and
 smooth: they are found every 10 ms and interpolated. What is logged as true is
 computed from the resulting turns, so it is true whatever the interpolation leaves.

@@ -65,7 +65,7 @@ class Wiring:
         faults: Of its encoders.
         moduli: (n_channels,)
         seed: Of the noise.
-        from_script_s: Power-up; what was before is not seen.
+        from_script_s: Power-up; earlier changes are not reported.
     """
 
     def __init__(

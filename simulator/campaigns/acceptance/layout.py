@@ -1,4 +1,4 @@
-"""Where standards stand in acceptance tests, and which spots of them are touched.
+"""Places of standards in acceptance tests, and the points touched on them.
 
 Written from the standards' descriptions, not from the code that evaluates the tests.
 """
@@ -75,7 +75,7 @@ class SeatBar(Points):
         return ends
 
     def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
-        """Its length, as the certificate has it: each end has its part of the error."""
+        """Its length, by the certificate: each end has its part of the error."""
         ends_mm = self.own_mm
         ends_mm[1, 2] += self.length_std_mm * float(rng.standard_normal())
         table: Table = {"frame": "own"}

@@ -1,4 +1,4 @@
-"""What all artefacts have in common, and where one stands."""
+"""Base class of artefacts, and their places."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
@@ -76,7 +76,7 @@ class Contacts:
 
 @dataclass(frozen=True, slots=True)
 class Touches:
-    """Contacts that are asked for.
+    """Requested contacts.
 
     Attributes:
         rng: Draws where it is touched.
@@ -172,7 +172,7 @@ class Standard(Artefact):
 def stated_length(
     rng: np.random.Generator, key: str, true_mm: float, std_mm: float
 ) -> Table:
-    """The key of a length as its certificate has it, with its uncertainty if any."""
+    """The key of a length by its certificate, with its uncertainty if any."""
     table: Table = {f"{key}_mm": true_mm + std_mm * float(rng.standard_normal())}
     if std_mm > 0.0:
         table[f"{key}_std_mm"] = std_mm

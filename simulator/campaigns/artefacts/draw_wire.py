@@ -23,7 +23,7 @@ class DrawWire(Artefact):
         shortest_mm: To which the wire is drawn out, from its anchor to the ball.
         longest_mm: Likewise.
         offset_mm: By which that is longer than what is read.
-        known: The campaign states the offset.
+        known: Whether the campaign states the offset.
         opening_rad: From the wire's middle direction to the last.
     """
 

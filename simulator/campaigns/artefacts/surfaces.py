@@ -91,7 +91,7 @@ class ParallelPlanes(Standard):
         return Contacts(centres_mm, towards)
 
     def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
-        """Its distance, as the certificate has it."""
+        """Its distance, by the certificate."""
         return {
             **stated_length(rng, "distance", self.distance_mm, self.distance_std_mm),
             **({} if self.side == "outside" else {"side": self.side}),
@@ -115,7 +115,7 @@ class Sphere(Standard):
 
     Attributes:
         radius_mm: True radius.
-        known: The campaign states the radius.
+        known: Whether the campaign states the radius.
         radius_std_mm: Of the stated radius.
         side: Where the ball is.
         opening_rad: From the pole, which is opposite the stem, to the last contact.

@@ -1,4 +1,4 @@
-"""The latching controller board: bytes in, frames out, time given from outside.
+"""The latching controller board: bytes in, frames out, time set by the caller.
 
 It implements docs/serial-protocol.md from the board's side. No port and no clock
 here: `advance` moves the board's time, `receive` happens at a given time.

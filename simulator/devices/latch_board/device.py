@@ -44,7 +44,7 @@ class DropCounter:
             self.finish()
 
     def finish(self) -> None:
-        """Write what there is to write."""
+        """Write pending bytes."""
         if self._n:
             self._notes.dropped(self._device, self._n, self._begun_s, self._cause_s)
             self._n = 0

@@ -35,7 +35,7 @@ class EdgeQueue:
 
     @property
     def back(self) -> int:
-        """How many numbers ago the oldest that waits was given; 0 if none does."""
+        """Next number less that of the oldest waiting edge; 0 if none waits."""
         return min(255, self.next_seq - self._waiting[0].seq) if self._waiting else 0
 
     def report(self, edge: LatchedEdge, now_s: float) -> bytes | None:

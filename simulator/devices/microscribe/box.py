@@ -1,8 +1,8 @@
-"""The box inside a MicroScribe: what it makes of each byte that a host sends.
+"""The box inside a MicroScribe: its responses to each byte that a host sends.
 
-Written from the published protocol. It waits for "IMMC", gives it back, and after
+Written from the published protocol. It waits for "IMMC", echoes it, and after
 "BEGIN" reports what it is; from then on a byte below 80 requests a packet and one above
-is a command, given back before its answer. C5 ends the session, and then it follows the
+is a command, echoed before its reply. C5 ends the session, and then it follows the
 baud rate of the next caller.
 """
 
@@ -103,7 +103,7 @@ class HciBox:
         self._wanted = 0  # bytes of the command being received
 
     def hear(self, byte: int, at_s: float, baud_rate: int) -> bytes:
-        """Take a byte; gives what is answered."""
+        """Process a byte; return the reply."""
         if self.baud_rate is None:
             return self._wait_for_session(byte, baud_rate)
         if baud_rate != self.baud_rate:
