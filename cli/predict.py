@@ -127,12 +127,10 @@ def _write_poses(result: "Prediction", path: Path) -> None:
             ["line", "artefact", "feature", "distance_mm", "w1_mm", "w2_mm", "w3_mm"]
         )
         for at, of_pose_mm in enumerate(result.misclosures_mm.tolist()):
-            index = int(poses.artefacts[at])
             writer.writerow(
                 [
                     int(poses.lines[at]),
-                    campaign.artefacts[index].id,
-                    campaign.feature_names[index][int(poses.features[at])],
+                    *campaign.touched_cells(at),
                     f"{result.distances_mm[at]:.6g}",
                     *("" if w != w else f"{w:.6g}" for w in of_pose_mm),  # noqa: PLR0124 NaN
                 ]

@@ -1,4 +1,6 @@
-"""Text from outside, for one line of a log or a terminal."""
+"""Text from outside, for one line of a log or a terminal, or a cell of a table."""
+
+_FORMULA = tuple("=+-@")
 
 
 def printable(text: str) -> str:
@@ -11,3 +13,8 @@ def printable(text: str) -> str:
     return "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode() for c in text
     )
+
+
+def spreadsheet_cell(text: str) -> str:
+    """The same for a cell of CSV: an apostrophe precedes what looks like a formula."""
+    return printable(f"'{text}" if text.startswith(_FORMULA) else text)

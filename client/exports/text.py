@@ -15,7 +15,7 @@ from traverse.client.exports.point_table import Coordinates, PointTable, place_o
 from traverse.client.exports.sink import Sink
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Point, Quality
-from traverse.protocol.printable import printable
+from traverse.protocol.printable import spreadsheet_cell
 
 TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 COLUMNS = (
@@ -46,7 +46,6 @@ SPECIMEN: dict[str, Any] = {
 }
 """A value of each name of a template: x, y, z are the chosen coordinates."""
 LABEL = slice(COLUMNS.index("artefact"), COLUMNS.index("feature") + 1)
-FORMULA = tuple("=+-@")
 
 
 def row_of(point: Point) -> list[Any]:
@@ -129,7 +128,7 @@ class Csv(Sink):
         """Write points with all their fields."""
         rows = [row_of(point) for point in points]
         for row in rows:
-            row[LABEL] = [_not_a_formula(name) for name in row[LABEL]]
+            row[LABEL] = [name and spreadsheet_cell(name) for name in row[LABEL]]
         self._write(COLUMNS, rows)
 
     def table(self, table: PointTable) -> None:
@@ -145,12 +144,6 @@ class Csv(Sink):
         writer.writerows(rows)
         self._file.write(text.getvalue().encode())
         self.n += len(rows)
-
-
-def _not_a_formula(name: str | None) -> str | None:
-    if name is None:
-        return None
-    return printable(f"'{name}" if name.startswith(FORMULA) else name)
 
 
 class JsonLines(Sink):

@@ -23,6 +23,7 @@ from traverse.lab.campaign.campaign_file import (
 from traverse.lab.campaign.copies import without_copies
 from traverse.lab.campaign.pose_table import PoseTable, read_pose_table
 from traverse.lab.campaign.stream_table import SUFFIX, read_stream_table
+from traverse.protocol.printable import spreadsheet_cell
 from traverse.strict_toml.files import bytes_of
 from traverse.strict_toml.problems import FileError, Problem
 
@@ -139,6 +140,12 @@ class Campaign:
             self.start + timedelta(seconds=first_s) - _MARGIN,
             self.start + timedelta(seconds=last_s) + _MARGIN,
         )
+
+    def touched_cells(self, at: int) -> tuple[str, str]:
+        """Write artefact and feature of a pose as cells of a table for people."""
+        artefact = int(self.poses.artefacts[at])
+        feature = self.feature_names[artefact][int(self.poses.features[at])]
+        return spreadsheet_cell(self.artefacts[artefact].id), spreadsheet_cell(feature)
 
     def block(
         self, poses: Poses | None = None, angles_rad: Floats | None = None

@@ -32,6 +32,7 @@ _SEED = 1
 _LOOK = {
     "font.family": "DejaVu Sans",
     "font.size": 8.0,
+    "text.parse_math": False,  # names may hold dollar signs
     "axes.titlesize": 8.5,
     "axes.titlelocation": "left",
     "axes.labelsize": 8.0,

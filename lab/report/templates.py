@@ -5,6 +5,7 @@ plain text that a page escapes like any other value.
 """
 
 import base64
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from traverse.lab.report import quantities
 from traverse.plurals import counted
 
+# They do not print, or turn the direction of writing; ends of lines and tabs are none.
+_HIDDEN = re.compile("[\0-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 _LAB = Path(__file__).parents[1]
 Filters = dict[str, Callable[..., Any]]
 
@@ -79,9 +82,17 @@ def _environment(filters: Filters, *, is_html: bool) -> Environment:
     environment = Environment(
         loader=FileSystemLoader(_LAB),
         autoescape=is_html,
+        finalize=_visible,
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
     environment.filters |= _FILTERS | filters
     return environment
+
+
+def _visible(value: object) -> object:
+    r"""Write what nobody would see in a text as Python does, such as `\x1b`."""
+    if not isinstance(value, str) or not _HIDDEN.search(value):
+        return value
+    return type(value)(_HIDDEN.sub(lambda one: ascii(one[0])[1:-1], value))

@@ -4,11 +4,16 @@ import csv
 import io
 import json
 import logging
+from pathlib import Path
 
 import pytest
 from rich.console import Console
+from typer.testing import CliRunner
 
+import traverse.cli
+from tests.cli.test_align import NOMINAL, measured, table
 from tests.protocol.message_examples import EVENT, POINT, STATUS
+from traverse.cli.__main__ import app
 from traverse.cli.message_lines import line
 from traverse.cli.points.lines import point_line, session_line
 from traverse.cli.watch.view import picture
@@ -19,8 +24,18 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.store.outbox import message_of
 from traverse.daemon.store.records import StoredMessage, StoredSession
 from traverse.daemon.system.log_lines import JsonLines, PlainLines
+from traverse.kinematics.arm_file.arm import read_arm
 from traverse.protocol.messages.point import Label
+from traverse.simulator.campaigns import (
+    CampaignSpec,
+    draw_noise,
+    make_poses,
+    write_campaign,
+)
 
+ARM = Path(traverse.cli.__file__).parent / "demo_data" / "arm.toml"
+# A formula, a script, and what matplotlib would take for mathematics.
+NAME = "=1+<script>alert(1)</script>$\\frac{$"
 TEXTS = (
     "a\n12:00:00 ERROR   forged",
     "a\r12:00:00 ERROR   forged",
@@ -110,3 +125,73 @@ def test_a_label_is_no_formula_of_a_spreadsheet(name, cell):
     Csv(out).points([POINT.model_copy(update={"label": label})])
     (row,) = csv.DictReader(io.StringIO(out.getvalue().decode(), newline=""))
     assert (row["artefact"], row["feature"]) == (cell, "cone-1")
+
+
+@pytest.fixture(scope="module")
+def hostile_campaign(tmp_path_factory):
+    """A campaign whose first artefact has a name that means no good."""
+    folder = tmp_path_factory.mktemp("hostile")
+    arm = read_arm(ARM)
+    poses = make_poses(arm, CampaignSpec(mix="cones+bar", n_poses=60), seed=3)
+    write_campaign(folder, draw_noise(poses, 5), arm)
+    for file, head, old, new in (
+        ("campaign.toml", 'operator = "\\u001b[2J"\n', '"cone-1"', f"'{NAME}'"),
+        ("poses.csv", "", ",cone-1,", f",{NAME},"),
+    ):
+        text = (folder / file).read_text("utf-8").replace(old, new)
+        (folder / file).write_text(head + text, "utf-8")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("words", "out"),
+    [
+        (("predict",), "poses.csv"),
+        pytest.param(("identify",), "residuals.csv", marks=pytest.mark.slow),
+        pytest.param(
+            ("diagnose", "--max-terms", "1"),
+            "discrepancies.csv",
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_names_of_a_campaign_are_no_formula_and_no_script(
+    hostile_campaign, tmp_path, words, out
+):
+    command, *options = words
+    place = tmp_path / out if command == "predict" else tmp_path
+    to = [str(hostile_campaign), "--arm", str(ARM), "--out", str(place)]
+    ran = CliRunner().invoke(app, [command, *to, *options])
+    assert ran.exit_code == 0, ran.output
+    with (tmp_path / out).open(encoding="utf-8", newline="") as file:
+        names = {row["artefact"] for row in csv.DictReader(file)}
+    assert f"'{NAME}" in names
+    assert NAME not in names
+    for page in tmp_path.glob("*.html"):
+        assert_harmless(page)
+
+
+def test_names_of_nominal_places_are_harmless(tmp_path):
+    points = "".join(
+        f"[[points]]\nname = {json.dumps(NAME if n == 0 else f'P{n}')}\n"
+        f"x_mm = {x}\ny_mm = {y}\nz_mm = {z}\n"
+        for n, (x, y, z) in enumerate(NOMINAL.tolist())
+    )
+    nominal = tmp_path / "nominal.toml"
+    nominal.write_text(f'schema = "traverse/nominal/1"\n{points}', "utf-8")
+    table(tmp_path / "measured.csv", measured())
+    text = (tmp_path / "measured.csv").read_text("utf-8")
+    (tmp_path / "measured.csv").write_text(text.replace("P0,", f"{NAME},"), "utf-8")
+    to = ["--nominal", str(nominal), "--out", str(tmp_path)]
+    runner = CliRunner()
+    ran = runner.invoke(app, ["align", str(tmp_path / "measured.csv"), *to], color=True)
+    assert ran.exit_code == 0, ran.output
+    assert NAME in ran.output
+    assert_harmless(tmp_path / "alignment.html")
+
+
+def assert_harmless(page):
+    text = page.read_text("utf-8")
+    assert "alert(1)" in text  # the name is there
+    assert "<script>alert" not in text
+    assert "\x1b" not in text

@@ -180,12 +180,10 @@ def write_discrepancies(
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
         for at, row in enumerate(values.tolist()):
-            artefact = int(poses.artefacts[at])
             writer.writerow(
                 [
                     int(poses.lines[at]),
-                    campaign.artefacts[artefact].id,
-                    campaign.feature_names[artefact][int(poses.features[at])],
+                    *campaign.touched_cells(at),
                     parts[at],
                     *("" if math.isnan(value) else f"{value:.6g}" for value in row),
                 ]

@@ -236,8 +236,7 @@ def _write_residuals(result: Identification, path: Path) -> None:
             writer.writerows(
                 [
                     int(poses.lines[at]),
-                    campaign.artefacts[poses.artefacts[at]].id,
-                    campaign.feature_names[poses.artefacts[at]][poses.features[at]],
+                    *campaign.touched_cells(at),
                     *_texts(numbers[at]),
                     int(not result.included[at]),
                     *_texts(found.corrections_rad[at]),
