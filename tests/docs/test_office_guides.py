@@ -1,6 +1,12 @@
 """Guides that need no arm: every command of theirs, and what they show of it."""
 
+import os
+import pwd
 import re
+import shutil
+import socket
+import ssl
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -9,6 +15,8 @@ from tests.docs.accounts import why_not_run
 from tests.docs.pages import CHECKOUT, commands, text_of
 from tests.docs.shell import Shell, as_run
 from tests.docs.telling import assert_printed, told
+from tests.end_to_end.programs import until
+from tests.mosquitto import HOST, free_port
 
 ARM_FILES = "docs/how-to/arm-file-from-dh-or-urdf.md"
 SECURE = "docs/how-to/secure-the-broker.md"
@@ -60,3 +68,63 @@ def test_the_files_that_the_guide_copies_are_there() -> None:
     copied = [line.split()[1] for line in commands(SECURE) if line.startswith("cp ")]
     assert copied
     assert all((CHECKOUT / path).exists() for path in copied)
+
+
+def _has_user(name: str) -> bool:
+    return any(one.pw_name == name for one in pwd.getpwall())
+
+
+def _mosquitto_folders(place: Path) -> Path:
+    """What Debian's package has in /etc/mosquitto, readable by everybody."""
+    place.chmod(0o755)
+    for name in ("conf.d", "certs", "ca_certificates"):
+        (place / "mosquitto" / name).mkdir(parents=True)
+    return place / "mosquitto"
+
+
+def _user_of(process: int) -> str:
+    return pwd.getpwuid(Path(f"/proc/{process}").stat().st_uid).pw_name
+
+
+@pytest.mark.slow
+@pytest.mark.needs("mosquitto", "openssl")
+@pytest.mark.skipif(
+    os.geteuid() != 0 or not _has_user("mosquitto"),
+    reason="only root can start a broker as the user mosquitto of Debian's package",
+)
+async def test_mosquitto_serves_tls_as_its_own_user_as_told(tmp_path: Path) -> None:
+    # Below /tmp: nobody but root reaches the folders of pytest.
+    with tempfile.TemporaryDirectory() as place:
+        etc = _mosquitto_folders(Path(place))
+        (tmp_path / "deploy").symlink_to(CHECKOUT / "deploy")
+        told_lines = commands(SECURE)
+        end = next(n for n, one in enumerate(told_lines) if one.startswith("sed "))
+        for number, line in enumerate(told_lines[: end + 1]):
+            if line.startswith("systemctl") or "/etc/traverse/" in line:
+                continue
+            done = line.replace("/etc/mosquitto", str(etc))
+            done = done.replace("req -x509", "req -x509 -noenc")
+            done = re.sub(r"^(mosquitto_passwd)(.*?)( #.*)?$", r"\1 -b\2 secret", done)
+            with Shell(tmp_path, f"done-{number}", done) as shell:
+                await shell.ends()
+        plain, port = free_port(), free_port()
+        config = etc / "conf.d" / "traverse.conf"
+        text = config.read_text("utf-8").replace("/etc/mosquitto", str(etc))
+        text = text.replace("listener 1883", f"listener {plain}")
+        text = text.replace("listener 8883", f"listener {port} {HOST}")
+        config.write_text(text.replace("persistence true", "persistence false"))
+        assert (etc / "certs" / "broker.key").stat().st_mode & 0o777 == 0o600
+        program = shutil.which("mosquitto", path=f"{os.environ['PATH']}:/usr/sbin")
+        with Shell(tmp_path, "broker", f"{program} -c {config}") as broker:
+            context = ssl.create_default_context(cafile=tmp_path / "authority.crt")
+
+            def is_served() -> bool:
+                assert broker.process.poll() is None, broker.output
+                with socket.socket() as probe:
+                    if probe.connect_ex((HOST, port)):
+                        return False
+                    with context.wrap_socket(probe, server_hostname="broker.lab"):
+                        return True
+
+            await until(is_served, "a broker with TLS")
+            assert _user_of(broker.process.pid) == "mosquitto"
