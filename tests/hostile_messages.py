@@ -1,4 +1,4 @@
-"""What somebody might send who means no good: payloads, topics, ways back."""
+"""Malicious messages: payloads, topics, response topics."""
 
 import json
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ def deep(levels: int) -> Iterator[bytes]:
 
 
 def fixed() -> list[bytes]:
-    """Payloads that have hurt somebody, and others like them."""
+    """Payloads known from attacks, and others like them."""
     found: list[bytes] = [
         b"",
         b"\x00",

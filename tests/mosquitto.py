@@ -13,11 +13,11 @@ from pathlib import Path
 HOST = "127.0.0.1"
 START_S = 10.0
 STOP_TRIES = 20
-PORTS = (16_384, 32_768)  # Linux gives outgoing connections higher ones
+PORTS = (16_384, 32_768)  # Linux assigns higher ones to outgoing connections
 
 
 def free_port() -> int:
-    """One that nobody has, and that no outgoing connection gets in the meantime."""
+    """A free port that no outgoing connection gets in the meantime."""
     chance = random.SystemRandom()  # seeded alike, two processes would draw the same
     while True:
         port = chance.randrange(*PORTS)
@@ -31,9 +31,9 @@ class Mosquitto:
 
     Args:
         folder: for its configuration and log.
-        passwords: user names and passwords; empty: everybody may come in.
+        passwords: user names and passwords; empty: all clients are accepted.
         lines: more of its configuration, about the listener or the broker.
-        acl: its access list; None: everybody may read and write all.
+        acl: its access list; None: all clients may read and write all.
         program: path or name of mosquitto.
     """
 
@@ -73,7 +73,7 @@ class Mosquitto:
     def allow_writing(self, *topics: str) -> None:
         """What may be published, from the next start on; all may be read."""
         may = ["topic read #", *(f"topic write {topic}" for topic in topics)]
-        # Without a user's name they hold for nobody; as patterns for everybody.
+        # Without a user's name they apply to no one; as patterns to all.
         text = "\n".join(line.replace("topic", "pattern") for line in may)
         self._acl.write_text(text + "\n")
 

@@ -21,7 +21,7 @@ EVERYWHERE = f"{os.environ['PATH']}:/usr/sbin:/sbin"
 
 @cache
 def groups() -> dict[str, list[str]]:
-    """Read which programs each group of the installer brings."""
+    """Read which programs each group of the installer contains."""
     ran = subprocess.run(
         ["sh", str(INSTALLER), "--list"], capture_output=True, text=True, check=True
     )
@@ -50,7 +50,7 @@ def search_path(needed: frozenset[str], folder: Path) -> str:
         folder: for the links to the programs.
     """
     base = _linked(folder, "base", _base_programs())
-    if base is None:  # not a Debian: what belongs to every system is not known
+    if base is None:  # not a Debian: the base system is unknown
         return EVERYWHERE
     found = {g: [p for n in groups()[g] if (p := find(n))] for g in sorted(needed)}
     return ":".join(

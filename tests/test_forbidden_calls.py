@@ -37,7 +37,7 @@ FORBIDDEN = {
 
 
 def forbidden(tree: ast.AST) -> list[str]:
-    """Each forbidden thing with its line."""
+    """Each forbidden call with its line."""
     return [
         f"{node.lineno}: {name}"
         for node in ast.walk(tree)

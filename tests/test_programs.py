@@ -1,4 +1,4 @@
-"""Programs that tests need are those that the installer brings."""
+"""Programs that tests need are those that the installer installs."""
 
 import os
 import re
@@ -66,7 +66,7 @@ def test_an_unknown_group_is_an_error_that_names_the_installer(tmp_path):
 
 
 def installer(*words: str, path: str) -> subprocess.CompletedProcess[str]:
-    """Run the installer as somebody who may not install."""
+    """Run the installer as a user who may not install."""
     drop = ["setpriv", "--clear-groups", f"--reuid={NOBODY}"]
     return subprocess.run(
         [*(drop if os.geteuid() == 0 else []), "sh", "-s", "--", *words],

@@ -137,7 +137,7 @@ _started: dict[tuple[str, ...], WarmStart] = {}
 
 
 def warm_start(*options: str) -> WarmStart:
-    """Return the process for interpreter options, started when first asked for."""
+    """Return the process for interpreter options, started on first use."""
     if options not in _started:
         _started[options] = WarmStart(*options)
     return _started[options]

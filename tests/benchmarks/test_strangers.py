@@ -1,4 +1,4 @@
-"""Sets in the forms of their owners, made here of arms whose truth is known."""
+"""Sets in the forms of their owners, simulated here with known true values."""
 
 import csv
 
@@ -27,7 +27,7 @@ AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0")
 
 @pytest.fixture
 def folder(tmp_path):
-    """A UR5 whose fourth link is 2 mm too long, seen by a tracker in another frame."""
+    """A UR5 whose fourth link is 2 mm too long, in the frame of a tracker."""
     (tmp_path / "ur5").mkdir()
     head = ["x_t", "y_t", "z_t", "x_dif", "y_dif", "z_dif"]
     head += [f"joint_{k}" for k in range(1, 7)]

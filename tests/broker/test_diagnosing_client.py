@@ -13,7 +13,7 @@ HOST = "127.0.0.1"
 
 @contextlib.asynccontextmanager
 async def door(meet):
-    """Somebody who listens; gives the port."""
+    """Start a listener; return the port."""
     server = await asyncio.start_server(meet, HOST, 0)
     async with server:
         yield server.sockets[0].getsockname()[1]

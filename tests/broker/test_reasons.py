@@ -1,4 +1,4 @@
-"""What a broker, OpenSSL and the network say is told in sentences."""
+"""Errors of broker, OpenSSL and network are reported in sentences."""
 
 import errno
 import socket

@@ -145,7 +145,7 @@ async def scene(
 
 
 class PosedDaemon(VirtualDaemon):
-    """A simulated daemon whose arm stands somewhere, and says so all the time.
+    """A simulated daemon whose arm rests, and which publishes its pose continuously.
 
     Attributes:
         pose: fields of the live poses that are sent.

@@ -162,9 +162,9 @@ async def test_one_refusal_is_one_message_and_one_sound(scene: Scene) -> None:
     for left in (2, 1, 0):
         await page.keyboard.press("u")
         await expect(rows).to_have_count(left)
-    await page.keyboard.press("u")  # the daemon answers, and tells an event
+    await page.keyboard.press("u")  # the daemon replies, and reports an event
     await expect(page.get_by_role("status")).to_contain_text("Refused: ")
-    await page.keyboard.press("l")  # whatever else was on its way has come by now
+    await page.keyboard.press("l")  # everything sent before has arrived by now
     await page.get_by_label("Artefact").fill("plate")
     await page.get_by_role("button", name="Set").click()
     await expect(page.get_by_text("Label: plate")).to_be_visible()

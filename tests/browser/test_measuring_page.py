@@ -45,7 +45,7 @@ async def test_the_sessions_points_are_all_there_whatever_happens(
             assert await page.evaluate("traverse_sounds.played.length") == 0
             await page.reload()
             await are_shown(page, 4)
-            posed.is_mute = True  # what the page cannot hear of while it is cut off
+            posed.is_mute = True  # messages that the page misses while disconnected
             await posed.take(3, age_s=60.0)
             posed.is_mute = False
             await network.cut()
@@ -159,7 +159,7 @@ async def test_probe_and_label_are_shown_and_changed(
         await page.keyboard.press("Enter")
         await expect(page.get_by_role("dialog")).to_have_count(0)
         assert posed.commands[-1] == ProbeArgs(name="ball-6")
-        # Of a library that is known one is chosen.
+        # A probe is chosen from a known library.
         await expect(probe).to_contain_text("Probe ball-6:")
         posed.probes = ("star-left", "ball-6")
         await posed.begin_session()
@@ -199,7 +199,7 @@ async def test_a_guided_check_has_a_verdict_and_refuses_another_seat(
             await posed.touch(600.0, 0.01 * (number % 2), 60.0, label=theirs)
         await expect(instruction).to_contain_text("1 more")
 
-        # A touch in another seat does not count until somebody says so.
+        # A touch in another seat does not count until the operator confirms.
         await posed.touch(653.0, 0.0, 60.0)
         await expect(instruction).to_contain_text("53.0 mm off the others")
         await expect(instruction).to_contain_text("Was it the right seat?")

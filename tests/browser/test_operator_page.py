@@ -1,4 +1,4 @@
-"""What an operator sees and does, in a real browser."""
+"""The operator's page in a real browser."""
 
 import json
 import re
@@ -28,7 +28,7 @@ async def test_a_morning_with_the_page(scene: Scene) -> None:
     await expect(banner).to_contain_text("Ready to measure.")
     await expect(banner).to_have_class(re.compile("good"))
 
-    # The arm takes three points by itself; the fourth is asked for at the keyboard.
+    # The arm takes three points by itself; the fourth is requested by keyboard.
     rows = page.locator("table.plain tbody tr", has=page.locator("td:nth-child(7)"))
     await expect(rows).to_have_count(3)
     await sounds(scene, "point")
@@ -74,7 +74,7 @@ async def test_points_are_labelled_and_saved(
     await expect(page.get_by_role("dialog")).to_have_count(0)
     await page.keyboard.press("Space")
     await expect(rows.first).to_contain_text("plate")
-    # A server that is started in mid-session knows all of it.
+    # A server that is started in mid-session shows all of it.
     broker = f"{scene.broker.host}:{scene.broker.port}"
     async with served_page(scene.bench.arm, broker) as later:
         await expect(later.locator("table.plain td:nth-child(7)")).to_have_count(4)
@@ -110,7 +110,7 @@ async def test_outages_are_unmistakable_and_pass(scene: Scene) -> None:
     rows = page.locator("table.plain tbody tr", has=page.locator("td:nth-child(7)"))
     await expect(rows).to_have_count(3)  # all that are taken by themselves
 
-    # A device is unplugged, and comes back.
+    # A device is unplugged, and plugged in again.
     await scene.bench.kill_simulator(scene.simulator)
     await expect(banner).to_have_class(re.compile("bad"))
     await expect(banner).to_contain_text("base")
@@ -120,13 +120,13 @@ async def test_outages_are_unmistakable_and_pass(scene: Scene) -> None:
     with scene.bench.simulator("simulator-again"):
         await sounds(scene, "cleared")
 
-        # It was without power: it measures in doubt until somebody confirms.
+        # It was without power: it measures with a warning until confirmed.
         await expect(page.locator(".word")).to_have_text("In doubt")
         await page.get_by_role("button", name="Confirm the arm's position").click()
         await page.get_by_role("button", name="It is right").click()
         await expect(banner).to_contain_text("Ready to measure.")
 
-        # The broker is killed, and comes back.
+        # The broker is killed, and restarted.
         scene.broker.kill()
         await expect(banner).to_contain_text("No connection to the broker")
         await expect(page.get_by_text("STALE")).to_be_visible()

@@ -1,4 +1,4 @@
-"""`traverse check`: tells what a file is and everything that is wrong with it."""
+"""`traverse check`: prints the kind of a file and all its errors."""
 
 import json
 from pathlib import Path

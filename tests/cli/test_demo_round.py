@@ -1,4 +1,4 @@
-"""The demonstration's judgement, on points whose answer is known by construction."""
+"""The demonstration's judgement, on points with results known by construction."""
 
 import tomllib
 from pathlib import Path

@@ -120,7 +120,7 @@ def test_progress_is_told_on_a_terminal(diagnosed: Path, tmp_path: Path) -> None
             try:
                 part = os.read(leader, 4096)
             except OSError:
-                # How a terminal ends when nobody is left at its other end.
+                # As if the terminal was closed.
                 break
             if not part:
                 break

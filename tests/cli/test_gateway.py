@@ -106,7 +106,7 @@ async def test_no_point_is_lost_however_often_the_gateway_is_killed(
         await cancel_tasks([measuring])
     found = seqs()
     assert sorted(set(found)) == list(range(n_points))
-    # What comes again after a kill is a piece of what was just written.
+    # What is repeated after a kill is part of the last write.
     again = sum(seq <= before for before, seq in itertools.pairwise(found))
     assert again <= n_kills
     assert "0 lost" in gateway.log.splitlines()[-1]

@@ -145,7 +145,7 @@ def test_effects_of_the_readings_are_taken_out(bench, tmp_path):
     for row in rows:
         cells = row.split(",")
         true = seen = float(cells[column])
-        for _ in range(50):  # what shows so that the correction gives the truth
+        for _ in range(50):  # solve for the reading whose correction is the true angle
             seen = true + 1e-3 * np.cos(seen) - 5e-4 * np.sin(seen)
         cells[column] = repr(float(seen))
         changed.append(",".join(cells))

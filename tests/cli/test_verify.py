@@ -138,7 +138,7 @@ def test_a_plan_is_a_campaign_that_can_be_collected(standard, tmp_path):
         assert path.is_file()
     checked = CliRunner().invoke(app, ["check", str(out / "plan.toml")])
     assert "valid collection plan" in checked.output
-    # What is an example counts for nothing until somebody has put in his own.
+    # Example values do not count until they are replaced.
     ran = run(out, "--standard", standard, "--arm", ARM)
     assert ran.exit_code == 2
     assert f"{out / 'campaign.toml'}: " in ran.output

@@ -19,7 +19,7 @@ Do = Callable[[Coroutine[Any, Any, Any]], Any]
 
 @pytest.fixture
 def elsewhere(virtual: VirtualDaemon) -> Iterator[Do]:
-    """The daemon, running in another thread; does things there."""
+    """The daemon, running in another thread; runs functions there."""
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever)
     thread.start()
@@ -98,7 +98,7 @@ def test_events_live_poses_and_scans_can_be_iterated(
         assert next(events) == EVENT
         poses = arm.live(0.1)
         found = None
-        while found is None:  # until the subscription stands
+        while found is None:  # until subscribed
             elsewhere(virtual.publish(LIVE))
             found = next(poses, None)
         assert found == LIVE

@@ -1,4 +1,4 @@
-"""Blocks of a scan in order, where some come again."""
+"""Blocks of a scan in order, some of them repeated."""
 
 import numpy as np
 

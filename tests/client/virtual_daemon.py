@@ -1,6 +1,6 @@
 """An arm's daemon as its clients see it: speaks MQTT as the contract says.
 
-It keeps its points in an outbox of its own, and may be told to lose its connection, to
+It keeps its points in an outbox of its own, and can be made to lose its connection, to
 forget old points, to publish nothing, or to be started anew.
 """
 
@@ -43,13 +43,13 @@ class VirtualDaemon:
 
     Attributes:
         outbox: points by session, then by number; sessions in the order of their begin.
-        probe, probes: as its status tells them.
+        probe, probes: as in its status.
         is_mute: points go into the outbox only.
-        can_resend: whether the command is known.
+        can_resend: whether the command is supported.
         is_deaf: commands are not carried out.
-        heard: commands that came.
+        heard: received commands.
         commands: what was carried out.
-        resends: ranges that were asked for.
+        resends: requested ranges.
     """
 
     def __init__(self, arm: str, host: str, port: int, **options: Any) -> None:

@@ -29,7 +29,7 @@ RATES_HZ = {"base": 100.0, "wrist": 80.0}
 
 
 class DeafDriver(Driver):
-    """A driver whose device a test plays; remembers what it was told."""
+    """A driver whose device a test plays; records its calls."""
 
     def __init__(self, device, delivery_queue):
         super().__init__(device, DriverOptions(), delivery_queue)
@@ -137,7 +137,7 @@ class ArmBench:
 
 
 def edge(device, instant_ns, token=0, *, number=0, active=True, counts=()):
-    """An edge of a device, of which the daemon hears at once."""
+    """An edge of a device, delivered to the daemon at once."""
     status = (0,) * len(counts)
     return LatchedCounts(
         device, number, active, token, 0, instant_ns, instant_ns, counts, status

@@ -19,7 +19,7 @@ INPUTS = {"base/0": "button", "base/1": "switch"}
 class Bench:
     """The measuring part of the daemon without ports and broker.
 
-    With ``frozen`` its time stands within each step, as in the service.
+    With ``frozen`` its time is constant within each step, as in the service.
     """
 
     def __init__(self, model, *, frozen=False, **sections) -> None:

@@ -18,7 +18,7 @@ ON_TWO = ARM.replace('source = "base/1"', 'source = "wrist/1"')
 
 
 def identity(jitter_ns=0):
-    """Of a device whose counts wrap to 0 after a turn, for all that is known."""
+    """Identity of a device whose counts wrap to 0 after a turn."""
     return Identity("device", "1", (), 0, 100.0, jitter_ns=jitter_ns)
 
 

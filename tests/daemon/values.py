@@ -174,7 +174,7 @@ def latch(
 
 @dataclass(frozen=True)
 class PoseMaker:
-    """Blocks of poses whose coordinates tell their sampling instant."""
+    """Blocks of poses whose coordinates encode their sampling instant."""
 
     model: ArmModel
     period_ns: int

@@ -1,4 +1,4 @@
-"""The manual page tells what the command line tells."""
+"""The manual page agrees with the command line."""
 
 import re
 import sys

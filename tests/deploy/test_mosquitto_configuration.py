@@ -61,7 +61,7 @@ def write_secrets(folder: Path) -> None:
 
 @contextmanager
 def running(folder: Path, *ports: int) -> Iterator[str]:
-    """The broker while the block lasts; gives its log."""
+    """Run the broker while the block lasts; yield its log."""
     user = pwd.getpwuid(os.getuid()).pw_name
     main = folder / "mosquitto.conf"
     main.write_text(DEBIAN.format(user=user, folder=folder), "utf-8")
@@ -78,7 +78,7 @@ def running(folder: Path, *ports: int) -> Iterator[str]:
 
 
 def listens(port: int) -> bool:
-    """Whether somebody answers there."""
+    """Whether a server answers there."""
     with socket.socket() as probe:
         return probe.connect_ex((HOST, port)) == 0
 

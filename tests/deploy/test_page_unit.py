@@ -47,7 +47,7 @@ def credentials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def broker(tmp_path: Path) -> Iterator[Mosquitto]:
-    """It knows the account of the example."""
+    """It accepts the account of the example."""
     found = Mosquitto(tmp_path, {f"{ARM}-operator": PASSWORD})
     found.start()
     yield found
@@ -55,7 +55,7 @@ def broker(tmp_path: Path) -> Iterator[Mosquitto]:
 
 
 async def visited(connection: http.client.HTTPConnection) -> str:
-    """Ask for the page, log in, see it; gives the cookie."""
+    """Request the page, log in, load it; return the cookie."""
     with contextlib.closing(connection):
 
         def asked(method: str, path: str, body: str = "", **headers: str) -> int:

@@ -1,6 +1,6 @@
 """The rules for devices: as udev would read them.
 
-Debian 12 has no `udevadm verify`; what the rules do is seen by `make test-vm`.
+Debian 12 has no `udevadm verify`; the effect of the rules is tested by `make test-vm`.
 """
 
 import re

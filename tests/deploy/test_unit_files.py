@@ -50,7 +50,7 @@ def test_a_unit_is_shut_as_tightly_as_it_shall_be(tmp_path: Path, file: Path) ->
 
 def test_the_unit_reloads_by_a_signal_and_is_watched() -> None:
     found = settings(UNIT.read_text("utf-8"))
-    assert found["Type"] == ["notify"]  # systemd 252 knows no notify-reload
+    assert found["Type"] == ["notify"]  # systemd 252 has no notify-reload
     assert found["ExecReload"] == ["/bin/kill -HUP $MAINPID"]
     assert float(found["WatchdogSec"][0]) > 0
     assert found["RestartPreventExitStatus"] == ["2"]  # input refused

@@ -1,7 +1,7 @@
 """Where each command that the documentation shows is run, or why it is not.
 
-A page that a test runs from the page itself stands in ``RUN``: what is added there is
-run, too. Single commands stand in ``ELSEWHERE``, with the test that runs the same, and
+A page that a test runs from the page itself is in ``RUN``: what is added there is
+run, too. Single commands are in ``ELSEWHERE``, with the test that runs the same, and
 in ``NOT_RUN``, with the reason.
 """
 

@@ -74,7 +74,7 @@ def tables(name: str) -> dict[str, list[list[str]]]:
 
 
 def code_words(cell: str) -> list[str]:
-    """What stands in code style in a cell."""
+    """Text in code style in a cell."""
     return re.findall(r"`([^`]+)`", cell)
 
 
@@ -87,7 +87,7 @@ _SHELL = re.compile(
 def commands(name: str) -> list[str]:
     """The shell commands that a page shows, in order; comments taken off.
 
-    In a block of `console` they stand behind "$ ", in one of `sh` on every line.
+    In a block of `console` they follow "$ ", in one of `sh` on every line.
     """
     found = []
     for block in _SHELL.finditer(text_of(name)):

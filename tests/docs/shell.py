@@ -34,7 +34,7 @@ class Shell(AbstractContextManager["Shell"]):
     """A line of shell in a folder; ends with its block, and all that it began.
 
     Args:
-        folder: where it runs, and where its output goes.
+        folder: where it runs, and where its output is stored.
         name: of the output's file.
         line: what to run.
     """
@@ -96,7 +96,7 @@ class Shell(AbstractContextManager["Shell"]):
 
 
 async def answered(line: str, listener: Shell, answer: str) -> None:
-    """Send a command until its answer is heard, since a listener may come late.
+    """Send a command until its reply is received, since a listener may be late.
 
     The same request again is answered again, and not carried out again.
     """

@@ -13,7 +13,7 @@ from tests.docs.accounts import ELSEWHERE, NOT_RUN, RUN, elsewhere, why_not_run
 from tests.docs.pages import CHECKOUT, PAGES, code_words, commands, name_of, tables
 from traverse.cli.__main__ import app
 
-CHANGES = CHECKOUT / "CHANGELOG.md"  # tells of what was
+CHANGES = CHECKOUT / "CHANGELOG.md"  # describes earlier versions
 SHOWN = [(name_of(page), line) for page in PAGES for line in commands(name_of(page))]
 SPOKEN = sorted(
     {
@@ -30,7 +30,7 @@ _PLACEHOLDER = re.compile(r"\.\.\.|[\[\]|<>]|[A-Z]{2,}")
 
 
 def problem(line: str) -> str | None:
-    """What is wrong with one command of ours, as its own parser sees it."""
+    """Return the errors of one command, by its own parser."""
     words = shlex.split(line, comments=True)
     while words and re.fullmatch(r"[A-Z_]+=.*|sudo", words[0]):
         words.pop(0)
@@ -43,7 +43,7 @@ def problem(line: str) -> str | None:
 
 
 def target_problem(target: str) -> str | None:
-    """Whether make knows it."""
+    """Whether make has this target."""
     text = (CHECKOUT / "Makefile").read_text("utf-8")
     return None if re.search(rf"^{target}:", text, re.M) else f"no target {target}"
 
@@ -83,7 +83,7 @@ def test_every_command_can_be_typed(page: str, line: str) -> None:
 def test_every_command_that_is_spoken_of_can_be_typed(page: str, word: str) -> None:
     if not _PLACEHOLDER.search(word):
         found = problem(word) or ""
-        # Who speaks of a command need not say all that it wants.
+        # A mention of a command need not have all required arguments.
         assert not found or found.startswith(_INCOMPLETE), (page, found)
 
 

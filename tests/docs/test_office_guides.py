@@ -55,7 +55,7 @@ async def test_certificates_are_made_as_told(tmp_path: Path) -> None:
     assert len(lines) == 6
     for line in lines:
         assert why_not_run(line) is None
-        # The page's authority has a passphrase, which is asked for.
+        # The page's authority has a passphrase, which is prompted for.
         unasked = line.replace("req -x509", "req -x509 -noenc")
         with Shell(tmp_path, "made", unasked) as shell:
             await shell.ends()

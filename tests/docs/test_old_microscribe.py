@@ -72,7 +72,7 @@ async def test_the_two_commands_bring_points_on_the_ball(tmp_path: Path):
 
 
 def points(output: str) -> np.ndarray:
-    """Coordinates of all whole lines that tell a point."""
+    """Coordinates of all complete lines of points."""
     lines = [line for line in output.splitlines(keepends=True) if line[-1] == "\n"]
     found = [re.search(r" point +\d+((?: +-?[\d.]+){3}) mm", line) for line in lines]
     return np.array([match[1].split() for match in found if match], dtype=float)

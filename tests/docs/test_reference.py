@@ -127,7 +127,7 @@ def test_every_column_of_poses_stands_there() -> None:
 
 
 def default_of(field: FieldInfo) -> Any:
-    """The default of a key, as `shown_default` gives it."""
+    """The default of a key, as returned by `shown_default`."""
     if field.default is PydanticUndefined:
         return "required"
     if field.default == () or isinstance(field.default, BaseModel):

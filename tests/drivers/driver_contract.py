@@ -1,7 +1,7 @@
 """What every driver must do, as suites: subclass them and say how to build a rig.
 
-A rig is a driver with a simulated device that a test can command. Each suite asks it
-only for what it needs; a device's own habits are tested beside it.
+A rig is a driver with a simulated device that a test can command. Each suite requires
+of it only what it needs; a device's own habits are tested beside it.
 
     DriverContract      every driver: life, loss, recovery, end
     StreamContract      those that stream: order, no invention, loss counted
@@ -38,23 +38,23 @@ class Rig(Protocol):
 
     delivery_queue: DeliveryQueue
     driver: Driver
-    port: str  # as it must stand in the text of a loss
+    port: str  # as it must be in the text of a loss
 
     def unplug(self) -> None:
-        """The port goes away."""
+        """Remove the port."""
 
     def plug(self) -> None:
-        """The port comes back."""
+        """Restore the port."""
 
 
 class StreamRig(Rig, Protocol):
-    """One whose device gives samples."""
+    """A rig whose device sends samples."""
 
     def emit(self, n: int) -> None:
         """Send n samples; counts of channel 0 go up by one from sample to sample.
 
         A device that answers or sends by itself does nothing here: it may give more
-        than is asked for.
+        than requested.
         """
 
     def lose(self, n: int) -> None:
@@ -65,7 +65,7 @@ class EdgeRig(Rig, Protocol):
     """One whose device has inputs."""
 
     def press(self) -> int | None:
-        """Change an input; gives the token of the edge, None if the driver makes it."""
+        """Change an input; return the token of the edge, None if made by the driver."""
 
 
 class KeptEdgeRig(EdgeRig, Protocol):
@@ -87,7 +87,7 @@ def driver_threads(rig: Rig) -> list[threading.Thread]:
 
 
 async def up(rig: Rig, rate_hz: float = 500.0) -> Taken:
-    """The device is there and has been asked to stream, if it ever does."""
+    """Wait until the device is up and, if it can, has been requested to stream."""
     taken = Taken(rig.delivery_queue)
     await taken.until(lambda: taken.of(DeviceUp), "the device is up")
     rig.driver.request_stream(rate_hz)
@@ -161,9 +161,9 @@ class StreamContract:
     """Drivers that stream.
 
     Attributes:
-        rate_hz: what they are asked for.
+        rate_hz: requested rate.
         parts: samples that are sent, one after the other.
-        dropped: counters of answers that came too late for their requests; each of
+        dropped: counters of answers that were too late for their requests; each of
             these may be missing between two samples, and nothing else.
     """
 
@@ -289,7 +289,7 @@ class KeptEdgeContract(EdgeContract):
             await taken.until(lambda: len(taken.of(LatchedCounts)) >= 3, "3 edges")
             rig.emit(2)  # the device has repeated them meanwhile
             await taken.until(lambda: len(taken.seqs()) >= 2, "samples after them")
-            assert rig.unacknowledged() == set(tokens)  # nobody has dealt with them
+            assert rig.unacknowledged() == set(tokens)  # none is acknowledged
             rig.driver.acknowledge(tokens[1])
             await until(lambda: rig.unacknowledged() == {tokens[2]}, "two forgotten")
             rig.driver.acknowledge(tokens[2])

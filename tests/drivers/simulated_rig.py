@@ -23,7 +23,7 @@ class SimulatedRig:
         self.plug()
 
     def emit(self, n: int) -> None:
-        """They answer when they are asked."""
+        """Encoders that answer when polled."""
 
     def unplug(self) -> None:
         if self._thread is not None:

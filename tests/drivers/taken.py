@@ -13,7 +13,7 @@ Kind = TypeVar("Kind")
 
 
 async def until(condition: Callable[[], object], what: str) -> None:
-    """Wait until a condition holds; looked at often, given up after `LIMIT_S`."""
+    """Wait until a condition holds; polled; fails after `LIMIT_S`."""
     try:
         async with asyncio.timeout(LIMIT_S):
             while not condition():  # noqa: ASYNC110 - another thread's doing

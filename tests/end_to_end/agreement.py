@@ -27,7 +27,7 @@ def assert_one_point_an_edge(
         assert np.abs(np.array(point.ijk) - shank).max() < 1e-12
         assert point.angles_rad == pytest.approx(arm.angles_rad(point.counts), 1e-14)
         assert point.quality.ok, point.quality.flags
-    # How the host sees the board's clock is still settling, and a busy machine reads
+    # The mapping of the board's clock is still settling, and a busy machine reads
     # late; `test_points` is stricter where nothing disturbs.
     delays = delays_s(points, truth)
     assert np.ptp(delays) < 0.1, delays - delays[-1]

@@ -29,7 +29,7 @@ from traverse.protocol.messages import (
 
 
 class Listener:
-    """Messages in the order in which they came, by kind."""
+    """Messages in the order of arrival, by kind."""
 
     def __init__(self, client: Any, arm: str) -> None:
         self.client = client
@@ -111,7 +111,7 @@ class Listener:
         )
 
     async def scan_ended(self, scan: str) -> list[Scan]:
-        """Wait for the last block of a scan; gives all its blocks."""
+        """Wait for the last block of a scan; return all its blocks."""
         await until(
             lambda: any(s.scan == scan and s.last for s in self.scans),
             f"the end of scan {scan}",
@@ -123,7 +123,7 @@ class Listener:
 async def listening(
     host: str, port: int, arm: str, kinds: tuple[str, ...] = tuple(KINDS)
 ) -> AsyncIterator[Listener]:
-    """Follow an arm while the block lasts; comes back when the broker does.
+    """Follow an arm while the block lasts; reconnect when the broker returns.
 
     ``client`` of the listener is that of the present connection.
     """

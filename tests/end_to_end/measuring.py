@@ -12,7 +12,7 @@ from tests.end_to_end.workbench import Workbench
 async def measuring(
     bench: Workbench,
 ) -> AsyncIterator[tuple[Listener, Program, Program]]:
-    """Simulator and daemon as they are written, and somebody who listens.
+    """Simulator and daemon as configured, and a listener.
 
     The script begins when the daemon first starts a stream: nothing is missed. Both
     programs must end in order, those that the test itself has ended excepted.

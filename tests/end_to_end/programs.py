@@ -30,7 +30,7 @@ class Program(AbstractContextManager["Program"]):
     """`python -m traverse ...`, its output in files; ends with its block.
 
     Args:
-        folder: where it runs and where its output goes.
+        folder: where it runs and where its output is stored.
         name: of the output's files.
         arguments: after `python -m traverse`.
     """

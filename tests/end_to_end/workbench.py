@@ -109,7 +109,7 @@ class Workbench:
         return Program(self.folder, name, "simulate", "--config", "simulator.toml")
 
     async def kill_simulator(self, simulator: Program) -> None:
-        """End it without a word; its link goes first, as udev sees to it.
+        """Kill it; its link is removed first, as udev does.
 
         Where the link leads may be the pty of another test as soon as it has ended.
         """

@@ -56,7 +56,7 @@ def fuzz(name: str | None, limits: list[str]) -> None:
 
 
 def fuzz_all(seconds: float) -> int:
-    """Fuzz each target in a process of its own; print what came of it."""
+    """Fuzz each target in a process of its own; print the result."""
     each_s = max(1, round(seconds / len(NAMES)))
     failed = []
     for name in NAMES:

@@ -1,4 +1,4 @@
-"""Damaged files given to every command that reads them: refused in words.
+"""Damaged files passed to every command that reads them: refused in words.
 
     python -m tests.fuzz.files --mutations 300        every command and file
     python -m tests.fuzz.files identify/poses --mutations 50 --seed 7
@@ -174,7 +174,7 @@ def mutated(content: bytes, chance: random.Random) -> bytes:
 
 
 def replaced(path: Path) -> Iterator[tuple[str, Callable[[], object]]]:
-    """What may stand in the place of a file."""
+    """What may be in the place of a file."""
     yield "nothing", lambda: None
     yield "empty", path.touch
     yield "folder", path.mkdir

@@ -10,7 +10,7 @@ SEEDS = tuple(
 
 
 def check(data: bytes) -> None:
-    """The first byte tells whether the line echoes."""
+    """The first byte decides whether the line echoes."""
     echoed = bool(data[:1] and data[0] & 1)
     request = amt21.position_request(0x54)
     reply = amt21.Reply(request, echoed=echoed)

@@ -1,4 +1,4 @@
-"""Events of the kernel's input devices: each is 24 bytes of what came."""
+"""Events of the kernel's input devices: each is 24 of the received bytes."""
 
 from tests.fuzz.chunks import chunks
 from traverse.protocol.input_events import EVENT_BYTES, InputEventDecoder

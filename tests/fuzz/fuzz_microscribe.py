@@ -1,4 +1,4 @@
-"""Packets and answers of a MicroScribe: every packet stands in the bytes."""
+"""Packets and answers of a MicroScribe: every packet is in the bytes."""
 
 import contextlib
 import math
@@ -24,7 +24,7 @@ SEEDS = tuple(
 
 
 def written(packet: Packet) -> bytes:
-    """The packet as it must have come."""
+    """The packet as it must have been received."""
     words = ([] if packet.timer is None else [packet.timer]) + list(packet.encoders)
     halves = [half for word in words for half in divmod(word, 128)]
     return bytes([0x83 if packet.timer is None else 0xA3, packet.buttons, *halves])

@@ -29,7 +29,7 @@ def crc(data: bytes) -> bytes:
 
 
 class Said:
-    """A port at which the bytes come in their chunks."""
+    """A port at which the bytes arrive in their chunks."""
 
     def __init__(self, data: bytes) -> None:
         self.left = list(chunks(data))
@@ -62,7 +62,7 @@ class Clock:
 
 
 def check(data: bytes) -> None:
-    """Ask encoder 1 for two input registers; the bytes are what comes back."""
+    """Request two input registers of encoder 1; the bytes are the reply."""
     data = data[:LONGEST]
     client = ModbusClient(
         Said(data),

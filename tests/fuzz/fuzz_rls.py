@@ -1,4 +1,4 @@
-"""Replies of RLS encoders: every one stands in the bytes, and cuts do not matter."""
+"""Replies of RLS encoders: every one is in the bytes, and cuts do not matter."""
 
 from tests.fuzz.chunks import chunks
 from traverse.protocol import rls

@@ -1,4 +1,4 @@
-"""The AsyncAPI document: as its specification wants it, and as the daemon speaks."""
+"""The AsyncAPI document: valid, and in agreement with the daemon."""
 
 import json
 from pathlib import Path

@@ -58,7 +58,7 @@ async def test_all_that_a_daemon_says_is_good_by_the_published_schemas(
 
 @contextlib.asynccontextmanager
 async def reading(script: Path, bench: Workbench) -> AsyncIterator[list[list[str]]]:
-    """A reader of the documentation under node; its lines, as they come, in words."""
+    """A reader from the documentation, run under node; yields words of its lines."""
     node = shutil.which("node")
     assert node is not None
     url = f"mqtt://{bench.host}:{bench.port}"
@@ -130,7 +130,7 @@ async def test_the_reader_of_scans_in_javascript_takes_arrays_apart(
 def test_the_flow_of_node_red_decodes_each_point_once(
     node_modules: Path, readers: Path
 ) -> None:
-    """Its functions run under node with what Node-RED gives them."""
+    """Its functions run under node with Node-RED's arguments."""
     flow = json.loads((readers / "node-red.json").read_text("utf-8"))
     nodes = {node["id"]: node for node in flow}
     for node in flow:

@@ -1,4 +1,4 @@
-"""Everybody who asks about an effect asks its row; each row answers every question."""
+"""Every property of an effect is read from its row; each row is complete."""
 
 import ast
 from functools import cache

@@ -1,4 +1,4 @@
-"""Walk every place that an effect's kind passes, with a kind that nobody has heard of.
+"""Walk every place that an effect's kind passes, with a new kind.
 
 Run by `test_planted_kind` in a copy of the packages, in which the kind was planted.
 """
@@ -122,7 +122,7 @@ def told(walk):
     """What became of a walk."""
     try:
         walk()
-    except Exception as error:  # noqa: BLE001 - what fails is what is told
+    except Exception as error:  # noqa: BLE001 - every failure is reported
         return f"failed: {type(error).__name__} {error}"
     return "passed"
 

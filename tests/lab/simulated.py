@@ -28,7 +28,7 @@ def rotations(axis, angles):
 
 @dataclass(frozen=True)
 class TrueArm:
-    """u_k, r_k and zeros; x_0 is given too."""
+    """u_k, r_k and zeros; x_0 is included."""
 
     axes: np.ndarray
     links_mm: np.ndarray

@@ -1,4 +1,4 @@
-"""Both encodings: what is written comes back; whatever else comes is refused."""
+"""Both encodings: what is written is read back; anything else is refused."""
 
 import json
 import math

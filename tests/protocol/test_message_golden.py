@@ -76,7 +76,7 @@ probe_radius_mm samples spread_mm label quality
 
 
 def bytes_of_listing(listing: str) -> bytes:
-    """The hex columns of a listing; what they mean stands from column 61 on."""
+    """The hex columns of a listing; their meaning is from column 61 on."""
     return bytes.fromhex("".join(line[:60] for line in listing.splitlines()))
 
 

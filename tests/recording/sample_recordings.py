@@ -159,7 +159,7 @@ def touching_to_bytes(value: Touching) -> bytes:
 
 
 def conditions_to_bytes(value: Conditions) -> bytes:
-    """Write the conditions of a moment; what is not known is left out."""
+    """Write the conditions of a moment; unknown values are left out."""
     table: dict[str, float] = {"sample_time_ns": value.sample_time_ns}
     if value.temperature_c is not None:
         table["temperature_c"] = value.temperature_c

@@ -73,7 +73,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def stage(folder: Path) -> Callable[..., tuple[VirtualArm, Script]]:
-    """Play motions with the arm; gives the arm and its script."""
+    """Play motions with the arm; return the arm and its script."""
 
     def play(motions: str, head: str = "", kind: str = "hard"):
         (folder / "arm.toml").write_text(arm_text(kind))

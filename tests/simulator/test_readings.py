@@ -1,4 +1,4 @@
-"""Encoders that are asked one by one, as a process, and what its truth log says."""
+"""Encoders that are polled one by one, as a process, and its truth log."""
 
 import json
 import math
@@ -31,7 +31,7 @@ def test_the_truth_log_tells_what_was_latched_when(folder):
     ):
         channel = number % 7
         assert (reading["event"], reading["channel"]) == ("reading", channel)
-        # Two clocks read at different moments tell the same instant this well only.
+        # Two clocks read at different moments agree on an instant this well only.
         assert sent_ns - 1e6 < reading["monotonic_ns"] < got_ns + 1e6
         assert reply[0] == ord("1")
         assert int.from_bytes(reply[1:], "big") >> 6 == reading["count"]

@@ -23,7 +23,7 @@ async def run(folder: Path) -> int:
     can_interface.add()
     await check_bus(table)
     await check_stream(table)
-    # The outbox wants memory that is shared through a file, which 9p does not give.
+    # The outbox requires memory that is shared through a file, which 9p lacks.
     with tempfile.TemporaryDirectory() as work:
         await check_arm(table, Path(work))
         shutil.copytree(work, folder / "arm", symlinks=True)

@@ -40,7 +40,7 @@ class ArmOnBus:
         self._port = open_raw()
 
     async def arrive(self) -> str:
-        """Samples come, all nodes in each."""
+        """Samples arrive, all nodes in each."""
         await until(self._is_ready, "a status that is ready", START_S)
         await self._counted("samples_complete", 20)
         name = self._listener.statuses[-1].drivers[0].identity["name"]
@@ -69,7 +69,7 @@ class ArmOnBus:
         return f"{n} of 500 frames of a stranger reached it"
 
     async def measure(self) -> str:
-        """Points that are asked for at rest are where the ball is."""
+        """Points that are requested at rest are where the ball is."""
         for n in range(1, N_POINTS + 1):
             await self._touched(n)
             reply = await self._listener.command(PointArgs())
@@ -103,7 +103,7 @@ class ArmOnBus:
         return f"{event.count} event: {event.text}"
 
     async def lose(self) -> str:
-        """The interface is taken down and comes back."""
+        """The interface is taken down and up again."""
         n_before = len(self._listener.events)
         can_interface.ip("set", NAME, "down")
         await self._listener.event("device.lost", True, SOON_S)
@@ -129,7 +129,7 @@ class ArmOnBus:
         return told
 
     def counters(self) -> Counter[str]:
-        """Of the CAN device, as they were told last."""
+        """Counters of the CAN device, as last reported."""
         devices = self._listener.healths[-1].devices
         return Counter(next(d.counters for d in devices if d.id == "base"))
 
@@ -150,7 +150,7 @@ class ArmOnBus:
         return bool(statuses) and statuses[-1].state == "ready"
 
     async def _counted(self, name: str, more: int) -> None:
-        """Wait until a counter has gone up."""
+        """Wait until a counter has increased."""
         await until(lambda: self._listener.healths, "a health message", SOON_S)
         wanted = self.counters()[name] + more
         await until(

@@ -24,7 +24,7 @@ def opened() -> CanBus:
 
 
 def drained(bus: CanBus) -> list[Frame]:
-    """All that has come."""
+    """All received frames."""
     frames: list[Frame] = []
     while some := bus.receive(0.05):
         frames += [frame for frame in some if frame[0] != FRAMES_LOST]
@@ -76,7 +76,7 @@ def overflow() -> str:
     for _ in range(FLOOD):
         send(port, 0x18B, b"1234")
     n = len(drained(bus))
-    send(port, 0x18B, b"1234")  # the count comes with the frame after the loss
+    send(port, 0x18B, b"1234")  # the count is reported with the frame after the loss
     n += len(drained(bus))
     dropped = bus.dropped
     bus.close()
@@ -87,7 +87,7 @@ def overflow() -> str:
 
 
 def periodic() -> str:
-    """The kernel sends by itself, in the rate that it is told."""
+    """The kernel sends by itself, at the configured rate."""
     bus = opened()
     task = bus.send_periodically(SYNC, 1.0 / SYNC_HZ)
     frames: list[Frame] = []

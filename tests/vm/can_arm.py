@@ -1,6 +1,6 @@
 """Seven simulated encoders on vcan0, and their daemon.
 
-A simulated board has the button that tells the truth log when the ball is touched; the
+By a simulated board's button the truth log records when the ball is touched; the
 daemon does not read it.
 """
 
@@ -11,7 +11,7 @@ from tests.vm.bus_checks import NODES
 from tests.vm.can_interface import NAME
 
 N_POINTS = 3
-HELD_S = 8.0  # the arm rests while the button is held: then a point is asked for
+HELD_S = 8.0  # the arm rests while the button is held: then a point is requested
 TRACKING_HZ = 10.0
 REST = '[[motion]]\nkind = "rest"\nduration_s = {}'
 ENCODERS = f"""\

@@ -23,7 +23,7 @@ def add() -> None:
 
 
 def open_raw() -> socket.socket:
-    """A socket that sends and hears nothing."""
+    """A socket that sends and receives nothing."""
     port = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
     port.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, b"")
     port.bind((NAME,))
@@ -31,7 +31,7 @@ def open_raw() -> socket.socket:
 
 
 def listen(*can_ids: int) -> socket.socket:
-    """A socket that hears these frames."""
+    """A socket that receives these frames."""
     exact = 0xC000_07FF
     port = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
     wanted = b"".join(struct.pack("=II", i, exact) for i in can_ids)
@@ -46,7 +46,7 @@ def send(port: socket.socket, can_id: int, data: bytes) -> None:
 
 
 def exact_receivers() -> set[int]:
-    """Identifiers that sockets have asked the kernel for, one by one."""
+    """Identifiers that sockets have requested from the kernel, one by one."""
     lines = (PROC / "can/rcvlist_sff").read_text().splitlines()
     words = [line.split() for line in lines]
     return {int(w[1], 16) for w in words if w and w[0] == NAME}

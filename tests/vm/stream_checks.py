@@ -1,4 +1,4 @@
-"""The driver alone on vcan0, as fast as an emulated computer lets encoders answer."""
+"""The driver alone on vcan0, as fast as encoders answer on an emulated computer."""
 
 import asyncio
 import contextlib
@@ -43,7 +43,7 @@ class Stream:
                 sync=sync,
                 heartbeat_ms=2000,
                 answer_s=2.0,
-                late_s=0.5,  # an emulated computer stands still now and then
+                late_s=0.5,  # an emulated computer is suspended now and then
             ),
             self._delivery_queue,
         )
@@ -70,7 +70,7 @@ class Stream:
         return "; ".join(reversed(lines))
 
     async def doubt(self) -> str:
-        """Answers that come after the next SYNC are waited for, or flagged."""
+        """Answers that arrive after the next SYNC are waited for, or flagged."""
         with self._driver:
             await self._until(lambda d: isinstance(d, DeviceUp))
             self._driver.request_stream(LATE_HZ)
@@ -94,7 +94,7 @@ class Stream:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a stream.
+    """Result of a stream.
 
     Attributes:
         n: samples.

@@ -1,4 +1,4 @@
-"""What was checked, what was seen, and whether it was good."""
+"""Table of checks: what was checked, the observation, and the verdict."""
 
 import json
 import traceback

@@ -122,7 +122,7 @@ def test_poses_tell_everything_that_effects_depend_on(poses):
 
 
 def test_what_hides_shares_no_code_with_what_is_tested():
-    """It plays by the simulator; of the rest it knows how arm files are read."""
+    """It imports the simulator and, of the rest, only the reader of arm files."""
     known = (
         "benchmarks.blind.hidden",
         "traverse.simulator",

@@ -1,4 +1,4 @@
-"""One round of the blind test, run as a program: what it tells, writes and refuses."""
+"""One round of the blind test, run as a program: what it prints, writes and refuses."""
 
 import json
 import os
@@ -24,7 +24,7 @@ def run_round(*arguments: str) -> Result:
 
 @pytest.fixture(scope="module")
 def told():
-    """One of them as somebody types it."""
+    """One round as run from the command line."""
     return subprocess.run(
         [*PROGRAM, "--seed", "3"],
         cwd=CHECKOUT,

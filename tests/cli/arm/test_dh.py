@@ -139,7 +139,7 @@ def test_an_arm_goes_to_a_table_and_back(tmp_path, ending):
     assert "misfit at the probe over 1000 random postures" in written.output
     options = []
     if ending == "csv":
-        # The options that a CSV has no place for stand in it as they are typed.
+        # Options without a CSV column are stored in a comment, as typed.
         comment = [
             line for line in back.read_text("utf-8").splitlines() if "--" in line
         ]

@@ -1,4 +1,4 @@
-"""`traverse arm show`: what a person asks of an arm file."""
+"""`traverse arm show`: contents of an arm file in words."""
 
 import json
 import math

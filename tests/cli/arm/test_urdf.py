@@ -95,7 +95,7 @@ def test_the_arm_moves_as_the_description_says(made):
     centre_mm, shank = probe_pose(
         geometry_from_arm(read_arm(out)), np.array([[0.3, 0.7]])
     )
-    # Lift turns about the child's z, which is the arm's y: the ball goes down.
+    # Lift turns about the child's z, which is the arm's y: the ball moves down.
     across_mm, up_mm = 50 + 420 * math.cos(0.7), 800 - 420 * math.sin(0.7)
     expected = [across_mm * math.cos(0.3), across_mm * math.sin(0.3), up_mm]
     np.testing.assert_allclose(centre_mm[0], expected, atol=1e-9)

@@ -14,6 +14,6 @@ def run_identify(folder: Path, *arguments: str) -> subprocess.CompletedProcess[s
 
 
 def said_json(ran: subprocess.CompletedProcess[str]) -> Any:
-    """What it said as JSON, after it went well."""
+    """Its JSON output, after success."""
     assert ran.returncode == 0, ran.stderr
     return json.loads(ran.stdout)

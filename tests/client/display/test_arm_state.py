@@ -1,4 +1,4 @@
-"""What the page knows of an arm, and what it says of it."""
+"""State of an arm on the page, and its texts."""
 
 import numpy as np
 import pytest
@@ -226,7 +226,7 @@ def test_figures_are_of_now_only_while_they_come(sight: ArmSight, clock: Clock) 
 
 
 def test_alarms_of_before_are_known_from_the_status(sight: ArmSight) -> None:
-    """A page that is opened after an alarm began has seen no event of it."""
+    """A page that is opened after an alarm began has received no event of it."""
     lost = Alarm(
         severity="error",
         code="outbox.failed",

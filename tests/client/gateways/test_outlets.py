@@ -1,4 +1,4 @@
-"""Lines through real sockets, a pty and files, whose other sides fail and come back."""
+"""Lines through real sockets, a pty and files, whose receivers fail and return."""
 
 import asyncio
 import contextlib

@@ -1,4 +1,4 @@
-"""Clients over TLS with a certificate and a password: let in, or told why not."""
+"""Clients over TLS with certificate and password: accepted, or refused with reason."""
 
 import re
 import shlex
@@ -30,12 +30,12 @@ SECRET = "Xy-not-to-be-shown-8"
 
 @dataclass(frozen=True)
 class House:
-    """A broker that wants certificate and password from whoever comes by TLS.
+    """A broker that requires certificate and password over TLS.
 
     Attributes:
         broker: the same without TLS, for the arm.
         address: with all that opens the door.
-        stranger: certificate of an authority that nobody knows.
+        stranger: certificate of an unknown authority.
     """
 
     folder: Path
@@ -151,8 +151,8 @@ async def test_a_wrong_password_or_none_is_told_without_it(house: House) -> None
 async def test_a_certificate_that_is_not_there_or_not_known_is_told(
     house: House,
 ) -> None:
-    # Where the broker cuts the line before its reason is read, only that is known:
-    # of two tries one may tell more than the other.
+    # If the broker disconnects before its reason is read, only that is reported:
+    # one of two attempts may report more.
     bare = replace(house.address, certificate_file=None, key_file=None)
     assert all("certificate_file" in why for why in await reasons(bare))
     other = house.stranger
@@ -196,7 +196,7 @@ async def test_watch_prints_points_over_tls_as_the_guide_shows(
             assert shown in line
             line = line.replace(shown, own)
         words = shlex.split(line)[1:]
-        # The guide's listener wants a password alone; this one a certificate, too.
+        # The guide's listener requires a password only; this one a certificate, too.
         words += house.options()[-4:]
         with Program(tmp_path, "watch", *words, "--json") as watching:
             await watching.says('"online":true')

@@ -67,7 +67,7 @@ def test_where_a_joint_is_stands_out_from_where_it_has_been(theme: str) -> None:
     known = colours(theme)
     here = rule(f"body.body--{theme} .sectors rect.here")
     assert contrast(here, known["accent"]) >= 3.0
-    # Beside sectors that it has not been in the frame of the bar tells it.
+    # Beside unvisited sectors the frame of the bar is the contrast.
     assert contrast(known["accent"], known["ground"]) >= 3.0
 
 

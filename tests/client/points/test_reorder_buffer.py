@@ -67,7 +67,7 @@ class Outbox:
 
 
 def settle(order: ReorderBuffer, outbox: Outbox, lose: Callable[[], bool]) -> None:
-    """Carry out what is asked for, until nothing is; some points get lost."""
+    """Carry out requests until there are none; lose some points."""
     for _ in range(10_000):
         ask = order.next_request(ROOM)
         if ask is None:
@@ -128,7 +128,7 @@ def test_every_number_is_handed_on_once_and_in_order_whatever_a_broker_loses(
                 order.notice(session)
         elif what < 0.05 + forgetting:
             old = chance.choice(list(outbox.sessions))
-            held = outbox.sessions[old]  # the newest stays: nobody knew it else
+            held = outbox.sessions[old]  # the newest stays: else it would be unknown
             below = min(held.start + chance.randrange(5), held.stop - 1)
             outbox.forget(old, max(below, held.start))
         elif what < 0.2 and outbox.sessions[session]:
@@ -194,7 +194,7 @@ def test_now_begins_after_what_the_outbox_holds() -> None:
     order = ReorderBuffer(None)
     order.notice(new)
     settle(order, outbox, never)
-    order.take(point(old, 1))  # somebody else has asked for it
+    order.take(point(old, 1))  # another client has requested it
     order.take(point(new, 2))
     order.take(outbox.add(new))
     assert numbers(order) == [(new, 3)]
@@ -207,7 +207,7 @@ def test_sessions_after_the_one_at_the_beginning_come_whole() -> None:
     old = outbox.begin()
     outbox.add(old)
     order = ReorderBuffer(None)
-    order.notice(old)  # the daemon was away; meanwhile it has come and gone
+    order.notice(old)  # the daemon was away; the session is over by now
     middle, new = outbox.begin(), outbox.begin()
     for session in (middle, middle, new):
         outbox.add(session)

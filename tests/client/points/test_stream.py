@@ -169,7 +169,7 @@ async def test_a_slow_reader_loses_nothing(virtual: VirtualDaemon, broker: str) 
 
 
 async def read_one_after(virtual: VirtualDaemon, arm: Arm) -> None:
-    """So that the client knows that somebody reads."""
+    """Read one point, so that the client has a reader."""
     await virtual.take(1)
     await read(arm, 1)
 

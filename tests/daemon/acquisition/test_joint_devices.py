@@ -1,4 +1,4 @@
-"""How long samples of the arm's devices may come together."""
+"""Limits of blocks of samples of the arm's devices."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What is told of a device and its state, and what it may measure meanwhile."""
+"""Events of a device and its state, and which measurements it permits."""
 
 import numpy as np
 
@@ -47,7 +47,7 @@ async def test_counts_of_another_device_are_not_the_arms(bench):
 async def test_a_lost_device_is_told_once_and_cleared_once(bench):
     lost = DeviceLost("base", "unplugged", "plug it in")
     bench.take(lost)
-    assert bench.codes() == []  # at start-up it is told otherwise
+    assert bench.codes() == []  # at start-up it is reported otherwise
     assert bench.device.answered.is_set()
     bench.take(DeviceUp("base", BOARD, False), lost, lost)
     assert bench.device.state == "lost"

@@ -28,7 +28,7 @@ from traverse.drivers.base.values import (
 
 
 def held_back(tmp_path, **settings):
-    """The wrist has told 10 samples to 112.5 ms, the base 20 to 190 ms."""
+    """Deliver 10 samples of the wrist, to 112.5 ms, and 20 of the base, to 190 ms."""
     assembly = assembly_on_two(tmp_path, wait_s=0.05, **settings)
     assembly.add(wrist().samples(range(10)), AT_ONCE)
     assembly.add(base().samples(range(20)), AT_ONCE)
@@ -72,7 +72,7 @@ def test_nothing_is_waited_for_from_a_lost_device(tmp_path):
     seq, _, _, status, _ = joined(assembly.resampled(AT_ONCE))
     assert seq.tolist() == list(range(12, 20))
     assert (status[:, 2] == STATUS_MISSING).all()
-    # It comes back with another stream; the turns go on where they were.
+    # It returns with another stream; the turns continue.
     assembly.on_up("wrist", identity(), restarted=False)
     assembly.set_rate("wrist", 80.0)
     back = wrist(stream=2, first_ns=BEGIN_NS + 500_000_000)

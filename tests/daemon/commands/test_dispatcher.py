@@ -20,7 +20,7 @@ from traverse.protocol.messages import PointArgs, Reply
 
 
 class SteppedClock(HostClock):
-    """Goes on when it is told to."""
+    """Continues when released."""
 
     def __init__(self) -> None:
         self.now_ns = 10**12
@@ -62,7 +62,7 @@ class Bench:
         return {"seq": len(self.carried_out), **self.result}
 
     def send(self, payload: bytes, name="point", **options):
-        self.clock.go_on_s(0.1)  # as a person would, unless a test wants it otherwise
+        self.clock.go_on_s(0.1)  # as a person would, unless a test overrides it
         return self.receive(payload, name, **options)
 
     def receive(self, payload: bytes, name="point", **options):

@@ -143,7 +143,7 @@ async def test_undo_of_a_point_that_is_not_the_last_is_refused(bench):
 
 async def test_undo_concerns_a_point_that_was_asked_for_and_still_waits(bench):
     press(bench, 30.5)
-    press(bench, 45.5)  # its readings have not come
+    press(bench, 45.5)  # its readings have not arrived
     undoing = await asked(bench.point_requests.undo(UndoArgs()))
     assert not undoing.done()
     bench.stream(40, 50)
@@ -207,7 +207,7 @@ async def test_a_command_that_was_given_up_takes_no_point(bench):
 
 
 async def test_points_carry_the_pose_of_their_instant_not_of_their_turn(bench):
-    """An edge that waits behind a mean has been looked at when it came."""
+    """An edge that waits behind a mean is evaluated on arrival."""
     model = bench.model
     asking = await asked(bench.point_requests.take_point(PointArgs(samples=20)))
     bench.stream(40, 45)

@@ -123,14 +123,14 @@ async def test_points_after_the_change_are_of_the_new_probe(bench, tmp_path):
     probes, changes = requests(bench, library(tmp_path))
     before = bench.model.digest
     bench.take(edge("handle", BEGIN_NS + 305_000_000, 0))
-    bench.take(edge("handle", BEGIN_NS + 405_000_000, 1))  # its readings will come
+    bench.take(edge("handle", BEGIN_NS + 405_000_000, 1))  # its readings will arrive
     changing = asyncio.create_task(probes.change_probe(ProbeArgs(name="long")))
     await asyncio.sleep(0.05)  # the library is read in another thread
     bench.take(edge("handle", BEGIN_NS + 415_000_000, 2))
     bench.stream(40, 60)
     result = await changing
     bench.take(edge("handle", BEGIN_NS + 575_000_000, 3))
-    bench.stream(60, 62)  # motion is told anew from the change on
+    bench.stream(60, 62)  # motion is evaluated anew from the change on
     models = [point.model for point in bench.points]
     assert models[:2] == [before] * 2
     assert models[-1] == result["model"] != before

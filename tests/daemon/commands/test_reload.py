@@ -1,4 +1,4 @@
-"""Reloading: the new is taken whole, or the old goes on."""
+"""Reloading: the new configuration applies whole, or the old one stays."""
 
 import asyncio
 import socket

@@ -118,7 +118,7 @@ def test_a_missing_file_is_told_by_its_name(tmp_path):
 def test_an_unknown_driver_is_refused_with_the_nearest_that_exists(tmp_path):
     text = problems(tmp_path, GOOD.replace('"latch-board"', '"latchboard"'))
     assert "device[0].driver: unknown driver 'latchboard'; did you mean" in text
-    assert "device[0].port" not in text  # of which driver it would be nobody knows
+    assert "device[0].port" not in text  # its driver is unknown
 
 
 def test_the_keys_of_a_device_are_those_of_its_driver(tmp_path):

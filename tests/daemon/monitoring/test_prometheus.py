@@ -128,7 +128,7 @@ async def answer(port: int, request: bytes) -> bytes:
 
 
 async def served(port: int) -> bytes:
-    """The figures, as soon as the endpoint has noticed that others have gone."""
+    """The figures, as soon as the endpoint has noticed that others disconnected."""
     got = b""
     async with asyncio.timeout(20):
         while b"200 OK" not in got:
@@ -207,9 +207,9 @@ async def test_a_client_that_does_not_read_is_cut(monkeypatch):
     with socket.create_connection((HOST, port)) as client:
         client.sendall(GET)
         async with asyncio.timeout(20):
-            while endpoint._clients == 0:  # noqa: ASYNC110 - no event tells it
+            while endpoint._clients == 0:  # noqa: ASYNC110 - no event reports it
                 await asyncio.sleep(0.005)
-            while endpoint._clients:  # noqa: ASYNC110 - no event tells it
+            while endpoint._clients:  # noqa: ASYNC110 - no event reports it
                 await asyncio.sleep(0.005)
     server.close()
     await server.wait_closed()

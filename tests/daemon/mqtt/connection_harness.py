@@ -1,4 +1,4 @@
-"""A publisher, and who hears what it sends."""
+"""A publisher, and a subscriber to its messages."""
 
 import asyncio
 import contextlib
@@ -14,7 +14,7 @@ STATUS = "traverse/bench-7/status"
 
 
 class Bench:
-    """A publisher and what it told."""
+    """A publisher and its reports."""
 
     def __init__(self, address: BrokerAddress) -> None:
         self.queue = OutgoingQueue()
@@ -51,7 +51,7 @@ class Bench:
 
 
 class Witness:
-    """A subscriber of its own, in MQTT 5 unless told otherwise."""
+    """A subscriber of its own, in MQTT 5 by default."""
 
     def __init__(self, port: int, topic: str, **options) -> None:
         self.messages = []

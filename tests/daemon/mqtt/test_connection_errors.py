@@ -1,4 +1,4 @@
-"""Why a connection has ended is told in sentences."""
+"""The reason of a lost connection is reported in sentences."""
 
 import aiomqtt
 import pytest

@@ -1,4 +1,4 @@
-"""A broker that goes away, refuses, or is gone without a word."""
+"""A broker that disconnects, refuses, or vanishes silently."""
 
 import asyncio
 import sys
@@ -67,7 +67,7 @@ async def test_points_of_an_outage_are_delivered_once_each_in_order(make_mosquit
             await bench.all_sent()
             arrived = [int(message.payload) for message in witness.messages]
         assert bench.publisher.reconnects == 1
-    # The witness came in while they were being sent; what it saw was in order.
+    # The witness connected while they were sent; what it received was in order.
     assert arrived == list(range(min(arrived, default=0), 30))[: len(arrived)]
     assert bench.queue.sent["point"] == 30
     assert [up for up, _ in bench.changes] == [True, False, True]

@@ -1,4 +1,4 @@
-"""What is told of a broker that cannot be used."""
+"""Reports of a broker that cannot be used."""
 
 import asyncio
 import socket

@@ -1,4 +1,4 @@
-"""Files that open the broker: found, checked, never told."""
+"""Files of credentials: found, checked, never printed."""
 
 import pickle
 

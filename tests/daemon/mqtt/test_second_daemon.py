@@ -1,4 +1,4 @@
-"""A status of somebody else's session tells of another daemon of this arm."""
+"""A status of a foreign session reveals another daemon of this arm."""
 
 import pytest
 

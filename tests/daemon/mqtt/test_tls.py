@@ -1,4 +1,4 @@
-"""The publisher over TLS with a real mosquitto: let in, or told why not."""
+"""The publisher over TLS with a real mosquitto: accepted, or refused with reason."""
 
 import asyncio
 import ssl

@@ -41,7 +41,7 @@ CONFIGURATION = configuration(
         "inputs": (
             InputSection(source="base/0", trigger="button"),
             InputSection(source="base/1", trigger="switch"),
-            # What it means is known at its release only, or after some time.
+            # Its meaning is decided at its release only, or after some time.
             InputSection(source="base/2", trigger="button", hold="undo"),
         ),
     },
@@ -108,7 +108,7 @@ class CaptureBench(RuleBasedStateMachine):
         self.take(DeviceUp("base", identity, False), StreamStarted("base", 1, 100.0))
 
     def _watched(self, undo):
-        """Remembers what came of each attempt to take a point back; None: refused."""
+        """Record the result of each attempt to retract a point; None: refused."""
 
         def watched(*arguments):
             self.attempts.append(None)
@@ -150,7 +150,7 @@ class CaptureBench(RuleBasedStateMachine):
             (0, 0, 0),
         )
 
-    # -- what must have come of it -------------------------------------------
+    # -- expected results -------------------------------------------
 
     def compare_points(self) -> None:
         expected = expected_points(

@@ -1,4 +1,4 @@
-"""What was asked for, and the points that it comes to: a model of `Capture`."""
+"""Requests, and the points expected from them: a model of `Capture`."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ HOLD_MS = 650.5  # no sum of the times that pass below
 
 @dataclass
 class Asked:
-    """Something that was asked for.
+    """One request.
 
     Attributes:
         what: "point", "press" (of the holder), "undo", "label", "session" or "probe".
@@ -34,11 +34,11 @@ def has_room(counts: int, *, is_undo: bool) -> bool:
 
 
 def expected_points(asked_for, attempts, keepings, sessions, failures):
-    """What the list of all that was asked for comes to: points, and their edges.
+    """Return the expected points, and their edges, of a list of requests.
 
     Args:
         asked_for: in order, as `Asked`.
-        attempts: what came of each undo; None: refused.
+        attempts: result of each undo; None: refused.
         keepings: of points, by their counts.
         sessions: ids, in order.
         failures: how often the disk has failed.
@@ -61,7 +61,7 @@ def expected_points(asked_for, attempts, keepings, sessions, failures):
         elif what == "undo":
             attempt = next(attempts)
             if attempt is None:
-                # With failures a point may stand again that did not when asked.
+                # With failures a point may be valid again that was not at the request.
                 assert (
                     failures
                     or not standing

@@ -36,7 +36,7 @@ class Hand:
         self.until(400)
 
     def until(self, ms):
-        """Time goes by: samples come and the daemon looks at its watch."""
+        """Advance time: samples arrive and the daemon polls."""
         while self.at < ms:
             begin, self.at = self.at, min(self.at + 50, ms)
             numbers = range(begin // 10, self.at // 10)

@@ -160,7 +160,7 @@ async def test_what_is_offered_together_is_looked_at_once():
             assert looked == []
         assert looked == [3]
         queue.offer("point", message("d"))
-    queue.offer("point", message("e"))  # nobody wants to hear of it any more
+    queue.offer("point", message("e"))  # its requester has gone
     assert looked == [3, 4]
 
 

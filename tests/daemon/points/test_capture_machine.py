@@ -2,9 +2,9 @@
 
 The machine drives all that measures in the daemon, in a time of its own, with what the
 driver of a latch board delivers. Every latch has counts that no other has, so that a
-point tells by itself which edge it came from. Points go to a real database when the
+point itself contains the edge it belongs to. Points go to a real database when the
 machine lets the disk work, some of them together; or the disk fails. The model is a
-plain list of what was asked for, gone through at the end.
+plain list of requests, evaluated at the end.
 """
 
 import asyncio
@@ -103,7 +103,7 @@ class CaptureMachine(CaptureBench):
 
     @rule(n=st.integers(1, 10))
     def disk_keeps(self, n):
-        """Some of what waits, in one transaction; then all hear of it."""
+        """Store some of the queue in one transaction; then notify all."""
         group, self.waiting = self.waiting[:n], self.waiting[n:]
         self.store.add([entry for _, entry in group])
         for keeping, _ in group:
@@ -120,7 +120,7 @@ class CaptureMachine(CaptureBench):
 
     @rule()
     def power_goes(self):
-        """What the disk has now: every point that anybody was told of, in order."""
+        """Points on disk now: every acknowledged point, in order."""
         copy = self.path.with_suffix(".copy")
         for end in ("", "-wal"):
             content = Path(f"{self.path}{end}").read_bytes()

@@ -71,7 +71,7 @@ def test_the_shank_points_at_the_material(model):
 
 
 def test_the_last_place_off_the_surface_tells_where_the_probe_came_from(model):
-    # It came down 1 mm in 10 ms, lay still, and the last millimetre does not count.
+    # It moved down 1 mm in 10 ms, rested, and the last millimetre does not count.
     z_mm = [20.0, 5.0, 2.5, 1.0, 0.0, 0.0, 0.0]
     places_mm = [AT_MM + np.array([0.5 * z, 0.0, z]) for z in z_mm]
     found = touched(model, "pretouch", path_of(model, places_mm, -8))
@@ -99,7 +99,7 @@ def test_the_material_lies_away_from_where_the_probe_is_pulled(model):
     path = path_of(model, places_mm, 1)
     found = touched(model, "pulled", path)
     assert found.surface_mm == pytest.approx(AT_MM - np.array([0.0, 0.0, 3.0]))
-    late = path_of(model, places_mm, 100)  # its 2.5 mm come after more than a second
+    late = path_of(model, places_mm, 100)  # its 2.5 mm follow after more than a second
     with pytest.raises(DirectionError, match="pull the probe off"):
         touched(model, "pulled", late)
 
@@ -129,12 +129,12 @@ def test_effects_of_the_contact_are_applied_and_the_flag_goes(tmp_path):
     assert found.pose.xyz_mm == pytest.approx(AT_MM + 0.02 * SHANK)
     assert found.surface_mm == pytest.approx(AT_MM + 3.02 * SHANK)
     assert found.pose.quality == QualityFlag.TEMPERATURE
-    # Along the shank is assumed, not seen: effects are left out, and the point says so.
+    # The shank's direction is assumed: effects are left out, which the point reports.
     found = touched(model, "shank", quality=unknown.value)
     assert found.pose.xyz_mm == pytest.approx(AT_MM)
     assert found.surface_mm == pytest.approx(AT_MM + 3.0 * SHANK)
     assert found.pose.quality == unknown
-    # A bent stylus gives way to the side only, which the shank's direction is not.
+    # A bent stylus bends to the side only, which the shank's direction is not.
     bending = effect("stylus_bending", compliance_mm_n=0.1)
     model = arm_model(tmp_path, ARM + bending)
     side = np.array([400.0, 0.0, 100.0])
@@ -201,7 +201,7 @@ async def test_points_of_a_stream_come_from_where_the_ball_was(make_bench):
     (point,) = bench.points
     assert point.compensation == "pretouch"
     towards = (np.array(point.surface_mm) - point.xyz_mm) / 3.0
-    # It goes on in the direction in which it came.
+    # It continues in the direction of its approach.
     later_mm = (
         bench.measurement.trajectory.position_mm(BEGIN_NS + 375_000_000) - point.xyz_mm
     )

@@ -38,7 +38,7 @@ async def test_an_edge_of_a_device_without_joints_makes_a_point_at_its_instant(b
     assert bench.points == []
     assert bench.acknowledged("handle") == []
     bench.take(base().samples(range(12, 20)))
-    assert bench.points == []  # the wrist's readings after it have not come
+    assert bench.points == []  # the wrist's readings after it have not arrived
     bench.take(wrist().samples(range(8, 14)))
     (point,) = bench.points
     assert bench.acknowledged("handle") == [7]
@@ -52,7 +52,7 @@ async def test_an_edge_of_a_device_without_joints_makes_a_point_at_its_instant(b
 
 async def test_counts_that_were_latched_are_taken_and_the_rest_interpolated(bench):
     bench.take(wrist().samples(range(20)), base().samples(range(20)))
-    # The base latches joints 2 and 1 a little beside where its stream goes.
+    # The base latches joints 2 and 1 a little beside its stream.
     counts = (111_111, 0, 22_222)
     bench.take(edge("base", EDGE_NS, 3, counts=counts))
     (point,) = bench.points
@@ -72,7 +72,7 @@ async def test_edges_keep_their_order_and_none_is_acknowledged_early(bench):
     bench.take(edge("handle", EDGE_NS, 0))
     bench.take(edge("handle", EDGE_NS + 1_000_000, 1, active=False))
     bench.take(edge("handle", EDGE_NS + 2_000_000, 2, number=1))  # means nothing
-    early = BEGIN_NS + 50_000_000  # could be told at once
+    early = BEGIN_NS + 50_000_000  # could be made at once
     bench.take(edge("base", early, 0, counts=(1, 2, 3)))
     assert (bench.points, bench.acknowledged("handle")) == ([], [])
     assert bench.acknowledged("base") == []
@@ -158,7 +158,7 @@ async def test_a_lost_device_and_its_return_neither_lose_nor_double_an_edge(benc
     bench.take(StreamStarted("wrist", 2, 80.0))
     back = wrist(stream=2, first_ns=BEGIN_NS + 200_000_000)
     bench.take(back.samples(range(5)), base().samples(range(12, 30)))
-    (point,) = bench.points  # told, with what it lacks
+    (point,) = bench.points  # published, with what it lacks
     assert point.quality.flags == ("incomplete", "interpolated", "skew")
     assert bench.acknowledged("handle") == [0]
     assert bench.codes().count("button.pressed") == 1

@@ -107,7 +107,7 @@ def test_joints_may_be_on_several_devices(tmp_path):
     assert model.joint_devices == ("base", "base", "wrist")
     assert model.devices == ("base", "wrist")
     assert model.channels.tolist() == [2, 0, 1]
-    # Each device is asked only for its own joints.
+    # Each device is used for its own joints only.
     assert model.mismatches_with("wrist", device((1, 1 << 23))) == []
     (missing,) = model.mismatches_with("wrist", device((1 << 23,)))
     assert "joint 3 of the arm is on channel 1, but wrist has 1 channel" in missing

@@ -1,4 +1,4 @@
-"""Effects that need the stream do not depend on how it comes."""
+"""Effects that need the stream do not depend on its division into blocks."""
 
 import math
 from itertools import pairwise

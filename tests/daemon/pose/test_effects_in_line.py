@@ -181,7 +181,7 @@ def test_before_any_motion_it_is_unknown_and_flagged(tmp_path):
         tmp_path, MASSES + effect("backlash", joint='"J2"', half_width_rad=4e-4)
     )
     still = counts_of()
-    still[:9, 0] = still[0, 0]  # joint 2 stands, the others move
+    still[:9, 0] = still[0, 0]  # joint 2 rests, the others move
     pipeline = Pipeline(backlash, SetClock())
     poses = pipeline.poses(count_samples(still))
     assert [bool(bits) for bits in poses.quality] == [True] * 9 + [False] * (N - 9)

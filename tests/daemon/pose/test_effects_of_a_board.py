@@ -1,4 +1,4 @@
-"""Effects with a board at the other end of a real line: what it tells reaches them."""
+"""Effects with a board at the other end of a real line: its data reach them."""
 
 import contextlib
 

@@ -1,4 +1,4 @@
-"""Each documented flag, and a cause in the simulated arm that brings it about."""
+"""Each documented flag, and a cause in the simulated arm that sets it."""
 
 from dataclasses import replace
 
@@ -42,7 +42,7 @@ def press(status=0, token=0):
 
 
 def on_a_board(*deliveries, text=ARM, **limits):
-    """What is seen while a board that reads the whole arm delivers something."""
+    """Flags while a board that reads the whole arm delivers something."""
 
     async def play(folder):
         limits.setdefault("refuse", ())
@@ -148,7 +148,7 @@ CAUSES = {
 
 
 def test_each_documented_flag_has_a_cause():
-    """Whoever documents a flag shows here how it comes about."""
+    """Every documented flag has a test here that sets it."""
     assert set(CAUSES) == {str(flag.name).lower() for flag in FLAG_MEANINGS}
     assert set(FLAG_MEANINGS) == set(QualityFlag)
 

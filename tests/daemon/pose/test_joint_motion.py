@@ -12,7 +12,7 @@ FIELDS = ("speeds_rad_s", "are_speeds_known", "approaches")
 
 
 def followed(times_ns, angles_rad, *, band_rad=0.01, are_valid=None, cuts=()):
-    """The motion of one stream, given to a trail block by block."""
+    """The motion of one stream, passed to a trail block by block."""
     times_ns = np.asarray(times_ns, np.int64)
     angles_rad = np.asarray(angles_rad, float).reshape(len(times_ns), -1)
     if are_valid is None:
@@ -29,7 +29,7 @@ def followed(times_ns, angles_rad, *, band_rad=0.01, are_valid=None, cuts=()):
 
 
 def sense_by_turning_points(readings, band):
-    """By hand: the furthest reading so far, and how far it has come back from it."""
+    """By hand: the furthest reading so far, and the distance back from it."""
     senses, sense, furthest = [], 0, readings[0]
     for reading in readings:
         if sense == 0:

@@ -1,4 +1,4 @@
-"""What is beyond a limit is marked, told, and refused where that is wanted."""
+"""Values beyond a limit are flagged, reported, and refused where configured."""
 
 from dataclasses import replace
 
@@ -66,7 +66,7 @@ def test_a_temperature_out_of_its_band_lasts_until_it_is_back(model):
     bench = Bench(model, temperature_low_c=18.0, temperature_high_c=22.0)
     found = [bench.block(0.0, celsius)[0] for celsius in (20.0, 22.5, 21.0, None)]
     marked = QualityFlag.TEMPERATURE
-    assert found == [0, marked, 0, marked]  # nobody knows that it is in the band
+    assert found == [0, marked, 0, marked]  # it is unknown whether it is in the band
     assert bench.codes() == [
         ("limit.temperature", True),
         ("limit.temperature", False),
@@ -96,7 +96,7 @@ def test_an_old_identification_is_marked(model):
     now_s = (SetClock().now_ns + SetClock().utc_offset_ns()) * 1e-9
     stale = QualityFlag.STALE_IDENTIFICATION
     for identified_s, expected in (
-        (None, stale),  # nobody knows how old it is
+        (None, stale),  # its age is unknown
         (now_s - 29 * 86_400, 0),
         (now_s - 31 * 86_400, stale),
     ):

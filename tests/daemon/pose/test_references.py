@@ -103,7 +103,7 @@ def test_power_lost_while_the_daemon_was_away(tmp_path):
     other = Rig(tmp_path, memory=memory)
     other.monitor.on_up(up(boot="b"))
     assert other.is_doubtful
-    # A daemon that starts again does not forget that nobody has confirmed.
+    # A daemon that starts again still requires the confirmation.
     again = Rig(tmp_path, memory=memory)
     again.monitor.on_up(up(boot="b"))
     assert again.is_doubtful

@@ -164,7 +164,7 @@ class RecordedRun:
         deliver(self.measurement, delivery)
 
     def edge(self, *, active=True, ago_s=0.0123):
-        """The board's button goes down or up."""
+        """Press or release the board's button."""
         instant_ns = self.clock.now_ns - int(ago_s * 1e9)
         counts = np.zeros(3, np.int64)
         true = np.rint(true_counts(np.array([instant_ns]))[0]).astype(np.int64) % TURNS
@@ -197,7 +197,7 @@ class RecordedRun:
 
 
 def replayed(path, block=None):
-    """What comes of a replay, and its points."""
+    """Result of a replay, and its points."""
     points = []
 
     async def replay():

@@ -1,4 +1,4 @@
-"""The recorder: segments, faults, crashes, full disks, floods; measuring goes on."""
+"""The recorder: segments, faults, crashes, full disks, floods; measuring continues."""
 
 import asyncio
 import contextlib
@@ -24,7 +24,7 @@ async def until(condition):
 
 
 def fault(run, code="alarm.encoder_error", severity="error"):
-    """An event goes out."""
+    """Publish an event."""
     now_ns = run.clock.now_ns
     event = Event(
         arm="bench-7",

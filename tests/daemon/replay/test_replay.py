@@ -86,7 +86,7 @@ def test_points_and_scans_are_the_same(tmp_path, two, method):
     first, second, run = recorded(
         tmp_path, two=two, capture=f'compensation = "{method}"'
     )
-    n = 14 + two  # one board latches: it is never asked for its stream's point
+    n = 14 + two  # one board latches: it gets no request for a point of its stream
     for block in (None, 1) if two else BLOCKS:
         result, points = replayed(first, block)
         assert result.holds

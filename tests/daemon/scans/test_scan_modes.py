@@ -22,7 +22,7 @@ BEGIN_NS = 10**12
 
 
 class Bench:
-    """A scanner at 1 kHz on a path that a test gives."""
+    """A scanner at 1 kHz on a path from the test."""
 
     def __init__(self, model, path_mm, *, filters=(), wait_s=0.02, **plan) -> None:
         self.model, self.path_mm = model, np.asarray(path_mm, dtype=float)
@@ -111,7 +111,7 @@ def test_at_planes_points_lie_on_them_and_say_that_they_are_interpolated(model):
 def test_a_held_scan_has_what_was_measured_from_the_press_to_the_release(model):
     bench = Bench(model, line(100), held=True)
     bench.take(range(30))
-    # The edges are heard of late, each 10 ms after it happened.
+    # The edges arrive late, each 10 ms after it happened.
     assert bench.scanner.edge(BUTTON, BEGIN_NS + 20 * PERIOD_NS, True) == 0.0
     bench.take(range(30, 60))
     assert bench.scanner.edge(BUTTON, BEGIN_NS + 50 * PERIOD_NS + 1, False) == 0.0

@@ -1,4 +1,4 @@
-"""Entries for outboxes, and a file system that is as full as a test wants."""
+"""Entries for outboxes, and a file system as full as a test sets it."""
 
 import sqlite3
 

@@ -65,7 +65,7 @@ class OutboxOnLoop:
         return keepings
 
     def send(self, n=10**6):
-        """Be the broker, which takes so many; gives their payloads as messages."""
+        """Act as a broker that takes so many; return their payloads as messages."""
         sent = []
         while len(sent) < n and (taken := self.queue.next()) is not None:
             self.queue.done(*taken)

@@ -64,7 +64,7 @@ class Bench:
         return taken
 
     def send(self):
-        """Be a broker that takes all there is; gives (scan, number) of the blocks."""
+        """Act as a broker that takes all; return (scan, number) of the blocks."""
         sent = []
         while (taken := self.queue.next()) is not None:
             kind, message = taken

@@ -138,7 +138,7 @@ async def test_a_damaged_row_is_deleted_in_its_time_though_no_index_has_it(tmp_p
     store.close()
     content = bench.path.read_bytes()
     name = message(7).id.encode()
-    # The row comes after its indices: the last place is the row's.
+    # The row is stored after its indices: the last place is the row's.
     place = content.rindex(name, 0, content.rindex(ORIGINALS[7]))
     bench.path.write_bytes(content[:place] + b"\xff" + content[place + 1 :])
     bench.clock.offset_ns = message(0).time_ns + 10 * DAY_NS
@@ -340,7 +340,7 @@ def test_only_the_owner_may_read_it_whatever_the_umask(path):
 
 
 def test_a_row_that_only_an_index_calls_unsent_ends_the_query(path):
-    """The file is damaged then: nobody can take the row out of the index."""
+    """The file is damaged then: the row cannot be removed from the index."""
     make(path, 3)
     execute(path, "UPDATE messages SET payload = x'00' WHERE number = 2")
     store = MessageDatabase(path)

@@ -1,4 +1,4 @@
-"""Points that are asked for again, and for how long they are kept."""
+"""Points that are requested again, and their retention."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Blocks of scans that are asked for again."""
+"""Blocks of scans that are requested again."""
 
 import pytest
 

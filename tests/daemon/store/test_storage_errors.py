@@ -32,12 +32,12 @@ async def test_a_commit_that_fails_gives_the_numbers_back(bench):
 
 
 async def test_points_behind_a_failed_one_fail_until_the_loop_has_heard(bench):
-    """Numbers must not follow on numbers that nobody has."""
+    """Numbers must not follow numbers that were never stored."""
     await bench.take_all(1)
     fill_disk(bench.path, "messages")
     first, has_failed = bench.take(), threading.Event()
     bench.outbox._writer.query(lambda store: has_failed.set(), lambda _: None)
-    assert has_failed.wait(20.0)  # and the loop stands: it has not heard of it
+    assert has_failed.wait(20.0)  # the loop is blocked: it is not yet notified
     make_room(bench.path)
     second = bench.take()
     await until(lambda: second.is_settled, "both are settled")

@@ -1,4 +1,4 @@
-"""Free memory: one arena for all threads, and large blocks given back."""
+"""Free memory: one arena for all threads, and large blocks released."""
 
 import re
 import subprocess
@@ -38,7 +38,7 @@ libc.fclose(file)
 
 
 def report(how):
-    """What glibc tells of its arenas."""
+    """glibc's report of its arenas."""
     run = (sys.executable, "-c", PROGRAM, how)
     return subprocess.run(run, capture_output=True, text=True, check=True).stdout
 

@@ -1,4 +1,4 @@
-"""Claims on the system: granted where it permits, told and done without elsewhere."""
+"""Claims on the system: granted where permitted, else reported and not used."""
 
 import gc
 import json
@@ -48,7 +48,7 @@ ending.set()
 
 
 def prepared(user: str = "same", **section: object) -> dict:
-    """What a program of its own got, and what it was told."""
+    """Claims granted to a separate program, and its messages."""
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT, json.dumps(section), user],
         capture_output=True,

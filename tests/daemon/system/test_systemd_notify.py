@@ -1,4 +1,4 @@
-"""What systemd hears, on a real datagram socket of the test's own."""
+"""Notifications to systemd, on a real datagram socket of the test's own."""
 
 import os
 import socket
@@ -11,7 +11,7 @@ from traverse.daemon.system.systemd import Notifier
 
 @pytest.fixture(params=["path", "abstract"])
 def manager(request, tmp_path):
-    """A socket as systemd has it, and its name as the environment tells it."""
+    """A socket like systemd's, and its name as in the environment."""
     name = str(tmp_path / "notify")
     if request.param == "abstract":
         name = f"@traverse-test-{os.getpid()}"

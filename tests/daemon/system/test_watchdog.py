@@ -1,4 +1,4 @@
-"""Who is stuck stops the feeding; who is merely gone, or idle, does not."""
+"""A stuck thread stops the feeding; one that ended, or is idle, does not."""
 
 import asyncio
 import socket
@@ -53,7 +53,7 @@ class Bench:
         )
 
     def is_fed(self) -> bool:
-        """Look once; whether systemd hears of it."""
+        """Check once; return whether systemd is notified."""
         self.watchdog.check()
         try:
             return self.heard.recv(100) == b"WATCHDOG=1"
@@ -105,7 +105,7 @@ async def test_a_turn_that_was_said_to_be_long_may_be_long(bench):
 async def test_what_nobody_takes_stops_the_feeding_at_the_second_look(bench):
     bench.delivery_queue.put(DeviceCounters("base", {}))
     await asyncio.sleep(0)
-    assert bench.is_fed()  # it may have come this moment
+    assert bench.is_fed()  # it may have arrived this moment
     assert not bench.is_fed()
     assert bench.told() == [("taker-of-base", True)]
     await bench.delivery_queue.take()

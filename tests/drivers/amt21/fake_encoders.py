@@ -30,7 +30,7 @@ class FakeEncoder:
 
     Attributes:
         count: of the whole shaft, turns included.
-        step: by which it goes on with each position that is asked for.
+        step: added to the count with each requested position.
         silent, garbled: how many of the next requests it does so to.
         late_s: by how much its next answer is late.
         delay_s: from request to reply.
@@ -65,7 +65,7 @@ class FakeLine:
     """Encoders by their addresses, and what the adapter does.
 
     Attributes:
-        heard: every byte that the host has sent.
+        heard: every byte received from the host.
     """
 
     def __init__(self, *addresses: int, echo: bool = False) -> None:

@@ -43,7 +43,7 @@ def test_the_stream_keeps_its_instants():
 
 
 def test_a_reading_is_stamped_in_the_middle_of_its_exchange():
-    """At a steady speed the count tells when it was latched: with the request."""
+    """At a steady speed the count shows when it was latched: with the request."""
     moving = line(3, delay_s=0.0004, speed_counts_s=1e5)
     run = Played(moving, rate_hz=100.0, max_speed_rad_s=100.0)
     # 0.4 ms an exchange, one after the other; the middle is 0.2 ms after the latch.
@@ -137,7 +137,7 @@ def test_options_are_strict(bad):
 
 
 class Amt21Rig:
-    """Real bytes through a pty; the count of each encoder rises as it is asked."""
+    """Real bytes through a pty; the count of each encoder rises with its requests."""
 
     def __init__(self, encoders: PtyEncoders) -> None:
         self.encoders = encoders
@@ -152,7 +152,7 @@ class Amt21Rig:
         )
 
     def emit(self, n):
-        """They answer when they are asked."""
+        """Encoders that answer when polled."""
 
     def lose(self, n):
         self.encoders.line.encoders[0x58].garbled = n

@@ -88,7 +88,7 @@ def test_when_all_are_silent_the_device_is_lost_and_comes_back():
         for b in run.all[: kinds.index(DeviceLost)]
         if isinstance(b, CountSamples)
     )
-    assert before_ns < 10**12 + 1_000_000_000  # told within half a second
+    assert before_ns < 10**12 + 1_000_000_000  # reported within half a second
 
 
 def test_without_a_stream_a_lost_encoder_is_noticed_too():

@@ -1,4 +1,4 @@
-"""What comes from a line of AMT21 encoders and is not to be believed."""
+"""Invalid bytes on a line of AMT21 encoders."""
 
 import numpy as np
 

@@ -112,7 +112,7 @@ async def test_full_of_samples_still_takes_edges():
 
 
 class Loop:
-    """Counts how often it is woken; stands where the event loop would."""
+    """Stand-in for the event loop that counts how often it is woken."""
 
     def __init__(self) -> None:
         self.woken = 0
@@ -138,7 +138,7 @@ async def test_samples_wake_the_loop_seldom_and_everything_else_at_once():
     delivery_queue.put(samples(1))
     assert loop.woken == 3
     await delivery_queue.take()
-    delivery_queue.batch_window_ns = 10_000_000  # somebody wants them sooner
+    delivery_queue.batch_window_ns = 10_000_000  # a consumer requests them sooner
     clock.now_ns += 8_000_000
     delivery_queue.put(samples(1))
     assert loop.woken == 4

@@ -1,4 +1,4 @@
-"""A reader thread that is stuck: seen by its heartbeat, and no hindrance to the end."""
+"""A stuck reader thread: detected by its heartbeat, no obstacle to shutdown."""
 
 import asyncio
 import os
@@ -11,7 +11,7 @@ from traverse.drivers.base.options import DriverOptions
 
 
 class Deaf(Driver):
-    """Serves something that does not come back until it is let go."""
+    """A serve step that blocks until it is released."""
 
     def __init__(self, delivery_queue: DeliveryQueue, clock) -> None:
         super().__init__("base", DriverOptions(), delivery_queue, monotonic_ns=clock)

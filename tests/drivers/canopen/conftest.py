@@ -11,7 +11,7 @@ from traverse.drivers.base.delivery_queue import DeliveryQueue
 
 @pytest.fixture(autouse=True)
 def quiet_library(caplog: pytest.LogCaptureFixture) -> None:
-    """The library logs each abort that we asked for on purpose."""
+    """The library logs each abort that the tests provoke."""
     caplog.set_level("CRITICAL", logger="canopen")
 
 

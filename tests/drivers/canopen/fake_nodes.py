@@ -1,6 +1,6 @@
 """CANopen encoders at the other end of a virtual bus, for tests to command.
 
-Written from the bytes of CiA 301 and 406, with expedited transfers only; it knows
+Written from the bytes of CiA 301 and 406, with expedited transfers only; it uses
 nothing of the code under test. What they do by themselves: answer questions, obey NMT,
 send heartbeats, answer SYNCs where `answers_sync` says so.
 """
@@ -32,7 +32,7 @@ def u32(value: int) -> bytes:
 
 
 def realtime_ahead_ns() -> int:
-    """What realtime is ahead of monotonic, read while nothing came in between."""
+    """Offset of realtime from monotonic [ns], read without interruption."""
     while True:
         before_ns, now_ns, after_ns = (
             time.monotonic_ns(),
@@ -51,7 +51,7 @@ class FakeNode:
         refuses: objects that cannot be written.
         mute: it says nothing.
         doubles: it says everything twice.
-        late_s: how long after a SYNC its answer to it goes out.
+        late_s: how long after a SYNC its answer is sent.
         loses: SYNCs that it does not answer, counted from now.
     """
 
@@ -96,7 +96,7 @@ class FakeNode:
 
     @property
     def sends_position(self) -> bool:
-        """Whether it answers a SYNC, as it was told to."""
+        """Whether it answers a SYNC, as configured."""
         cob_id = int.from_bytes(self.objects[(0x1800, 1)], "little")
         return (
             self.state == OPERATIONAL
@@ -128,10 +128,10 @@ class FakeNodes:
     """Encoders on a virtual bus; all counts go up by one from SYNC to SYNC.
 
     Attributes:
-        answers_sync: they answer the SYNCs that somebody sends.
-        heard: frames that came, identifier and data.
+        answers_sync: whether they answer SYNCs.
+        heard: received frames, identifier and data.
         synced_ns: when each SYNC was sent to which they count, host's monotonic clock.
-        distort: changes what goes out: identifier and data in, frames out.
+        distort: changes frames to be sent: identifier and data in, frames out.
     """
 
     def __init__(self, channel: str, numbers: tuple[int, ...] = (5, 9)) -> None:
@@ -191,9 +191,9 @@ class FakeNodes:
                 )
 
     def sync(self, n: int, lost: bool = False) -> None:
-        """Send SYNCs as another master would; all nodes answer, or nobody does."""
+        """Send SYNCs as another master would; all nodes answer, or none."""
         with self._lock:
-            if self._plugged:  # what they were told before is done before
+            if self._plugged:  # earlier settings are applied first
                 self._listen()
         for _ in range(n):
             self.send(0x080, b"")

@@ -1,4 +1,4 @@
-"""A CANopen driver with two nodes, and what it has told."""
+"""A CANopen driver with two nodes, and its deliveries."""
 
 import asyncio
 import contextlib
@@ -15,7 +15,7 @@ channels = itertools.count()
 
 
 class CanRig:
-    """A driver whose SYNCs come from elsewhere: a test says when."""
+    """A driver with an external source of SYNCs, which the test controls."""
 
     def __init__(self, delivery_queue: DeliveryQueue, **options: object) -> None:
         channel = f"bus-{next(channels)}"

@@ -79,7 +79,7 @@ async def test_emergencies_and_alarms_begin_and_end(rig: CanRig):
         alarm = next(a for a in taken.of(DeviceAlarm) if a.code == "emergency")
         assert alarm.value == 0x1000
         assert "node 5: generic error (code 1000, error register 01" in alarm.text
-        with pytest.raises(StopIteration):  # 6503 is read only where it is asked for
+        with pytest.raises(StopIteration):  # 6503 is read only where it is configured
             next(a for a in taken.of(DeviceAlarm) if a.code == "encoder_alarm")
         await until_status(rig, taken, [STATUS_WARNING, 0])
         rig.nodes.send(0x085, bytes(8))
@@ -149,7 +149,7 @@ async def test_noise_on_the_bus_ends_nothing(rig: CanRig):
             n = random.randrange(9)
             rig.nodes.send(service + node, random.randbytes(n), random.random() < 0.1)
         async with asyncio.timeout(8):
-            # Both answer again; what else the noise said of them stays told.
+            # Both answer again; other alarms caused by the noise stay active.
             while [bits & STATUS_MISSING for bits in last_status(taken)] != [0, 0]:
                 await answered(rig, taken)
     assert all(

@@ -99,7 +99,7 @@ def test_a_question_that_is_never_answered_hides_a_second_node_for_a_while_only(
 
 
 class Reluctant:
-    """Node 9 answers its first questions all at once, when it is asked for the third
+    """Node 9 answers its first requests all at once, at the third
     time; node 5 answers nothing before that."""
 
     def __init__(self) -> None:
@@ -112,7 +112,7 @@ class Reluctant:
         if can_id == 0x589:
             self.held.append((can_id, data))
         self.done = len(self.held) >= 3
-        # The question to node 5 came first: its answer is that of the last round.
+        # The request to node 5 was the first: its answer is that of the last round.
         return [*self.held, (0x585, data)] if self.done else []
 
 
@@ -137,7 +137,7 @@ async def test_a_node_that_answers_an_earlier_connection_is_not_two() -> None:
     with nodes, driver:
         taken = Taken(delivery_queue)
         await taken.until(lambda: taken.of(DeviceUp), "the nodes")
-        driver.request_stream(100.0)  # told after all that is found at the start
+        driver.request_stream(100.0)  # set after the discovery
         await taken.until(lambda: taken.of(StreamStarted), "the stream")
     assert [alarm.code for alarm in taken.of(DeviceAlarm)] == []
     assert len(taken.of(DeviceLost)) == 1

@@ -93,7 +93,7 @@ def played(source: Source, answers: list[tuple[int | None, ...]]) -> tuple[int, 
 @given(answers=ANSWERS, stalls=st.tuples(*[st.integers(0, 60)] * 3))
 def test_a_count_without_a_flag_is_of_its_sync(source, answers, stalls):
     rows = [list(row) for row in answers]
-    for channel, n_th in enumerate(stalls):  # then all comes at once that was held up
+    for channel, n_th in enumerate(stalls):  # then all held-up frames arrive at once
         if n_th < len(rows):
             rows[n_th][channel] = 5 * LATE_NS
     played(source, [tuple(row) for row in rows])

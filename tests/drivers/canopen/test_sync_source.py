@@ -1,4 +1,4 @@
-"""The schedule of SYNCs, sent or seen."""
+"""The schedule of SYNCs, sent or received."""
 
 from hypothesis import given, settings
 from hypothesis import strategies as st

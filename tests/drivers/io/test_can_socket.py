@@ -1,4 +1,4 @@
-"""Frames from a socket, as the kernel gives them."""
+"""Frames from a socket, as read from the kernel."""
 
 import socket
 import struct
@@ -14,7 +14,7 @@ def frame(can_id: int, data: bytes) -> bytes:
 
 @pytest.fixture
 def pair() -> tuple[socket.socket, socket.socket]:
-    # As on a CAN socket, one read gives one frame.
+    # As on a CAN socket, one read returns one frame.
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     with ours, theirs:
         yield ours, theirs
@@ -51,7 +51,7 @@ def test_no_more_frames_are_read_than_asked_for(
 
 
 class StampedSocket:
-    """A socket as the kernel gives it on CAN: with control messages."""
+    """A socket like the kernel's on CAN: with control messages."""
 
     def __init__(self, received: list[tuple[bytes, list[tuple[int, int, bytes]]]]):
         self._received = received
@@ -68,7 +68,7 @@ class StampedSocket:
 
 
 def test_the_kernels_stamp_is_brought_to_the_monotonic_clock() -> None:
-    # Realtime is 1000 s ahead; the frame came 3 ns before it is read.
+    # Realtime is 1000 s ahead; the frame arrived 3 ns before it is read.
     stamp = (socket.SOL_SOCKET, 35, struct.pack("@ll", 1005, 999_999_997))
     lost = (socket.SOL_SOCKET, 40, struct.pack("@I", 12))
     port = StampedSocket([(frame(0x080, b""), [stamp, lost])])

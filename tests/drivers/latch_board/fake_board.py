@@ -1,6 +1,6 @@
 """A latch board at the other end of a pty, for tests to command.
 
-It knows the board's side of docs/serial-protocol.md and nothing of the code under
+It implements the board's side of docs/serial-protocol.md without the code under
 test. What it does by itself: answer requests, repeat edges, send heartbeats.
 """
 
@@ -39,7 +39,7 @@ class FakeBoard(PtyPeer):
 
     Attributes:
         answers: what is answered to a request's type; replace to misbehave.
-        requests: bodies heard, without their check sum.
+        requests: received bodies, without their check sum.
         edges: edges that are not yet acknowledged, by number.
     """
 
@@ -106,7 +106,7 @@ class FakeBoard(PtyPeer):
                     return
 
     def emit(self, n: int) -> list[bytes]:
-        """Send the next n samples, and let no heartbeat tell of them before."""
+        """Send the next n samples, and no heartbeat before them."""
         with self._lock:
             bodies_sent = self.samples(n)
             self.send(*bodies_sent)
@@ -129,7 +129,7 @@ class FakeBoard(PtyPeer):
             ]
 
     def press(self, number: int = 0, level: int = 1) -> int:
-        """An edge: kept and repeated until it is acknowledged; gives its number."""
+        """An edge: kept and repeated until it is acknowledged; return its number."""
         with self._lock:
             seq, self.next_edge = self.next_edge, self.next_edge + 1
             counts = [c + seq for c in self.counts]

@@ -111,7 +111,7 @@ async def test_closing_while_connecting_does_not_wait_for_the_board(rig):
     rig.driver.start()
     await until(lambda: rig.board.heard(HELLO), "the first HELLO")
     await asyncio.to_thread(rig.driver.close)
-    # A driver that waits for all its tries would have asked eight times.
+    # A driver that waits for all its tries would have sent eight requests.
     assert len(rig.board.heard(HELLO)) <= 2
     taken = Taken(rig.delivery_queue)
     rig.delivery_queue.put(DeviceUp("end", None, False))

@@ -1,4 +1,4 @@
-"""The latch board: the common suites, its streams and what it tells by itself."""
+"""The latch board: the common suites, its streams and unsolicited messages."""
 
 import asyncio
 

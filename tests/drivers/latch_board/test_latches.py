@@ -43,7 +43,7 @@ async def test_a_board_with_inputs_only_tells_its_edges(rig):
     latches = taken.of(LatchedCounts)
     assert [latch.token for latch in latches] == tokens
     assert {(latch.counts, latch.status) for latch in latches} == {((), ())}
-    # Its heartbeat is all that tells its time, so it is asked for more often.
+    # Its time is only in its heartbeat, which is therefore requested more often.
     assert rig.board.heard(CONFIGURE)[0].hex(" ").startswith("02 02 ff 14 00")
 
 

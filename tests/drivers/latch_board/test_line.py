@@ -1,4 +1,4 @@
-"""Reads of a fast stream: samples come together, an edge waits for none of them."""
+"""Reads of a fast stream: samples are combined, an edge is never delayed by them."""
 
 import numpy as np
 import pytest
@@ -12,14 +12,14 @@ COUNTS = np.arange(1, 8, dtype=np.uint32)
 STATUS = np.zeros(7, np.uint8)
 MS_NS = 1_000_000
 BATCH_WINDOW_NS = 5_000_000
-GONE = b"gone"  # in a script: the port goes away and stays away
+GONE = b"gone"  # in a script: the port is removed for good
 
 
 class ScriptedPort:
-    """Bytes that come at times of a clock which goes on only while they are waited for.
+    """Bytes that arrive at times of a clock which advances only in waits.
 
     Args:
-        script: times in ns and what comes then; empty: a wake-up.
+        script: times in ns and the bytes received then; empty: a wake-up.
     """
 
     path = "scripted"
@@ -80,7 +80,7 @@ def heartbeat() -> bytes:
 
 
 def dispatched(*script: tuple[int, bytes]) -> list[tuple]:
-    """What is dispatched: message, time, what earlier reads have brought of it."""
+    """Return what is dispatched: message, time, its bytes from earlier reads."""
     port = ScriptedPort(*script)
     found: list[tuple] = []
     line = LatchBoardLine(

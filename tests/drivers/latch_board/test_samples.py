@@ -1,4 +1,4 @@
-"""Samples that came in several reads get their times by all of them."""
+"""Samples received in several reads are timed by all of them."""
 
 from collections import Counter
 
@@ -41,7 +41,7 @@ def test_the_read_with_the_smallest_delay_tells_the_time_of_all():
     [delivered] = taken
     assert delivered.received_ns == last
     error_ns = delivered.sample_time_ns - (BEGUN_NS + ticks.astype(np.int64) * 1000)
-    # The mapping goes over to a smaller delay within half a second, not at once.
+    # The mapping adapts to a smaller delay within half a second, not at once.
     assert error_ns[0] <= 300_000
     assert (np.diff(error_ns) <= 0).all()
     late = SampleBlock(

@@ -91,7 +91,7 @@ def test_after_a_loss_the_oldest_edge_that_the_board_repeats_is_next():
     edges = EdgeSequencer(WRAP - 2)
     assert edges.classify(1, 0) == ("early", 0)
     assert edges.classify(0, 1) == ("early", 0)
-    assert edges.classify(5, 1_000_000_001) == ("early", 0)  # 0 comes in a moment
+    assert edges.classify(5, 1_000_000_001) == ("early", 0)  # 0 follows in a moment
     assert edges.classify(0, 1_050_000_000) == ("next", 2)
     edges.mark_delivered(0)
     assert edges.classify(1, 1_050_000_001) == ("next", 0)
@@ -135,7 +135,7 @@ def test_a_refused_edge_is_taken_when_it_comes_again():
     assert edges.classify(3, 0) == ("next", 0)
     edges.mark_delivered(3)
     edges.mark_refused(3)
-    edges.acknowledge(3)  # nobody can have: it is still to come
+    edges.acknowledge(3)  # impossible: it was not sent yet
     assert edges.classify(4, 1) == ("early", 0)
     assert edges.classify(3, 2) == ("next", 0)
 

@@ -1,7 +1,7 @@
 """A MicroScribe at the other end of a pty, for tests to command.
 
-It knows the arm's side of HCI and nothing of the code under test. It follows the baud
-rate of whoever calls it, and hears nothing at another one until its session ends.
+It implements the arm's side of HCI without the code under test. It follows the baud
+rate of the host, and receives nothing at another one until its session ends.
 """
 
 import contextlib
@@ -40,10 +40,10 @@ class FakeMicroscribe(PtyPeer):
     Attributes:
         hci: 2 or 3.
         maxes: greatest counts.
-        counts: what the encoders say; the first goes up by one from packet to packet.
+        counts: readings of the encoders; the first increases by one per packet.
         buttons: bits of the pedals.
-        n_lost: so many answers to come lose a byte.
-        heard: requests so far.
+        n_lost: number of next answers that lose a byte.
+        heard: received requests.
     """
 
     def __init__(self, link: Path, hci: int = 2, n_joints: int = 6) -> None:
@@ -96,7 +96,7 @@ class FakeMicroscribe(PtyPeer):
             self._changed = True
 
     def serve(self, n: int) -> None:
-        """Wait until so many more packets were asked for."""
+        """Wait until so many more packets were requested."""
         with self._lock:
             end = len(self.heard) + n
             assert self._lock.wait_for(lambda: len(self.heard) >= end, 5.0)

@@ -39,7 +39,7 @@ class MicroscribeRig:
         self._down = False
 
     def emit(self, n):
-        pass  # it is asked for
+        pass  # it answers requests only
 
     def lose(self, n):
         self.arm.n_lost = n
@@ -171,7 +171,7 @@ async def test_a_slow_stream_is_counted_by_its_own_schedule(rig):
     times_ns = np.concatenate([b.sample_time_ns for b in taken.of(CountSamples)])
     per_number_ns = (times_ns[-1] - times_ns[0]) / (seqs[-1] - seqs[0])
     assert per_number_ns == pytest.approx(25e6, rel=0.2)
-    # A busy machine may miss an instant: that is a gap, and told.
+    # A busy machine may miss an instant: that is a gap, and reported.
     told = sum(f.count for f in taken.of(DeviceFault) if f.code == "samples_lost")
     assert told >= seqs[-1] + 1 - len(seqs)
 
@@ -272,7 +272,7 @@ async def test_reports_of_motion_are_samples(tmp_path):
                 await taken.until(lambda n=n: len(taken.seqs()) >= n, f"{n} samples")
             arm.press(0, True)
             await taken.until(lambda: taken.of(LatchedCounts), "the edge")
-            # A still arm is asked now and then.
+            # A still arm is polled now and then.
             n = len(taken.seqs())
             await taken.until(lambda: len(taken.seqs()) >= n + 2, "it is asked")
             arm.move(0, 5)
@@ -280,7 +280,7 @@ async def test_reports_of_motion_are_samples(tmp_path):
                 lambda: int(taken.of(CountSamples)[-1].counts[-1, 1]) == arm.counts[1],
                 "motion again",
             )
-    # Where the machine stood still, the arm was lost and a new stream has begun.
+    # Where the machine was suspended, the arm was lost and a new stream has begun.
     streams = {block.stream for block in taken.of(CountSamples)}
     assert len(streams) <= 1 + len(taken.of(DeviceLost))
     for stream in streams:

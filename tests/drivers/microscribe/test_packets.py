@@ -53,7 +53,7 @@ def errors_ns(
 
 @pytest.mark.parametrize("period_ms", [10.0, 7.3])
 def test_the_timer_bounds_what_a_busy_host_adds(period_ms):
-    """Also where requests keep step with it, so that ticks never tell their edges."""
+    """Also where requests run in step with it, so that ticks never show their edges."""
     delay_ns = heard(0, 0).delay_ns
     with_timer = errors_ns(PacketClock(1000.0, 16384, delay_ns), period_ms)
     without = errors_ns(PacketClock(0.0, 16384, delay_ns), period_ms)
@@ -116,7 +116,7 @@ def test_an_answer_to_something_asked_before_is_recognised():
 def test_a_timer_is_judged_by_how_far_it_went(rate_hz, runs):
     seen = [heard(k * 20 * MS, 16300 + int(0.02 * k * rate_hz)) for k in range(10)]
     assert timer_runs(seen, 1000.0, 16384) is runs
-    # The host stood still: two answers are each taken for that of the next request.
+    # The host was suspended: two answers are each taken for that of the next request.
     late = [
         TimedPacket(seen[k].packet, later.sent_ns, later.begun_ns, later.begun_ns, 0)
         for k, later in ((4, seen[5]), (5, seen[6]))

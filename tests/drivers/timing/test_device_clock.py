@@ -102,7 +102,7 @@ def test_a_short_counter_wraps_without_a_trace():
         (ticks,) = clock.unwrap(np.array([int(latch_ms) % 16384], np.uint32)).tolist()
         assert ticks == int(latch_ms)
         clock.update(ticks, int(latch_ms * 1e6 + rng.uniform(0, 3e6)))
-    # A tick is known to its begin: half a tick and the smallest delays remain.
+    # A tick is timed at its begin: half a tick and the smallest delays remain.
     assert abs(clock.to_ns(ticks) - latch_ms * 1e6) < 1.1e6
     assert clock.steps == 0
 

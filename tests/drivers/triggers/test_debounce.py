@@ -8,7 +8,7 @@ MS = 1_000_000
 
 
 def played(changes, hold_ns=HOLD_NS, active=False):
-    """Edges told for changes (level, ms), a long while after the last of them."""
+    """Edges reported for changes (level, ms), long after the last of them."""
     debounce = Debounce(hold_ns, active=active)
     told = [debounce.change(level, round(ms * MS)) for level, ms in changes]
     told.append(debounce.settle(10**15))

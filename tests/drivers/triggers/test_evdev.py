@@ -56,7 +56,7 @@ class Kernel:
 
 
 class PedalRig:
-    """A pipe with a name stands in for the device file."""
+    """A named pipe replaces the device file."""
 
     def __init__(self, path: Path, kernel: Kernel | None = None, **options) -> None:
         self.path, self.port = path, str(path)
@@ -119,7 +119,7 @@ async def test_keys_are_inputs_at_the_kernels_time(rig):
     at_ns = time.monotonic_ns() // 1000 * 1000
     rig.key(KEY_C, 1, at_ns - 3_000_000)
     rig.key(KEY_C, 2, at_ns - 2_000_000)  # it repeats while it is held
-    rig.key(KEY_A, 1, at_ns - 1_500_000)  # nobody asked for this one
+    rig.key(KEY_A, 1, at_ns - 1_500_000)  # this one was not requested
     rig.write(event(at_ns - 1_400_000, 4, 4, 0x70005), event(at_ns, 2, 0, 7))
     rig.key(KEY_C, 0, at_ns - 1_000_000)
     rig.key(KEY_B, 1, at_ns)

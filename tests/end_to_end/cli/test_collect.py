@@ -1,4 +1,4 @@
-"""`traverse collect` beside a daemon that measures: the campaign that comes of it."""
+"""`traverse collect` with a running daemon: the collected campaign."""
 
 import asyncio
 import contextlib

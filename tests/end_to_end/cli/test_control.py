@@ -127,7 +127,7 @@ async def test_power_lost_while_the_daemon_was_away_is_noticed(
     resting: Workbench,
 ) -> None:
     async with measuring(resting):
-        pass  # its folder knows the board's power-up now
+        pass  # the board's power-up is now stored in its folder
     async with measuring(resting) as (listener, _, _):
         await until(
             lambda: any(e.code == DOUBT for e in listener.events), "the new power-up"

@@ -1,4 +1,4 @@
-"""The demonstration, as somebody types it."""
+"""The demonstration, from the command line."""
 
 import asyncio
 import re
@@ -26,7 +26,7 @@ def assert_nothing_is_left(folder: Path) -> None:
 
 
 async def measure_one_round(folder: Path, broker: Mosquitto) -> None:
-    """`--once` over a real broker: tells length and deviation, and ends."""
+    """`--once` over a real broker: prints length and deviation, and ends."""
     where = ("--broker", f"{broker.host}:{broker.port}")
     with Program(folder, "once", "demo", "--once", *where) as demo:
         assert await demo.ended(90.0) == 0

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.needs("mosquitto")
 
 
 async def raw(bench: Workbench, kinds: set[str]) -> dict[str, aiomqtt.Message]:
-    """The first message of each kind as it comes over MQTT 5."""
+    """The first message of each kind as received over MQTT 5."""
     found: dict[str, aiomqtt.Message] = {}
     async with (
         aiomqtt.Client(

@@ -124,7 +124,7 @@ async def test_whatever_comes_is_answered_or_dropped_and_stays_at_home(
             for payload, name in rubbish:
                 await attacker.send(payload, name)
             await misdirect(attacker, resting.arm, listener)
-            for _ in range(20):  # one request, however often it comes
+            for _ in range(20):  # one request, however often it is sent
                 await attacker.send(command("same"))
             await point(listener, "after")
             await all_received(listener, 100)
@@ -173,7 +173,7 @@ async def misdirect(attacker: Attacker, arm: str, listener: Listener) -> None:
 
 @contextlib.asynccontextmanager
 async def pressing(attacker: Attacker) -> AsyncIterator[None]:
-    """Send commands all the time, from before anybody is there to hear them."""
+    """Send commands all the time, starting before the daemon is there."""
 
     async def press() -> None:
         for k in range(10_000):
@@ -215,7 +215,7 @@ async def test_a_flood_is_dropped_and_points_of_the_button_go_on(
 
 
 async def until_answered(listener: Listener, request: str) -> None:
-    """Take a point by command, as soon as commands are heard again."""
+    """Take a point by command, as soon as commands are accepted again."""
     topic = topics.command_topic(listener._arm, "point")
     async with asyncio.timeout(PATIENCE_S):
         while request not in listener.replies:

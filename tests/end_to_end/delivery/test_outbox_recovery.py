@@ -37,7 +37,7 @@ def on_disk(bench: Workbench) -> list[tuple[str, int, bool]]:
 
 
 async def take(listener: Listener, n: int) -> list[tuple[str, int]]:
-    """Points by command; gives (session, seq) as acknowledged."""
+    """Points by command; return (session, seq) as acknowledged."""
     answers = await asyncio.gather(*(listener.command(PointArgs()) for _ in range(n)))
     return sorted((str(a.result["session"]), a.result["seq"]) for a in answers)
 

@@ -1,4 +1,4 @@
-"""Two daemons of one arm at one broker: both say so, and one gives way."""
+"""Two daemons of one arm at one broker: both report it, and one stops."""
 
 from pathlib import Path
 

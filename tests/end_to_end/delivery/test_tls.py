@@ -51,7 +51,7 @@ class House:
         )
 
     def bench(self, folder: Path, broker: str = "") -> Workbench:
-        """An arm called bench-7 whose daemon comes with a certificate."""
+        """An arm called bench-7 whose daemon has a certificate."""
         self.authority.sign("bench-7", file="arm")
         bench = Workbench(folder, "localhost", self.tls_port, "bench-7")
         bench.write_simulator(REST)
@@ -64,7 +64,7 @@ class House:
 
 
 class Person:
-    """Somebody with an account: what he is told, and what he commands."""
+    """A user with an account: messages received, commands sent."""
 
     def __init__(self, client: aiomqtt.Client) -> None:
         self.client = client
@@ -89,7 +89,7 @@ class Person:
         return self.replies[request]
 
     async def ask(self, args: Args, request: str) -> Reply:
-        """Send until it is answered: who is not connected yet does not hear it."""
+        """Send until answered: a daemon that is not connected yet misses it."""
         async with asyncio.timeout(PATIENCE_S):
             while request not in self.replies:
                 await self.send(args, request)
@@ -150,7 +150,7 @@ async def test_clients_read_and_command_their_own_arm_alone(
             assert answer.ok
             assert (answer.result or {})["seq"] == 0  # none of the others took one
             await until(lambda: "traverse/bench-7/point" in archive.topics, "a point")
-            # A name that is not his throws nobody out.
+            # Another client's identifier disconnects no one.
             async with person(port, OTHER_ARM, identifier="traverse-bench-7"):
                 await operator.send(PointArgs(), "again")
                 assert (await operator.answer("again")).ok

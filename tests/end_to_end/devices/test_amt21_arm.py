@@ -85,7 +85,7 @@ async def test_points_of_amt21_encoders_are_where_the_ball_was(line: Workbench) 
     rest = '[[motion]]\nkind = "rest"\nduration_s = 3.0'
     sphere = SPHERE.format(points=4)
     line.write_simulator(rest, sphere, REST, board=ENCODERS, faults=SILENT)
-    # A pipe stands in for the pedal's device file; who writes holds it open.
+    # A pipe replaces the pedal's device file; the writer holds it open.
     pedal = os.open(line.folder / "pedal", os.O_RDWR)
     async with measuring(line) as (listener, _, _):
         await listener.n_points(4)

@@ -1,4 +1,4 @@
-"""The board goes away and comes back: told, counted, and measuring goes on."""
+"""The board is removed and returns: reported, counted, and measuring continues."""
 
 import asyncio
 

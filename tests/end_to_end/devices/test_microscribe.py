@@ -116,7 +116,7 @@ async def measured(
             written.write_text(text, "utf-8")
             with Program(folder, "daemon", "run", "--config", "traverse.toml") as d:
                 await listener.ready()
-                # Nobody but its owner can tell that it stood in its home position.
+                # Only its owner can confirm that it was in its home position.
                 await listener.event("device.turns_uncertain", active=True)
                 await listener.command(ReferenceArgs(action="confirm"))
                 await listener.n_points(2)
@@ -172,7 +172,7 @@ async def test_reports_of_motion_bring_points_with_the_counts_of_their_packets(
 
 async def test_a_bad_line_costs_samples_and_invents_nothing(bench: Workbench) -> None:
     listener = await measured(bench, FAULTS)
-    # The next packet is asked for when a late one has come (0.15 s), or after the time
+    # The next packet is requested after a late one arrived (0.15 s), or after the time
     # limit of one that was cut: a press in the meantime is in that next one.
     assert_true(bench, listener, held_back_s=0.2)
     assert listener.told("device.samples_lost")

@@ -96,7 +96,7 @@ async def test_a_list_with_means_labels_undos_and_a_new_session(
     assert points[2].samples == pytest.approx(21, abs=2)
     assert points[1].spread_mm is not None
     assert 0.0 < points[1].spread_mm < 0.05
-    # A mean is better known than one sample, and what is left is the contact.
+    # A mean is more precise than one sample, and what is left is the contact.
     single, averaged = (np.trace(covariance(p)) for p in points[:2])
     assert 3 * 0.005**2 < averaged < 0.6 * single
     assert [p.probe_radius_mm for p in points] == [BALL_MM] * 4 + [1.5] * 2

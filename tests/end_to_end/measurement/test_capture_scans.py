@@ -105,7 +105,7 @@ async def test_a_held_scan_has_all_from_each_press_to_its_release(
     bench.write_daemon()
     args = ScanArgs(action="start", rate_hz=rate_hz, held=True)
     async with measuring(bench) as (listener, _, _):
-        # A board that has just come tells its first edges later than all others.
+        # A board that has just connected reports its first edges later than all others.
         await listener.n_points(3)
         started = await listener.command(args)
         scan = str((started.result or {})["scan"])

@@ -21,7 +21,7 @@ from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import contact_shifts
 from traverse.protocol.messages import Quality
 
-# A script lasts seconds, a campaign minutes; the steps come between two points.
+# A script lasts seconds, a campaign minutes; the steps are between two points.
 CHANGES = {
     "encoder_drift": {"rate_rad_s": 1e-5},
     "base_drift": {"rate_mm_s": [0.01, -0.01, 0.02]},
@@ -83,7 +83,7 @@ def test_points_agree_with_the_truth_by_the_adapted_file_alone(
     tmp_path, monkeypatch, kind
 ):
     found = measured(tmp_path, monkeypatch, entry(kind))
-    # Both sides follow one table of laws, second orders included. What is left comes
+    # Both sides follow one table of laws, second orders included. What is left is
     # from the loop: counts are whole, and a speed is a mean over some ms of the past.
     most_mm = rounding_mm(found)
     if kind == "encoder_latency":

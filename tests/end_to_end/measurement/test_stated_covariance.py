@@ -53,7 +53,7 @@ postures = 12
 
 
 class NoisyArm:
-    """A simulated arm, read by a daemon whose arm file states what it knows."""
+    """A simulated arm, read by a daemon whose arm file states its covariance."""
 
     def __init__(self, folder):
         self.rng = np.random.default_rng(1)
@@ -67,7 +67,7 @@ class NoisyArm:
         self.script = script
         self.course = build_course(config, simulated, script)
         self.encoders = encoders_of(config.device[0], arm, ENCODER_RAD)
-        # What is known of the arm: some combinations of its parameters.
+        # Uncertainty of the arm: some combinations of its parameters.
         names = parameter_names([joint.name for joint in arm.joints], ())
         scales = np.where(["axis" in name for name in names], 4e-6, 0.004)
         factor = scales[:, np.newaxis] * self.rng.normal(size=(len(names), 12)) / 3.0

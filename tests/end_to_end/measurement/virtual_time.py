@@ -38,7 +38,7 @@ from traverse.strict_toml.reader import read_strict
 
 FIRST_NS = 10**12
 BLOCK_S = 0.05  # samples that the board sends together
-LINGER_S = 0.3  # at the end: the last edge is held, told and acknowledged
+LINGER_S = 0.3  # at the end: the last edge is held, reported and acknowledged
 BYTES_S = 10.0  # real time in which a pty surely hands on what was written
 BUFFER_BYTES = 65_536
 
@@ -60,7 +60,7 @@ class VirtualClock(HostClock):
 
 
 class CountedPort(PtyPort):
-    """The board's end, which knows how many bytes have gone each way."""
+    """The board's end, which counts the bytes in each direction."""
 
     sent = 0
     heard = 0
@@ -81,7 +81,7 @@ class CountedPort(PtyPort):
 
 
 class VirtualBoard:
-    """A board with an arm behind it, as `traverse simulate` has it, in virtual time.
+    """A board with an arm behind it, as in `traverse simulate`, in virtual time.
 
     Args:
         folder: holds simulator.toml with one device, start_utc and no faults.
@@ -132,7 +132,7 @@ class VirtualBoard:
         return self.clock.script.begin_s is not None
 
     def live(self, most_s: float) -> None:
-        """Go on to what comes next, but no longer than for so long."""
+        """Advance to the next event, but no longer than so long."""
         begun_s = self.clock.script.begin_s
         if begun_s is not None:
             end_s = begun_s + self.script.duration_s + LINGER_S
@@ -170,11 +170,11 @@ def played(
 ) -> None:
     """Let a driver read the board's whole script and hand on what it delivers.
 
-    The stream, and with it the script, begins when the board has told how warm it is.
+    The stream, and with it the script, begins when the board reported its temperature.
     """
 
     class BoardsPort(SerialPort):
-        """A real port; waiting for it is what lets the board live."""
+        """A real port; waiting for it runs the board."""
 
         taken = 0
         said = 0

@@ -30,14 +30,14 @@ class Manager:
         self.heard: list[list[str]] = []
 
     def listen(self) -> list[str]:
-        """Take all that has come; gives all lines so far."""
+        """Receive all that has arrived; return all lines so far."""
         with contextlib.suppress(BlockingIOError):
             while True:
                 self.heard.append(self._socket.recv(65536).decode().split("\n"))
         return [line for lines in self.heard for line in lines]
 
     def has(self, line: str, times: int = 1) -> bool:
-        """Whether a line has come so often."""
+        """Whether a line was received so often."""
         return self.listen().count(line) >= times
 
     def status(self) -> str:

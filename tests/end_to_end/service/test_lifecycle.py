@@ -23,7 +23,7 @@ FED = "WATCHDOG=1"
 
 @pytest.fixture
 def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Manager]:
-    """systemd, as far as the daemon can tell."""
+    """systemd, as seen by the daemon."""
     path = tmp_path / "notify"
     manager = Manager(path)
     monkeypatch.setenv("NOTIFY_SOCKET", str(path))
@@ -135,7 +135,7 @@ async def test_a_reader_that_is_stuck_stops_the_feeding(
         daemon.process.send_signal(signal.SIGABRT)  # as systemd does
         assert await daemon.ended() == -signal.SIGABRT
         assert "Fatal Python error: Aborted" in daemon.log
-        assert "_serve" in daemon.log  # where the reader thread stood
+        assert "_serve" in daemon.log  # where the reader thread was
 
 
 @pytest.mark.needs("mosquitto")

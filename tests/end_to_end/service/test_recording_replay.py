@@ -46,7 +46,7 @@ def size_of(path: Path) -> int:
 
 
 def assert_the_same(published: list[Point], points: list[Point]) -> None:
-    """What a subscriber got, and what a replay gives: equal in all but the numbers."""
+    """A subscriber's messages and a replay's output: equal in all but the numbers."""
     then = {p.time_ns: p for p in published if p.retracts is None}
     now = [p for p in points if p.retracts is None]
     assert len(now) >= 14

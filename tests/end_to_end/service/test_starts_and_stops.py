@@ -143,9 +143,9 @@ async def test_a_signal_ends_it_while_it_waits_for_a_mute_board(
         alone.pty.symlink_to(os.ttyname(line))
         alone.write_daemon()
         with alone.daemon() as daemon:
-            await asyncio.to_thread(os.read, board, 1)  # it says HELLO, nobody answers
+            await asyncio.to_thread(os.read, board, 1)  # it sends HELLO, unanswered
             daemon.process.send_signal(signal.SIGTERM)
-            # Sooner than it gives the board up: the devices may take eight seconds.
+            # Before it abandons the board: the devices may take eight seconds.
             assert await daemon.ended(timeout_s=5.0) == 0
     finally:
         os.close(board)

@@ -1,7 +1,7 @@
 """The same physics in another form: rigid motions (4x4) of the undeflected arm.
 
 Whatever a joint does beyond turning moves all that it carries, as a rigid motion about
-where the joint stands undeflected; the outermost joint moves first.
+where the joint is undeflected; the outermost joint moves first.
 """
 
 from datetime import UTC, datetime
@@ -18,7 +18,7 @@ T_REF = 21.5
 
 
 def random_arm(seed):
-    """An arm without any symmetry, with masses, some of their centres told."""
+    """An arm without any symmetry, with masses, some of them with centres."""
     rng = np.random.default_rng(seed)
 
     def vector(size):

@@ -133,7 +133,7 @@ def test_single_unknown_value_is_told_with_its_place():
     block = full_block(seed=2, n_samples=20)
     approaches = block.approaches.copy()
     approaches[[7, 9], 1] = np.nan
-    approaches[3, 0] = np.nan  # nobody asks for that of J1
+    approaches[3, 0] = np.nan  # that of J1 is not used
     with pytest.raises(
         ValueError, match="unknown in 2 of 20 samples, the first is num"
     ):

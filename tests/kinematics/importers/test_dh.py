@@ -110,7 +110,7 @@ def test_a_table_read_off_an_arm_of_a_table_moves_the_same(table, seed):
     expected = np.array([multiplied_out(table, row) for row in readings_rad])
     found = np.array([multiplied_out(again, row) for row in readings_rad])
     feet_mm = np.abs([again.a_mm, again.d_mm]).sum()
-    # Nearly parallel hinges have far feet, whose rounding is seen at the probe.
+    # Nearly parallel hinges have far feet, whose rounding affects the probe.
     tolerance_mm = 1e-12 * (size_mm(geometry) + feet_mm)
     np.testing.assert_allclose(
         found[:, :3, 3], expected[:, :3, 3], rtol=0, atol=tolerance_mm
@@ -232,7 +232,7 @@ def test_the_slide_says_how_far_a_tilt_moves_the_common_normal():
     before = nearest_table(straight, 1e-9)
     after = nearest_table(replace(straight, axes=axes), 1e-9)
     slide_mm = abs(after.table.d_mm[1] - before.table.d_mm[1])
-    # The tilt goes where the lever is a; the other lever is small here.
+    # The tilt acts on the lever a; the other lever is small here.
     assert slide_mm / tilt_rad == pytest.approx(before.slide_mm_rad[1], rel=0.02)
 
 

@@ -158,7 +158,7 @@ def test_readings_that_are_no_numbers_spoil_their_sample_alone(variant):
     assert bits(found[0][whole], found[1][whole]) == bits(
         centres[whole], directions[whole]
     )
-    # What lies before the spoilt joint is known all the same.
+    # Joints before the invalid one still have values.
     positions = chain.positions(spoilt)
     assert np.isfinite(positions[17, :3]).all()
     assert np.isnan(positions[17, 3:]).all()

@@ -166,7 +166,7 @@ def test_whole_turns_change_nothing(geometry, seed, turns):
 def test_shift_along_an_axis_between_neighbours_leaves_the_probe(geometry, seed, data):
     """Invariance (3) of the paper: r_(k-1) - a u_k with r_k + a u_k.
 
-    For the first joint x_0 is what stands before it.
+    For the first joint x_0 is the part before it.
     """
     joint = data.draw(st.integers(0, geometry.n_joints - 1))
     shift = data.draw(st.floats(-200, 200)) * geometry.axes[joint]

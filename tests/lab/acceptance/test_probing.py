@@ -26,7 +26,7 @@ FAR = np.array([400.0, 0.0, 0.0])
 
 
 def even(radii_mm, centre_mm):
-    """25 touches: four octahedra of given radii, one point more on the first."""
+    """25 touches: four octahedra of given radii, one more point on the first."""
     places = [
         on_a_ball(centre_mm, radius, OCTAHEDRON) for radius in np.repeat(radii_mm, 2)
     ]

@@ -1,4 +1,4 @@
-"""Simulated arms with known errors: what acceptance says of them."""
+"""Simulated arms with known errors: results of their acceptance."""
 
 from pathlib import Path
 

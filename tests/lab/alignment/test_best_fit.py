@@ -147,7 +147,7 @@ def test_an_error_of_the_detectable_size_is_found_four_times_out_of_five():
         again = best_fit_alignment(
             CommonPoints(given.names, measured, given.nominal), fixed_volume(BOX), ""
         )
-        # the residual that is seen of this error, in standard deviations
+        # the residual caused by this error, in standard deviations
         seen = again.points[1].residual_mm @ way
         std = STD_MM * np.sqrt(way @ np.diag(again.points[1].redundancy) @ way)
         hits += abs(seen) / std > stats.norm.isf(0.0005) * 0.999

@@ -69,7 +69,7 @@ def test_centres_of_spheres_are_fitted():
     given = [touch("ball", (5, 6, 7) + 12.7 * way) for way in ways]
     found, _ = places_by_name(given, None, std_mm=0.01, spheres=True)
     np.testing.assert_allclose(found["ball"].place_mm, (5, 6, 7), atol=1e-9)
-    # Each coordinate of the centre comes from two touches.
+    # Each coordinate of the centre is determined by two touches.
     expected = 0.5e-4 * np.eye(3)
     np.testing.assert_allclose(found["ball"].covariance_mm2, expected, atol=1e-12)
     with pytest.raises(ValueError, match=r"ball: .*at least 4"):

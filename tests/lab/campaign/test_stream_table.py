@@ -54,7 +54,7 @@ distance_mm = 400.0
 STEP_NS = 5_000_000
 UTC_NS = 1_795_000_000_000_000_000
 N = 400
-# The second joint goes forth, rests, and comes back.
+# The second joint moves forth, rests, and returns.
 TURNS = np.stack(
     [np.arange(N), np.interp(np.arange(N), [0, 150, 250, 400], [0, 900, 900, 0])],
     axis=1,

@@ -1,4 +1,4 @@
-"""A collection that follows a plan: steps in order, counted up, seen in the volume."""
+"""A collection that follows a plan: steps in order, counted up, shown in the volume."""
 
 import numpy as np
 import pytest

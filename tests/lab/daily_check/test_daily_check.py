@@ -1,4 +1,4 @@
-"""The daily check: figures with known answers, the history, the report, pictures."""
+"""The daily check: figures with known results, the history, the report, pictures."""
 
 import sqlite3
 from contextlib import closing

@@ -47,7 +47,7 @@ def clean() -> Diagnosis:
 
 @cache
 def drifting() -> Diagnosis:
-    """The base drifts, and nobody says when the campaign began."""
+    """The base drifts, and the campaign's start is unknown."""
     table = {
         "kind": "base_drift",
         "rate_mm_s": [3e-5, 0.0, 5e-5],

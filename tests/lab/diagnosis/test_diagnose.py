@@ -1,4 +1,4 @@
-"""Whole diagnoses of simulated campaigns: what is told, and what is not."""
+"""Whole diagnoses of simulated campaigns: what is reported, and what is not."""
 
 from dataclasses import replace
 from functools import cache

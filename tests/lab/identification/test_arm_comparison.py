@@ -71,7 +71,7 @@ def test_differences_are_those_of_an_independent_fit() -> None:
     least, most = TRUE.zeros_rad - 1.0, TRUE.zeros_rad + 1.5
     found = compare_arms(arm_value(first), arm_value(second), (least, most), 500)
     assert np.all((found.largest_at_rad >= least) & (found.largest_at_rad <= most))
-    # The same postures drawn again, only to fit them by somebody else's function.
+    # The same postures drawn again, to fit them with an independent function.
     rng = np.random.default_rng(20_171_101)
     angles_rad = rng.uniform(least, most, (500, 7))
     first_mm, second_mm = first.centres(angles_rad), second.centres(angles_rad)

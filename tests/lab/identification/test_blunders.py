@@ -137,7 +137,7 @@ def test_zeros_wrong_by_a_radian_are_found(seed):
     result = identify(campaign, arm_value(design))
     assert result.converged
     assert result.global_test.passed
-    # That of the first joint turns the arm as a whole: nobody can see it.
+    # That of the first joint turns the arm as a whole: it is undetectable.
     assert result.zero_offsets_rad[1:6] == pytest.approx(offsets[1:6], abs=0.05)
 
 

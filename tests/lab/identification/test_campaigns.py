@@ -77,7 +77,7 @@ def test_a_campaign_comes_out_as_foreseen_from_the_planted_errors(mix, poses):
 def test_predicted_distances_are_as_wrong_as_the_covariance_says(mix, poses, result):
     errors = distance_errors(result, poses, 1, has_scale=mix != "cones")
     low, high = chi2.ppf([RARE, 1 - RARE], errors.degrees)
-    # Points in the arm's system say where it stands too, which no distance sees.
+    # Points in the arm's system also determine its place, distances do not.
     assert errors.degrees == min(DETERMINED[mix], 4 * N_JOINTS - 3)
     assert low < errors.chi_square < high
 

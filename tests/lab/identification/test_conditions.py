@@ -1,6 +1,6 @@
 """Condition numbers by travel and harmonics, against those derived beforehand.
 
-The derivation's arm is not given. The arm here, and how far out its cones stand, were
+The derivation's arm is unknown. The arm here, and how far out its cones stand, were
 chosen among nearly two hundred ordinary ones because their figures come close; rows
 weigh the same, columns are scaled to unit length once the cones are eliminated.
 """
@@ -17,7 +17,7 @@ from traverse.lab.identification.identify import Options, identify
 
 N_EACH = 20
 N_SETS = 21
-# Cones stand where the probe is when joints turn by this part of their travel at most.
+# Cones are where the probe is when joints turn by this part of their travel at most.
 INNER = 0.7
 # Hinges and rolls either way; geometry, with first, with first and second harmonics.
 DERIVED = {
@@ -113,7 +113,7 @@ def campaign_of(arm, travel, seed):
             angles_rad=np.concatenate([angles for _, angles in found]),
         ),
         # Readings without noise: all rows have the same weight. So little of it in the
-        # contacts that nothing is held: the numbers of the whole are wanted.
+        # contacts that nothing is held: all condition numbers are required.
         encoder_rad=1e-13,
         contact_mm=1e-5,
     )

@@ -1,4 +1,4 @@
-"""The truth comes back, within the stated covariance, whatever the datum."""
+"""The true values are recovered, within the stated covariance, whatever the datum."""
 
 from dataclasses import replace
 

@@ -163,7 +163,7 @@ def test_suggested_poses_stay_within_the_travel_that_was_shown():
     angles_rad = np.array([entry.angles_rad for entry in found.suggestions])
     assert len(angles_rad) == 8
     shown_rad = campaign.poses.angles_rad
-    # The last joint hardly turned: it alone is asked for more.
+    # The last joint hardly turned: more travel is requested of it alone.
     below = shown_rad.min(axis=0) - angles_rad.min(axis=0)
     above = angles_rad.max(axis=0) - shown_rad.max(axis=0)
     assert max(below[:6].max(), above[:6].max()) <= 0.0
@@ -230,7 +230,7 @@ def test_unknowns_that_nothing_determines_are_held():
 
 def test_rank_is_decided_in_units_of_the_tolerances():
     upper = np.array([[2.0, 0, 4.0], [0, 0.004, 0.1]])
-    # The second is known to 1 / 0.004 = 250: worse than 100, better than 1000.
+    # The second deviates by 1 / 0.004 = 250: worse than 100, better than 1000.
     for tolerance, determined in ((100.0, 1), (1000.0, 2)):
         parts = decide_rank(upper, np.array([1.0, tolerance]), np.empty((0, 2)))
         assert parts.n_determined == determined

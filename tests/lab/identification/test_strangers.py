@@ -1,4 +1,4 @@
-"""Arms that nobody here made: slow ways, wrong certificates, unknown tools."""
+"""Arms of other makers: slow convergence, wrong certificates, unknown tools."""
 
 from dataclasses import replace
 

@@ -84,7 +84,7 @@ def test_vectors_of_tools_are_estimated_with_the_arm(campaign):
     assert result.undetermined == ()
     low, high = chi2.ppf([RARE, 1 - RARE], result.redundancy)
     assert low < result.sigma0**2 * result.redundancy < high
-    # In the base posture as the estimated arm has it, which is turned a little.
+    # In the base posture of the estimated arm, which is turned a little.
     for name, offset_mm in OFFSETS_MM.items():
         assert np.linalg.norm(result.tools_mm[name]) == pytest.approx(
             np.linalg.norm(offset_mm), abs=0.05

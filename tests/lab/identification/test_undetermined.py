@@ -28,7 +28,7 @@ def test_cones_alone_leave_the_scale_at_the_design():
     assert all(".link." in name for name in scale.direction)
     assert result.converged
     found = np.linalg.norm([joint.link_mm for joint in result.arm.joints])
-    # Nothing told that the arm is larger than designed by 2 parts in a thousand.
+    # No data show that the arm is larger than designed by 2 parts in a thousand.
     assert found == pytest.approx(np.linalg.norm(design.links_mm), rel=1e-3)
 
 

@@ -75,7 +75,7 @@ def test_a_drag_follows_another_with_nothing_touched_between(plain):
     changes = np.flatnonzero(np.diff(plain.touched)) + 1
     order = plain.touched[np.append(0, changes)].tolist()
     assert order == [0, NOTHING, 1, NOTHING, 1]
-    # No joint goes half a turn from sample to sample: counts can be unwrapped.
+    # No joint moves half a turn from sample to sample: counts can be unwrapped.
     assert np.max(np.abs(np.diff(plain.readings_rad, axis=0))) < 1.0
 
 

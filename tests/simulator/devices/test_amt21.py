@@ -68,7 +68,7 @@ def test_multi_turn_models_count_turns_with_a_sign(tmp_path):
     with encoders(tmp_path, n=1, encoder_turns=16384) as (_, ask):
         assert ask("55", 16.384 * 3 + 1.0) == "03 00"
         assert ask("55", 16.384 * 16383 + 1.0) == "ff 3f"
-        assert ask("56 5e", 16.384 * 16384) == ""  # cannot set its zero: goes on
+        assert ask("56 5e", 16.384 * 16384) == ""  # cannot set its zero: continues
         assert ask("54", 16.384 * 16384 + 4.660) == "34 92"
 
 
@@ -79,7 +79,7 @@ def test_zero_and_reset_start_one_encoder_anew(tmp_path, command, at_s, answer):
     with encoders(tmp_path) as (_, ask):
         assert ask(command, 4.0) == ""
         assert ask("54", 4.19) == ""
-        assert ask("58", 4.195) == "4b d4"  # 5195: the other goes on
+        assert ask("58", 4.195) == "4b d4"  # 5195: the other continues
         assert ask("54", at_s) == answer
 
 

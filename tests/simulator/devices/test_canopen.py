@@ -1,4 +1,4 @@
-"""Simulated CANopen encoders, asked in bytes by hand, in virtual time."""
+"""Simulated CANopen encoders, queried with bytes written by hand, in virtual time."""
 
 import itertools
 import os
@@ -18,7 +18,7 @@ names = itertools.count()
 
 
 class Bench:
-    """Encoders and a host on a virtual bus; time goes on when a test says so."""
+    """Encoders and a host on a virtual bus; time advances on the test's command."""
 
     def __init__(self, folder, *faults, **keys):
         channel = f"sim-{next(names)}"
@@ -38,7 +38,7 @@ class Bench:
         return self.at(self.now_s)
 
     def at(self, now_s):
-        """Live until then; what was heard meanwhile."""
+        """Run until then; return what was received meanwhile."""
         self.now_s = now_s
         self.device.live(now_s)
         heard = []
@@ -281,7 +281,7 @@ class TestSlcan:
         made.close()
 
     def talk(self, adapter, data, answer):
-        """Tell it something; the frames it takes, once its answer has come."""
+        """Send it a setting; return the frames it takes, once it has replied."""
         os.write(self.host, data)
         frames, heard = adapter.receive(), b""
         while len(heard) < len(answer):

@@ -19,7 +19,7 @@ INFINITE = 1e9
 
 @dataclass
 class Bench:
-    """Counts that tell the microsecond of the latch; changes as given."""
+    """Counts that encode the microsecond of the latch; changes as given."""
 
     changes: list = field(default_factory=list)
 

@@ -208,7 +208,7 @@ def test_a_reset_ends_the_session(tmp_path):
         assert ask(b"\xc5IMMC", 1.2) == b""
         assert ask(b"\x03", 1.6) == b""
         signed_on(lambda data: ask(data, 1.7))
-        # Its timer began anew when power came back, about.
+        # Its timer restarted when power returned, about.
         timer = ask(b"\x20", 1.8)
         assert timer[2] << 7 | timer[3] == pytest.approx(300, abs=301)
 

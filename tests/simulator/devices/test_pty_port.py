@@ -25,7 +25,7 @@ def port(tmp_path: Path) -> Iterator[PtyPort]:
 
 @pytest.fixture
 def without_privileges(tmp_path: Path) -> Iterator[None]:
-    """Root may open what is exclusive: be somebody else, if it is root who tests."""
+    """Root may open what is exclusive: switch user, if root runs the tests."""
     if os.geteuid() != 0:
         yield
         return
@@ -97,7 +97,7 @@ def test_what_a_quick_next_host_says_is_kept(port: PtyPort) -> None:
     assert port.host_changed()
     host = opened(port.path)
     os.write(host, b"first word")
-    assert port.read() == b""  # nobody has been seen yet
+    assert port.read() == b""  # no host has been detected yet
     assert port.host_changed()
     assert port.read() == b"first word"
     os.close(host)

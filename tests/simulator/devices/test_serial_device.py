@@ -57,7 +57,7 @@ def test_bytes_take_their_time_on_the_wire_and_in_the_adapter(tmp_path):
         device.live(0.0)
         os.write(host, b"01")
         device.live(1.0)
-        # a byte takes 1 ms: the requests have come at 1.011 and 1.012 s
+        # a byte takes 1 ms: the requests have arrived at 1.011 and 1.012 s
         assert device.next_due_s(0.0) == pytest.approx(1.011)
         device.live(1.02)
         noted = device.mounting.notes.readings

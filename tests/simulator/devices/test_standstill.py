@@ -1,4 +1,4 @@
-"""A simulator that stood still, on a busy computer, makes up for it piece by piece."""
+"""A simulator that was suspended, on a busy computer, catches up piece by piece."""
 
 import os
 import select
@@ -18,7 +18,7 @@ def test_a_host_that_reads_loses_nothing_to_it(tmp_path):
     table = LatchBoardTable(id="base", kind="latch-board", port="base")
     board = SimulatedLatchBoard(table, mounted(tmp_path, table))
     host = os.open(tmp_path / "base", os.O_RDWR | os.O_NOCTTY)
-    board.live(0.001)  # it has seen its host
+    board.live(0.001)  # it has detected its host
     os.write(host, HELLO + START_1_KHZ)
     board.live(0.002)
     over = threading.Event()

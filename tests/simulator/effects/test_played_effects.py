@@ -1,6 +1,6 @@
 """What the simulator plays is what the corrections of the arm file undo.
 
-Both are held against each other here only: neither knows the other.
+Both are compared here only: neither imports the other.
 """
 
 from datetime import timedelta

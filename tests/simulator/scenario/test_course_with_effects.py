@@ -70,7 +70,7 @@ TOUCHING = ["probe_radius", "probe_lobing", "stylus_bending"]
 
 
 def corrected_mm(arm: Arm, virtual: VirtualArm, script: Script, times_s, readings_rad):
-    """Where an arm file with the effects has the ball, told what surrounds it."""
+    """Position of the ball by an arm file with the effects, given the surroundings."""
     true = true_arm_file(arm, virtual.truth)
     temperature_c = 20.0 + 0.2 * times_s + np.sin(2.0 * np.pi / 5.0 * times_s)
     block = Block(

@@ -1,4 +1,4 @@
-"""Somebody who follows the arm with a password, and comes back as the broker does."""
+"""A client that follows the arm with a password, and reconnects with the broker."""
 
 import asyncio
 import contextlib

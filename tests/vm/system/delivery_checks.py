@@ -36,7 +36,7 @@ class Delivery:
         return f"{self._by('button')} by pedal, {self._by('command')} by command"
 
     async def wait_for_broker(self) -> str:
-        """What is pressed while there is no broker comes afterwards."""
+        """Points pressed without a broker are delivered afterwards."""
         await asyncio.to_thread(unit.systemctl, "stop", "mosquitto")
         n = self._by("button")
         await self._press_until(lambda: _waiting() >= N_POINTS)
@@ -57,7 +57,7 @@ class Delivery:
         return await self._asked_for_all()
 
     async def lose_nothing(self) -> str:
-        """Points that were acknowledged before the daemon was killed have come."""
+        """Points that were acknowledged before the daemon was killed are delivered."""
         whole = await self._asked_for_all()
         missing = self._acknowledged - {p.id for p in self._listener.points}
         assert not missing, f"{len(missing)} of {len(self._acknowledged)} missing"
@@ -96,7 +96,7 @@ class Delivery:
         self._acknowledged.add(str(reply.result["id"]))
 
     async def _command(self, args: Args) -> Reply:
-        """Ask, again if the broker or the daemon has gone away meanwhile."""
+        """Send a command, again if broker or daemon were gone meanwhile."""
         for _ in range(TRIES):
             try:
                 return await self._listener.command(args)
@@ -105,7 +105,7 @@ class Delivery:
         return await self._listener.command(args)
 
     async def _asked_for_all(self) -> str:
-        """What the outbox holds; asks for what is missing, as a consumer does."""
+        """Contents of the outbox; requests what is missing, as a consumer does."""
         reply = await self._command(ResendArgs())
         assert reply.result is not None, reply.error
         sessions = {
@@ -146,6 +146,6 @@ class Delivery:
 
 
 def _waiting() -> int:
-    """Points that the broker does not have, as the unit's status tells."""
+    """Points that the broker does not have, by the unit's status."""
     found = re.search(r"(\d+) points? waits?", unit.shown("StatusText"))
     return int(found[1]) if found else 0

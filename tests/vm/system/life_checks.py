@@ -72,7 +72,7 @@ class Life:
         return f"refused: {event.text}"
 
     async def lose_bus(self) -> str:
-        """The interface goes down and comes back; the unit stays."""
+        """The interface is taken down and up; the unit stays."""
         pid = unit.main_pid()
         unit.run("ip", "link", "set", "vcan0", "down")
         await self._listener.event("device.lost", True, SOON_S)
@@ -86,11 +86,11 @@ class Life:
         return f"lost and back, same process; meanwhile: {told}"
 
     async def be_killed(self) -> str:
-        """A daemon that is killed comes back by itself."""
+        """A daemon that is killed is restarted."""
         return await self._restarted(signal.SIGKILL)
 
     async def be_stopped(self) -> str:
-        """A daemon that stands still is found out by the watchdog."""
+        """A daemon that is stuck is detected by the watchdog."""
         told = await self._restarted(signal.SIGSTOP)
         assert "Watchdog timeout" in unit.journal(), "not by the watchdog"
         return f"{told}; WatchdogSec={unit.shown('WatchdogUSec')}"

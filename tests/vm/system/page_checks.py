@@ -17,7 +17,7 @@ OPTIONS = f"--username={OPERATOR} --password-file=credential:page.password"
 
 
 async def ask() -> str:
-    """No start without a token; with one the page is for who knows it."""
+    """No start without a token; with one the page is for those who have it."""
     ran = subprocess.run(["systemctl", "start", NAME], check=False)  # noqa: ASYNC221
     assert ran.returncode != 0, "it has started without a token"
     for name, text in (("token", TOKEN), ("password", PASSWORDS[OPERATOR])):
@@ -40,7 +40,7 @@ async def ask() -> str:
 
 
 def answer(token: str | None = None) -> int:
-    """Status of the page, or of its log-in; 0: nobody listens."""
+    """Status of the page, or of its log-in; 0: no server."""
     connection = http.client.HTTPConnection("127.0.0.1", PORT, timeout=60)
     try:
         if token is None:

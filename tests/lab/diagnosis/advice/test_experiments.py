@@ -1,4 +1,4 @@
-"""Advice: pairs that are alike, and the poses that tell two effects apart."""
+"""Advice: pairs that are alike, and the poses that separate two effects."""
 
 from dataclasses import replace
 from functools import cache
@@ -143,7 +143,7 @@ def test_every_chosen_pose_helps_and_more_than_poses_at_random():
     growth = float(found.separations[-1, 0] - found.separations[0, 0])
     assert found.is_enough == (growth >= 6.0)
     assert found.is_enough or n == 12
-    # A pose so far brought the mean; a chosen one brings a multiple of that.
+    # An earlier pose gained the mean; a chosen one gains a multiple of it.
     so_far = float(found.separations[0, 0]) / len(measured().campaign.poses)
     assert growth > 2.0 * n * so_far
 

@@ -1,4 +1,4 @@
-"""Minimal detectable sizes: power by simulation, and what cannot be seen."""
+"""Minimal detectable sizes: power by simulation, and undetectable effects."""
 
 from dataclasses import replace
 from functools import cache

@@ -31,7 +31,7 @@ def test_the_plan_says_what_the_measured_campaign_says():
     rows = measured_rows()
     after = minima(detectable(rows, library_bank(rows, measured().arm)))
     sigma = np.sqrt(rows.sum_of_squares / rows.redundancy)
-    # The axis of J1 came out a little tilted: a trace of gravity about it.
+    # The axis of J1 was estimated a little tilted: a trace of gravity about it.
     assert after.keys() - before.keys() <= {"joint_compliance J1"}
     ratios = np.array([sigma * before[name] / after[name] for name in before])
     assert np.quantile(ratios, [0.05, 0.95]) == pytest.approx(1.0, abs=0.05)

@@ -56,7 +56,7 @@ def scan_file(**more):
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
-    """Scans by the effects that were hidden; made when first asked for."""
+    """Scans by the effects that were hidden; made on first use."""
 
     @cache
     def made(*effects):

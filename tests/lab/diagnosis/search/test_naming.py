@@ -59,5 +59,5 @@ def test_hardly_anything_belies_a_name_where_nothing_is_left():
         for kind in ("encoder_harmonic", "encoder_drift", "axis_wobble", "axis_runout")
         for joint in range(1, 8)
     ]
-    # Each is told falsely with a probability of a few percent.
+    # Each is reported falsely with a probability of a few percent.
     assert sum(told) <= 4

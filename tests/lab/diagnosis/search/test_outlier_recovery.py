@@ -25,7 +25,7 @@ from traverse.lab.diagnosis.search.outlier_recovery import (
 
 # Statistics at which poses of three rows and of one are left out.
 LIMITS = {3: 28.0, 1: 20.0}
-# Natural logarithm of a p-value that the bank of curves asks for.
+# Natural logarithm of a p-value that the bank of curves requires.
 BELIEVED = -11.5
 
 
