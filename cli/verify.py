@@ -1,5 +1,6 @@
 """`traverse verify`: acceptance figures, their plan, and checking certificates."""
 
+import hashlib
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -8,6 +9,7 @@ import typer
 
 from traverse.cli.options import Json, Operator, campaign_folder
 from traverse.cli.refusals import refusals, refuse
+from traverse.strict_toml.files import bytes_of
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
@@ -123,19 +125,20 @@ def _certificate(
     from traverse.lab.measured_points.reading import files_read, read_measured  # noqa: PLC0415
     from traverse.lab.report.provenance import (  # noqa: PLC0415
         ReportSource,
-        digest_of_files,
         report_provenance,
     )
 
     arm, text = _arm(data, arm_file)
     permitted = NO_LIMITS if limits_file is None else read_limits(limits_file)
     measured = read_measured(data, arm)
-    read = files_read(data)
-    files = {path.name: path.read_bytes() for path in read}
+    files = {path.name: path.read_bytes() for path in files_read(data)}
+    digest = hashlib.sha256()
+    for content in files.values():
+        digest.update(content)
+    source = ReportSource(data.resolve().name, digest.hexdigest())
     files[ARM] = text
     if limits_file is not None:
-        files[LIMITS] = limits_file.read_bytes()
-    source = ReportSource(data.resolve().name, digest_of_files(read))
+        files[LIMITS] = bytes_of(limits_file)
     return SealedCertificate(
         verified(measured, standard, permitted),
         arm,
@@ -151,7 +154,7 @@ def _arm(data: Path, file: Path | None) -> "tuple[Arm, bytes]":
     from traverse.kinematics.arm_file.arm import parse_arm, read_arm  # noqa: PLC0415
 
     if file is not None:
-        return read_arm(file), file.read_bytes()
+        return read_arm(file), bytes_of(file)
     if data.suffix != ".mcap":
         refuse("verify", "--arm missing; the arm file with which it was measured")
     from traverse.recording.reader import read_recording  # noqa: PLC0415
