@@ -174,7 +174,7 @@ def test_what_people_import_is_there_without_the_service() -> None:
         ("serial", "daemon", ("check", "daemon.toml")),
         ("serial", "daemon", ("amt21", "scan", "--port", "/dev/null")),
         ("mcap", "daemon", ("export", "points.jsonl")),
-        ("mcap", "lab", ("align", "points.csv")),
+        ("mcap", "lab", ("align", "points.csv", "--nominal", "nominal.toml")),
     ],
 )
 def test_a_command_says_which_extra_it_lacks(
