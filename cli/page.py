@@ -80,7 +80,7 @@ def page(
     scheme = "http" if certificate is None else "https"
     typer.echo(f"{name} on {address}: {scheme}://{host}:{port}")
     follower = Follower(name, address)
-    follower.sight.listeners.append(_tell_absence)
+    follower.sight.listeners.append(_notify_absence)
     serve(
         follower,
         points_as,
@@ -107,7 +107,7 @@ def _check_pair(certificate: Path, key: Path | None) -> None:
         ) from error
 
 
-def _tell_absence(change: "Change") -> None:
+def _notify_absence(change: "Change") -> None:
     if change.kind == "absent":
         typer.echo(f"{change.text}; waiting for it, Ctrl-C ends", err=True)
 

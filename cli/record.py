@@ -40,7 +40,7 @@ def record(
         recorded = asyncio.run(
             _record(name, arm, address, seconds, note, quiet=as_json)
         )
-    typer.echo(json.dumps(recorded) if as_json else _told(recorded))
+    typer.echo(json.dumps(recorded) if as_json else _summary(recorded))
 
 
 async def _record(
@@ -73,7 +73,7 @@ async def _record(
         return dict(await there.execute(RecordArgs(action="stop")))
 
 
-def _told(recorded: Mapping[str, Any]) -> str:
+def _summary(recorded: Mapping[str, Any]) -> str:
     gaps = recorded["gaps"]
     lacking = f", {counted(gaps, 'gap')}: the disk did not keep up" if gaps else ""
     return (

@@ -67,7 +67,7 @@ def verify(
         if plan is not None:
             known = _known(plan, "--plan")
             report = _planned(known, arm, out, bidirectional=bidirectional)
-            _tell_planned(report, as_json=as_json)
+            _print_plan(report, as_json=as_json)
             return
         missing = [
             name
@@ -175,7 +175,7 @@ def _planned(
     return write_plan(found, standard, out)
 
 
-def _tell_planned(report: dict[str, Any], *, as_json: bool) -> None:
+def _print_plan(report: dict[str, Any], *, as_json: bool) -> None:
     from traverse.lab.acceptance.plan import plan_words  # noqa: PLC0415
 
     words = "\n".join(plan_words(report))

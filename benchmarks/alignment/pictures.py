@@ -115,13 +115,13 @@ def paint(found: Sequence[Outcome], folder: Path) -> None:
     index = picture(_WIDTH_MM, 75.0, lambda figure: _index(found, figure))
     (folder / "alignment-index.png").write_bytes(index)
     for name, example in zip(("line", "wide"), examples(), strict=True):
-        _tell(example)
+        _print_example(example)
         painted = ellipsoids_painting(example.values, _FACTOR)
         png = picture(_WIDTH_MM, 65.0, painted)
         (folder / f"alignment-{name}.png").write_bytes(png)
 
 
-def _tell(example: Example) -> None:
+def _print_example(example: Example) -> None:
     values = example.values
     quality = values["quality"]
     error = quality["predicted_error_mm"]

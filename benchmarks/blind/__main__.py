@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for line in _made(todo, ends_s):
         append(given.out, line)
         lines.append(line)
-    _tell_wrong(lines)
+    _print_errors(lines)
     holds = True
     print(HEADER)
     for row in rows(lines):
@@ -98,7 +98,7 @@ def _made(todo: Sequence[tuple[str, int]], ends_s: float) -> Iterator[Line]:
                     print(f"{n_done} of {len(todo)}", flush=True)
 
 
-def _tell_wrong(lines: Sequence[Line]) -> None:
+def _print_errors(lines: Sequence[Line]) -> None:
     """List what was not found, so that it can be made again from its seed."""
     for line in [one for one in lines if one["error"]][:_MOST_WRONG]:
         last = line["error"].strip().splitlines()[-1]

@@ -128,7 +128,7 @@ async def million(page: Page, port: int) -> None:
             await asyncio.sleep(max(0.0, due_s - time.monotonic()))
             if number in (999, len(messages) - 1):
                 await asyncio.sleep(2.0)
-                await _told(page)
+                await _print_state(page)
     first = await page.evaluate("traverse_scene.frames")
     begun_s = time.monotonic()
     await page.mouse.move(1000, 400)
@@ -143,7 +143,7 @@ async def million(page: Page, port: int) -> None:
     print(f"{frames / elapsed_s:.1f} frames/s while the view is turned by hand")
 
 
-async def _told(page: Page) -> None:
+async def _print_state(page: Page) -> None:
     note = await page.locator(".arm-scene-note").text_content()
     print(f"{note}; page memory {await heap_mb(page):.0f} MB")
 

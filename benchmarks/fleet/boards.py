@@ -48,7 +48,7 @@ class Board(EdgeBoard):
             self._beat_ns = now_ns + BEAT_NS
             self._send_heartbeat()
 
-    def hear(self) -> None:
+    def serve_requests(self) -> None:
         """Execute the daemon's request."""
         self._receive(os.read(self._port, 4096))
 
@@ -84,7 +84,7 @@ def main(folder: Path, n: int) -> None:
         next_ns = min(board.due_ns() for board in boards.values())
         wait_s = max(0.0, (next_ns - time.monotonic_ns()) * 1e-9)
         for line in select.select(list(boards), [], [], wait_s)[0]:
-            boards[line].hear()
+            boards[line].serve_requests()
 
 
 if __name__ == "__main__":

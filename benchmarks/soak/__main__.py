@@ -39,7 +39,7 @@ async def crash(
         try:
             await _first_points(bench)
             begun_s = time.time()
-            await outages.happen(kills, _tell)
+            await outages.happen(kills, _log)
             span = Span(begun_s, time.time(), bench.daemon.starts)
             said = await _disks(bench) if has_disk else []
             for one, task in zip(bench.programs(), list(keeping), strict=True):
@@ -61,7 +61,7 @@ async def crash(
     return span, said
 
 
-def _tell(text: str) -> None:
+def _log(text: str) -> None:
     print(f"{time.strftime('%H:%M:%S')} {text}", flush=True)
 
 
@@ -79,7 +79,7 @@ async def _disks(bench: Bench) -> list[str]:
         "read-only disk": disk.read_only(bench.state, bench.daemon),
     }
     for name, trouble in troubles.items():
-        _tell(f"     {name}")
+        _log(f"     {name}")
         bench.note_disk(is_sound=False)
         async with disk.arm_for(bench.port) as arm:
             said += [f"{name}: {text}" for text in await disk.refusal(arm, trouble)]

@@ -98,13 +98,13 @@ async def refusal(
             said.append(f"refused without a remedy: {refused.text}")
         try:
             async with asyncio.timeout(PATIENCE_S):
-                await _told(events, active=True)
+                await _wait_for_event(events, active=True)
         except TimeoutError:
             said.append("no event outbox.failed was raised")
     try:
         async with asyncio.timeout(PATIENCE_S):
             await _taken_again(arm)
-            await _told(events, active=False)
+            await _wait_for_event(events, active=False)
     except TimeoutError:
         said.append("did not recover")
     return said
@@ -132,7 +132,7 @@ async def _taken_again(arm: Arm) -> None:
             return
 
 
-async def _told(events: Feed[Event], *, active: bool) -> None:
+async def _wait_for_event(events: Feed[Event], *, active: bool) -> None:
     """Wait for the event that says so."""
     async for event in events:
         if event.code == "outbox.failed" and event.active is active:

@@ -240,7 +240,7 @@ def _edges(
     folder: Path, lives: list[str], turns: tuple[int, ...]
 ) -> tuple[set[tuple[int, ...]], set[tuple[int, ...]]]:
     """Counts of all presses that there were, and of those that were acknowledged."""
-    told = _told(list(lines(folder / "acknowledged.jsonl")))
+    told = _promised(list(lines(folder / "acknowledged.jsonl")))
     presses, acknowledged = set(), set()
     for life in lives:
         for line in lines(folder / f"truth-{life}.jsonl"):
@@ -252,7 +252,7 @@ def _edges(
     return presses, acknowledged
 
 
-def _told(log: list[dict[str, Any]]) -> set[tuple[str, int]]:
+def _promised(log: list[dict[str, Any]]) -> set[tuple[str, int]]:
     """Life and number of edges whose acknowledgement promises a point.
 
     Not those that met a disk that fails: these are refused to the operator, and

@@ -46,13 +46,13 @@ class Operator:
                 await asyncio.sleep(1.0 / rate_hz)
                 if len(self._running) >= MOST_RUNNING:
                     continue
-                task = asyncio.create_task(self._ask())
+                task = asyncio.create_task(self._command_point())
                 self._running.add(task)
                 task.add_done_callback(self._running.discard)
         finally:
             connecting.cancel()
 
-    async def _ask(self) -> None:
+    async def _command_point(self) -> None:
         try:
             result = await self._requests.result(PointArgs(), ANSWER_S)
             self._write({"ok": True, **result})

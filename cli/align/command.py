@@ -71,7 +71,7 @@ def align(
             from traverse.lab.alignment.files import write_alignment  # noqa: PLC0415
 
             write_alignment(values, out)
-    _tell(values, out, as_json=as_json)
+    _print_result(values, out, as_json=as_json)
     if not values["passed"] or (strict and values["flags"]):
         raise typer.Exit(NO)
     if send:
@@ -103,7 +103,7 @@ def _computed(points: Path, nominal: Path, options: AlignmentOptions) -> dict[st
         refuse(COMMAND, str(error))
 
 
-def _tell(values: dict[str, Any], out: Path | None, *, as_json: bool) -> None:
+def _print_result(values: dict[str, Any], out: Path | None, *, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(values, indent=1, ensure_ascii=False))
         return

@@ -116,7 +116,7 @@ def from_dh(
             base_rpy_rad=base_rpy_rad,
         )
         write_arm(out, made)
-    _tell_made(out, made, as_json=as_json)
+    _print_made(out, made, as_json=as_json)
 
 
 @arm.command("from-urdf")
@@ -147,7 +147,7 @@ def from_urdf(
     with refusals("arm"):
         made = arm_from_urdf_file(file, root, tip, options)
         write_arm(out, made)
-    _tell_made(out, made, as_json=as_json)
+    _print_made(out, made, as_json=as_json)
 
 
 @arm.command("to-dh")
@@ -187,7 +187,7 @@ def to_dh(
         typer.echo("\n".join([f"{out}: classic table", *remark_lines(report)]))
 
 
-def _tell_made(file: Path, made: "Arm", *, as_json: bool) -> None:
+def _print_made(file: Path, made: "Arm", *, as_json: bool) -> None:
     if as_json:
         names = [joint.name for joint in made.joints]
         report = {"file": str(file), "arm": made.name, "joints": names}

@@ -135,7 +135,7 @@ def daily_check(
             )
 
             write_charts(report, out)
-    _tell(report, as_json=as_json)
+    _print_report(report, as_json=as_json)
     if not report.is_in_control:
         raise typer.Exit(NO)
 
@@ -266,7 +266,7 @@ def _report(
     return report_of(checks, permitted, beside)
 
 
-def _tell(report: "DailyCheckReport", *, as_json: bool) -> None:
+def _print_report(report: "DailyCheckReport", *, as_json: bool) -> None:
     if as_json:
         from traverse.lab.daily_check.report import report_values  # noqa: PLC0415
 

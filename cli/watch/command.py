@@ -92,11 +92,11 @@ async def _follow(
 ) -> None:
     heard = asyncio.Event()
     await asyncio.gather(
-        _write(broker, arm, kinds, as_json, heard), _tell_absence(broker, arm, heard)
+        _write(broker, arm, kinds, as_json, heard), _notify_absence(broker, arm, heard)
     )
 
 
-async def _tell_absence(
+async def _notify_absence(
     broker: "BrokerAddress", arm: str, heard: asyncio.Event
 ) -> None:
     from traverse.client.errors import ClientError  # noqa: PLC0415 - keeps --help quick

@@ -208,7 +208,7 @@ class ArmSight:
                 held.pop(next(iter(held)))
             doubt = "" if point.quality.ok else f", in doubt: {flag_words(point)}"
             change = Change("point", f"Point {point.seq}{doubt}", point)
-        self._tell(change if is_new else Change("stored", point=point))
+        self._notify(change if is_new else Change("stored", point=point))
 
     def take_event(self, event: Event) -> None:
         """An event was received."""
@@ -217,11 +217,11 @@ class ArmSight:
         if event.active is True:
             self.alarms[key] = event
             if event.severity != "info":
-                self._tell(Change("alarm", event.text))
+                self._notify(Change("alarm", event.text))
         elif event.active is False:
             if self.alarms.pop(key, None) is not None:
                 ended = "" if "ended" in event.text.lower() else "Ended: "
-                self._tell(Change("cleared", f"{ended}{event.text}"))
+                self._notify(Change("cleared", f"{ended}{event.text}"))
         elif event.code.endswith(".refused"):
             self.refuse(event.text, event.remedy, by_event=True)
         elif event.code == "capture.label":
@@ -246,7 +246,7 @@ class ArmSight:
             return
         self._refusal = (text, by_event, now_s)
         words = [part.strip().rstrip(".") for part in (text, remedy) if part]
-        self._tell(Change("refused", ". ".join(w[:1].upper() + w[1:] for w in words)))
+        self._notify(Change("refused", ". ".join(w[:1].upper() + w[1:] for w in words)))
 
     def take_status(self, status: Status) -> None:
         """The arm's state was received."""
@@ -264,7 +264,7 @@ class ArmSight:
             self.alarms = {(a.code, a.source): a for a in status.alarms}
         self.label = status.label or self.label
         self.probe = status.probe or self.probe
-        self._tell(Change("status"))
+        self._notify(Change("status"))
 
     def take_health(self, health: Health) -> None:
         """Figures were received."""
@@ -285,7 +285,7 @@ class ArmSight:
             before + int(doubtful),
         )
         if block.last:
-            self._tell(Change("scan", f"{self.scan.text}."))
+            self._notify(Change("scan", f"{self.scan.text}."))
 
     def scan_started(self, scan: str) -> None:
         """A scan has begun that may have no points yet."""
@@ -301,13 +301,13 @@ class ArmSight:
                 if not is_linked:  # what ends or begins meanwhile is not received
                     self.scan = None
                     self.label = None if self.status is None else self.status.label
-                self._tell(Change("link"))
+                self._notify(Change("link"))
 
     def take_absence(self, text: str) -> None:
         """The broker has no status of this arm."""
         if text and self.status is None and text != self.absence:
             self.absence = text
-            self._tell(Change("absent", text))
+            self._notify(Change("absent", text))
 
     def _points_of(self, session: str) -> dict[str, Point]:
         held = self.sessions.setdefault(session, {})
@@ -321,6 +321,6 @@ class ArmSight:
             return False
         return self.live.time_ns - point.time_ns < STORED_NS
 
-    def _tell(self, change: Change) -> None:
+    def _notify(self, change: Change) -> None:
         for listener in list(self.listeners):
             listener(change)

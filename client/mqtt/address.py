@@ -92,7 +92,7 @@ class BrokerAddress:
         """
         password = self.password
         if self.password_file is not None:
-            with _told("password_file", self.password_file, "the password"):
+            with _naming_file("password_file", self.password_file, "the password"):
                 password = text_of(self.password_file).strip()
         return {
             "hostname": self.host,
@@ -104,19 +104,19 @@ class BrokerAddress:
         }
 
     def _tls_context(self) -> ssl.SSLContext:
-        with _told("ca_file", self.ca_file, "certificates, PEM"):
+        with _naming_file("ca_file", self.ca_file, "certificates, PEM"):
             context = tls_context(self.ca_file)
         if self.certificate_file is not None:
             key = self.key_file or self.certificate_file
             wanted = f"a certificate, PEM, and {key} its key without a passphrase"
-            with _told("certificate_file", self.certificate_file, wanted):
+            with _naming_file("certificate_file", self.certificate_file, wanted):
                 # Without the function OpenSSL would prompt at the terminal.
                 context.load_cert_chain(self.certificate_file, self.key_file, str)
         return context
 
 
 @contextmanager
-def _told(name: str, file: Path | None, wanted: str) -> Iterator[None]:
+def _naming_file(name: str, file: Path | None, wanted: str) -> Iterator[None]:
     """Name the file of an error."""
     try:
         yield

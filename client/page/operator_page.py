@@ -128,7 +128,7 @@ class OperatorPage:
             kind = "doubt"
         if kind in ("link", "status", "absent"):
             self._show_verdict()
-            self._tell_absence()
+            self._notify_absence()
         elif kind != "stored":
             self._play(kind)
             self._banner.tell(kind, change.text)
@@ -143,7 +143,7 @@ class OperatorPage:
         self._show_points(point.id)
         self._check.show()
 
-    def _tell_absence(self) -> None:
+    def _notify_absence(self) -> None:
         """Notify that broker or arm are gone, or back."""
         is_online = self._sight.is_online
         if self._was_online and not is_online:

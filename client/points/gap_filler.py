@@ -59,7 +59,7 @@ class GapFiller:
         """Request what is missing, until cancelled."""
         wait_s = FIRST_WAIT_S
         while True:
-            ask = await self._next_ask()
+            ask = await self._next_request()
             progress = self._order.next_seq_of(ask.session or "")
             before = (self._order.n_taken, self._link.connections)
             try:
@@ -101,7 +101,7 @@ class GapFiller:
             self._order.refuse(f"the arm does not answer this client: {reason}")
             self._arrived.notify()
 
-    async def _next_ask(self) -> ResendRequest:
+    async def _next_request(self) -> ResendRequest:
         """Wait until something is missing, or nothing has arrived for long."""
         while True:
             ask = self._order.next_request(self._room())

@@ -86,17 +86,17 @@ class PointStream:
             self._link.acknowledge(number)
         else:
             self._defer_ack(number)
-        self._tell_all()
+        self._notify_all()
 
     def notice(self, session: str) -> None:
         """The arm reports that this is its session."""
         self._order.notice(session)
-        self._tell_all()
+        self._notify_all()
 
     def on_connected(self) -> None:
         """There is a connection: find out what was missed."""
         self._order.connection_restored()
-        self._tell_all()
+        self._notify_all()
 
     def on_disconnected(self) -> None:
         """Nothing of the old connection can be acknowledged any more."""
@@ -137,7 +137,7 @@ class PointStream:
         if self.room == self._limit // 2:
             self._flush_acks()
         if isinstance(item, Lost):
-            self._tell(item)
+            self._report_lost(item)
         return item
 
     async def begun(self) -> None:
@@ -153,7 +153,7 @@ class PointStream:
         """So many points may be requested: none while many wait."""
         return self.room if self.room >= self._limit // 2 else 0
 
-    def _tell_all(self) -> None:
+    def _notify_all(self) -> None:
         self._arrived.notify()
         if self._order.needs_request:
             self._gap_filler.wake()
@@ -182,7 +182,7 @@ class PointStream:
             self._link.acknowledge(number)
         self._gap_filler.wake()
 
-    def _tell(self, lost: Lost) -> None:
+    def _report_lost(self, lost: Lost) -> None:
         if lost.to_seq is not None:
             self.lost += lost.to_seq - lost.from_seq + 1
         log.error(

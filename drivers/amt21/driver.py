@@ -85,7 +85,7 @@ class Amt21Driver(PolledDriver[Amt21Line]):
         return EncoderReading(self._nearest(known, reading.count), reading.time_ns)
 
     def _position(self, channel: int) -> EncoderReading | ReadError:
-        answer = self._ask(channel, amt21.position_request(self._addresses[channel]))
+        answer = self._get(channel, amt21.position_request(self._addresses[channel]))
         if isinstance(answer, ReadError):
             return answer
         unused = amt21.VALUE_BITS - self._bits
@@ -96,13 +96,13 @@ class Amt21Driver(PolledDriver[Amt21Line]):
     def _position_and_turns(self, channel: int) -> EncoderReading | ReadError:
         """A position between two readings of the turns, which show whether 0 passed."""
         request = amt21.turns_request(self._addresses[channel])
-        before = self._ask(channel, request)
+        before = self._get(channel, request)
         if isinstance(before, ReadError):
             return before
         position = self._position(channel)
         if isinstance(position, ReadError):
             return position
-        after = self._ask(channel, request)
+        after = self._get(channel, request)
         if isinstance(after, ReadError):
             return after
         first, second = amt21.turns_of(before.value), amt21.turns_of(after.value)
@@ -136,6 +136,6 @@ class Amt21Driver(PolledDriver[Amt21Line]):
         step = (position - known.count + turn // 2) % turn - turn // 2
         return (known.count + step) % known.modulus
 
-    def _ask(self, channel: int, request: bytes) -> TimedValue | ReadError:
+    def _get(self, channel: int, request: bytes) -> TimedValue | ReadError:
         patient = not self._channels[channel].missing
         return self._open_line.ask(request, patient=patient)

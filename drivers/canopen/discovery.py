@@ -81,7 +81,7 @@ class NodeDiscovery:
         if not (doubtful := self.duplicates):
             return
 
-        def heard_for(seconds: float) -> bool:
+        def answered_within(seconds: float) -> bool:
             before = self.n_answers.total()
             until_ns = now_ns() + int(seconds * 1e9)
             while (left_ns := until_ns - now_ns()) > 0 and not stopping():
@@ -89,12 +89,12 @@ class NodeDiscovery:
             return self.n_answers.total() != before
 
         for _ in range(options.answer_tries):
-            if not heard_for(options.answer_s):
+            if not answered_within(options.answer_s):
                 break
         for node in doubtful:
             self.n_answers[node], self.n_requests[node] = 0, 1
             bus.send(wire.SDO_REQUEST + node, ASK_DEVICE_TYPE)
-        heard_for(options.answer_s)
+        answered_within(options.answer_s)
 
     @property
     def silent(self) -> list[int]:

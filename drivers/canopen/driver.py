@@ -135,7 +135,7 @@ class CanOpenDriver(Driver):
     def _serve(self) -> None:
         supervisor = None if self._dispatcher is None else self._dispatcher.supervisor
         while supervisor is not None and not self._stopping:
-            self._begin_wanted_stream()
+            self._begin_requested_stream()
             self._poll_bus(IDLE_S)
             supervisor.act()
             self._report_counters()
@@ -173,7 +173,7 @@ class CanOpenDriver(Driver):
 
     # -- streams ---------------------------------------------------------------
 
-    def _begin_wanted_stream(self) -> None:
+    def _begin_requested_stream(self) -> None:
         if self._streams_begun == (requested := self._streams_requested):
             return
         self._streams_begun = requested

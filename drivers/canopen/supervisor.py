@@ -101,7 +101,7 @@ class NodeSupervisor:
         elif self.options.status_period_s and now_ns >= self._status_due_ns:
             period_s = self.options.status_period_s / len(self.sdos)
             self._status_due_ns = now_ns + int(period_s * 1e9)
-            self._ask_complaints(self._status_turn)
+            self._request_alarms(self._status_turn)
             self._status_turn = (self._status_turn + 1) % len(self.sdos)
 
     def emergency(self, channel: int, message: wire.Emergency) -> None:
@@ -192,7 +192,7 @@ class NodeSupervisor:
                 1,
             )
 
-    def _ask_complaints(self, channel: int) -> None:
+    def _request_alarms(self, channel: int) -> None:
         sdo = self.sdos[channel]
         if self.conditions.is_raised(channel, "node_lost"):
             return

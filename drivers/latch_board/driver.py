@@ -134,7 +134,7 @@ class LatchBoardDriver(Driver):
         """The board's clock, tied to the host's by a quick answer, if there is one."""
         clock, begun_ns = DeviceClock(hello.tick_rate_hz), self._now_ns()
         while hello.channels and (sent_ns := self._now_ns()) - begun_ns < TIE_NS:
-            answer = self._ask_or_fault(line, "LATCH", wire.latch_request)
+            answer = self._request_or_fault(line, "LATCH", wire.latch_request)
             if not isinstance(answer, wire.Latched):
                 break
             received_ns = line.last_message_ns
@@ -191,7 +191,7 @@ class LatchBoardDriver(Driver):
         while self._latches:
             # Its answer is taken here and not when it is dispatched, so that a late
             # answer to an earlier try is not a second latch.
-            answer = self._ask_or_fault(line, "LATCH", wire.latch_request)
+            answer = self._request_or_fault(line, "LATCH", wire.latch_request)
             token = self._latches.popleft()
             if isinstance(answer, wire.Latched):
                 session.take_latch(answer, token, line.last_message_ns)
@@ -200,11 +200,11 @@ class LatchBoardDriver(Driver):
             rate = round(self._rate_hz * 1000)
             session.end_stream()
             if rate:
-                self._ask_or_fault(
+                self._request_or_fault(
                     line, "START", lambda number: wire.start_request(number, rate)
                 )
             else:
-                self._ask_or_fault(line, "STOP", wire.stop_request)
+                self._request_or_fault(line, "STOP", wire.stop_request)
 
     def _acknowledge(self, line: LatchBoardLine) -> None:
         """Acknowledge processed edges to the board, if there are any."""
@@ -212,7 +212,7 @@ class LatchBoardDriver(Driver):
         if (done := self._edges.take_acknowledgement()) is not None:
             line.send(wire.edge_ack(done))
 
-    def _ask_or_fault(
+    def _request_or_fault(
         self, line: LatchBoardLine, name: str, frame: Callable[[int], bytes]
     ) -> Response | None:
         """The answer; None where the board refused, which connecting cannot mend."""

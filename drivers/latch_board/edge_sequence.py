@@ -26,7 +26,7 @@ class EdgeSequencer:
         self._delivered: int | None = None
         self._acknowledged: int | None = None
         self._oldest_missed: int | None = None
-        self._told: int | None = None
+        self._sent: int | None = None
         self._early_since_ns: int | None = None
         self._oldest_early = 0
 
@@ -38,14 +38,14 @@ class EdgeSequencer:
     @property
     def needs_acknowledgement(self) -> bool:
         """Whether the board waits for an acknowledgement, or soon will."""
-        return self.has_open_edges or self._acknowledged != self._told
+        return self.has_open_edges or self._acknowledged != self._sent
 
     def take_acknowledgement(self) -> int | None:
         """What to acknowledge to the board now; None if nothing is new."""
-        if self._acknowledged == self._told:
+        if self._acknowledged == self._sent:
             return None
-        self._told = self._acknowledged
-        return self._told
+        self._sent = self._acknowledged
+        return self._sent
 
     def note_missed(self, seq: int) -> None:
         """An edge that the board kept from before HELLO, which has it forgotten."""
@@ -80,7 +80,7 @@ class EdgeSequencer:
             done = self._acknowledged
             if done is None or _signed(seq - done) > 0:
                 return "waiting", 0
-            self._told = None  # the acknowledgement was lost: repeat it
+            self._sent = None  # the acknowledgement was lost: repeat it
             return "acknowledged", 0
         if ahead == 0:
             return "next", 0

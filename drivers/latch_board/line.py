@@ -83,7 +83,7 @@ class LatchBoardLine:
         data, received_ns = self._port.read(), self._now_ns()
         reads, n_bytes = [(data, received_ns)], len(data)
         while (
-            not self._brings_others(data)
+            not self._has_other_frames(data)
             and n_bytes < MOST_BYTES
             and received_ns < until_ns
             and self._port.wait((until_ns - received_ns) * 1e-9)
@@ -106,7 +106,7 @@ class LatchBoardLine:
             self._dispatch(message, received_ns, earlier)
             earlier = ()  # they are of the first block
 
-    def _brings_others(self, data: bytes) -> bool:
+    def _has_other_frames(self, data: bytes) -> bool:
         """Whether these bytes, the next ones of the line, are not of samples alone.
 
         An edge must not wait; messages with the board's time are processed on arrival.

@@ -97,7 +97,7 @@ class MicroscribeLine:
     def text(self, name: str) -> str:
         """One of the texts; empty where the arm does not know it."""
         command = wire.TEXTS[name]
-        found = self._ask(command, lambda data: wire.text_reply(command, data))
+        found = self._request(command, lambda data: wire.text_reply(command, data))
         return found or ""
 
     def maxes(self) -> wire.Maxes:
@@ -121,14 +121,14 @@ class MicroscribeLine:
 
     def home(self) -> tuple[int, ...]:
         """Counts at the home position."""
-        block = self._ask(
+        block = self._request(
             wire.HOME, lambda data: wire.fixed_reply(wire.HOME, wire.HOME_BYTES, data)
         )
         return wire.home_counts(self._given(block, "its home position"))
 
     def kinematics(self) -> bytes:
         """The block with the arm's own table."""
-        block = self._ask(
+        block = self._request(
             wire.GEOMETRY, lambda data: wire.counted_reply(wire.GEOMETRY, data)
         )
         return self._given(block, "its own table")
@@ -190,7 +190,7 @@ class MicroscribeLine:
         wire_ns = round(max(0, len(data) - 1) * self._byte_ns)
         return min((exchange_ns + wire_ns) // 2, exchange_ns)
 
-    def _ask(self, command: int, found: Callable[[bytes], T | None]) -> T | None:
+    def _request(self, command: int, found: Callable[[bytes], T | None]) -> T | None:
         for _ in range(TRIES):
             self.drop_stray()
             self.port.write(bytes([command]))

@@ -89,7 +89,7 @@ class ModbusDriver(PolledDriver[ModbusClient]):
 
     def _read_channel(self, channel: int) -> EncoderReading | ReadError:
         encoder, registers = self._encoders[channel], self._registers[channel]
-        said = self._ask(channel, encoder.function, registers.first, registers.words)
+        said = self._get(channel, encoder.function, registers.first, registers.words)
         if isinstance(said, ReadError):
             return said
         words, time_ns = said
@@ -110,7 +110,7 @@ class ModbusDriver(PolledDriver[ModbusClient]):
         encoder = self._encoders[channel]
         if encoder.status_register is None or self._channels[channel].missing:
             return
-        said = self._ask(channel, encoder.status_function, encoder.status_register, 1)
+        said = self._get(channel, encoder.status_function, encoder.status_register, 1)
         if isinstance(said, ReadError):
             self._counters["status_missed"] += 1
             return
@@ -120,7 +120,7 @@ class ModbusDriver(PolledDriver[ModbusClient]):
         codes = {"encoder_error": error, "encoder_warning": warning}
         self._status.add(channel, [code for code, is_so in codes.items() if is_so])
 
-    def _ask(
+    def _get(
         self, channel: int, function: int, first: int, n_words: int
     ) -> tuple[list[int], int] | ReadError:
         """Registers of an encoder, and the middle of the exchange."""

@@ -116,7 +116,7 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
             answer = self._latest_reply(group, channel)
         else:
             if channel not in self._in_hand:
-                self._ask_all(group)
+                self._poll_all(group)
             self._in_hand.discard(channel)
             answer = group.lines[channel].answer()
         return (
@@ -135,7 +135,7 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
         group = self._open_line
         return group.reply_ns // 2 if self._continuous else group.usual_ns // 2
 
-    def _ask_all(self, group: RlsLineGroup) -> None:
+    def _poll_all(self, group: RlsLineGroup) -> None:
         """Poll every encoder that is due in this cycle, one for its temperature."""
         now_ns = self._now_ns()
         due = [n for n, c in enumerate(self._channels) if c.due(now_ns)]

@@ -109,7 +109,7 @@ class RlsLineGroup:
         }
         if may_receive_late_reply:
             # A late reply must not pass for the next one.
-            for number in self._heard_within(
+            for number in self._readable_within(
                 sorted(may_receive_late_reply), self._usual_ns()
             ):
                 self.lines[number].discard_late_bytes()
@@ -117,7 +117,7 @@ class RlsLineGroup:
     def discard_input(self, seconds: float) -> set[int]:
         """Discard what arrives for a time; the channels on which something arrived."""
         talkers = set()
-        for number in self._heard_within(self._all, round(seconds * 1e9)):
+        for number in self._readable_within(self._all, round(seconds * 1e9)):
             self.lines[number].port.read()
             talkers.add(number)
         return talkers
@@ -158,7 +158,7 @@ class RlsLineGroup:
             for other in self._ready(self._all, left_ns):
                 self.lines[other].listen()
 
-    def _heard_within(self, numbers: Sequence[int], wait_ns: int) -> Iterator[int]:
+    def _readable_within(self, numbers: Sequence[int], wait_ns: int) -> Iterator[int]:
         """Numbers of the lines that have bytes, as they have them, for a time."""
         until_ns = self._now_ns() + wait_ns
         while (left_ns := until_ns - self._now_ns()) > 0:

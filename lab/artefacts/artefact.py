@@ -159,7 +159,7 @@ class Artefact(StrictModel):
         """Whether each of its poses has a length of its own."""
         return False
 
-    def tells_length(self, touches: Touches) -> bool:
+    def fixes_scale(self, touches: Touches) -> bool:
         """Return whether these touches determine the scale of the arm."""
         return False
 

@@ -55,7 +55,7 @@ class BallBar(Artefact):
         """The two spheres."""
         return ("1", "2")
 
-    def tells_length(self, touches: Touches) -> bool:
+    def fixes_scale(self, touches: Touches) -> bool:
         """Say that it is made for that; even one sphere alone has a radius."""
         return bool(self.certified_lengths)
 

@@ -41,7 +41,7 @@ class DrawWire(Artefact):
         """Its poses have a length each."""
         return True
 
-    def tells_length(self, touches: Touches) -> bool:
+    def fixes_scale(self, touches: Touches) -> bool:
         """Say whether it was drawn out by more than one length."""
         return bool(np.ptp(touches.known_lengths_mm) > 0.0)
 

@@ -47,7 +47,7 @@ class ParallelPlanes(Artefact):
         """The two surfaces."""
         return ("1", "2")
 
-    def tells_length(self, touches: Touches) -> bool:
+    def fixes_scale(self, touches: Touches) -> bool:
         """Say whether both were touched: their distance is the length."""
         both = len(np.unique(touches.features)) == 2
         return both and bool(self.certified_lengths)

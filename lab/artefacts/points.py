@@ -57,7 +57,7 @@ class Points(Artefact):
         """Three coordinates."""
         return 3
 
-    def tells_length(self, touches: Touches) -> bool:
+    def fixes_scale(self, touches: Touches) -> bool:
         """Return whether known points determine the scale, which is not estimated."""
         n_points = len(np.unique(touches.features))
         return self.frame == "arm" or (self.frame == "own" and n_points > 1)

@@ -84,7 +84,7 @@ class Seats(Artefact):
         """Three coordinates."""
         return 3
 
-    def tells_length(self, touches: Touches) -> bool:
+    def fixes_scale(self, touches: Touches) -> bool:
         """Return whether both ends of a known distance were touched."""
         touched = set(np.unique(touches.features).tolist())
         return any(

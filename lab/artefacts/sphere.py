@@ -143,7 +143,7 @@ class Sphere(Artefact):
     expansion_per_c: float = 0.0
     reference_temperature_c: float = REFERENCE_TEMPERATURE_C
 
-    def tells_length(self, touches: Touches) -> bool:
+    def fixes_scale(self, touches: Touches) -> bool:
         """Return whether the radius is known, which determines the scale."""
         return bool(self.certified_lengths)
 

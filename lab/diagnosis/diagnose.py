@@ -59,7 +59,7 @@ def diagnose(
         IdentificationError: Arm and campaign do not fit together.
     """
     options = options or DiagnosisOptions()
-    told = progress or _nobody
+    told = progress or _ignore_progress
     clock = _Clock()
     choosing, held_out = split(campaign, options.seed)
     decision = decide(campaign, arm, choosing, options, told)
@@ -228,7 +228,7 @@ def _kept(decision: Decision, accepted: tuple[bool, ...]) -> tuple[Effect, ...]:
     return tuple(e for index, e in enumerate(effects) if index not in rejected)
 
 
-def _nobody(_what: str, _part: float) -> None:
+def _ignore_progress(_what: str, _part: float) -> None:
     """Take no notice of progress."""
 
 

@@ -88,7 +88,7 @@ class SimulatedAmt21Line(SerialDevice):
         self._ready_s = [now_s] * len(self._zeros)
         self._commanded: int | None = None
 
-    def hear(self, line: int, byte: int, at_s: float) -> None:
+    def receive_byte(self, line: int, byte: int, at_s: float) -> None:
         """Answer a position or turns request; carry out a command."""
         commanded, self._commanded = self._commanded, None
         if commanded is not None:

@@ -121,7 +121,7 @@ class SimulatedModbusLine(SerialDevice):
         self._frame = b""
         self._heard_s = now_s
 
-    def hear(self, line: int, byte: int, at_s: float) -> None:
+    def receive_byte(self, line: int, byte: int, at_s: float) -> None:
         """Gather a frame; obey it once it is whole."""
         if at_s - self._heard_s > self._silence_s:
             self._frame = b""

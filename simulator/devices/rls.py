@@ -112,7 +112,7 @@ class SimulatedRls(SerialDevice):
             else:
                 self._answer(number, port.request, at_s)
 
-    def hear(self, line: int, byte: int, at_s: float) -> None:
+    def receive_byte(self, line: int, byte: int, at_s: float) -> None:
         """Answer a request, or echo and take a byte of a setting."""
         port = self._ports[line]
         apart_s, port.heard_s = at_s - port.heard_s, at_s

@@ -1,6 +1,6 @@
 """Devices on ptys that answer requests byte by byte.
 
-A subclass defines what a byte means (`hear`), what it does by itself (`advance`,
+A subclass defines what a byte means (`receive_byte`), its own actions (`advance`,
 `own_due_s`), and what it loses without power (`power_up`). It reads its encoders
 with `latch` and answers with `say`; faults of the line, of the power and of single
 encoders are played here.
@@ -104,7 +104,7 @@ class SerialDevice(ABC):
         """Reset as after power-up."""
 
     @abstractmethod
-    def hear(self, line: int, byte: int, at_s: float) -> None:
+    def receive_byte(self, line: int, byte: int, at_s: float) -> None:
         """Process a byte of a line, whose last bit arrived at an instant."""
 
     def advance(self, to_s: float) -> None:
@@ -177,11 +177,11 @@ class SerialDevice(ABC):
         heard = [
             (at_s, number, byte)
             for number, line in enumerate(self._lines)
-            for at_s, byte in line.heard_by(now_s)
+            for at_s, byte in line.arrived_by(now_s)
         ]
         for at_s, number, byte in sorted(heard, key=lambda entry: entry[0]):
             self.advance(at_s)
-            self.hear(number, byte, at_s)
+            self.receive_byte(number, byte, at_s)
         self.advance(now_s)
         for line in self._lines:
             line.release(now_s)

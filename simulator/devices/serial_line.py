@@ -203,7 +203,7 @@ class SerialLine:
                 self._going.append((at_s + self.timing.reply_delay_s, bytes((byte,))))
         return changed
 
-    def heard_by(self, now_s: float) -> Iterator[tuple[float, int]]:
+    def arrived_by(self, now_s: float) -> Iterator[tuple[float, int]]:
         """The bytes that have arrived by now, each with the instant of its last bit."""
         while self._coming and self._coming[0][0] <= now_s:
             yield self._coming.popleft()

@@ -149,7 +149,7 @@ def _location_remarks(measured: Measurement, names: Sequence[str]) -> Iterator[s
         )
 
 
-def _told_apart(touched: ArtefactTouches, name: str, n: int, what: str) -> list[str]:
+def _parts_of(touched: ArtefactTouches, name: str, n: int, what: str) -> list[str]:
     """List the features that distinguish the parts of a test.
 
     Raises:
@@ -169,7 +169,7 @@ def location(measured: Measurement, name: str, limits: Limits) -> Iterator[Part]
     touched = measured.of(name)
     try:
         sphere = certified_sphere(measured.artefacts.get(name), name)
-        groups = _told_apart(touched, name, 5, "groups")
+        groups = _parts_of(touched, name, 5, "groups")
         centres_mm = []
         for group in groups:
             part = touched.of(group)
@@ -211,7 +211,7 @@ def effective_diameter(
     touched = measured.of(name)
     try:
         sphere = certified_sphere(measured.artefacts.get(name), name)
-        repeats = _told_apart(touched, name, 3, "repeats")
+        repeats = _parts_of(touched, name, 3, "repeats")
         errors_mm: dict[str, float] = {}
         for repeat in repeats:
             part = touched.of(repeat)

@@ -168,5 +168,5 @@ def network_of(
 def has_length(network: Network) -> bool:
     """Return whether anything determines the scale."""
     return any(
-        station.artefact.tells_length(station.touches) for station in network.stations
+        station.artefact.fixes_scale(station.touches) for station in network.stations
     )

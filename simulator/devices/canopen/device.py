@@ -62,7 +62,7 @@ class CanOpenBus:
         ]
         self._channels = {number: channel for channel, number in enumerate(numbers)}
         self._held: deque[tuple[float, int, bytes]] = deque()
-        self._told: set[int] = set()
+        self._reported: set[int] = set()
         self._n_power_ups = self._n_syncs = 0
         self._line: CanLine | None = None
         self.where = self._switch_on(0.0)
@@ -217,18 +217,18 @@ class CanOpenBus:
         script_s = self._mounting.clock.script_s(now_s)
         for number, fault in enumerate(self._mounting.faults):
             lasts = fault.lasts(script_s)
-            if lasts == (number in self._told):
+            if lasts == (number in self._reported):
                 continue
-            self._told ^= {number}
+            self._reported ^= {number}
             if fault.kind == "bus_off":
                 line.bus_off = lasts
                 line.send_error(BUS_OFF if lasts else RESTARTED)
             elif isinstance(fault, EmcyFault):
-                self._tell_emergency(fault, lasts)
+                self._send_emergency(fault, lasts)
             elif fault.kind == "reset":
                 self._reset(getattr(fault, "channel", None), lasts)
 
-    def _tell_emergency(self, fault: EmcyFault, lasts: bool) -> None:
+    def _send_emergency(self, fault: EmcyFault, lasts: bool) -> None:
         content = bytes(8)
         if lasts:
             content = (

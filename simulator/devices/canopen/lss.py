@@ -53,9 +53,9 @@ class LssSlave:
         elif command == FAST_SCAN:
             self._scan(word, data[5], data[6], data[7])
         elif self.configures:
-            self._tell(command, data)
+            self._configure(command, data)
 
-    def _tell(self, command: int, data: bytes) -> None:
+    def _configure(self, command: int, data: bytes) -> None:
         if command == SET_NODE:
             known = 1 <= data[1] <= 127 or data[1] == WITHOUT_NUMBER
             if known:

@@ -102,7 +102,7 @@ class HciBox:
         self._coming = b""
         self._wanted = 0  # bytes of the command being received
 
-    def hear(self, byte: int, at_s: float, baud_rate: int) -> bytes:
+    def receive_byte(self, byte: int, at_s: float, baud_rate: int) -> bytes:
         """Process a byte; return the reply."""
         if self.baud_rate is None:
             return self._wait_for_session(byte, baud_rate)
@@ -124,11 +124,11 @@ class HciBox:
             packet += _halves(state.ticks)
         if n_analogs := (0, 2, 4, 8)[command >> 2 & 3]:
             packet += bytes(n_analogs + 1)  # nothing is connected there
-        for count in self.asked_counts(command, state):
+        for count in self.requested_counts(command, state):
             packet += _halves(count)
         return bytes(packet)
 
-    def asked_counts(self, command: int, state: State) -> Sequence[int]:
+    def requested_counts(self, command: int, state: State) -> Sequence[int]:
         """Counts of the encoders that a command requests, 0 where there is none."""
         counts = (*state.counts, *[0] * self._plate.n_encoders)
         return counts[: ENCODERS[self._plate.hci][command & 3]]

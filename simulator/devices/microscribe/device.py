@@ -169,12 +169,12 @@ class SimulatedMicroscribe(SerialDevice):
         """A report of motion runs."""
         return self._box.report is not None
 
-    def hear(self, line: int, byte: int, at_s: float) -> None:
+    def receive_byte(self, line: int, byte: int, at_s: float) -> None:
         """Answer, unless it is just losing power."""
         if self._is_reset(at_s):
             return
         before = self._box.report
-        answer = self._box.hear(byte, at_s, self._host_baud_rate())
+        answer = self._box.receive_byte(byte, at_s, self._host_baud_rate())
         if self._box.report is not before:
             self._sent = None
             report = self._box.report

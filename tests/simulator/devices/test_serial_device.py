@@ -26,7 +26,7 @@ class Teller(SerialDevice):
     def power_up(self, now_s):
         self.woken_s = now_s
 
-    def hear(self, line, byte, at_s):
+    def receive_byte(self, line, byte, at_s):
         channel = byte - ord("0")
         count, _ = self.latch(channel, at_s)
         self.say(line, count.to_bytes(2, "big"), at_s, channel)
