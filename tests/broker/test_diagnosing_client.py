@@ -19,7 +19,7 @@ async def door(meet):
         yield server.sockets[0].getsockname()[1]
 
 
-async def test_an_end_without_an_answer_is_told_at_once():
+async def test_an_end_without_an_answer_is_reported_at_once():
     async def close(reader, writer):
         await reader.read(1)
         writer.close()

@@ -70,7 +70,7 @@ def alert(number):
         (b"", "it cuts the connection; does it require a certificate_file"),
     ],
 )
-def test_what_openssl_says_is_told_in_a_sentence(answer, words):
+def test_what_openssl_says_is_reported_in_a_sentence(answer, words):
     error = error_of_openssl(answer)
     assert words in told(error)
     assert is_refusal(error) == (answer != b"")
@@ -97,7 +97,7 @@ def test_who_showed_a_certificate_in_vain_is_not_asked_for_one():
         ({}, "give username and password_file of [door]"),
     ],
 )
-def test_a_refused_account_is_told_with_what_was_shown(code, door, words):
+def test_a_refused_account_is_reported_with_what_was_shown(code, door, words):
     # of MQTT 3.1.1, and the same of MQTT 5
     for error in (aiomqtt.MqttCodeError(code), refused_with(code + 130)):
         assert words in told(error, **door)
@@ -145,13 +145,13 @@ def test_what_the_network_says_is_found_behind_aiomqtts_sentence(error, words):
     assert not is_refusal(error)
 
 
-def test_a_silent_end_may_mean_that_tls_is_wanted():
+def test_a_silent_end_may_mean_that_tls_is_required():
     assert "does it require TLS? Then speak TLS" in told(
         ConnectionClosedError(), tls=False
     )
     assert told(ConnectionClosedError()) == "it closes the connection without a word"
 
 
-def test_what_nobody_foresaw_is_told_as_it_is():
+def test_what_nobody_foresaw_is_reported_as_it_is():
     assert told(aiomqtt.MqttError("something else")) == "something else"
     assert told(ValueError()) == "ValueError"

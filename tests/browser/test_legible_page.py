@@ -85,7 +85,7 @@ async def test_every_text_has_contrast_in_both_themes(
 
 
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (820, 1180)])
-async def test_on_touch_screens_what_matters_comes_first_and_can_be_hit(
+async def test_on_touch_screens_what_matters_is_first_and_can_be_hit(
     posed: PosedDaemon, address: str, served_page: OpenPage, width: int, height: int
 ) -> None:
     touch = {

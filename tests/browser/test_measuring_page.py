@@ -59,7 +59,7 @@ async def test_the_sessions_points_are_all_there_whatever_happens(
             )
 
 
-async def test_a_new_session_is_asked_for_and_the_earlier_one_can_be_shown(
+async def test_a_new_session_is_requested_and_the_earlier_one_can_be_shown(
     posed: PosedDaemon, address: str, served_page: OpenPage
 ) -> None:
     async with posed.posing(), served_page(posed.arm, address) as page:

@@ -225,7 +225,7 @@ def test_a_file_is_sent_later_or_at_once(files, tmp_path, mosquitto):
         loop.close()
 
 
-def test_what_cannot_be_sent_is_told(files, tmp_path):
+def test_what_cannot_be_sent_is_reported(files, tmp_path):
     points, nominal = files
     out = tmp_path / "out"
     align(points, "--nominal", nominal, "--std", 0.01, "-o", out)

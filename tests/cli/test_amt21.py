@@ -43,7 +43,7 @@ def test_a_scan_lists_who_answers(encoders, monkeypatch):
 
 
 @pytest.mark.parametrize(("name", "code"), [("zero", "5E"), ("reset", "75")])
-def test_maintenance_is_asked_for_before_it_is_done(encoders, name, code):
+def test_maintenance_is_requested_before_it_is_done(encoders, name, code):
     ran = told(encoders, name, "--address", "0x54", *PATIENCE, input="n\n")
     assert ran.exit_code == 1
     assert "is at 1234" in ran.output
@@ -69,7 +69,7 @@ def test_an_address_where_nobody_is_cannot_be_reached(encoders):
     assert 0x42 not in encoders.line.heard
 
 
-def test_a_port_that_is_not_there_is_told(tmp_path):
+def test_a_port_that_is_not_there_is_reported(tmp_path):
     ran = runner.invoke(app, ["amt21", "scan", "--port", str(tmp_path / "none")])
     assert ran.exit_code == 3
     assert "no such port" in ran.output

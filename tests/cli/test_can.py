@@ -71,7 +71,7 @@ def test_a_bus_that_is_not_there_cannot_be_reached() -> None:
     assert "cannot open the bus slcan:/dev/no-such" in result.output
 
 
-def test_a_preset_is_asked_for_written_and_stored(nodes: FakeNodes) -> None:
+def test_a_preset_is_requested_written_and_stored(nodes: FakeNodes) -> None:
     node = nodes.nodes[5]
     node.objects |= {(0x6003, 0): u32(0), (0x1010, 1): u32(1)}
     wanted = ("--node", "5", "--value", "4711", "--store")
@@ -84,7 +84,7 @@ def test_a_preset_is_asked_for_written_and_stored(nodes: FakeNodes) -> None:
     assert node.objects[(0x1010, 1)] == b"save"
 
 
-def test_a_preset_that_is_not_wanted_is_not_written(nodes: FakeNodes) -> None:
+def test_a_preset_that_is_not_requested_is_not_written(nodes: FakeNodes) -> None:
     node = nodes.nodes[5]
     node.objects[(0x6003, 0)] = u32(7)
     result = told(nodes, "preset", "--node", "5", "--value", "0", answer="n\n")
@@ -98,7 +98,7 @@ def test_a_preset_beyond_the_range_is_refused(nodes: FakeNodes) -> None:
     assert "expected 0 to 268435455" in result.output
 
 
-def test_a_preset_that_the_encoder_refuses_is_told(nodes: FakeNodes) -> None:
+def test_a_preset_that_the_encoder_refuses_is_reported(nodes: FakeNodes) -> None:
     result = told(nodes, "preset", "--node", "5", "--value", "1", "--yes")
     assert result.exit_code == 3
     assert "refused to write object 6003:00: 06020000, no such object" in result.output

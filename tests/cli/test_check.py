@@ -49,7 +49,7 @@ def check(text: str | bytes, folder: Path, *options: str) -> Result:
         (NOMINAL, "nominal places"),
     ],
 )
-def test_good_files_are_told_by_what_they_are(
+def test_good_files_are_reported_by_what_they_are(
     text: str, kind: str, tmp_path: Path
 ) -> None:
     said = check(text, tmp_path)
@@ -64,7 +64,7 @@ def test_good_files_are_told_by_what_they_are(
     }
 
 
-def test_all_mistakes_of_an_arm_file_are_told_at_once(tmp_path: Path) -> None:
+def test_all_mistakes_of_an_arm_file_are_reported_at_once(tmp_path: Path) -> None:
     text = (DATA / "arm.toml").read_text("utf-8")
     text = text.replace("radius_mm = 3.0", "radius = 3.0")
     text = text.replace("axis = [0.0, 0.0, 1.0]", "axis = [0.0, 0.0, 0.0]")

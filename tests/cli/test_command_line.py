@@ -67,7 +67,7 @@ def test_old_names_are_hidden_and_do_the_same() -> None:
         ("check", ("Exit status 2", "--json")),
     ],
 )
-def test_help_tells_units_and_exit_statuses(
+def test_help_lists_units_and_exit_statuses(
     command: str, words: tuple[str, ...]
 ) -> None:
     for option in ("--help", "-h"):

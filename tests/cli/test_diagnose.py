@@ -104,7 +104,7 @@ def test_accepted_in_place_as_json_and_strict(diagnosed: Path, tmp_path: Path) -
 
 
 @pytest.mark.slow
-def test_progress_is_told_on_a_terminal(diagnosed: Path, tmp_path: Path) -> None:
+def test_progress_is_reported_on_a_terminal(diagnosed: Path, tmp_path: Path) -> None:
     leader, follower = pty.openpty()
     arguments = ["campaign", "--arm", "arm.toml", "--out", str(tmp_path / "out")]
     try:

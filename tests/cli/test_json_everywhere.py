@@ -143,7 +143,7 @@ def test_points_of_an_outbox_are_a_document_a_line(desk: Path) -> None:
 
 
 @pytest.mark.needs("mosquitto")
-async def test_a_recording_is_told_in_one_document(
+async def test_a_recording_is_reported_in_one_document(
     mosquitto: Mosquitto, tmp_path: Path
 ) -> None:
     name = f"arm-{uuid.uuid4().hex[:8]}"

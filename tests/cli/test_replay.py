@@ -59,7 +59,7 @@ def test_a_recording_without_steps_is_refused(tmp_path):
     assert "no state to begin with" in output
 
 
-def test_a_broker_that_is_not_there_and_a_wrong_name_are_told():
+def test_a_broker_that_is_not_there_and_a_wrong_name_are_reported():
     status, output = ended("record", "two words", "--arm", "a", "--broker", "ftp://x")
     assert status == 2
     assert "expected host" in output

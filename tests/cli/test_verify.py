@@ -99,7 +99,7 @@ def test_nothing_is_accepted_without_its_uncertainty(campaigns, tmp_path):
     assert "Without a limit: P_SIZE, L_DIA (5x5)." in ran.output
 
 
-def test_a_limit_exceeded_is_told_by_the_exit_status(campaigns, tmp_path):
+def test_a_limit_exceeded_is_reported_by_the_exit_status(campaigns, tmp_path):
     limits = limits_file(tmp_path, e_uni_mm=0.001)
     ran = run(
         *(campaigns / "iso10360-12", "--standard", "iso10360-12", "--arm", ARM),

@@ -82,7 +82,7 @@ def test_with_an_alignment_list_and_read_out_are_in_the_parts_system() -> None:
     assert "666" not in text
 
 
-def test_nothing_is_told_as_if_it_were_of_now_without_the_broker() -> None:
+def test_nothing_is_reported_as_if_it_were_of_now_without_the_broker() -> None:
     sight = well()
     sight.take_health(health())
     assert "broker connected" in shown(sight)

@@ -108,7 +108,7 @@ def test_events_live_poses_and_scans_can_be_iterated(
             assert list(blocks) == [block]
 
 
-def test_a_broker_that_is_not_there_is_told_and_no_thread_is_left() -> None:
+def test_a_broker_that_is_not_there_is_reported_and_no_thread_is_left() -> None:
     arm = BlockingArm("bench-7", f"localhost:{free_port()}", connect_timeout_s=0.1)
     with pytest.raises(BrokerUnreachableError), arm:
         pass

@@ -34,7 +34,7 @@ async def test_capture_gives_the_point_and_undo_its_retraction(
         assert await read(arm, 2) == virtual.points
 
 
-async def test_a_captured_point_that_does_not_arrive_is_asked_for(
+async def test_a_captured_point_that_does_not_arrive_is_requested(
     virtual: VirtualDaemon, broker: str
 ) -> None:
     async with virtual.running(), Arm(virtual.arm, broker) as arm:
@@ -119,7 +119,7 @@ async def test_a_capture_is_not_repeated_to_a_daemon_that_was_started_anew(
             assert virtual.points == []
 
 
-async def test_an_arm_that_is_not_there_is_told(
+async def test_an_arm_that_is_not_there_is_reported(
     virtual: VirtualDaemon, broker: str
 ) -> None:
     async with Arm(virtual.arm, broker, reply_timeout_s=0.2) as arm:

@@ -66,7 +66,7 @@ async def test_notebook_takes_points_and_looks_at_them(
 
 
 @pytest.mark.needs("mosquitto")
-async def test_follow_goes_on_where_it_stopped(
+async def test_follow_continues_where_it_stopped(
     virtual: VirtualDaemon, broker: str, tmp_path: Path
 ) -> None:
     place = tmp_path / "place.json"

@@ -14,7 +14,7 @@ def block(seq: int, *, last: bool = False) -> Scan:
     return SCAN.model_copy(update={"seq": seq, "last": last, "total": total})
 
 
-async def test_what_comes_again_is_left_out_and_gaps_are_counted() -> None:
+async def test_what_is_repeated_is_left_out_and_gaps_are_counted() -> None:
     n = len(SCAN.dtime_ns)
     feed = Feed[Scan](20, keep_newest=False)
 

@@ -63,7 +63,7 @@ def test_device_and_broker_that_are_not_there_are_told_together(tmp_path):
     assert "Traceback" not in text
 
 
-def test_all_mistakes_of_the_configuration_are_told(tmp_path):
+def test_all_mistakes_of_the_configuration_are_reported(tmp_path):
     text = '[arm]\nfile = "arm.toml"\ncolour = 3\n[[device]]\nid = "a b"\n'
     status, told = run(write(tmp_path, text))
     assert status == 2
@@ -83,7 +83,7 @@ def test_a_missing_broker_table_and_a_wrong_arm_file_are_told_together(tmp_path)
     assert "shoulder" in told
 
 
-def test_a_missing_arm_file_is_told(tmp_path):
+def test_a_missing_arm_file_is_reported(tmp_path):
     path = write(tmp_path, CONFIGURATION, arm=None, port=1, device="/dev/null")
     status, told = run(path)
     assert status == 2
@@ -91,7 +91,7 @@ def test_a_missing_arm_file_is_told(tmp_path):
     assert "Traceback" not in told
 
 
-def test_a_missing_configuration_is_told(tmp_path):
+def test_a_missing_configuration_is_reported(tmp_path):
     status, told = run(tmp_path / "nowhere.toml")
     assert status == 2
     assert "nowhere.toml" in told

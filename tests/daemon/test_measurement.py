@@ -27,7 +27,7 @@ async def test_the_probe_triggers_and_an_unwired_input_does_not(bench):
     assert bench.codes() == ["switch.pressed"]
 
 
-async def test_a_refused_capture_is_told(bench):
+async def test_a_refused_capture_is_reported(bench):
     bench.room = False
     bench.take(DeviceUp("base", BOARD, False), latch((5, 6, 7)))
     bench.room = True

@@ -113,7 +113,7 @@ def missing_samples(blocks: Sequence[CountSamples]) -> int:
 class DriverContract:
     """Every driver. Inherit as `Test...` and provide a fixture `rig`."""
 
-    async def test_a_lost_port_is_told_and_comes_back_by_itself(self, rig: Rig):
+    async def test_a_lost_port_is_reported_and_returns_by_itself(self, rig: Rig):
         with rig.driver:
             taken = await up(rig)
             rig.unplug()
@@ -136,7 +136,7 @@ class DriverContract:
         rig.driver.close()
         assert driver_threads(rig) == []
 
-    async def test_a_missing_port_is_told_once_with_its_name(self, rig: Rig):
+    async def test_a_missing_port_is_reported_once_with_its_name(self, rig: Rig):
         rig.unplug()
         with rig.driver:
             taken = Taken(rig.delivery_queue)
@@ -221,7 +221,7 @@ class StreamContract:
             await taken.until(lambda: told_lost(taken) >= 3, "its count")
         assert missing_samples(taken.of(CountSamples)) >= 3
 
-    async def test_the_stream_goes_on_after_an_outage(self, rig: StreamRig):
+    async def test_the_stream_continues_after_an_outage(self, rig: StreamRig):
         with rig.driver:
             taken = await streaming(rig, self.rate_hz)
             rig.unplug()

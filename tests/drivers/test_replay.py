@@ -169,7 +169,7 @@ async def test_a_device_delivers_what_it_did_then_at_the_times_of_now(tmp_path):
     assert "has ended" in lost[1]
 
 
-async def test_it_begins_anew_where_it_is_wanted(tmp_path):
+async def test_it_begins_anew_where_it_is_requested(tmp_path):
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     path = recording(tmp_path / "a.mcap")
     driver = ReplayDriver(
@@ -183,7 +183,7 @@ async def test_it_begins_anew_where_it_is_wanted(tmp_path):
     ("content", "told"),
     [(None, "cannot be read: No such file"), (b"no recording", "no MCAP file")],
 )
-async def test_a_file_that_cannot_be_played_is_told(tmp_path, content, told):
+async def test_a_file_that_cannot_be_played_is_reported(tmp_path, content, told):
     path = tmp_path / "a.mcap"
     if content is not None:
         path.write_bytes(content)

@@ -123,7 +123,7 @@ def test_an_echo_that_is_not_the_request_spoils_the_reply():
         (bytes.fromhex("AB 61 AB 61"), None),
     ],
 )
-def test_an_adapter_that_echoes_is_known_by_what_comes_back(heard, echoes):
+def test_an_adapter_that_echoes_is_known_by_what_it_returns(heard, echoes):
     assert amt21.echo_heard(b"\x54", heard) is echoes
 
 

@@ -68,7 +68,7 @@ def test_documented_example_stands_in_messagepack_as_written():
         )
     )
 )
-def test_every_array_comes_back_bit_for_bit(array):
+def test_every_array_is_restored_bit_for_bit(array):
     read = bytes_to_array(array_to_bytes(array))
     assert read.dtype == array.dtype
     assert read.shape == array.shape

@@ -111,14 +111,14 @@ MALFORMED = {
 
 
 @given(messages)
-def test_messagepack_comes_back_equal(message):
+def test_messagepack_is_restored_equal(message):
     payload = encode(message, "msgpack")
     assert decode(type(message), payload) == message
     assert encode(decode(type(message), payload, "msgpack"), "msgpack") == payload
 
 
 @given(messages)
-def test_json_comes_back_equal(message):
+def test_json_is_restored_equal(message):
     payload = encode(message, "json")
     assert decode(type(message), payload) == message
     assert encode(decode(type(message), payload, "json"), "json") == payload
@@ -165,7 +165,7 @@ def test_the_other_encoding_is_refused_when_one_is_demanded(encoding):
         decode(Event, encode(EVENT, other), encoding)
 
 
-def test_a_hundred_thousand_mistakes_are_told_as_few():
+def test_a_hundred_thousand_mistakes_are_reported_as_few():
     infinities = b",".join([b"1e999"] * 100_000)
     with pytest.raises(MessageError) as refusal:
         decode(Command, JSON_HEAD + b'{"a": [' + infinities + b"]}}")

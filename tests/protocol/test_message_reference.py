@@ -50,7 +50,7 @@ def test_a_changed_page_is_shown_as_a_difference(copied_docs):
     assert "1 files differ: run `make schemas`" in run.stdout
 
 
-def test_missing_and_surplus_schemas_are_told(copied_docs):
+def test_missing_and_surplus_schemas_are_reported(copied_docs):
     schemas = copied_docs / "reference" / "schemas"
     (schemas / "point.schema.json").rename(schemas / "spot.schema.json")
     run = check(copied_docs)

@@ -101,7 +101,7 @@ def test_what_follows_noise_is_found_again(noise, packet):
     assert found[-1] == packet
 
 
-def test_what_nobody_asked_for_is_counted_and_skipped():
+def test_what_was_not_requested_is_counted_and_skipped():
     found, faults = decoded([GOLDEN + b"\xa3\x01" + GOLDEN_TIMED])
     assert found == [Packet(1, 1234, ENCODERS)]
     assert faults == {"foreign": 1, "stray": 13, "broken": 1}

@@ -107,7 +107,7 @@ def test_every_prefix_of_a_reply_is_incomplete():
 
 
 @given(st.binary(max_size=400))
-def test_noise_raises_nothing_but_what_is_told(noise):
+def test_noise_raises_nothing_but_what_is_documented(noise):
     text = wire.text_reply(0xC8, noise)
     assert text is None or (text.isprintable() and len(text) <= wire.LONGEST_TEXT)
     block = wire.counted_reply(0xC0, noise)

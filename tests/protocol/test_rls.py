@@ -80,7 +80,7 @@ def test_what_is_no_request_is_refused():
 
 
 @given(layouts, requests, st.data())
-def test_every_value_comes_back(layout, request_, data):
+def test_every_value_is_restored(layout, request_, data):
     count = data.draw(st.integers(0, 2**layout.bits - 1))
     turns = data.draw(st.integers(-(2**15), 2**15 - 1)) if layout.turns else 0
     flags, detail = data.draw(st.integers(0, 3)), data.draw(st.integers(0, 255))

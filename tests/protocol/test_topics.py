@@ -61,7 +61,7 @@ def test_quality_of_service_and_retention_are_those_of_the_contract():
 
 
 @given(levels, st.sampled_from(sorted(CHANNELS)), levels)
-def test_every_name_of_one_level_comes_back(arm, kind, name):
+def test_every_name_of_one_level_is_restored(arm, kind, name):
     named = kind in topics.NAMED
     topic = f"traverse/{arm}/{kind}" + (f"/{name}" if named else "")
     assert parse_topic(topic) == Topic(arm, kind, name if named else None)

@@ -107,7 +107,7 @@ def test_a_host_that_does_not_read_loses_samples_and_is_told(folder):
     assert seqs == sorted(set(seqs))
 
 
-def test_a_host_comes_back_and_says_hello_again(folder):
+def test_a_host_returns_and_says_hello_again(folder):
     with simulator(folder, config_text(SPHERE, HEAD)) as process:
         for _ in range(2):
             with opened(folder) as port:
@@ -119,7 +119,7 @@ def test_a_host_comes_back_and_says_hello_again(folder):
         stop(process, folder)
 
 
-def test_a_board_that_goes_away_comes_back_with_another_boot_id(folder):
+def test_a_board_that_is_removed_returns_with_another_boot_id(folder):
     fault = '[[fault]]\nkind = "gone"\nat_s = 0.3\nduration_s = 0.5\n'
     boot_ids = []
     with simulator(folder, config_text(SPHERE, HEAD, fault)) as process:

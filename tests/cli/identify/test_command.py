@@ -187,7 +187,7 @@ def test_held_parameters_are_not_estimated(measured: Path) -> None:
 
 
 @pytest.mark.slow
-def test_no_convergence_is_told_and_leaves_no_arm_file(measured: Path) -> None:
+def test_no_convergence_is_reported_and_leaves_no_arm_file(measured: Path) -> None:
     other = measured / "nonsense"
     shutil.copytree(measured / "campaign", other)
     header, *rows = (other / "poses.csv").read_text("utf-8").splitlines()

@@ -48,7 +48,7 @@ def test_points_stand_until_they_are_taken_back(sight: ArmSight) -> None:
     assert [change.kind for change in told] == ["point"] * 3 + ["retraction"]
 
 
-def test_a_point_in_doubt_is_told_with_the_reason(sight: ArmSight) -> None:
+def test_a_point_in_doubt_is_reported_with_the_reason(sight: ArmSight) -> None:
     told = changes(sight)
     sight.take_point(point(0, quality={"ok": False, "flags": ["end_stop"]}))
     assert told[0].text == "Point 0, in doubt: end stop"
@@ -127,7 +127,7 @@ def test_an_alarm_is_shown_until_it_is_cleared(sight: ArmSight) -> None:
     assert [change.kind for change in told] == ["alarm", "cleared"]
 
 
-def test_the_worst_of_several_comes_first_and_the_others_are_counted(
+def test_the_worst_of_several_is_first_and_the_others_are_counted(
     sight: ArmSight,
 ) -> None:
     sight.take_event(event("a.mild", True, severity="warning", text="mild"))
@@ -165,14 +165,14 @@ def test_a_pose_in_doubt_is_a_warning(sight: ArmSight) -> None:
     assert "singular" in said.sentence
 
 
-def test_a_refusal_is_told(sight: ArmSight) -> None:
+def test_a_refusal_is_reported(sight: ArmSight) -> None:
     told = changes(sight)
     sight.take_event(event("capture.refused", None, text="the arm moves"))
     assert told == [Change("refused", "The arm moves. Check the cable")]
 
 
 @pytest.mark.parametrize("event_first", [True, False])
-def test_answer_and_event_of_one_refusal_are_told_once(
+def test_answer_and_event_of_one_refusal_are_reported_once(
     sight: ArmSight, clock: Clock, event_first: bool
 ) -> None:
     told = changes(sight)

@@ -147,7 +147,7 @@ def test_a_template_cannot_reach_beyond_a_points_values(template: str) -> None:
         Template(io.BytesIO(), template=template)
 
 
-def test_a_form_that_does_not_fit_its_value_is_told() -> None:
+def test_a_form_that_does_not_fit_its_value_is_reported() -> None:
     with pytest.raises(ValueError, match=r"\{session:d\}.*value is"):
         Template(io.BytesIO(), template="{session:d}")
 

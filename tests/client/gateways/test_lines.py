@@ -96,7 +96,7 @@ async def test_a_point_is_a_line_of_the_chosen_form(
     assert sending.lines == line
 
 
-async def test_a_point_in_doubt_is_sent_where_its_line_says_so_or_it_is_wanted(
+async def test_a_point_in_doubt_is_sent_where_its_line_says_so_or_it_is_requested(
     sending: Sending,
 ) -> None:
     assert not POINT.quality.ok
@@ -127,7 +127,7 @@ def retraction(of: str, point_id: str) -> Point:
     return POINT.model_copy(update={"id": point_id, "retracts": of, "quality": GOOD})
 
 
-async def test_a_point_that_was_taken_back_has_a_line_of_its_own_or_is_told(
+async def test_a_point_that_was_taken_back_has_a_line_of_its_own_or_is_reported(
     sending: Sending,
 ) -> None:
     points = [good("a"), POINT, retraction(POINT.id, "c"), retraction("a", "d")]
@@ -150,7 +150,7 @@ async def test_names_from_outside_make_no_lines_of_their_own(sending: Sending) -
     assert "\x1b" not in sending.lines
 
 
-async def test_a_scan_is_a_line_a_point_and_gaps_are_told(
+async def test_a_scan_is_a_line_a_point_and_gaps_are_reported(
     virtual: VirtualDaemon, broker: str, tmp_path: Path
 ) -> None:
     told: list[str] = []

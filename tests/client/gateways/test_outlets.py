@@ -67,7 +67,7 @@ async def test_what_a_receiver_sends_is_ignored() -> None:
         writer.close()
 
 
-async def test_a_receiver_that_does_not_read_is_disconnected_and_others_go_on(
+async def test_a_receiver_that_does_not_read_is_disconnected_and_others_continue(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(tcp_outlet, "WRITE_S", 0.5)
@@ -97,7 +97,7 @@ async def test_more_receivers_than_allowed_are_refused() -> None:
         assert f"is refused: {MAX_RECEIVERS} receivers" in "".join(told)
 
 
-async def test_lines_go_on_into_a_file_that_was_moved_away(tmp_path: Path) -> None:
+async def test_lines_continue_into_a_file_that_was_moved_away(tmp_path: Path) -> None:
     path = tmp_path / "lines.txt"
     path.write_bytes(b"of somebody else\n")
     outlet = FileOutlet(path, print)

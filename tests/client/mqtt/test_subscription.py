@@ -72,7 +72,7 @@ async def test_messages_come_decoded_in_both_encodings(
     assert all(r.received_ns > 1_700_000_000_000_000_000 for r in found)
 
 
-async def test_what_cannot_be_decoded_is_told_and_the_rest_goes_on(
+async def test_what_cannot_be_decoded_is_reported_and_the_rest_continues(
     mosquitto: Mosquitto, arm: str
 ) -> None:
     sent = [

@@ -141,14 +141,14 @@ async def test_a_broker_of_another_authority_or_name_is_not_trusted(
     assert "is not for '127.0.0.1'" in await reason(replace(house.address, host=HOST))
 
 
-async def test_a_wrong_password_or_none_is_told_without_it(house: House) -> None:
+async def test_a_wrong_password_or_none_is_reported_without_it(house: House) -> None:
     wrong = replace(house.address, password_file=house.folder / "wrong")
     assert "refuses user 'person' or the password" in await reason(wrong)
     nobody = replace(house.address, username=None, password_file=None)
     assert "no account for this client's certificate" in await reason(nobody)
 
 
-async def test_a_certificate_that_is_not_there_or_not_known_is_told(
+async def test_a_certificate_that_is_not_there_or_not_known_is_reported(
     house: House,
 ) -> None:
     # If the broker disconnects before its reason is read, only that is reported:
@@ -162,7 +162,7 @@ async def test_a_certificate_that_is_not_there_or_not_known_is_told(
     assert all("certificate_file" in why for why in await reasons(strange))
 
 
-async def test_tls_on_one_side_only_is_told(house: House) -> None:
+async def test_tls_on_one_side_only_is_reported(house: House) -> None:
     plain = BrokerAddress("localhost", house.address.port)
     other = replace(house.address, port=house.broker.port)
     for address, hint in ((plain, "require TLS?"), (other, "speak TLS on this port?")):

@@ -83,7 +83,7 @@ def test_marks_of_the_view(theme: str) -> None:
         assert found >= 3.0, (theme, mark, round(found, 2))
 
 
-def test_levels_and_sounds_are_told_apart_by_more_than_colour() -> None:
+def test_levels_and_sounds_differ_by_more_than_colour() -> None:
     from traverse.client.page.banner import ICONS  # noqa: PLC0415
 
     assert len(set(ICONS.values())) == len(ICONS) == 4

@@ -166,7 +166,7 @@ def test_every_number_is_handed_on_once_and_in_order_whatever_a_broker_loses(
     assert not lost & held_yet
 
 
-def test_a_gap_is_asked_for_and_what_came_early_waits() -> None:
+def test_a_gap_is_requested_and_what_came_early_waits() -> None:
     order, _, session = started()
     order.take(point(session, 0))
     order.take(point(session, 3))
@@ -178,7 +178,7 @@ def test_a_gap_is_asked_for_and_what_came_early_waits() -> None:
     assert order.next_request(ROOM) is None
 
 
-def test_large_gaps_are_asked_for_in_pieces_and_only_as_there_is_room() -> None:
+def test_large_gaps_are_requested_in_pieces_and_only_as_there_is_room() -> None:
     order, _, session = started()
     order.take(point(session, 2000))
     assert order.next_request(ROOM) == ResendRequest(session, 0, 499)
@@ -215,7 +215,7 @@ def test_sessions_after_the_one_at_the_beginning_come_whole() -> None:
     assert numbers(order) == [(middle, 0), (middle, 1), (new, 0)]
 
 
-def test_a_place_goes_on_where_it_stopped() -> None:
+def test_a_place_continues_where_it_stopped() -> None:
     outbox = Outbox()
     sessions = [outbox.begin() for _ in range(3)]
     for session in sessions:
@@ -228,7 +228,7 @@ def test_a_place_goes_on_where_it_stopped() -> None:
     assert numbers(order) == expected
 
 
-def test_what_retention_has_taken_is_told_as_lost() -> None:
+def test_what_retention_has_taken_is_reported_as_lost() -> None:
     order, outbox, session = started()
     for _ in range(10):
         outbox.add(session)
@@ -239,7 +239,7 @@ def test_what_retention_has_taken_is_told_as_lost() -> None:
     assert numbers(order) == [(session, i) for i in range(10)]
 
 
-def test_a_session_that_the_outbox_does_not_know_any_more_is_told() -> None:
+def test_a_session_that_the_outbox_does_not_know_any_more_is_reported() -> None:
     order, outbox, session = started()
     order.take(outbox.add(session))
     another = Outbox()  # the database was set aside
@@ -256,7 +256,7 @@ def test_a_session_that_the_outbox_does_not_know_any_more_is_told() -> None:
     ]
 
 
-def test_a_session_of_which_nothing_is_left_is_told() -> None:
+def test_a_session_of_which_nothing_is_left_is_reported() -> None:
     order, outbox, session = started()
     order.take(outbox.add(session))
     outbox.add(session)
@@ -296,7 +296,7 @@ def test_an_arm_that_cannot_send_again_has_its_gaps_told() -> None:
     assert order.next_request(ROOM) == ResendRequest(None)
 
 
-def test_points_without_room_are_asked_for_later() -> None:
+def test_points_without_room_are_requested_later() -> None:
     order, outbox, session = started()
     taken = [outbox.add(session) for _ in range(5)]
     order.take(taken[0])

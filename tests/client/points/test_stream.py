@@ -69,7 +69,7 @@ def is_back(arm: Arm, before: int) -> bool:
     return arm.counters.connections > before
 
 
-async def test_what_a_broker_forgot_is_asked_for(
+async def test_what_a_broker_forgot_is_requested(
     virtual: VirtualDaemon, broker: str
 ) -> None:
     async with virtual.running(), Arm(virtual.arm, broker) as arm:
@@ -99,7 +99,7 @@ async def test_the_tail_of_a_session_comes_before_the_next_session(
             assert await read(arm, 6) == virtual.points
 
 
-async def test_what_retention_has_taken_is_told(
+async def test_what_retention_has_taken_is_reported(
     virtual: VirtualDaemon, broker: str
 ) -> None:
     async with virtual.running():
@@ -129,7 +129,7 @@ async def test_an_old_daemon_that_cannot_resend_has_its_gaps_told(
         assert found[2] == last[0]
 
 
-async def test_a_place_file_goes_on_where_the_reader_stopped(
+async def test_a_place_file_continues_where_the_reader_stopped(
     virtual: VirtualDaemon, broker: str, tmp_path: Path
 ) -> None:
     file = tmp_path / "place.json"
@@ -174,7 +174,7 @@ async def read_one_after(virtual: VirtualDaemon, arm: Arm) -> None:
     await read(arm, 1)
 
 
-async def test_events_go_on_where_nobody_reads_points(
+async def test_events_continue_where_nobody_reads_points(
     virtual: VirtualDaemon, broker: str
 ) -> None:
     async with virtual.running(), Arm(virtual.arm, broker, max_waiting=10) as arm:
@@ -204,7 +204,7 @@ async def test_a_broker_killed_and_started_again_loses_nothing(
             assert await read(arm, 40) == virtual.points
 
 
-async def test_a_broker_that_is_not_there_is_told_with_a_remedy() -> None:
+async def test_a_broker_that_is_not_there_is_reported_with_a_remedy() -> None:
     port = free_port()
     arm = Arm("bench-7", f"localhost:{port}", connect_timeout_s=0.3)
     with pytest.raises(BrokerUnreachableError, match=f"localhost:{port}.*start it"):

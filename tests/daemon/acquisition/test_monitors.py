@@ -44,7 +44,7 @@ async def test_counts_of_another_device_are_not_the_arms(bench):
     assert (bench.live, bench.points) == ([], [])
 
 
-async def test_a_lost_device_is_told_once_and_cleared_once(bench):
+async def test_a_lost_device_is_reported_once_and_cleared_once(bench):
     lost = DeviceLost("base", "unplugged", "plug it in")
     bench.take(lost)
     assert bench.codes() == []  # at start-up it is reported otherwise
@@ -97,7 +97,7 @@ expansion_per_c = 1e-5
 """
 
 
-async def test_effects_without_a_temperature_are_told_once_it_should_have_come(
+async def test_effects_without_a_temperature_are_reported_once_it_should_have_come(
     tmp_path,
 ):
     bench = Bench(arm_model(tmp_path, ARM + WARM))
@@ -118,7 +118,7 @@ async def test_effects_without_a_temperature_are_told_once_it_should_have_come(
     bench.device.driver.close()
 
 
-async def test_a_device_that_comes_back_tells_its_temperature_anew(bench):
+async def test_a_device_that_returns_tells_its_temperature_anew(bench):
     bench.take(
         DeviceUp("base", BOARD, False),
         DeviceTemperatures("base", (21.5,)),

@@ -38,7 +38,7 @@ def held_back(tmp_path, **settings):
     return assembly
 
 
-def test_what_waits_too_long_is_told_late_and_then_incomplete(tmp_path):
+def test_what_waits_too_long_is_reported_late_and_then_incomplete(tmp_path):
     assembly = held_back(tmp_path)
     seq, _, counts, status, doubts = joined(assembly.resampled(AT_ONCE + 50_000_000))
     assert seq.tolist() == list(range(12, 20))

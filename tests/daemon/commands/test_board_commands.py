@@ -140,7 +140,7 @@ async def test_a_start_replaces_a_running_scan(bench):
     assert bench.scanner.plan.id == second["scan"]
 
 
-async def test_too_fast_a_scan_is_refused_and_the_running_one_goes_on(bench):
+async def test_too_fast_a_scan_is_refused_and_the_running_one_continues(bench):
     begun = await bench.requests.change_scan(ScanArgs(action="start", rate_hz=200.0))
     slower = configuration("base", capture={"scan_max_rate_hz": 500.0})
     bench.measurement.apply_settings(slower, bench.measurement.model)
@@ -199,7 +199,7 @@ async def test_a_lost_device_refuses_commands_and_a_scan_outlives_it(bench):
     assert second.lost == second.seq - 10
 
 
-async def test_a_device_that_is_not_there_is_told_at_start(tmp_path):
+async def test_a_device_that_is_not_there_is_reported_at_start(tmp_path):
     board = FakeBoard(tmp_path / "ttyNone")
     async with Bench(board, arm_model(tmp_path)).running() as bench:
         ((status, text),) = await check_devices([bench.device])
@@ -207,7 +207,7 @@ async def test_a_device_that_is_not_there_is_told_at_start(tmp_path):
     assert text.startswith("device base: cannot open")
 
 
-async def test_a_device_that_does_not_fit_is_told_at_start(tmp_path):
+async def test_a_device_that_does_not_fit_is_reported_at_start(tmp_path):
     with FakeBoard(tmp_path / "ttyBoard") as board:
         async with Bench(board, arm_model(tmp_path)).running() as bench:
             failures = await check_devices([bench.device])

@@ -141,7 +141,7 @@ async def test_undo_of_a_point_that_is_not_the_last_is_refused(bench):
     assert len(bench.points) == 2
 
 
-async def test_undo_concerns_a_point_that_was_asked_for_and_still_waits(bench):
+async def test_undo_concerns_a_point_that_was_requested_and_still_waits(bench):
     press(bench, 30.5)
     press(bench, 45.5)  # its readings have not arrived
     undoing = await asked(bench.point_requests.undo(UndoArgs()))
@@ -152,7 +152,7 @@ async def test_undo_concerns_a_point_that_was_asked_for_and_still_waits(bench):
     assert [p.retracts for p in bench.points] == [None, None, bench.points[1].id]
 
 
-async def test_labels_go_to_the_points_that_were_asked_for_after_them(bench):
+async def test_labels_go_to_the_points_that_were_requested_after_them(bench):
     press(bench, 45.5, 0)
     setting = await asked(
         bench.point_requests.label(LabelArgs(artefact="bar", feature="2"))

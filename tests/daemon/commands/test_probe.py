@@ -70,7 +70,7 @@ def test_a_library_is_read_and_probes_are_found_by_name(tmp_path):
         ("probes/1", "probes/2", "schema"),
     ],
 )
-def test_mistakes_of_a_library_are_told(tmp_path, old, new, told):
+def test_mistakes_of_a_library_are_reported(tmp_path, old, new, told):
     with pytest.raises(FileError, match=told):
         read_probes(library(tmp_path, LIBRARY.replace(old, new)))
 

@@ -150,7 +150,7 @@ async def test_correlation_data_are_bounded(bench):
     assert codes(await bench.replies(2))[-1] == "ok"
 
 
-async def test_retained_commands_are_told(bench):
+async def test_retained_commands_are_reported(bench):
     bench.send(command("old"), retained=True)
     (event,) = bench.events
     assert event.code == "commands.retained"

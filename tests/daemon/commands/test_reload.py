@@ -146,7 +146,7 @@ async def test_new_rules_apply_at_once(reloading):
         ("[capture]", "[capture]\nmax_waiting_points = 5", "max_waiting_points"),
     ],
 )
-async def test_what_cannot_be_is_refused_and_the_old_goes_on(
+async def test_what_cannot_be_is_refused_and_the_old_continues(
     reloading, old, new, words
 ):
     reloading.write(CONFIGURATION.replace(old, new))

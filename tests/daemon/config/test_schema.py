@@ -49,7 +49,7 @@ def test_what_is_left_out_has_its_documented_value(tmp_path):
     assert (switch.device_id, switch.number, switch.trigger) == ("base", 1, "switch")
 
 
-def test_everything_wrong_is_told_at_once(tmp_path):
+def test_everything_wrong_is_reported_at_once(tmp_path):
     text = problems(
         tmp_path,
         """\
@@ -110,7 +110,7 @@ def test_a_device_that_is_no_table_is_refused(tmp_path):
     assert "device" in problems(tmp_path, 'device = [1]\n[arm]\nfile = "a.toml"\n')
 
 
-def test_a_missing_file_is_told_by_its_name(tmp_path):
+def test_a_missing_file_is_reported_by_its_name(tmp_path):
     with pytest.raises(FileError, match=r"nowhere\.toml"):
         read_configuration(tmp_path / "nowhere.toml")
 

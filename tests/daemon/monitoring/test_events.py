@@ -27,7 +27,7 @@ def bench():
     return Bench()
 
 
-def test_the_first_is_told_at_once_and_repetitions_together(bench):
+def test_the_first_is_reported_at_once_and_repetitions_together(bench):
     start_ns = bench.clock.now_ns
     bench.lost()
     assert [one.count for one in bench.told] == [1]
@@ -51,14 +51,14 @@ def test_different_sources_do_not_wait_for_each_other(bench):
     assert [one.source for one in bench.told] == ["base", "wrist"]
 
 
-def test_after_a_quiet_time_the_next_is_told_at_once(bench):
+def test_after_a_quiet_time_the_next_is_reported_at_once(bench):
     bench.lost()
     bench.clock.now_ns += QUIET_NS
     bench.lost()
     assert len(bench.told) == 2
 
 
-def test_buttons_are_told_one_by_one(bench):
+def test_buttons_are_reported_one_by_one(bench):
     for _ in range(5):
         bench.log.report("info", "button.pressed", "", source="base/0", distinct=True)
     assert [one.count for one in bench.told] == [1] * 5
@@ -119,7 +119,7 @@ def test_a_condition_that_comes_and_goes_does_not_flood(bench):
     assert len(bench.told) == told + 1
 
 
-def test_a_condition_that_has_calmed_down_is_told_at_once_again(bench):
+def test_a_condition_that_has_calmed_down_is_reported_at_once_again(bench):
     flap(bench, 100)
     bench.clock.now_ns += CALM_NS
     bench.log.flush()
@@ -128,7 +128,7 @@ def test_a_condition_that_has_calmed_down_is_told_at_once_again(bench):
     assert [(one.active, one.count) for one in bench.told] == [(True, 1), (False, 1)]
 
 
-def test_what_is_held_back_when_the_daemon_ends_is_told(bench):
+def test_what_is_held_back_when_the_daemon_ends_is_reported(bench):
     flap(bench, 10)
     bench.lost()
     bench.lost(count=4)

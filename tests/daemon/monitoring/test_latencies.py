@@ -48,7 +48,7 @@ def test_the_bounds_are_one_two_and_five_of_six_decades():
 
 
 @given(st.lists(st.integers(0, 20_000_000_000), min_size=1, max_size=200))
-def test_histograms_are_those_of_numpy_and_go_on_when_cleared(durations_ns):
+def test_histograms_are_those_of_numpy_and_continue_when_cleared(durations_ns):
     latencies = Latencies()
     for _ in range(2):
         for duration_ns in durations_ns:

@@ -232,7 +232,7 @@ async def test_figures_are_made_anew_when_they_are_old_only(monkeypatch):
     assert len(made) == 2
 
 
-async def test_a_port_that_is_taken_is_told_and_does_not_stop_the_daemon():
+async def test_a_port_that_is_taken_is_reported_and_does_not_stop_the_daemon():
     told = []
     with socket.create_server((HOST, 0)) as other:
         port = other.getsockname()[1]

@@ -91,7 +91,7 @@ async def test_commands_come_in_with_the_way_back(mosquitto):
     assert witness.messages[0].properties.CorrelationData == b"\x01\x02"
 
 
-async def test_retained_commands_are_told_as_such(mosquitto):
+async def test_retained_commands_are_reported_as_such(mosquitto):
     async with Witness(mosquitto.port, "none") as witness:
         topic = "traverse/bench-7/cmd/scan"
         await witness.client.publish(topic, b"old", 1, retain=True)

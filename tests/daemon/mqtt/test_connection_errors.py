@@ -29,7 +29,7 @@ def ended(code):
         (152, "at the broker"),
     ],
 )
-def test_an_end_is_told_without_a_code(code, words):
+def test_an_end_is_reported_without_a_code(code, words):
     text = ended(code)
 
     assert words in text

@@ -18,7 +18,7 @@ async def test_a_broker_that_is_not_there_is_told(make_mosquitto):
     assert await Bench(address(broker)).publisher.probe() == "nothing listens there"
 
 
-async def test_a_host_that_does_not_exist_is_told():
+async def test_a_host_that_does_not_exist_is_reported():
     bench = Bench(BrokerAddress("no-such-host.invalid", 1883))
     assert await bench.publisher.probe() == "no such host"
 
@@ -33,13 +33,13 @@ async def test_a_wrong_password_is_told(make_mosquitto, tmp_path):
     assert await Bench(given).publisher.probe() is None
 
 
-async def test_a_missing_password_file_is_told(mosquitto, tmp_path):
+async def test_a_missing_password_file_is_reported(mosquitto, tmp_path):
     missing = tmp_path / "nowhere"
     given = address(mosquitto, username="arm", password_file=str(missing))
     assert str(missing) in await Bench(given).publisher.probe()
 
 
-async def test_something_that_is_no_broker_is_told():
+async def test_something_that_is_no_broker_is_reported():
     async def greet(reader, writer):
         writer.write(b"SSH-2.0-nothing\r\n")
         writer.close()

@@ -96,7 +96,7 @@ async def test_many_commands_in_one_record_all_arrive(
         await until(lambda: len(bench.received) == 60, "60 commands")
 
 
-async def test_a_client_certificate_opens_where_one_is_wanted(
+async def test_a_client_certificate_opens_where_one_is_requested(
     make_mosquitto, house, broker_pair, arm_pair, tmp_path
 ):
     wanting = tls_lines(
@@ -131,7 +131,7 @@ async def test_a_broker_that_cannot_be_trusted_is_told_why(
     assert "certificate has expired" in await reason(address(late, house))
 
 
-async def test_a_line_encrypted_on_one_side_only_is_told(
+async def test_a_line_encrypted_on_one_side_only_is_reported(
     make_mosquitto, house, broker_pair
 ):
     plain = make_mosquitto()
@@ -141,7 +141,7 @@ async def test_a_line_encrypted_on_one_side_only_is_told(
     assert "does it require TLS?" in text
 
 
-async def test_a_refused_password_is_told_without_it(
+async def test_a_refused_password_is_reported_without_it(
     make_mosquitto, house, broker_pair, tmp_path
 ):
     password = tmp_path / "password"

@@ -174,7 +174,7 @@ async def test_a_press_averages_from_its_instant_on(make_hand):
     assert hand.done == ["session"]
 
 
-async def test_none_takes_no_point_and_is_told(make_hand):
+async def test_none_takes_no_point_and_is_reported(make_hand):
     hand = make_hand(click="none", double="point")
     hand.click(500)
     hand.until(1500)

@@ -104,7 +104,7 @@ def test_the_material_lies_away_from_where_the_probe_is_pulled(model):
         touched(model, "pulled", late)
 
 
-def test_sides_are_told_from_a_middle(model):
+def test_sides_are_determined_from_a_middle(model):
     middle = (500.0, 40.0, 100.0)
     outside = touched(model, "outside", middle_mm=middle)
     inside = touched(model, "inside", middle_mm=middle)

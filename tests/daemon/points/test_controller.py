@@ -190,7 +190,7 @@ def whole_turns(bench):
     return np.rint(turns).astype(int)
 
 
-async def test_samples_of_both_make_live_poses_and_what_lacks_is_told_once(bench):
+async def test_samples_of_both_make_live_poses_and_what_lacks_is_reported_once(bench):
     bench.take(wrist().samples(range(40)), base().samples(range(40)))
     (live,) = bench.live[-1:]
     assert live.quality.flags == ("interpolated",)

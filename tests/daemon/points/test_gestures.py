@@ -66,7 +66,7 @@ def test_gestures_are_what_they_are_called(meant, edges_ms, expected):
     assert decided(meant, *edges_ms) == expected
 
 
-def test_a_hold_goes_on_until_its_release():
+def test_a_hold_continues_until_its_release():
     button = GestureDetector(ALL, TIMES)
     button.edge(True, 0)
     assert button.held is None

@@ -90,7 +90,7 @@ def test_the_effects_in_line_are_those_of_the_file_but_of_standards(tmp_path):
     assert (alone.effect_names, alone.uses_temperature) == ([], False)
 
 
-def test_a_joint_without_encoder_and_one_on_an_unknown_device_are_told(tmp_path):
+def test_a_joint_without_encoder_and_one_on_an_unknown_device_are_reported(tmp_path):
     broken = ARM.replace('source = "base/1"', 'source = "wrist/1"')
     start = broken.index("[joints.encoder]\ncounts_per_turn = 65536")
     end = broken.index("[[joints]]", start)

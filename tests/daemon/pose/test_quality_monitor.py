@@ -51,7 +51,7 @@ def test_without_limits_nothing_is_marked(model):
     assert Bench(model).block(9.0, 99.0) == [0, 0, 0, 0]
 
 
-def test_a_passed_limit_is_told_when_it_is_passed(model):
+def test_a_passed_limit_is_reported_when_it_is_passed(model):
     bench = Bench(model, end_stops=(STOP,))
     assert bench.block(0.5) == [0] * 4
     assert bench.block(1.5) == [QualityFlag.END_STOP] * 4
@@ -125,7 +125,7 @@ def test_an_alarm_of_a_joints_encoder_marks_until_it_ends(model):
     assert bench.block() == [0] * 4
 
 
-def test_a_point_is_refused_by_the_flags_that_are_not_wanted(model):
+def test_a_point_is_refused_by_the_flags_that_are_not_accepted(model):
     bench = Bench(model, refuse=("end_stop", "late"))
     bench.watch.check(int(QualityFlag.SINGULAR | QualityFlag.INTERPOLATED))
     with pytest.raises(CaptureRefusedError, match="flagged end_stop is") as caught:

@@ -35,7 +35,7 @@ async def test_a_point_beyond_a_limit_is_published_with_its_flag(bench):
     assert [point.quality.ok for point in bench.points] == [True, False]
 
 
-async def test_a_point_that_is_not_wanted_is_refused_and_uses_up_no_number(bench):
+async def test_a_point_that_is_not_accepted_is_refused_and_uses_up_no_number(bench):
     limit(bench, refuse=("end_stop",))
     for token, angle_rad in enumerate((1.0, 1.99, 1.0)):
         bench.take(latch(counts_of(angle_rad), token=token))

@@ -140,7 +140,7 @@ async def test_the_oldest_kept_file_goes(tmp_path):
     assert (health.kept, health.kept_dropped) == (3, 1)
 
 
-async def test_without_a_flight_recorder_only_what_is_asked_for_is_written(tmp_path):
+async def test_without_a_flight_recorder_only_what_is_requested_is_written(tmp_path):
     async with RecordedRun(tmp_path, flight=False) as run:
         run.later(3.0)
         assert run.recorder.health().state == "off"
@@ -158,7 +158,7 @@ async def test_without_a_flight_recorder_only_what_is_asked_for_is_written(tmp_p
     assert result.points.same == len(points) == 1
 
 
-async def test_a_recording_without_room_is_refused_and_measuring_goes_on(tmp_path):
+async def test_a_recording_without_room_is_refused_and_measuring_continues(tmp_path):
     async with RecordedRun(tmp_path, min_free_mb=1_000_000) as run:
         run.later(1.0)
         await until(lambda: told(run, "recording.failed"))
@@ -216,7 +216,7 @@ async def test_names_are_used_once_and_one_recording_runs_at_a_time(tmp_path):
     assert [e.code for e in run.events] == ["recording.started", "recording.stopped"]
 
 
-async def test_a_flood_leaves_a_gap_that_is_told_and_a_replay_goes_on_after_it(
+async def test_a_flood_leaves_a_gap_that_is_reported_and_a_replay_continues_after_it(
     tmp_path,
 ):
     async with RecordedRun(tmp_path) as run:

@@ -64,7 +64,7 @@ def test_marked_ones_are_not_unsent_any_more(store):
     assert store.statistics().oldest_unsent_ns is None
 
 
-def test_opened_again_it_counts_what_there_is_and_numbers_go_on(store, path):
+def test_opened_again_it_counts_what_there_is_and_numbers_continue(store, path):
     store.add(entries("a", 3))
     store.mark_sent([(1, 1)])
     store.close()

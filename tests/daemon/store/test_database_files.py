@@ -68,7 +68,7 @@ def test_a_file_that_was_replaced_is_noticed(store, path):
     assert not store.is_file_unchanged
 
 
-def test_a_full_disk_is_told_and_is_over_when_there_is_room(store, path):
+def test_a_full_disk_is_reported_and_is_over_when_there_is_room(store, path):
     store.add(entries("a", 1))
     (pages,) = store.connection.execute("PRAGMA page_count").fetchone()
     store.connection.execute(f"PRAGMA max_page_count = {pages}")

@@ -135,7 +135,7 @@ def test_every_point_is_sent_in_order_and_marked(tmp_path_factory, plan):
     steps.store.close()
 
 
-def test_what_the_broker_refuses_comes_again_after_two_minutes_and_not_before(
+def test_what_the_broker_refuses_is_repeated_after_two_minutes_and_not_before(
     tmp_path,
 ):
     steps = Steps(tmp_path / "outbox.db")

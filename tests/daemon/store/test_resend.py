@@ -26,7 +26,7 @@ async def test_a_range_is_sent_again_with_the_same_bytes_behind_new_ones(bench):
     assert bench.send() == [*numbers("point", 6), *numbers("resend", 2, 3, 4)]
 
 
-async def test_all_of_a_session_comes_again_a_bounded_number_at_a_time(bench):
+async def test_all_of_a_session_is_repeated_a_bounded_number_at_a_time(bench):
     await bench.take_all(700)
     bench.send()
     answer = await bench.resend(session=bench.session.id)

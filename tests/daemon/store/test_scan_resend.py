@@ -22,7 +22,7 @@ from traverse.protocol.messages import ResendArgs
         (25, None, []),
     ],
 )
-async def test_a_range_of_points_comes_again_in_whole_blocks(
+async def test_a_range_of_points_is_repeated_in_whole_blocks(
     tmp_path, from_seq, to_seq, numbers
 ):
     """Block 3, points 15 to 19, has never been: it was dropped."""

@@ -68,7 +68,7 @@ async def test_marks_that_cannot_be_written_are_written_later(bench):
     await until(are_marked, "the marks are there")
 
 
-async def test_a_damaged_file_is_set_aside_and_measuring_goes_on(tmp_path):
+async def test_a_damaged_file_is_set_aside_and_measuring_continues(tmp_path):
     (tmp_path / "outbox.db").write_bytes(b"no database at all" * 1000)
     bench = OutboxOnLoop(tmp_path)
     async with bench.outbox.running():
@@ -163,7 +163,7 @@ def damage(path):
     path.write_bytes(content)
 
 
-async def test_a_file_that_is_removed_is_replaced_and_numbers_go_on(bench):
+async def test_a_file_that_is_removed_is_replaced_and_numbers_continue(bench):
     await bench.take_all(3)
     for end in ("", "-wal", "-shm"):
         with contextlib.suppress(FileNotFoundError):

@@ -16,7 +16,7 @@ def test_what_is_well_is_short():
     )
 
 
-def test_what_is_missing_is_told_with_the_time_since_when():
+def test_what_is_missing_is_reported_with_the_time_since_when():
     line = StatusLine()
     devices = {"base": "ready", "wrist": "lost"}
     first = line.text("measuring", devices, "lost", 12)

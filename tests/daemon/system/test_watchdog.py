@@ -79,7 +79,7 @@ async def test_who_rests_by_design_does_not_stop_the_feeding(bench):
 
 
 @pytest.mark.parametrize("who", ["reader", "outbox"])
-async def test_a_thread_that_is_stuck_stops_the_feeding_until_it_goes_on(bench, who):
+async def test_a_thread_that_is_stuck_stops_the_feeding_until_it_continues(bench, who):
     heartbeat = bench.driver.heartbeat if who == "reader" else bench.outbox
     heartbeat.beat()
     bench.clock.now_ns += 5 * S
@@ -120,7 +120,7 @@ async def test_what_waits_at_every_look_but_is_taken_between_is_no_fault(bench):
         await bench.delivery_queue.take()
 
 
-async def test_the_reader_of_a_device_that_is_not_there_goes_on(bench):
+async def test_the_reader_of_a_device_that_is_not_there_continues(bench):
     bench.driver.start()  # its port does not exist: it tries again and again
     await until(
         lambda: bench.delivery_queue.is_due, "it tells that the port is missing"

@@ -88,7 +88,7 @@ def test_a_line_that_becomes_slow_leaves_gaps_that_are_counted():
     assert not run.missing().any()
 
 
-def test_turns_make_one_count_that_goes_on():
+def test_turns_make_one_count_that_continues():
     made = line(2)
     made.encoders[0x54].count = 3 * 16384 - 5
     made.encoders[0x58].count = -16384 + 7

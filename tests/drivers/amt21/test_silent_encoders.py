@@ -67,7 +67,7 @@ def test_an_encoder_that_never_answered_is_an_alarm_right_after_the_start():
     assert run.missing()[:, 2].all()
 
 
-def test_when_all_are_silent_the_device_is_lost_and_comes_back():
+def test_when_all_are_silent_the_device_is_lost_and_returns():
     def silence(run: Played) -> None:
         for encoder in run.line.encoders.values():
             encoder.silent = math.inf
@@ -100,7 +100,7 @@ def test_without_a_stream_a_lost_encoder_is_noticed_too():
     assert run.alarms() == [(1, True)]
 
 
-def test_nothing_on_the_line_is_told_with_what_to_check():
+def test_nothing_on_the_line_is_reported_with_what_to_check():
     made = line(2)
     for encoder in made.encoders.values():
         encoder.silent = math.inf

@@ -82,7 +82,7 @@ def test_an_encoder_with_more_bits_than_configured_is_an_alarm_with_a_remedy():
     assert "bits = 14" in run.of(DeviceAlarm)[0].remedy
 
 
-def test_turns_that_the_encoder_counts_differently_are_told():
+def test_turns_that_the_encoder_counts_differently_are_reported():
     def lose_turns(run: Played) -> None:
         run.line.encoders[0x54].count %= 16384
 

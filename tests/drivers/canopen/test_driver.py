@@ -100,7 +100,7 @@ async def test_a_node_that_is_missing_at_the_start_is_named(rig: CanRig):
         await taken.until(lambda: taken.of(DeviceUp), "both")
 
 
-async def test_a_fixed_map_is_good_if_the_position_comes_first(rig: CanRig):
+async def test_a_fixed_map_is_good_if_the_position_is_first(rig: CanRig):
     node = rig.nodes.nodes[5]
     node.refuses = {(0x1A00, 0), (0x1A00, 1)}
     node.objects |= {(0x1A00, 0): b"\x01", (0x1A00, 1): u32(0x6004_0020)}

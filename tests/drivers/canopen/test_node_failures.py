@@ -28,7 +28,7 @@ from traverse.drivers.base.values import (
 )
 
 
-async def test_a_lost_node_is_told_and_set_up_again_when_it_is_back(rig: CanRig):
+async def test_a_lost_node_is_reported_and_set_up_again_when_it_is_back(rig: CanRig):
     lost = rig.nodes.nodes[9]
     with rig.driver:
         taken = await streaming(rig)
@@ -112,7 +112,7 @@ async def test_alarms_of_the_profile_are_read_from_time_to_time():
     ]
 
 
-async def test_two_nodes_with_one_number_are_told(rig: CanRig):
+async def test_two_nodes_with_one_number_are_reported(rig: CanRig):
     with rig.driver:
         taken = await streaming(rig)
         await until_status(rig, taken, [0, 0])
@@ -121,7 +121,7 @@ async def test_two_nodes_with_one_number_are_told(rig: CanRig):
     assert alarms(taken, "duplicate_node") == [(0, True)]
 
 
-async def test_two_nodes_with_one_number_are_told_at_the_start(rig: CanRig):
+async def test_two_nodes_with_one_number_are_reported_at_the_start(rig: CanRig):
     rig.nodes.nodes[9].doubles = True
     with rig.driver:
         taken = await up(rig)
@@ -129,7 +129,7 @@ async def test_two_nodes_with_one_number_are_told_at_the_start(rig: CanRig):
     assert alarms(taken, "duplicate_node") == [(1, True)]
 
 
-async def test_a_bus_that_is_off_is_told_until_it_is_back(rig: CanRig):
+async def test_a_bus_that_is_off_is_reported_until_it_is_back(rig: CanRig):
     with rig.driver:
         taken = await streaming(rig)
         rig.nodes.send(0x040, bytes(8), error=True)

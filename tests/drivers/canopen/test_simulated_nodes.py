@@ -99,7 +99,7 @@ async def test_samples_are_what_the_encoders_latched(tmp_path, interface):
         assert {tuple(row) for row in block.counts[whole].tolist()} <= truth
 
 
-async def test_a_node_that_resets_and_an_emergency_are_told(tmp_path):
+async def test_a_node_that_resets_and_an_emergency_are_reported(tmp_path):
     faults = (
         {"kind": "reset", "channel": 1, "at_s": 0.3, "duration_s": 0.6},
         {"kind": "emcy", "channel": 0, "at_s": 0.2, "duration_s": 0.5},
@@ -123,7 +123,7 @@ async def test_a_node_that_resets_and_an_emergency_are_told(tmp_path):
     )
 
 
-async def test_a_bus_that_goes_off_comes_back(tmp_path):
+async def test_a_bus_that_goes_off_returns(tmp_path):
     off = {"kind": "bus_off", "at_s": 0.2, "duration_s": 0.15}
     async with played(tmp_path, off) as (driver, delivery_queue, _):
         taken = await streaming(Rig(delivery_queue, driver), 100.0)

@@ -48,7 +48,7 @@ def test_a_waker_ends_the_waiting_without_bytes(line):
     assert port.read() == b""
 
 
-def test_a_waker_that_comes_with_bytes_is_told_when_they_have_been_read(line):
+def test_a_waker_that_comes_with_bytes_is_reported_when_they_have_been_read(line):
     port, master, wake_write = line
     os.write(master, b"hello")
     os.write(wake_write, b"\0")
@@ -59,7 +59,7 @@ def test_a_waker_that_comes_with_bytes_is_told_when_they_have_been_read(line):
     assert unread(wake_write) == 0
 
 
-def test_a_port_whose_other_end_is_gone_is_told(line):
+def test_a_port_whose_other_end_is_gone_is_reported(line):
     port, master, _ = line
     os.close(master)
     assert port.wait(5.0)

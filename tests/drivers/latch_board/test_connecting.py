@@ -37,7 +37,7 @@ async def told_lost(rig) -> DeviceLost:
     return taken.of(DeviceLost)[0]
 
 
-async def test_a_port_in_use_is_told(rig, monkeypatch):
+async def test_a_port_in_use_is_reported(rig, monkeypatch):
     monkeypatch.setattr("traverse.drivers.io.serial_port.BUSY_PAUSE_S", 0.01)
     holder = os.open(rig.port, os.O_RDWR | os.O_NOCTTY)
     try:
@@ -50,7 +50,7 @@ async def test_a_port_in_use_is_told(rig, monkeypatch):
     assert lost.remedy == "stop that program"
 
 
-async def test_a_file_that_is_no_port_is_told(tmp_path):
+async def test_a_file_that_is_no_port_is_reported(tmp_path):
     path = tmp_path / "plain"
     path.write_text("no port")
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
@@ -60,7 +60,7 @@ async def test_a_file_that_is_no_port_is_told(tmp_path):
     assert str(path) in taken.of(DeviceLost)[0].reason
 
 
-async def test_a_board_that_does_not_answer_is_told(rig, monkeypatch):
+async def test_a_board_that_does_not_answer_is_reported(rig, monkeypatch):
     monkeypatch.setattr("traverse.drivers.latch_board.line.ANSWER_S", 0.02)
     rig.board.answers[HELLO] = lambda body: []
     lost = await told_lost(rig)
@@ -70,14 +70,14 @@ async def test_a_board_that_does_not_answer_is_told(rig, monkeypatch):
     assert len(numbers) >= 8
 
 
-async def test_a_board_of_another_version_is_told(rig):
+async def test_a_board_of_another_version_is_reported(rig):
     rig.board.answers[HELLO] = lambda body: [bodies.reply(HELLO, body[1], 4, 2)]
     lost = await told_lost(rig)
     assert "protocol version not supported (value 2)" in lost.reason
     assert "firmware" in lost.remedy or "configuration" in lost.remedy
 
 
-async def test_a_hello_of_another_version_is_told(rig):
+async def test_a_hello_of_another_version_is_reported(rig):
     rig.board.answers[HELLO] = lambda body: [bodies.hello(body[1], major=2)]
     lost = await told_lost(rig)
     assert "speaks version 2" in lost.reason
@@ -100,7 +100,7 @@ async def test_a_board_whose_counter_stands_is_refused(rig):
     assert "0 Hz" in (await told_lost(rig)).reason
 
 
-async def test_a_refused_configuration_is_told(rig):
+async def test_a_refused_configuration_is_reported(rig):
     rig.board.answers[CONFIGURE] = lambda body: [bodies.reply(CONFIGURE, body[1], 5)]
     lost = await told_lost(rig)
     assert "refused CONFIGURE: value out of range" in lost.reason
@@ -155,7 +155,7 @@ async def test_a_board_that_was_restarted_behind_an_open_port_is_noticed(rig):
     assert [latch.token for latch in taken.of(LatchedCounts)] == [0, 1, 2, 0]
 
 
-async def test_a_restart_is_told_even_if_connecting_fails_at_first(rig):
+async def test_a_restart_is_reported_even_if_connecting_fails_at_first(rig):
     good = rig.board.answers[CONFIGURE]
     refusals = []
 

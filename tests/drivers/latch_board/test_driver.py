@@ -193,7 +193,7 @@ async def test_samples_of_an_older_stream_are_left_out(rig):
     assert second.rate_hz == 100.0
 
 
-async def test_a_loss_at_the_end_is_told_by_the_heartbeat(rig):
+async def test_a_loss_at_the_end_is_reported_by_the_heartbeat(rig):
     with rig.driver:
         taken = await streaming(rig)
         rig.emit(2)

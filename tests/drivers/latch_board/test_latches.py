@@ -74,7 +74,7 @@ async def test_too_many_latch_requests_are_refused(rig):
         rig.driver.request_latch()
 
 
-async def test_an_edge_that_the_consumer_has_no_room_for_comes_again(rig):
+async def test_an_edge_that_the_consumer_has_no_room_for_is_repeated(rig):
     delivery_queue = DeliveryQueue(asyncio.get_running_loop(), max_others=8)
     taken = Taken(delivery_queue)
     with LatchBoardDriver(

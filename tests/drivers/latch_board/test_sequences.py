@@ -36,7 +36,7 @@ def test_losses_and_repeats_are_counted_however_the_blocks_are_cut(numbers, cuts
     assert len(kept) + dropped == len(numbers)
 
 
-def test_numbers_go_on_beyond_32_bits():
+def test_numbers_continue_beyond_32_bits():
     sequence = StreamSequence()
     step = 2**20 - 2**8
     reached = 0
@@ -130,7 +130,7 @@ def test_an_acknowledgement_from_before_a_restart_is_ignored():
     assert edges.classify(0, 0) == ("next", 0)
 
 
-def test_a_refused_edge_is_taken_when_it_comes_again():
+def test_a_refused_edge_is_taken_when_it_is_repeated():
     edges = EdgeSequencer(3)
     assert edges.classify(3, 0) == ("next", 0)
     edges.mark_delivered(3)

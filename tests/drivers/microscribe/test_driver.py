@@ -75,7 +75,7 @@ async def test_it_is_found_by_its_name():
     assert driver_class("microscribe") is MicroscribeDriver
 
 
-async def test_what_the_arm_says_of_itself_is_told(rig):
+async def test_what_the_arm_says_of_itself_is_reported(rig):
     with rig.driver:
         taken = await up(rig)
     (told,) = taken.of(DeviceUp)
@@ -119,7 +119,7 @@ async def test_a_session_left_behind_at_another_rate_is_ended(tmp_path):
         assert arm.n_sessions == 1
 
 
-async def test_an_arm_that_lost_power_is_told_as_restarted(rig):
+async def test_an_arm_that_lost_power_is_reported_as_restarted(rig):
     with rig.driver:
         taken = await up(rig)
         await taken.until(lambda: taken.of(StreamStarted), "the stream")

@@ -86,7 +86,7 @@ def test_a_reading_is_stamped_in_the_middle_of_its_exchange(tmp_path):
     assert off.max() < 1000
 
 
-def test_the_rate_that_the_line_reaches_is_told(tmp_path):
+def test_the_rate_that_the_line_reaches_is_reported(tmp_path):
     run = told(tmp_path, rate_hz=400.0)
     (started,) = run.of(StreamStarted)
     # two exchanges of 2.023 ms and two silences of 1.75 ms
@@ -147,7 +147,7 @@ def test_whatever_the_line_does_to_frames_no_wrong_count_comes_of_it(tmp_path):
     assert 0.02 < run.missing().mean() < 0.2
 
 
-def test_registers_that_are_not_there_are_told_with_a_remedy(tmp_path):
+def test_registers_that_are_not_there_are_reported_with_a_remedy(tmp_path):
     wrong = {**BOTH[0], "position_register": 77}
     run = told(tmp_path, encoders=(wrong, BOTH[1]), answer_timeout_s=0.03)
     assert run.alarms() == [(0, "encoder_missing", True)]

@@ -199,7 +199,7 @@ def test_an_encoder_left_in_continuous_mode_is_stopped_first(tmp_path):
     assert run.counters()["stray_bytes"] == 0
 
 
-def test_wrong_bits_are_told(tmp_path):
+def test_wrong_bits_are_reported(tmp_path):
     table = RlsTable(kind="rls", id="wrist", ports=PORTS, bits=18)
     options = {"per_turn": 1 << 18, "ports": PORTS, "bits": 17, "rate_hz": 70.0}
     run = told_by(RlsDriver, table, tmp_path, PORTS, **options)

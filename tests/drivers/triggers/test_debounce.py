@@ -28,7 +28,7 @@ def test_a_glitch_is_no_edge():
     assert played([(False, 10), (True, 13)], active=True) == []
 
 
-def test_an_edge_is_told_when_it_has_held_and_not_before():
+def test_an_edge_is_reported_when_it_has_held_and_not_before():
     debounce = Debounce(HOLD_NS, active=False)
     assert debounce.due_ns is None
     assert debounce.change(True, 10 * MS) is None

@@ -135,7 +135,7 @@ async def test_keys_are_inputs_at_the_kernels_time(rig):
     assert {(edge.counts, edge.status) for edge in found} == {((), ())}
 
 
-async def test_the_kernel_is_asked_for_the_monotonic_clock_and_for_the_keys_alone(rig):
+async def test_the_kernel_is_set_to_the_monotonic_clock_and_the_keys_alone(rig):
     with rig.driver:
         await up(rig)
     asked = dict(rig.kernel.asked)
@@ -162,7 +162,7 @@ async def test_a_device_that_cannot_be_grabbed_is_read_all_the_same(tmp_path):
     rig.unplug()
 
 
-async def test_what_stamps_with_another_clock_is_told_and_stamped_when_it_is_read(
+async def test_what_stamps_with_another_clock_is_reported_and_stamped_when_it_is_read(
     tmp_path,
 ):
     rig = PedalRig(tmp_path / "pedal", Kernel(stamps=False))
@@ -185,7 +185,7 @@ async def test_a_key_that_is_down_at_the_start_is_no_edge(rig):
     assert (edge.input, edge.active) == (0, False)
 
 
-async def test_after_an_overrun_the_keys_are_looked_at_and_the_loss_is_told(rig):
+async def test_after_an_overrun_the_keys_are_looked_at_and_the_loss_is_reported(rig):
     with rig.driver:
         taken = await up(rig)
         rig.kernel.down = {KEY_C}

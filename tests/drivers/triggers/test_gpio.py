@@ -120,7 +120,7 @@ class TestContract(DriverContract, EdgeContract):
         rig.driver.close()
 
 
-async def test_lines_are_asked_for_with_every_change_stamped_by_the_kernel(rig):
+async def test_lines_are_requested_with_every_change_stamped_by_the_kernel(rig):
     with rig.driver:
         await up(rig)
     ((path, settings, consumer, buffer_events),) = rig.chip.requested
@@ -161,7 +161,7 @@ async def test_an_input_that_is_active_at_the_start_is_no_edge(rig):
     assert (edge.input, edge.active) == (0, False)
 
 
-async def test_events_that_the_kernel_dropped_are_told(rig):
+async def test_events_that_the_kernel_dropped_are_reported(rig):
     with rig.driver:
         taken = await up(rig)
         rig.chip.edge(17, RISING)
@@ -180,7 +180,7 @@ async def test_events_that_the_kernel_dropped_are_told(rig):
         (errno.EINVAL, "as-is"),
     ],
 )
-async def test_a_chip_that_does_not_give_its_lines_is_told_with_what_to_do(
+async def test_a_chip_that_does_not_give_its_lines_is_reported_with_what_to_do(
     rig, number, remedy
 ):
     rig.chip.error = OSError(number, os.strerror(number))
@@ -192,7 +192,7 @@ async def test_a_chip_that_does_not_give_its_lines_is_told_with_what_to_do(
     assert remedy in lost.remedy
 
 
-async def test_a_chip_that_is_not_there_is_told_by_the_library_itself(tmp_path):
+async def test_a_chip_that_is_not_there_is_reported_by_the_library_itself(tmp_path):
     delivery_queue = DeliveryQueue(asyncio.get_running_loop())
     path = str(tmp_path / "gpiochip0")
     with GpioDriver("inputs", GpioOptions(port=path, lines=(1,)), delivery_queue):

@@ -71,7 +71,7 @@ async def test_json_lines_are_messages(resting: Workbench) -> None:
 
 
 @pytest.mark.needs("mosquitto")
-async def test_an_arm_that_is_not_there_is_told_and_waited_for(
+async def test_an_arm_that_is_not_there_is_reported_and_waited_for(
     resting: Workbench,
 ) -> None:
     other = VirtualDaemon(f"{resting.arm}-other", resting.host, resting.port)

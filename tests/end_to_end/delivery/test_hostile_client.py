@@ -140,7 +140,7 @@ async def test_whatever_comes_is_answered_or_dropped_and_stays_at_home(
     assert not {t for t in attacker.topics if OTHER in t or t.startswith("somewhere")}
 
 
-async def test_commands_go_on_after_any_number_of_packets_that_are_too_long(
+async def test_commands_continue_after_any_number_of_packets_that_are_too_long(
     resting: Workbench,
 ) -> None:
     """More of each size than may be on their way: none may stay there."""
@@ -187,7 +187,7 @@ async def pressing(attacker: Attacker) -> AsyncIterator[None]:
         await cancel_tasks([task])
 
 
-async def test_a_flood_is_dropped_and_points_of_the_button_go_on(
+async def test_a_flood_is_dropped_and_points_of_the_button_continue(
     bench: Workbench,
 ) -> None:
     bench.write_simulator(SPHERE.format(points=4), top="repeat = true")

@@ -273,7 +273,7 @@ async def test_a_full_disk_refuses_points_says_so_and_is_over(
     assert [row[1] for row in on_disk(resting)] == seqs
 
 
-async def test_a_read_only_disk_at_the_start_is_told_and_is_over(
+async def test_a_read_only_disk_at_the_start_is_reported_and_is_over(
     disk: SmallDisk, resting: Workbench
 ) -> None:
     async with measuring(resting) as (listener, _, daemon):

@@ -36,7 +36,7 @@ def assert_gap_is_the_outage(blocks: list[Scan], seconds: float) -> None:
     assert blocks[-1].total == seq[-1] + 1
 
 
-async def test_a_killed_board_leaves_the_right_gap_and_comes_back(
+async def test_a_killed_board_leaves_the_right_gap_and_returns(
     bench: Workbench,
 ) -> None:
     bench.write_simulator(SPHERE.format(points=4))

@@ -179,7 +179,7 @@ async def test_a_bad_line_costs_samples_and_invents_nothing(bench: Workbench) ->
     assert listener.told("device.restarted")
 
 
-async def test_a_port_without_an_arm_is_told(tmp_path: Path, mosquitto: Mosquitto):
+async def test_a_port_without_an_arm_is_reported(tmp_path: Path, mosquitto: Mosquitto):
     del mosquitto
     words = "--port nothing.pty --out arm.toml"
     with Program(tmp_path, "ask", "microscribe", "arm-file", *words.split()) as asked:

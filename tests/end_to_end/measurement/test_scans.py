@@ -82,7 +82,7 @@ async def test_a_slow_scan_keeps_following_fast_joints(bench: Workbench) -> None
             assert xyz_mm == pytest.approx(arm.pose(counts.tolist())[0], abs=1e-9)
 
 
-async def test_scans_follow_each_other_and_points_go_on_meanwhile(
+async def test_scans_follow_each_other_and_points_continue_meanwhile(
     bench: Workbench,
 ) -> None:
     bench.write_simulator(REST)

@@ -86,7 +86,7 @@ async def test_a_service_is_ready_watched_reloaded_and_stopped(
     assert listener.healths[-1].latencies["handling"].n > 0
 
 
-async def test_what_is_absent_is_told_and_does_not_keep_a_service_from_starting(
+async def test_what_is_absent_is_reported_and_does_not_keep_a_service_from_starting(
     tmp_path: Path, manager: Manager
 ) -> None:
     bench = Workbench(tmp_path, HOST, free_port())

@@ -38,7 +38,7 @@ async def test_no_port_and_no_broker_are_told_together(alone: Workbench) -> None
         assert daemon.output == ""
 
 
-async def test_every_mistake_of_a_configuration_is_told_at_once(
+async def test_every_mistake_of_a_configuration_is_reported_at_once(
     alone: Workbench,
 ) -> None:
     config = alone.folder / "daemon.toml"

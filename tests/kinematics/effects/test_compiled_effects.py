@@ -125,7 +125,7 @@ def test_readings_of_many_turns_are_reduced_exactly():
         assert bits(found[4:]) == bits(near[4:])
 
 
-def test_results_go_where_they_are_wanted_and_columns_may_lie_anyhow():
+def test_results_go_where_they_are_requested_and_columns_may_lie_anyhow():
     block = full_block(seed=47, n_samples=35)
     expected = chain(VARIANTS[-1]).poses(block, GRAVITY)
     into = np.zeros((35, 8))

@@ -113,7 +113,7 @@ def test_every_kind_of_the_arm_file_can_be_built():
     assert all(name == built.kind for name, built in EFFECTS.items())
 
 
-def test_all_that_is_missing_is_told_at_once():
+def test_all_that_is_missing_is_reported_at_once():
     with pytest.raises(ValueError, match="cannot be applied") as caught:
         corrected_pose(GEOMETRY, ALL, Block(random_readings(1)))
     told = str(caught.value).splitlines()[1:]
@@ -129,7 +129,7 @@ def test_all_that_is_missing_is_told_at_once():
     assert "J2.encoder_latency needs the speed of J2" in str(caught.value)
 
 
-def test_single_unknown_value_is_told_with_its_place():
+def test_single_unknown_value_is_reported_with_its_place():
     block = full_block(seed=2, n_samples=20)
     approaches = block.approaches.copy()
     approaches[[7, 9], 1] = np.nan
@@ -140,7 +140,7 @@ def test_single_unknown_value_is_told_with_its_place():
         corrected_pose(GEOMETRY, ALL, replace(block, approaches=approaches))
 
 
-def test_joint_without_own_temperature_takes_that_of_the_arm_or_is_told():
+def test_joint_without_own_temperature_takes_that_of_the_arm_or_is_reported():
     one = effects_of(ARM, (effect("encoder_temperature", joint="J2", rate_rad_c=1e-6),))
     own = np.full((4, 6), np.nan)
     block = Block(random_readings(1), joint_temperatures_c=own)

@@ -128,7 +128,7 @@ def test_sphere_is_that_of_scipy(seed):
 
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("length_mm", [4.0, 40.0, 400.0])
-def test_exact_cylinder_comes_back_whatever_its_proportions(seed, length_mm):
+def test_exact_cylinder_is_restored_whatever_its_proportions(seed, length_mm):
     own = tube(seed, 20, 20.0, length_mm, 1.2, 0.0)
     points, rotation = turned(seed, own)
     cylinder = fit_cylinder(points)

@@ -49,7 +49,7 @@ def run_python(kernel: str, *arguments: str) -> subprocess.CompletedProcess[str]
     )
 
 
-def test_fastest_kernel_is_chosen_unless_another_one_is_wanted():
+def test_fastest_kernel_is_chosen_unless_another_one_is_requested():
     assert chosen_kernel(None, ("numpy", "portable", "avx2")) == "avx2"
     assert chosen_kernel("", ("numpy",)) == "numpy"
     assert chosen_kernel("portable", ("numpy", "portable", "avx2")) == "portable"

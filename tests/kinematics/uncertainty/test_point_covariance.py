@@ -220,7 +220,7 @@ class TestFile:
         np.savez(path, names=np.array(names), covariance=covariance)
         return hashlib.sha256(path.read_bytes()).hexdigest()
 
-    def test_a_file_comes_back_whatever_its_order(self, tmp_path, names):
+    def test_a_file_is_restored_whatever_its_order(self, tmp_path, names):
         rng = np.random.default_rng(3)
         factor = rng.normal(size=(12, 5)) * np.logspace(-6, 1, 12)[:, None]
         chosen = rng.permutation(len(names))[:12]

@@ -184,7 +184,7 @@ def test_every_change_is_seen(written, name, old, new, message):
     assert any(message in problem for problem in certificate_problems(written))
 
 
-def test_a_file_that_is_gone_is_told(written):
+def test_a_file_that_is_gone_is_reported(written):
     (written / "data" / "poses.csv").unlink()
     assert certificate_problems(written) == ["data/poses.csv is missing"]
 

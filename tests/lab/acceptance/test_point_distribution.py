@@ -54,7 +54,7 @@ def test_seven_directions_are_good():
     assert lengths(DIRECTIONS) == []
 
 
-def test_lengths_in_one_plane_are_told():
+def test_lengths_in_one_plane_are_reported():
     flat = DIRECTIONS * [1.0, 1.0, 0.0] + [1e-3, 0.0, 0.0]
     (remark,) = lengths(flat)
     assert "cosine 0.00" in remark

@@ -57,7 +57,7 @@ def test_a_name_that_was_given_twice_is_flagged(stated, apart_mm):
         assert ("scattered_touches" in codes(found)) == is_flagged
 
 
-def test_flags_of_touches_are_told():
+def test_flags_of_touches_are_reported():
     given = [touch("A", (0, 0, 0), flags=("fast",)), Touch((), np.zeros(3))]
     _, remarks = places_by_name(given, None, std_mm=None, spheres=False)
     assert "A: touches carry flags: fast" in remarks

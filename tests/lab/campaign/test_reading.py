@@ -104,7 +104,7 @@ def test_the_length_of_a_wire_is_read_where_it_belongs(folder):
     assert "length_mm is missing" in problems(folder)[0]
 
 
-def test_points_that_nobody_touched_are_left_out(folder):
+def test_points_that_were_not_touched_are_left_out(folder):
     campaign = read_campaign(folder, ["J1", "J2"])
     assert campaign.feature_names[2] == ("A", "C")
     assert campaign.poses.features.tolist()[2:] == [1, 0]
@@ -253,7 +253,7 @@ def with_tools(folder, tools, *names):
     (folder / "campaign.toml").write_text(CAMPAIGN + tools)
 
 
-def test_poses_name_tools_where_that_is_asked_for(folder):
+def test_poses_name_tools_where_that_is_requested(folder):
     with_tools(folder, TOOLS, "high", "", "low")
     assert "only `traverse identify` and `traverse predict`" in problems(folder)[0]
     campaign = read_campaign(folder, ["J1", "J2"], several_tools=True)

@@ -70,7 +70,7 @@ def test_the_sphere_is_as_large_as_it_is_warm():
     assert found.sphere_diameter_mm == pytest.approx(-2 * RADIUS_MM * 1e-3 * 2.0)
 
 
-def test_what_is_missing_is_told():
+def test_what_is_missing_is_reported():
     with pytest.raises(IncompleteError, match="0 artefacts of the kind sphere"):
         daily_check_figures(measured(cone()))
     with pytest.raises(IncompleteError, match="8 touches, expected 9"):

@@ -111,7 +111,7 @@ def test_the_ledger_tells_every_step():
     assert again.closed == pytest.approx(found.gap.closed)
 
 
-def test_what_could_have_been_seen_is_told_of_every_kind():
+def test_what_could_have_been_seen_is_reported_of_every_kind():
     told = {one.candidate.kind for one in eccentric().detectable}
     assert {"encoder_eccentricity", "base_drift", "thermal_expansion"} <= told
     for one in eccentric().detectable:

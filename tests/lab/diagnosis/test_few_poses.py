@@ -59,7 +59,7 @@ def test_poses_that_are_nearly_the_same_are_called_so():
         diagnose(campaign, poses().arm, OPTIONS)
 
 
-def test_many_terms_may_be_asked_for():
+def test_many_terms_may_be_requested():
     # With each term some others have nothing left to explain.
     options = replace(OPTIONS, most_terms=10, details=False)
     found = diagnose(every(2, stated=False), poses().arm, options)

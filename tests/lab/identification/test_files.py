@@ -145,7 +145,7 @@ def test_readings_are_corrected_by_about_their_noise(folders):
     assert 1e-7 < np.sqrt(np.mean(corrections**2)) < 5e-6
 
 
-def test_iterations_are_told_as_they_happen():
+def test_iterations_are_reported_as_they_happen():
     design = seven_joints()
     campaign = simulate(disturbed(design, 1), [*cones(2), bar()], 30, 5)
     told = []

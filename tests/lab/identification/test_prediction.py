@@ -93,7 +93,7 @@ def test_points_of_other_names_are_in_the_same_frame(exact):
     assert predict(judged, arm_value(TRUE), places).distances_mm.max() < 1e-6
 
 
-def test_the_tool_is_found_where_it_is_asked_for(exact):
+def test_the_tool_is_found_where_it_is_requested(exact):
     arm = arm_value(TRUE)
     vector_mm = (0.3, -0.2, 0.5)
     other = arm.model_copy(

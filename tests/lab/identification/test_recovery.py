@@ -104,7 +104,7 @@ def test_a_single_campaign_is_as_good_as_it_says():
     assert result.global_test.passed
 
 
-def test_without_noise_the_truth_comes_back_exactly():
+def test_without_noise_the_truth_is_recovered_exactly():
     design = seven_joints()
     true = disturbed(design, 8)
     exact = simulate(true, MIXES["everything"], 25, 8, noise=Noise(0.0, 0.0))

@@ -87,13 +87,13 @@ def test_little_redundancy_is_called_a_weak_check(good: Identification) -> None:
     assert "nothing checks" in none
 
 
-def test_without_convergence_no_figure_is_told(good: Identification) -> None:
+def test_without_convergence_no_figure_is_reported(good: Identification) -> None:
     lines = summary_lines(replace(good, converged=False), result_map(good))
     assert len(lines) == 2
     assert "did not converge" in lines[1]
 
 
-def test_undetermined_scale_is_told_where_distances_are(
+def test_undetermined_scale_is_reported_where_distances_are(
     good: Identification, scaleless: Identification
 ) -> None:
     assert "the truth is worse" in WORDS.map(scaleless, result_map(scaleless))
@@ -103,7 +103,7 @@ def test_undetermined_scale_is_told_where_distances_are(
     assert any("one keeps its design value" in line for line in lines)
 
 
-def test_changed_zeros_are_told(good: Identification) -> None:
+def test_changed_zeros_are_reported(good: Identification) -> None:
     offsets_rad = np.zeros(7)
     offsets_rad[2] = 0.25
     lines = summary_lines(replace(good, zero_offsets_rad=offsets_rad), result_map(good))

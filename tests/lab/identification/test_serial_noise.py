@@ -192,7 +192,7 @@ def test_the_test_of_sigma0_counts_samples_by_what_they_say(shared, single):
     assert shared.global_test.p_value == pytest.approx(expected)
 
 
-def test_it_is_told_on_the_terminal_and_in_the_file(shared, single):
+def test_it_is_reported_on_the_terminal_and_in_the_file(shared, single):
     said = "Neighbouring samples of the stream share noise"
     assert said in WORDS.serial(shared)
     found = result_map(shared)

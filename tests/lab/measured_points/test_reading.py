@@ -77,7 +77,7 @@ def test_files_lie_beside_one_another(tmp_path):
         files_read(folder)
 
 
-def test_effects_that_could_not_be_applied_are_told(tmp_path):
+def test_effects_that_could_not_be_applied_are_reported(tmp_path):
     effect = '[[effects]]\nkind = "probe_radius"\nradius_error_mm = 0.01\n'
     found = read_measured(folder_of(tmp_path, TOUCHING), parse_arm(ARM + effect))
     assert "touches: effects of the contact left out" in found.notes[0]

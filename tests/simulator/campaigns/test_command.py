@@ -94,7 +94,7 @@ distance_mm = 250
         (FILE.replace("arm.toml", "leg.toml"), "leg.toml"),
     ],
 )
-def test_a_mistake_in_the_file_is_told(spec_file, capsys, text, said):
+def test_a_mistake_in_the_file_is_reported(spec_file, capsys, text, said):
     spec_file.write_text(text)
     assert run(spec_file) == 2
     assert said in capsys.readouterr().err
@@ -116,7 +116,7 @@ def test_two_artefacts_of_one_name_are_refused(spec_file, capsys):
     assert "'a' is used 2 times" in capsys.readouterr().err
 
 
-def test_what_cannot_be_reached_is_told(spec_file, capsys):
+def test_what_cannot_be_reached_is_reported(spec_file, capsys):
     head = FILE.replace('mix = "cones+bar"\nn_poses = 30\n', "")
     spec_file.write_text(
         head
@@ -127,7 +127,7 @@ def test_what_cannot_be_reached_is_told(spec_file, capsys):
     assert not (spec_file.parent / "out").exists()
 
 
-def test_help_tells_the_arguments(capsys):
+def test_help_lists_the_arguments(capsys):
     with pytest.raises(SystemExit) as caught:
         main(["--help"])
     assert caught.value.code == 0

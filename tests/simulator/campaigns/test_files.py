@@ -162,7 +162,7 @@ def test_many_points_get_a_file_of_their_own(tmp_path):
     assert found == simulated.campaign.artefacts[0].table["points_mm"]
 
 
-def test_columns_that_are_not_wanted_are_not_written(tmp_path):
+def test_columns_that_are_not_requested_are_not_written(tmp_path):
     spec = CampaignSpec(
         mix="cones", n_poses=10, conditions=ConditionTable(columns=("temperature",))
     )

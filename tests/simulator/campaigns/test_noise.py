@@ -127,7 +127,7 @@ def test_draws_on_one_pose_set_differ_and_repeat(poses):
     assert not np.any(readings_rad == other.campaign.readings_rad)
 
 
-def test_serial_noise_is_correlated_as_told(poses):
+def test_serial_noise_is_correlated_as_configured(poses):
     noise = NoiseTable(serial_share=0.5, serial_phi=0.9)
     errors = np.concatenate(
         [draw_noise(poses, seed, noise).truth.encoder_noise_rad.T for seed in range(30)]
@@ -139,7 +139,7 @@ def test_serial_noise_is_correlated_as_told(poses):
         assert found == pytest.approx(0.5 * 0.9**lag, abs=0.02)
 
 
-def test_blunders_spoil_the_share_that_was_asked_for_and_nothing_else(poses):
+def test_blunders_spoil_the_share_that_was_requested_and_nothing_else(poses):
     clean = draw_noise(poses, 6)
     spoilt = draw_noise(poses, 6, NoiseTable(blunder_share=0.05))
     rows = [blunder.row for blunder in spoilt.truth.blunders]

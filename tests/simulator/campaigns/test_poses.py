@@ -259,13 +259,13 @@ def test_a_given_truth_is_the_one_that_touches():
     assert poses.truth is truth
 
 
-def test_a_bar_longer_than_the_arm_is_told():
+def test_a_bar_longer_than_the_arm_is_reported():
     bar = BallBar(id="long", n_poses=10, radius_mm=10.0, distance_mm=5000.0)
     with pytest.raises(UnreachableError, match=r"ball_bar 'long'.*make it smaller"):
         touched(bar)
 
 
-def test_all_that_does_not_fit_is_told_at_once():
+def test_all_that_does_not_fit_is_reported_at_once():
     artefacts = (
         Sphere(id="bowl", n_poses=9, radius_mm=2.0, side="inside"),
         BallBar(id="bar", n_poses=9, radius_mm=10.0, distance_mm=20.0),

@@ -114,7 +114,7 @@ def test_impossible_addresses_are_refused(addresses):
         Amt21Table(kind="amt21", id="l", port="p", addresses=addresses)
 
 
-def test_what_does_not_fit_the_arm_file_is_told_all_at_once():
+def test_what_does_not_fit_the_arm_file_is_reported_all_at_once():
     table = Amt21Table(
         kind="amt21", id="l", port="p", addresses=(0x54,), encoder_turns=2
     )

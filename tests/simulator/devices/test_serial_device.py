@@ -122,7 +122,7 @@ def test_each_port_is_a_line_of_its_own_and_all_vanish_together(tmp_path):
         assert device.totals()["power_ups"] == 2
 
 
-def test_a_host_that_lets_go_gets_no_old_answers_when_it_comes_back(tmp_path):
+def test_a_host_that_lets_go_gets_no_old_answers_when_it_returns(tmp_path):
     with teller(tmp_path, turnaround_s=0.5) as (device, hosts):
         device.live(0.0)
         os.write(hosts[0], b"0")

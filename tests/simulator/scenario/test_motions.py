@@ -145,7 +145,7 @@ def test_a_sweep_stays_in_contact_while_the_button_is_held(stage, over):
     assert np.max(np.abs(off)) < 1e-4
 
 
-def test_motion_is_continuous_and_comes_back_when_it_repeats(stage):
+def test_motion_is_continuous_and_returns_when_it_repeats(stage):
     _, script = stage(SPHERE + CONE, "repeat = true")
     times_s = np.linspace(0.0, script.duration_s, 200_000)
     steps = np.abs(np.diff(script.turns(times_s), axis=0))

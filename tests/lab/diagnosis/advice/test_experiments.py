@@ -180,7 +180,7 @@ def test_where_chosen_poses_lie_is_said_by_the_joint_that_matters():
     assert "all over" in postures_text(chosen_rad, campaign, ("J4",))
 
 
-def test_a_finding_with_an_alias_is_told_so_without_a_number_of_poses():
+def test_a_finding_with_an_alias_is_reported_so_without_a_number_of_poses():
     of = measured().with_effect(
         effect_from_table(
             {
@@ -203,7 +203,7 @@ def test_a_finding_with_an_alias_is_told_so_without_a_number_of_poses():
     assert not separate_by(alone, search.stage.rows, search.fit.arm)
 
 
-def test_all_rivals_are_told_apart_at_once():
+def test_all_rivals_are_separated_at_once():
     effects = (
         candidate_of(*ECCENTRIC_6),
         candidate_of(*SECOND_6),

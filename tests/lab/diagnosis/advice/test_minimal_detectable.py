@@ -137,7 +137,7 @@ def test_a_screw_motion_of_the_last_joint_equals_a_change_of_the_geometry():
     assert "equals a change of the geometry" in found.why
 
 
-def test_what_the_campaign_lacks_is_told():
+def test_what_the_campaign_lacks_is_reported():
     campaign = measured().campaign
     poses = replace(campaign.poses, temperature_c=None, joint_temperatures_c=None)
     campaign = replace(campaign, poses=poses)

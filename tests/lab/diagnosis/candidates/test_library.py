@@ -119,7 +119,7 @@ def test_amplitudes_of_a_simulated_effect_come_back(wanted, sizes):
     assert_recovered(measured().with_effect(effect), wanted, truth)
 
 
-def test_an_error_of_a_standard_comes_back():
+def test_an_error_of_a_standard_is_recovered():
     given = measured()
     campaign = given.campaign
     *others, bar = campaign.artefacts

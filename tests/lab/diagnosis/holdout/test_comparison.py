@@ -213,7 +213,7 @@ def test_without_held_out_poses_there_is_nothing_to_say():
     assert not gap.is_worse
 
 
-def test_mean_distances_are_told_for_known_points():
+def test_mean_distances_are_reported_for_known_points():
     fit, held_out = fit_of(eccentric=False, term=False)
     network = fit.adjustment.network
     artefacts = network.campaign.artefacts

@@ -67,7 +67,7 @@ def test_a_campaign_that_hardly_determines_the_arm_gives_none():
     assert not np.any(split(campaign, 1)[1])
 
 
-def test_poses_at_the_same_time_are_told_apart_by_their_readings():
+def test_poses_at_the_same_time_are_separated_by_their_readings():
     campaign = measured().campaign
     poses = replace(campaign.poses, time_s=np.zeros(len(campaign.poses)))
     campaign = replace(campaign, poses=poses)
@@ -78,7 +78,7 @@ def test_poses_at_the_same_time_are_told_apart_by_their_readings():
 
 
 @pytest.mark.parametrize("part", [0.1, 0.5])
-def test_another_part_is_held_out_where_it_is_wanted(part):
+def test_another_part_is_held_out_where_it_is_requested(part):
     campaign = measured().campaign
     _, held_out = split(campaign, 1, part)
     assert abs(np.mean(held_out) - part) < 0.06

@@ -56,7 +56,7 @@ def test_poses_at_random_are_no_cluster(n):
 
 
 @pytest.mark.parametrize("n_blunders", [0, 6])
-def test_poses_at_one_angle_are_told_with_joint_and_place(n_blunders):
+def test_poses_at_one_angle_are_reported_with_joint_and_place(n_blunders):
     rows, choosing = scene()
     reading = rows.block.angles_rad[:, 2]
     there = choosing & (np.abs(reading - 0.4) < 0.12)
@@ -68,7 +68,7 @@ def test_poses_at_one_angle_are_told_with_joint_and_place(n_blunders):
     assert place.log_p < np.log(1e-3)
 
 
-def test_the_last_poses_are_told_by_time():
+def test_the_last_poses_are_reported_by_time():
     rows, choosing = scene()
     times_s = rows.block.campaign_s
     late = choosing & (times_s > np.sort(times_s[choosing])[-7])
@@ -77,7 +77,7 @@ def test_the_last_poses_are_told_by_time():
     assert place.high == times_s[choosing].max()
 
 
-def test_poses_of_one_artefact_are_told_by_its_name():
+def test_poses_of_one_artefact_are_reported_by_its_name():
     rows, choosing = scene()
     campaign = rows.adjustment.network.campaign
     mine = choosing & (campaign.poses.artefacts == 1)
@@ -145,7 +145,7 @@ def test_what_stays_excluded_at_one_angle_is_never_clean():
     assert abs(term.cluster.high - fault.middle_rad) < 0.1
 
 
-def test_the_place_is_told_in_words_and_files():
+def test_the_place_is_reported_in_words_and_files():
     _, found = narrow()
     place = found.terms[0].cluster
     low, high = np.degrees([place.low, place.high])

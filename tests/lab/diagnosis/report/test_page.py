@@ -62,7 +62,7 @@ def test_the_page_holds_the_pictures_that_are_files_too(plots, page):
     assert sum(len(png) for png in plots.files.values()) < 600_000
 
 
-def test_the_verdict_comes_first(page):
+def test_the_verdict_is_first(page):
     assert page.text.index("Missing effect: encoder eccentricity, joint J3") < (
         page.text.index("Held-out misfit")
     )
@@ -143,7 +143,7 @@ EFFECTS = [
 @pytest.mark.parametrize(
     "table", EFFECTS, ids=lambda t: f"{t['kind']} {t.get('joint')}"
 )
-def test_every_kind_is_told_over_what_matters_for_it(table, plots):
+def test_every_kind_is_reported_over_what_matters_for_it(table, plots):
     found = eccentric()
     started = found.campaign.start_utc
     given = dict(table)

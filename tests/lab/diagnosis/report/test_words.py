@@ -141,7 +141,7 @@ def test_clean_says_so_and_names_no_effect():
     assert sentences[0].startswith("Clean: ")
 
 
-def test_rivals_and_aliases_are_told_apart():
+def test_rivals_and_aliases_are_separated():
     term = eccentric().terms[0]
     rivals = (
         Alternative(
@@ -178,12 +178,12 @@ def test_statuses_have_their_own_words():
     assert "repeats 3 times a turn" in said
 
 
-def test_a_veto_is_told():
+def test_a_veto_is_reported():
     said = " ".join(WORDS.lines("verdict", replace(eccentric(), vetoed=True)))
     assert "nothing was added" in said
 
 
-def test_the_gap_is_told_with_its_part_or_without():
+def test_the_gap_is_reported_with_its_part_or_without():
     found = eccentric()
     assert "% of what is achievable" in WORDS.held_out(found)
     assert "cannot be told" in WORDS.held_out(
@@ -198,7 +198,7 @@ def test_an_experiment_is_proposed_where_there_is_one():
     assert "To separate: hang a known mass at the wrist" in said
 
 
-def test_what_is_bound_to_an_unknown_time_is_told():
+def test_what_is_bound_to_an_unknown_time_is_reported():
     assert any(
         "is not written to the arm file" in line for line in summary_lines(drifting())
     )
