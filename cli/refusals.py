@@ -46,7 +46,7 @@ def refuse(command: str, text: str) -> NoReturn:
 
 
 def system_refusal(error: OSError) -> str:
-    """Say which file or folder the system refuses, why, and what to do."""
+    """Return which file or folder the system refuses, why, and what to do."""
     from traverse.strict_toml.problems import system_reason  # noqa: PLC0415
 
     if error.filename is None:

@@ -283,7 +283,7 @@ class BlockingArm:
         scale: float = 1.0,
         name: str | None = None,
     ) -> None:
-        """Give points part coordinates: scale * rotation * arm + translation_mm."""
+        """Add part coordinates to points: scale * rotation * arm + translation_mm."""
         self._do(self._arm.align(rotation, translation_mm, scale=scale, name=name))
 
     def clear_alignment(self) -> None:

@@ -120,7 +120,7 @@ class ArmCommands(ABC):
         scale: float = 1.0,
         name: str | None = None,
     ) -> None:
-        """Give points part coordinates: scale * rotation * arm + translation_mm.
+        """Add part coordinates to points: scale * rotation * arm + translation_mm.
 
         Args:
             rotation: its three rows.

@@ -143,11 +143,11 @@ class EffectKind:
         return self.family not in _NOT_OF_POSES
 
     def least_order(self, component: object = None) -> int:
-        """Say the least order, of a component where there are some."""
+        """Return the least order, of a component where there are some."""
         return self.components.get(str(component), self.minimum_order)
 
     def plausible_size(self, order: float | None = None) -> float:
-        """Say how large a parameter plausibly is, in the unit of its key."""
+        """Return how large a parameter plausibly is, in the unit of its key."""
         if order is None:
             return self.size
         return self.size_by_order.get(order, self.size)
@@ -460,7 +460,7 @@ KEY_UNITS: Mapping[str, str] = MappingProxyType(
 
 
 def key_unit(key: str) -> str:
-    """Say the unit of a key of `[[effects]]`."""
+    """Return the unit of a key of `[[effects]]`."""
     found = KEY_UNITS.get(key)
     if found is None:
         stem, _, found = key.rpartition("_")

@@ -56,7 +56,7 @@ class RunReader:
         return self._records.tear
 
     def __iter__(self) -> Iterator[Entry]:
-        """Give one message after the other.
+        """Iterate over the messages.
 
         Raises:
             ValueError: A file in it is damaged.

@@ -59,7 +59,7 @@ class TornRecords:
         self.tear: str | None = None
 
     def __iter__(self) -> Iterator[McapRecord]:
-        """Give one record after the other.
+        """Iterate over the records.
 
         Raises:
             ValueError: It is no MCAP file at all.

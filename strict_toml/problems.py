@@ -117,7 +117,7 @@ def shown(value: object) -> str:
 
 
 def system_reason(error: OSError) -> str:
-    """Say why the system did not read or write a file, and what to do."""
+    """Return why the system did not read or write a file, and what to do."""
     remedy = _REMEDIES.get(error.errno or 0, "check the path")
     return f"{error.strerror or error}; {remedy}"
 

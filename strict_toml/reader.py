@@ -37,7 +37,7 @@ class StrictModel(BaseModel):
 
     @classmethod
     def variant(cls, table: object) -> type["StrictModel"]:
-        """Say which class a table belongs to; a child with kinds overrides it."""
+        """Return which class a table belongs to; a child with kinds overrides it."""
         return cls
 
     @classmethod

@@ -126,7 +126,7 @@ def selected(root: Path, changed: set[str]) -> list[str]:
 
 
 def main(root: Path, options: list[str]) -> None:
-    """Say what is selected, then become pytest."""
+    """Print what is selected, then become pytest."""
     found = selected(root, changed_files(root))
     taken, left = found[:MOST_FILES], found[MOST_FILES:]
     lines = [f"tests of what has changed: {len(taken)} files", *taken, "for make test:"]

@@ -132,7 +132,7 @@ def agreement(found: Sequence[Tested], key: str) -> dict[str, Any]:
 
 
 def coverage(found: Sequence[Tested]) -> dict[str, float]:
-    """Say how often single lengths are off by no more than U."""
+    """Return how often single lengths are off by no more than U."""
     true, measured, u_mm = np.array([row for arm in found for row in arm.lengths]).T
     off = np.abs(measured - true)
     return {

@@ -138,7 +138,7 @@ def _print(report: dict[str, Any]) -> None:
 
 
 def _is_kept(report: dict[str, Any]) -> bool:
-    """Say whether every promise is kept."""
+    """Return whether every promise is kept."""
     ratio_of_all = report["ratios"]["all"]["ratio"]
     kinds = report["degenerate"]
     silent = [k for k, row in kinds.items() if k != "wide" and NO_FLAG in row["said"]]

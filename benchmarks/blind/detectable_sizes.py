@@ -97,7 +97,7 @@ class SizeScale:
         )
 
     def likeness(self, hidden: Hidden) -> float:
-        """Say how much of an effect's signal the best name explains, 0 to 1."""
+        """Return how much of an effect's signal the best name explains, 0 to 1."""
         return max(part for _, part in self._explained(hidden))
 
     def _explained(self, hidden: Hidden) -> list[tuple[Identity, float]]:

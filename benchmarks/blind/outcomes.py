@@ -147,7 +147,7 @@ def _rivals(case: Case, diagnosis: Diagnosis) -> Line:
 
 
 def _all_of(names: tuple[Identity, ...], truths: tuple[TrueTerm, ...]) -> bool:
-    """Say whether these are the true names, each once, and no others."""
+    """Return whether these are the true names, each once, and no others."""
     return len(names) == len(truths) and all(
         any(name in truth.names for name in names) for truth in truths
     )

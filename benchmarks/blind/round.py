@@ -154,7 +154,7 @@ def find(
 
 
 def gap_of(case: Case, diagnosis: Diagnosis) -> tuple[float, float, float] | None:
-    """Say the held-out mean squares before, after, and of the true effects' fit.
+    """Return the held-out mean squares before, after, and of the true effects' fit.
 
     Returns:
         None where no arm file can hold the true effects, or nothing was hidden.

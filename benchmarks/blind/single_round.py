@@ -52,7 +52,7 @@ def round_json(case: Case, diagnosis: Diagnosis, score: Score) -> dict[str, Any]
 
 
 def hidden_table(case: Case) -> list[dict[str, Any]]:
-    """Say what was hidden, in the keys of an arm file."""
+    """Return what was hidden, in the keys of an arm file."""
     return [
         {
             "name": " ".join(str(p) for p in truth.identity if p is not None),

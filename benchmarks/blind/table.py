@@ -99,7 +99,7 @@ def binomial_row(
 
 
 def share(answers: Sequence[bool]) -> float | None:
-    """Say the rate of yes, None without answers."""
+    """Return the rate of yes, None without answers."""
     return sum(answers) / len(answers) if answers else None
 
 

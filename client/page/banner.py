@@ -63,7 +63,7 @@ class Banner:
         self._remedy.set_text(said.remedy)
 
     def tell(self, kind: str, text: str) -> None:
-        """Say what happened last, until something else does."""
+        """Show the last event, until the next one."""
         self._message.classes(add=kind, remove=" ".join(KINDS - {kind}))
         self._at.set_text(time.strftime("%H:%M:%S"))
         self._message.set_text(f"{WORDS.get(kind, '')}{text}")

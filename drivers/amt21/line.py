@@ -87,7 +87,7 @@ class Amt21Line:
         self._port.close()
 
     def find_echo(self, addresses: Sequence[int]) -> None:
-        """Find out whether the adapter echoes.
+        """Determine whether the adapter echoes.
 
         Raises:
             DeviceError: nothing is received, or it is ambiguous.

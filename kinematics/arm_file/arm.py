@@ -119,7 +119,7 @@ class Effect(StrictModel):
 
     @classmethod
     def variant(cls, table: object) -> "type[Effect]":
-        """Say the class of a table by its kind."""
+        """Return the class of a table by its kind."""
         kind = table.get("kind") if isinstance(table, Mapping) else None
         return _EFFECT_MODELS.get(str(kind), _UnknownEffect)
 
@@ -220,6 +220,6 @@ def _text_before(path: Path) -> str | None:
 
 
 def arm_digest(arm: Arm) -> str:
-    """Say which arm this is: equal values, equal digest (SHA-256, hexadecimal)."""
+    """Return which arm this is: equal values, equal digest (SHA-256, hexadecimal)."""
     values = arm.model_dump(by_alias=True, exclude_none=True)
     return hashlib.sha256(canonical_text(values).encode()).hexdigest()

@@ -24,7 +24,7 @@ class Spread:
 
 
 def spread_about_mean(points_mm: Floats) -> Spread:
-    """Say how points that should coincide do: (n_points, 3), at least one."""
+    """Return how points that should coincide do: (n_points, 3), at least one."""
     points_mm = checked_points(points_mm, at_least=1)
     mean_mm = points_mm.mean(axis=0)
     distances_mm = np.linalg.norm(points_mm - mean_mm, axis=1)

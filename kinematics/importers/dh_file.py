@@ -87,7 +87,7 @@ class Column:
 
 
 def columns_of(keys: Iterable[str], units: Units) -> tuple[dict[str, Column], Wrong]:
-    """Say what each key of a row, or of a header, holds."""
+    """Return what each key of a row, or of a header, holds."""
     columns: dict[str, Column] = {}
     wrong: Wrong = []
     taken: dict[str, str] = {}
@@ -336,7 +336,7 @@ def dh_csv(table: DHTable, names: Sequence[str], base_rad: Sequence[float]) -> s
 def dh_values(
     arm: str, table: DHTable, names: Sequence[str], base_rad: Sequence[float]
 ) -> dict[str, Any]:
-    """Give a table as the plain values of its TOML file."""
+    """Return a table as the plain values of its TOML file."""
     return {
         "schema": "traverse/dh/1",
         "convention": table.convention,

@@ -347,7 +347,7 @@ def _joint_problems(joint: UrdfJoint, free: Sequence[str]) -> Iterator[Problem]:
 def _bodies(
     robot: Robot, link: str, fixed: Mapping[str, list[UrdfJoint]]
 ) -> Iterator[Body]:
-    """Give what a link carries, with all that is fixed to it beside the chain."""
+    """Return what a link carries, with all that is fixed to it beside the chain."""
     pending = [(link, np.eye(4))]
     while pending:
         name, pose = pending.pop()

@@ -49,7 +49,7 @@ KERNEL = chosen_kernel(os.environ.get(VARIABLE), KERNELS)
 
 
 def compiled_chain(geometry: ArmArrays) -> "Chain | None":
-    """Give the arm to the kernel in C; None where NumPy is to compute."""
+    """Pass the arm to the kernel in C; None where NumPy is to compute."""
     if KERNEL == "numpy" or len(geometry.axes) > LARGEST_N_JOINTS:
         return None
     return _chain(geometry)

@@ -81,7 +81,7 @@ class Geometry:
         return len(self.zeros_rad)
 
     def hinge_readings(self, angles_rad: Floats) -> Floats:
-        """Say what encoders on the hinges would read: (n_samples, n_joints) [rad].
+        """Return what encoders on the hinges would read: (n_samples, n_joints) [rad].
 
         Args:
             angles_rad: Readings, likewise; returned unchanged without couplings.

@@ -82,7 +82,7 @@ class Plan:
 
 
 def plan_of(standard: str, arm: Arm, *, bidirectional: bool = False) -> Plan:
-    """Say what to touch.
+    """Return what to touch.
 
     Args:
         standard: Name of a standard.
@@ -114,7 +114,7 @@ def _tests(standard: str, reach_mm: float, bidirectional: bool) -> Iterator[_Tes
 
 
 def nominal_lengths_mm(reach_mm: float) -> list[float]:
-    """Say five lengths, evenly spread up to 70 % of the measuring range."""
+    """Return five lengths, evenly spread up to 70 % of the measuring range."""
     longest_mm = LONGEST_SHARE * 2.0 * reach_mm
     return [
         float(np.ceil(longest_mm * number / LENGTHS / 10.0) * 10.0)

@@ -79,7 +79,7 @@ def verified(
 
 
 def _not_stated(parts: list[Part], limits: Limits) -> Iterator[str]:
-    """Say which decisions fail for want of an uncertainty, and where to state it."""
+    """Return which decisions fail for want of an uncertainty, and where to state it."""
     names: dict[str, list[str]] = {}
     for part in parts:
         if isinstance(part, Figure) and part.decision is not None:

@@ -197,7 +197,7 @@ def _towards_positive(direction: Floats) -> Floats:
 def _detectable(
     seen_per_mm2: Floats, sigma0: float
 ) -> tuple[float | None, float | None]:
-    """Say the least error that is found, in the best and the worst direction."""
+    """Return the least error that is found, in the best and the worst direction."""
     best, worst = (
         sigma0 * FOUND / float(np.sqrt(seen)) if seen > 0.0 else None
         for seen in (seen_per_mm2[-1], seen_per_mm2[0])
@@ -218,7 +218,7 @@ def _hidden_mm(
 
 
 def _hidden_ratio(found: Reliability, row: int, mean: Floats) -> float:
-    """Say what an error in the worst direction does to the volume, per mm."""
+    """Return what an error in the worst direction does to the volume, per mm."""
     moves = found.moves[row] @ found.directions[row, 0]
     return float(np.sqrt(max(float(moves @ mean @ moves), 0.0)))
 

@@ -27,7 +27,7 @@ WORDS = Words("alignment/words.jinja", **_FILTERS)
 
 
 def alignment_lines(values: Mapping[str, Any]) -> list[str]:
-    """Say an alignment in lines.
+    """Describe an alignment in lines.
 
     Args:
         values: As in alignment.json.

@@ -97,7 +97,7 @@ def _residuals(values: Mapping[str, Any], figure: Figure) -> None:
 def ellipsoids_painting(
     values: Mapping[str, Any], factor: float | None = None
 ) -> Paint:
-    """Say how to paint the error ellipsoids.
+    """Return how to paint the error ellipsoids.
 
     Args:
         values: As in alignment.json.

@@ -130,7 +130,7 @@ def centre_flags(touches: Sequence[Touch]) -> Iterator[AlignmentWarning]:
 def feature_values(
     nominal: Nominal, axis: Integers, heights_mm: Floats
 ) -> Iterator[dict[str, Any]]:
-    """Say how the features fit."""
+    """Return how the features fit."""
     for what, which, freedoms in (("plane", 2, 3), ("line", 1, 2), ("point", 0, 1)):
         rows = heights_mm[axis == which]
         feature = getattr(nominal, what)
@@ -314,7 +314,7 @@ def _index(volume: Volume, goal: PartFrame, moves: Floats) -> VolumeError:
 
 
 def _in_volume(volume: Volume, goal: PartFrame, moves: Floats) -> Floats:
-    """Say what the errors of touches do to the volume, per mm, (n,)."""
+    """Return what the errors of touches do to the volume, per mm, (n,)."""
     mean = mean_motions(volume, goal.origin_mm, 6)
     sizes_mm: Floats = np.sqrt(np.einsum("pn,pq,qn->n", moves, mean, moves))
     return sizes_mm

@@ -139,7 +139,7 @@ def transformation_between(measured: PartFrame, nominal: PartFrame) -> Helmert:
 def local_heights(
     touched: PlaneLinePointTouches, frame: PartFrame
 ) -> tuple[Floats, Integers, Floats]:
-    """Say what of every touch is fitted.
+    """Return the fitted part of every touch.
 
     Returns:
         The touches in the frame, (n, 3); which of its axes counts, (n,): off the plane
@@ -152,7 +152,7 @@ def local_heights(
 
 
 def sensitivity(local_mm: Floats, axis: Integers) -> Floats:
-    """Say how errors of touches move the transformation.
+    """Return how errors of touches move the transformation.
 
     Args:
         local_mm: The touches in the frame, (n, 3).
@@ -186,7 +186,7 @@ def sensitivity(local_mm: Floats, axis: Integers) -> Floats:
 
 
 def redundancy_shares(local_mm: Floats, axis: Integers) -> Floats:
-    """Say how much of the error of every touch its residual shows, (n,)."""
+    """Return how much of the error of every touch its residual shows, (n,)."""
     shares = np.empty(len(axis))
     for which, columns in ((2, (0, 1)), (1, (0,)), (0, ())):
         rows = np.flatnonzero(axis == which)

@@ -290,7 +290,7 @@ def _quality(found: AlignmentResult) -> dict[str, Any]:
 def predicted_values(
     volume: Volume, centre_mm: Floats, covariance: Floats | None
 ) -> dict[str, Any]:
-    """Say the errors in a volume, and at its middle and its corners."""
+    """Return the errors in a volume, and at its middle and its corners."""
     if covariance is None:
         return {"predicted_error_mm": None, "places": []}
     places_mm = np.vstack([volume.mean_mm, volume.corners_mm])

@@ -39,7 +39,7 @@ class ArtefactTable(StrictModel):
 
     @classmethod
     def variant(cls, table: object) -> type[StrictModel]:
-        """Say the class of a table by its kind."""
+        """Return the class of a table by its kind."""
         return artefact_class(table)
 
     @field_validator("kind")
@@ -49,7 +49,7 @@ class ArtefactTable(StrictModel):
 
 
 def artefact_class(table: object) -> type[StrictModel]:
-    """Say the class of a table by its kind."""
+    """Return the class of a table by its kind."""
     kind = table.get("kind") if isinstance(table, Mapping) else None
     return ARTEFACT_KINDS.get(str(kind), ArtefactTable)
 

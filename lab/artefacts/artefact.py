@@ -180,7 +180,7 @@ class Artefact(StrictModel):
         return Certificate(np.empty(0), np.empty((0, n_unknowns)), np.empty(0))
 
     def lengths(self, state: Floats) -> tuple[Length, ...]:
-        """Say the lengths to report; by default there are none."""
+        """Return the lengths to report; by default there are none."""
         return ()
 
     def transferred(self, state: Floats, touches: Touches) -> Floats:
@@ -207,7 +207,7 @@ class Artefact(StrictModel):
 
     @abstractmethod
     def unknown_scales(self, touches: Touches) -> Floats:
-        """Say what would be a hopeless standard deviation of each unknown."""
+        """Return a standard deviation of each unknown that counts as undetermined."""
 
     @abstractmethod
     def start(self, centres_mm: Floats, touches: Touches) -> Floats:

@@ -42,7 +42,7 @@ class DrawWire(Artefact):
         return True
 
     def fixes_scale(self, touches: Touches) -> bool:
-        """Say whether it was drawn out by more than one length."""
+        """Return whether it was drawn out by more than one length."""
         return bool(np.ptp(touches.known_lengths_mm) > 0.0)
 
     def unknown_scales(self, touches: Touches) -> Floats:

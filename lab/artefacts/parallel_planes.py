@@ -48,7 +48,7 @@ class ParallelPlanes(Artefact):
         return ("1", "2")
 
     def fixes_scale(self, touches: Touches) -> bool:
-        """Say whether both were touched: their distance is the length."""
+        """Return whether both were touched: their distance is the length."""
         both = len(np.unique(touches.features)) == 2
         return both and bool(self.certified_lengths)
 

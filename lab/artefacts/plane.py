@@ -107,6 +107,6 @@ class Plane(Artefact):
 
 
 def _sides(normal: Floats, touches: Touches) -> Floats:
-    """Say on which side of the surface each ball was, +1 along the normal."""
+    """Return the side of the surface of each ball, +1 along the normal."""
     inwards = touches.directions @ normal
     return np.where(inwards > 0.0, -1.0, 1.0)

@@ -31,7 +31,7 @@ _FLAT = 1e-6
 
 
 def offset_sign(side: str) -> float:
-    """Say with which sign the probe's radius enters a sphere's."""
+    """Return the sign with which the probe's radius enters a sphere's."""
     return 1.0 if side == "outside" else -1.0
 
 

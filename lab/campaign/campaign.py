@@ -187,7 +187,7 @@ class Campaign:
         return replace(self, poses=self.poses.part(rows))
 
     def touches(self, index: int, rows: Integers, radius_mm: float) -> Touches:
-        """Say how an artefact was touched in some poses.
+        """Return how an artefact was touched in some poses.
 
         Args:
             index: Of the artefact.

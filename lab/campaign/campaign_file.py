@@ -38,7 +38,7 @@ class KeysByKind:
 
     @staticmethod
     def variant(table: object) -> type[StrictModel]:
-        """Say the class of a table by its kind."""
+        """Return the class of a table by its kind."""
         return ArtefactTable.variant(table)
 
 

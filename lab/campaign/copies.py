@@ -76,7 +76,7 @@ def _with_equals(rows: Floats) -> Integers:
 
 
 def _earlier(rows: Floats) -> Integers:
-    """Give the first row that equals each, or -1 where that is itself, (n_rows,)."""
+    """Return the first row that equals each, or -1 where that is itself, (n_rows,)."""
     filled = np.where(np.isnan(rows), _EMPTY, rows)
     _, first, places = np.unique(filled, axis=0, return_index=True, return_inverse=True)
     earliest: Integers = first[places.ravel()]

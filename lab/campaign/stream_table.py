@@ -81,7 +81,7 @@ def speeds_of(time_s: Floats, angles_rad: Floats, stretches: Integers) -> Floats
 
 
 def senses_of(time_s: Floats, angles_rad: Floats, speeds_rad_s: Floats) -> Floats:
-    """Say the sense of the last motion, -1, +1, or 0 before any, (n, n_joints).
+    """Return the sense of the last motion, -1, +1, or 0 before any, (n, n_joints).
 
     A joint that is slower than what its readings' noise looks like keeps its sense.
 
@@ -106,7 +106,7 @@ def senses_of(time_s: Floats, angles_rad: Floats, speeds_rad_s: Floats) -> Float
 
 
 def half_window(time_s: Floats) -> int:
-    """Say how many samples before and after count for a speed."""
+    """Return how many samples before and after count for a speed."""
     if len(time_s) < 2:
         return _LEAST_HALF
     usual_s = float(np.median(np.diff(time_s)))
@@ -229,7 +229,7 @@ def _other_joints(found: Sequence[str], expected: Sequence[str]) -> str:
 def _touched(
     recording: Recording, features: Mapping[str, tuple[str, ...]]
 ) -> tuple[Integers, Integers, tuple[str, ...]]:
-    """Say what each sample touches: artefact (-1: none) and feature, (n,) each."""
+    """Return what each sample touches: artefact (-1: none) and feature, (n,) each."""
     times_ns = recording.samples.sample_time_ns
     numbers = {name: number for number, name in enumerate(features)}
     free: dict[str, int] = {}

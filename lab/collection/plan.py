@@ -55,7 +55,7 @@ def read_plan(path: Path) -> PlanFile:
 def volume_picture(
     places_mm: Sequence[Sequence[float]], plan: PlanFile
 ) -> list[tuple[str, str]]:
-    """Say where in the working volume has been touched.
+    """Return where in the working volume has been touched.
 
     Returns:
         A shell of the volume, and its eight octants about the middle as blocks, each.

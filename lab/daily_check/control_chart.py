@@ -123,7 +123,7 @@ class ChartPoint:
 
 
 def rules(side: Side) -> tuple[Rule, Rule, Rule]:
-    """Say the rules, with their rates."""
+    """Return the rules, with their rates."""
     beyond = "beyond" if side == "both" else "above"
     return (
         Rule(f"one check {beyond} {INDIVIDUAL:g} sigma", individual_rate(side)),

@@ -162,7 +162,7 @@ def _ledger(
 def _accepted(
     names: tuple[NamedTerm, ...], options: DiagnosisOptions, *, vetoed: bool
 ) -> tuple[bool, ...]:
-    """Say which terms enter the adapted arm."""
+    """Return which terms enter the adapted arm."""
     if vetoed:
         return (False,) * len(names)
     return tuple(
@@ -200,7 +200,7 @@ def _adapted(
 def _writable(
     decision: Decision, accepted: tuple[bool, ...], campaign: Campaign
 ) -> tuple[bool, ...]:
-    """Say which accepted terms an arm file can hold: not those without an epoch."""
+    """Return which accepted terms an arm file can hold: not those without an epoch."""
     effects = decision.search.fit.arm.effects
     return tuple(
         one and has_epoch(effects[naming.added.index], campaign)

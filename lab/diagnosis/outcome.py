@@ -167,13 +167,13 @@ def _shown(naming: NamedTerm) -> Candidate:
 
 
 def verdict_of(terms: tuple[Term, ...]) -> Verdict:
-    """Say the verdict of the whole: that of its weakest term."""
+    """Return the verdict of the whole: that of its weakest term."""
     statuses = {term.status for term in terms}
     return next((one for one in _STATUSES if one in statuses), "clean")
 
 
 def noise_of(search: SearchState) -> NoiseEstimate:
-    """Say which noise was found."""
+    """Return which noise was found."""
     noise, serial = search.fit.adjustment.network.noise, search.serial
     return NoiseEstimate(
         tuple(noise.encoder_rad.tolist()),
@@ -184,7 +184,7 @@ def noise_of(search: SearchState) -> NoiseEstimate:
 
 
 def leftovers_of(search: SearchState) -> tuple[BankRemainder, ...]:
-    """Say what is left over in every bank."""
+    """Return the remaining significance in every bank."""
     found = []
     for name in BankName:
         choices = ranked(search.stage, (name,), search.joints_with_own_curve)

@@ -170,7 +170,7 @@ def _fits_better(
     found: tuple[IteratedAdjustment, ArmValues],
     as_given: tuple[IteratedAdjustment, ArmValues],
 ) -> bool:
-    """Say whether other zeros are worth it: two adjustments and their starts.
+    """Return whether other zeros are worth it: two adjustments and their starts.
 
     All poses count, excluded ones too. Axes may turn instead of wrong zeros, so that
     of two good fits the one that changes the arm less is better.

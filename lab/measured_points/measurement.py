@@ -123,14 +123,14 @@ class Measurement:
         return self.touched.get(name, empty)
 
     def distance_share(self, places_mm: Floats) -> Floats:
-        """Say how far places are from the shoulder, as parts of the reach, (n,)."""
+        """Return how far places are from the shoulder, as parts of the reach, (n,)."""
         away_mm = np.linalg.norm(places_mm - self.shoulder_mm, axis=1)
         shares: Floats = away_mm / self.reach_mm
         return shares
 
 
 def reach_of(arm: Arm) -> tuple[Floats, float]:
-    """Say where the second joint is in the base posture, and how far the ball gets.
+    """Return where the second joint is in the base posture, and how far the ball gets.
 
     The first joint turns the whole arm; from the second on links add up at most.
     """
@@ -198,12 +198,12 @@ class Articulation:
 
     @property
     def largest_mm(self) -> float:
-        """Give max delta_i."""
+        """Return max delta_i."""
         return float(self.delta_mm.max())
 
     @property
     def two_s_mm(self) -> float:
-        """Give 2 s, s = sqrt(sum delta_i^2 / (n - 1))."""
+        """Return 2 s, s = sqrt(sum delta_i^2 / (n - 1))."""
         squares_mm2 = float(self.delta_mm @ self.delta_mm)
         return 2.0 * float(np.sqrt(squares_mm2 / (len(self.delta_mm) - 1)))
 
@@ -220,7 +220,7 @@ class IncompleteError(ValueError):
 
 
 def warmer_c(artefact: Artefact, touched: ArtefactTouches) -> float:
-    """Say by how much it was warmer than at its certificate.
+    """Return by how much it was warmer than at its certificate.
 
     Raises:
         IncompleteError: It expands, and its temperature was not measured.
@@ -238,7 +238,7 @@ def warmer_c(artefact: Artefact, touched: ArtefactTouches) -> float:
 
 
 def growth(artefact: Artefact, touched: ArtefactTouches) -> float:
-    """Say by which factor its lengths had grown."""
+    """Return by which factor its lengths had grown."""
     return 1.0 + artefact.expansion[0] * warmer_c(artefact, touched)
 
 

@@ -48,7 +48,7 @@ _COLUMNS = ("artefact", "feature", *_PLACE)
 
 
 def is_point_table(path: Path) -> bool:
-    """Say whether a table has coordinates in place of readings."""
+    """Return whether a table has coordinates in place of readings."""
     return path.suffix == ".csv" and _PLACE[0] in _header(path)
 
 
@@ -238,7 +238,7 @@ def _first_and_last(campaign: Campaign) -> tuple[datetime | None, datetime | Non
 
 
 def _flag_notes(flags: PoseFlags) -> Iterator[str]:
-    """Say where effects of the arm were applied in part only."""
+    """Return where effects of the arm were applied in part only."""
     for which, told in (
         (
             flags.surface_unknown,

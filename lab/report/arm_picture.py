@@ -136,7 +136,7 @@ class _Scene:
         self._label(panel, joints_mm, ball_mm)
 
     def _shank_is_apart(self) -> bool:
-        """Say whether the shank needs an arrow, not lying along the probe's line."""
+        """Return whether the shank needs an arrow, not lying along the probe's line."""
         probe_mm = self._skeleton_mm[-1] - self._end_mm
         return bool(self._shank @ probe_mm < 0.99 * np.linalg.norm(probe_mm) + 1e-9)
 
@@ -235,7 +235,7 @@ def _spoken(names: Sequence[str]) -> str:
 
 
 def _explain(panel: Axes) -> None:
-    """Say what the signs of the drawing mean."""
+    """Return what the signs of the drawing mean."""
     panel.set_axis_off()
     panel.legend(
         handles=[

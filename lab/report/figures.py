@@ -93,7 +93,7 @@ def dot_size(n_dots: int) -> float:
 
 
 def symmetric_limit(values: Floats, part: float = 0.999) -> float:
-    """Say how far an axis about zero has to go to show this part of values."""
+    """Return how far an axis about zero has to go to show this part of values."""
     finite = np.abs(values[np.isfinite(values)])
     if len(finite) == 0:
         return 1.0

@@ -55,7 +55,7 @@ class Words:
         return lambda *values: " ".join(self.lines(macro, *values))
 
     def lines(self, macro: str, *values: object) -> list[str]:
-        """Give the sentences of a macro, indented like their first lines."""
+        """Return the sentences of a macro, indented like their first lines."""
         text: str = getattr(self._macros, macro)(*values)
         lines = []
         for part in text.split("\n\n"):

@@ -30,7 +30,7 @@ class GlobalTest:
 
 
 def chi_square_p_value(statistic: float, degrees: float) -> float:
-    """Say how likely a sum of squares is at least this large."""
+    """Return how likely a sum of squares is at least this large."""
     return float(special.chdtrc(degrees, statistic))
 
 
@@ -74,5 +74,5 @@ def tau_critical(alpha: float, redundancy: int) -> float:
 
 
 def median_of_chi_square(degrees: int) -> float:
-    """Say the median of chi-square."""
+    """Return the median of chi-square."""
     return float(special.chdtri(degrees, 0.5))

@@ -60,7 +60,7 @@ class DisturbedLine:
     def disturb(
         self, frame: bytes, script_s: float, channel: int | None = None
     ) -> bytes:
-        """Give the bytes that go out for a frame; none if it is lost.
+        """Return the bytes that go out for a frame; none if it is lost.
 
         Args:
             frame: As it should be.

@@ -90,7 +90,7 @@ class OpenPage(Protocol):
     def __call__(
         self, arm: str, broker: str, **options: Any
     ) -> contextlib.AbstractAsyncContextManager[Page]:
-        """Give the page, by a server of its own, in a profile of its own.
+        """Serve the page, by a server of its own, in a profile of its own.
 
         Args:
             arm: its name.

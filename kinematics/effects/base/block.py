@@ -111,7 +111,7 @@ class Block:
         return column is not None and bool(np.isfinite(column).all())
 
     def lack(self, need: Need) -> str | None:
-        """Say what is missing of a need, or None where all is there."""
+        """Return the missing part of a need, or None if it is complete."""
         column = self._column(need)
         if column is None:
             return f"the block has no {need.covariate.value}"

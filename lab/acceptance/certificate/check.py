@@ -24,7 +24,7 @@ DATA = "data"
 
 
 def certificate_problems(path: Path) -> list[str]:
-    """Say everything that is wrong with a certificate; empty where nothing is.
+    """Return everything that is wrong with a certificate; empty where nothing is.
 
     Args:
         path: The certificate's folder, or `certificate.json` in it.

@@ -16,7 +16,7 @@ _MOST_PLACES = 3
 
 
 def figure_lines(values: Mapping[str, Any]) -> list[str]:
-    """Say a certificate in lines.
+    """Describe a certificate in lines.
 
     Args:
         values: The certificate.
@@ -38,7 +38,7 @@ def figure_cells(figure: Mapping[str, Any]) -> list[str]:
 
 
 def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Say who measured, where, when and what: pairs of label and text."""
+    """Return who measured, where, when and what: pairs of label and text."""
     found, source = values["administration"], values["provenance"]
     measured = [found["measured_from_utc"], found["measured_to_utc"]]
     warm_c = [found[f"temperature_{which}_c"] for which in ("least", "largest", "mean")]

@@ -88,7 +88,7 @@ def administration_values(administration: Administration) -> dict[str, Any]:
 def digest_values(
     result: Mapping[str, Any], files: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Say the digests of files and result, and the one over both.
+    """Return the digests of files and result, and the one over both.
 
     Args:
         result: The certificate without its digest.

@@ -70,14 +70,14 @@ def decision_of(
 
 
 def guard_of(standard_mm: float | None, limits: Limits) -> float | None:
-    """Say how wide the guard band is; None where its uncertainty is not stated."""
+    """Return how wide the guard band is; None where its uncertainty is not stated."""
     if limits.decision == "simple":
         return 0.0
     return None if standard_mm is None else limits.guard_factor * standard_mm
 
 
 def rule_text(limits: Limits) -> str:
-    """Say the rule in words."""
+    """Return the rule in words."""
     if limits.decision == "simple":
         return "simple acceptance: no guard band"
     return f"ISO 14253-1, guard band {limits.guard_factor:g} u"
@@ -139,7 +139,7 @@ class Budget:
         return float(np.sqrt(sum((size_mm or 0.0) ** 2 for size_mm in sizes_mm)))
 
     def times(self, factor: float) -> "Budget":
-        """Give the budget of a multiple of the test value."""
+        """Return the budget of a multiple of the test value."""
         return Budget(
             tuple(
                 line

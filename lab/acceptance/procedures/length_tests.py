@@ -139,7 +139,7 @@ def _judged(
 
 
 def _is_first(error: LengthError, sets: Sequence[list[LengthError]]) -> bool:
-    """Say whether its set was not measured again yet."""
+    """Return whether its set was not measured again yet."""
     return any(
         found[0].artefact == error.artefact and len(found) == SET for found in sets
     )

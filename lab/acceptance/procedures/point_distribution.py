@@ -16,7 +16,7 @@ _N_SPOTS = 200
 def half_sphere_remarks(
     touched: ArtefactTouches, centre_mm: Floats, name: str
 ) -> Iterator[str]:
-    """Say where 25 points do not cover the half sphere about their pole.
+    """Return where 25 points do not cover the half sphere about their pole.
 
     Args:
         touched: The touches.

@@ -140,7 +140,7 @@ def size_and_form(
 
 
 def _location_remarks(measured: Measurement, names: Sequence[str]) -> Iterator[str]:
-    """Say where the two locations are one and the same."""
+    """Return where the two locations are one and the same."""
     centres = [measured.of(name).places_mm.mean(axis=0) for name in names]
     if np.linalg.norm(centres[0] - centres[1]) < 0.1 * measured.reach_mm:
         yield (

@@ -32,7 +32,7 @@ _NEARLY_ALIAS = 0.99
 
 
 def separate_by(naming: NamedTerm, rows: ObservationEquations, arm: Arm) -> str:
-    """Say which experiment separates a finding from its alternatives.
+    """Return which experiment separates a finding from its alternatives.
 
     Args:
         naming: The finding and its alternatives, the best first.
@@ -116,7 +116,7 @@ def optimal_experiment(
 
 
 def gain_needed(ahead: float) -> float:
-    """Say by how much the separation must grow to take a name out of the set.
+    """Return the growth of the separation that excludes a name from the set.
 
     A separation of Delta yields the evidence Delta / 2 on average, with the standard
     deviation sqrt(Delta).
@@ -171,7 +171,7 @@ def _goals(apart: list[Alternative]) -> list[list[Alternative]]:
 
 
 def _curve_in_words(own: Candidate, alternatives: Sequence[Alternative]) -> str:
-    """Say what becomes of curves, which fit whatever depends on the same."""
+    """Return what becomes of curves, which fit whatever depends on the same."""
     if not alternatives:
         return ""
     curve = own if own.is_curve else alternatives[0].candidate

@@ -79,12 +79,12 @@ def reason(rows: ObservationEquations, candidate: Candidate, moved: float) -> st
 
 
 def _twists(row: EffectKind) -> bool:
-    """Say whether gravity turns the joint about its own axis."""
+    """Return whether gravity turns the joint about its own axis."""
     return row.family is Family.GRAVITY and row.acts_on == "angle"
 
 
 def is_vertical(rows: ObservationEquations, joint: str) -> bool:
-    """Say whether a joint's axis stays along gravity."""
+    """Return whether a joint's axis stays along gravity."""
     campaign = rows.adjustment.network.campaign
     # The arm's own gravity is not part of a fit; without an override it is usual.
     gravity = np.array(campaign.gravity_m_s2 or _STANDARD_GRAVITY)
@@ -95,7 +95,7 @@ def is_vertical(rows: ObservationEquations, joint: str) -> bool:
 
 
 def probe_is_on_axis(rows: ObservationEquations, joint: str) -> bool:
-    """Say whether a turn of a joint moves the probe in no pose."""
+    """Return whether a turn of a joint moves the probe in no pose."""
     campaign = rows.adjustment.network.campaign
     geometry = rows.adjustment.state.arm.geometry
     by_angles = probe_derivatives(geometry, rows.block.angles_rad).by_angles
@@ -232,7 +232,7 @@ def _unseen(candidate: Candidate, why: str) -> Detectable:
 
 
 def planned(campaign: Campaign, arm: Arm) -> tuple[Detectable, ...]:
-    """Say how large effects must be for a campaign to show them.
+    """Return how large effects must be for a campaign to show them.
 
     Args:
         campaign: With the poses that are planned, or measured; its noise, or usual

@@ -45,7 +45,7 @@ class CandidateScores:
     waves: tuple[Periodogram, ...]
 
     def lowest_log_p(self, name: BankName) -> float:
-        """Say the smallest log p of a bank."""
+        """Return the smallest log p of a bank."""
         return float(np.min(self.findings[name].log_p, initial=0.0))
 
 
@@ -115,5 +115,5 @@ def without_library_orders(bank: Bank) -> Bank:
 
 
 def is_beyond_library(candidate: Candidate) -> bool:
-    """Say whether a harmonic is only in the bank of harmonics."""
+    """Return whether a harmonic is only in the bank of harmonics."""
     return (candidate.order or 0) > HIGHEST_ORDER

@@ -172,7 +172,7 @@ def _candidate(
 
 
 def _silence(rows: ObservationEquations, correction: Correction) -> str | None:
-    """Say why the campaign says nothing about an effect, or None where it does."""
+    """Return why the campaign says nothing about an effect, or None where it does."""
     block = rows.block
     lacks = [lack for need in correction.needs if (lack := block.lack(need))]
     if lacks:

@@ -109,7 +109,7 @@ def wave_bank(rows: ObservationEquations, joint: str, cycles: float) -> Bank:
 
 
 def log_p_of_search(found: tuple[Periodogram, ...], level: float) -> float:
-    """Say below which log p the best of all waves is none by chance.
+    """Return the log p below which the best of all waves is significant.
 
     Args:
         found: All that was looked at; each of their cycles counts as a test of its own.

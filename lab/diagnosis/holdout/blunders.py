@@ -83,7 +83,7 @@ def _from_neighbours(angles_rad: Floats, misclosures_mm: Floats) -> Floats:
 
 
 def _sizes(differences_mm: Floats) -> Floats:
-    """Say how unusual differences are, as |w| of a standard normal, (n,)."""
+    """Return how unusual differences are, as |w| of a standard normal, (n,)."""
     squares = differences_mm**2
     degrees = np.count_nonzero(np.isfinite(squares), axis=1)
     known = degrees > 0

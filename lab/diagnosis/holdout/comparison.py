@@ -222,7 +222,7 @@ def holdout_result(
     radius_mm: float,
     noise: Noise | None = None,
 ) -> HoldoutResult:
-    """Say how well a fit predicts poses that took no part in it.
+    """Return how well a fit predicts poses that took no part in it.
 
     Args:
         adjustment: The fit.
@@ -241,7 +241,7 @@ def holdout_result(
 def find_misfit(
     model: Adjustment, held_out: Booleans, blunders: Booleans, radius_mm: float
 ) -> HoldoutMisfit | None:
-    """Say where held-out poses contradict a model that explains the others.
+    """Return where held-out poses contradict a model that explains the others.
 
     S of all held-out poses but the blunders is half as large again as that of the
     poses of the fit, and so large by chance in one of a thousand (F test); or their
@@ -288,7 +288,7 @@ def find_misfit(
 
 
 def _volume_mm(model: Adjustment) -> float:
-    """Say how large the measured volume is: the rms distance from its centre."""
+    """Return how large the measured volume is: the rms distance from its centre."""
     centres_mm = np.concatenate(
         [
             station_centres(model.network, station, model.state.arm)
@@ -299,7 +299,7 @@ def _volume_mm(model: Adjustment) -> float:
 
 
 def closed(before: float, after: float, n: int) -> float | None:
-    """Say which part of the gap is closed.
+    """Return which part of the gap is closed.
 
     Args:
         before: S without what was added.
@@ -317,7 +317,7 @@ def closed(before: float, after: float, n: int) -> float | None:
 def is_worse(
     before_statistics: Floats, after_statistics: Floats, degrees: Floats
 ) -> bool:
-    """Say whether poses are predicted worse than before.
+    """Return whether poses are predicted worse than before.
 
     A one-sided paired t-test over poses at 1 %.
 

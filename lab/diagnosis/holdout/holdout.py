@@ -106,7 +106,7 @@ def _given_away(
 def _can_spare(
     campaign: Campaign, index: int, poses: Integers, given: Integers
 ) -> bool:
-    """Say whether the rest still determines the artefact, and each own feature."""
+    """Return whether the rest still determines the artefact, and each own feature."""
     artefact = campaign.artefacts[index]
     n_rows, n_unknowns = artefact.rows_per_pose, _n_unknowns(campaign, index, poses)
     kept = np.setdiff1d(poses, given)

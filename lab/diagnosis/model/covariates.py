@@ -36,7 +36,7 @@ def used_poses(rows: ObservationEquations) -> Integers:
 
 
 def varies(rows: ObservationEquations, values: Floats) -> bool:
-    """Say whether a covariate differs between the poses that take part.
+    """Return whether a covariate differs between the poses that take part.
 
     Args:
         rows: Of the fit.

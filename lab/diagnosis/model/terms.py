@@ -60,7 +60,7 @@ def rows_without(rows: ObservationEquations, index: int) -> ObservationEquations
 
 
 def estimates_of(rows: ObservationEquations, index: int) -> dict[str, Estimate]:
-    """Say the values of an effect with their standard deviations.
+    """Return the values of an effect with their standard deviations.
 
     From the rows, so that serially correlated noise is accounted for; the noise level
     is that of the residuals.

@@ -71,7 +71,7 @@ class Discrepancies:
         return self._amount(np.einsum("nij,nj->ni", self.by_centre, directions))
 
     def reading_errors_rad(self, joint: int) -> tuple[Floats, Floats]:
-        """Say by how much a reading is larger than the simulation's, (n_poses,).
+        """Return by how much a reading is larger than the simulation's, (n_poses,).
 
         For each pose alone, if this joint were the only cause; with its
         standard deviation.

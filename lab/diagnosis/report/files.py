@@ -144,7 +144,7 @@ def detectable_json(detectable: Sequence[Detectable]) -> list[dict[str, Any]]:
 
 
 def pose_parts(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Say what became of each pose: choosing, held_out or excluded."""
+    """Return what became of each pose: choosing, held_out or excluded."""
     found = np.where(diagnosis.held_out, "held_out", "choosing")
     found = np.where(diagnosis.excluded, "excluded", found)
     return tuple(found.tolist())

@@ -27,7 +27,7 @@ _NO_SIZES = ("phase_rad", "at_s")
 
 
 def candidate_label(candidate: Candidate) -> str:
-    """Say what a candidate is, for example `encoder eccentricity, joint J3`."""
+    """Return what a candidate is, for example `encoder eccentricity, joint J3`."""
     if candidate.is_curve:
         return _curve(candidate)
     row = EFFECT_KINDS[candidate.kind]
@@ -66,7 +66,7 @@ def cluster_text(place: Cluster) -> str:
 
 
 def _unit(column: str) -> str:
-    """Say the unit that a column's name ends with."""
+    """Return the unit that a column's name ends with."""
     ends = {"_rad": "rad", "_rad_s": "rad/s", "_c": "°C", "_s": "s", "_n": "N"}
     return next(
         (ends[end] for end in sorted(ends, key=len)[::-1] if column.endswith(end)), ""
@@ -74,7 +74,7 @@ def _unit(column: str) -> str:
 
 
 def _covariate(column: str) -> str:
-    """Say a column of the campaign in words."""
+    """Describe a column of the campaign in words."""
     if column in _COLUMNS:
         return _COLUMNS[column]
     for end, words in _OF_JOINT.items():
@@ -118,7 +118,7 @@ def step_names(diagnosis: Diagnosis) -> list[str]:
 
 
 def term_size_text(term: Term) -> str:
-    """Say how large a term is, with its standard deviation."""
+    """Return how large a term is, with its standard deviation."""
     found = term_size(term.estimates)
     if found is None:
         return ""

@@ -70,7 +70,7 @@ class _Scene:
 def term_curve(
     diagnosis: Diagnosis, term: Term, before: Discrepancies, after: Discrepancies
 ) -> TermCurve | None:
-    """Work out what a term and the data say.
+    """Compute what a term and the data say.
 
     None where the term moves no pose, or the arm file has no form for it.
 

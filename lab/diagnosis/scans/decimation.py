@@ -28,7 +28,7 @@ from traverse.lab.identification.solve.adjustment import Adjustment
 def with_surface_directions(
     campaign: Campaign, network: Network, state: State
 ) -> Campaign:
-    """Say where spheres were touched: from the ball towards the material.
+    """Return where spheres were touched: from the ball towards the material.
 
     Args:
         campaign: A whole stream.
@@ -96,7 +96,7 @@ class Decimation:
 def decimated(
     campaign: Campaign, arm: Arm, most_poses: int = MOST_POSES
 ) -> tuple[Campaign, Decimation]:
-    """Find out which samples to keep, and where surfaces were touched.
+    """Determine which samples to keep, and where surfaces were touched.
 
     Args:
         campaign: A whole stream.
@@ -177,7 +177,7 @@ def _spread(campaign: Campaign) -> Integers:
 
 
 def _usual_s(campaign: Campaign) -> float:
-    """Say the usual time from sample to sample; streams of one sample: a second."""
+    """Return the usual time from sample to sample; streams of one sample: a second."""
     if len(campaign.poses) < 2:
         return 1.0
     return float(np.median(np.diff(campaign.poses.time_s)))
@@ -194,7 +194,7 @@ def _stretches(campaign: Campaign) -> Integers:
 
 
 def _window(campaign: Campaign, poses: Integers) -> int:
-    """Say how many samples the fastest joint usually takes for the same posture."""
+    """Return how many samples the fastest joint usually takes for the same posture."""
     speeds = campaign.poses.speeds_rad_s
     if speeds is None:
         return _LONGEST_LAG

@@ -230,7 +230,7 @@ def _waves(angles_rad: Floats) -> Floats:
 
 
 def _excess(statistics: Floats) -> Floats:
-    """Say by how much noise alone makes T too large at each order, (n_orders,)."""
+    """Return by how much noise alone makes T too large at each order, (n_orders,)."""
     n_orders = statistics.shape[1]
     found = np.ones(n_orders)
     for order in range(n_orders):

@@ -204,7 +204,7 @@ def effect_of(choice: ScoredCandidate, rows: ObservationEquations) -> Effect:
 
 
 def is_adaptable(choice: ScoredCandidate) -> bool:
-    """Say whether the arm file has a form for it."""
+    """Return whether the arm file has a form for it."""
     candidate = choice.candidate
     return not candidate.is_curve or candidate.component == "angle"
 

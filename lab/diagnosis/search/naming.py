@@ -123,7 +123,7 @@ def own_choice(
 def correlation(
     finding: ProjectedCandidate, residuals: Floats, other: ProjectedCandidate
 ) -> float:
-    """Say how much of a finding another block explains, 0 to 1."""
+    """Return how much of a finding another block explains, 0 to 1."""
     explained = finding.directions @ (finding.directions.T @ residuals)
     size = float(np.linalg.norm(explained))
     if size == 0.0:
@@ -184,7 +184,7 @@ def _is_doubtful(
 
 
 def leaves_a_curve(stage: CandidateScores, name: Candidate) -> bool:
-    """Say whether a curve over what a name depends on explains more than it does."""
+    """Return whether a curve over what a name depends on explains more than it does."""
     if name.joint is None:
         return False
     row = EFFECT_KINDS[name.kind]
@@ -200,7 +200,7 @@ def leaves_a_curve(stage: CandidateScores, name: Candidate) -> bool:
 
 
 def _with_overtones(search: SearchState, candidate: Candidate) -> int | None:
-    """Say the order of a harmonic that has overtones too: it is no pure one."""
+    """Return the order of a harmonic that has overtones too: it is no pure one."""
     if not EFFECT_KINDS[candidate.kind].is_wave:
         return None
     if candidate.bank is BankName.TRANSMISSION:

@@ -310,7 +310,7 @@ def equations_of_all_poses(fit: Fit, eligible: Booleans) -> ObservationEquations
 
 
 def _limits(fit: Fit, rows: ObservationEquations) -> dict[int, float]:
-    """Say at which statistic a pose is left out, by the number of its rows."""
+    """Return the statistic at which a pose is left out, by the number of its rows."""
     poses, sizes = np.unique(rows.poses[rows.poses >= 0], return_counts=True)
     level = Options().family_level / len(poses)
     variance = max(robust_scale(fit.statistics), 1.0) ** 2

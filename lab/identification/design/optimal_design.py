@@ -58,7 +58,7 @@ class JointCoverage:
 
 
 def joint_coverage(campaign: Campaign, poses: Integers) -> tuple[JointCoverage, ...]:
-    """Say where every joint has been in some poses."""
+    """Return where every joint has been in some poses."""
     found = []
     for k, name in enumerate(campaign.joint_names):
         angles_rad = campaign.poses.angles_rad[poses, k]
@@ -163,7 +163,7 @@ def _joint_covariance(adjustment: Adjustment) -> Floats:
 
 
 def _travel(network: Network) -> tuple[Floats, Floats]:
-    """Say from where to where joints may turn, (n_joints,) each.
+    """Return lower and upper limits of joints [rad], (n_joints,) each.
 
     Their stops are unknown: visited postures are reachable. Only joints that
     hardly turned must turn more.

@@ -57,7 +57,7 @@ class EffectModel:
         return self.campaign.block(poses, angles_rad)
 
     def directions(self, geometry: Geometry) -> Floats:
-        """Say how values move with coordinates, (n_values, n_coordinates)."""
+        """Return how values move with coordinates, (n_values, n_coordinates)."""
         parts = [c.free_directions(geometry) for c in self.effects.corrections]
         whole = np.zeros((len(self.effects.values), len(self.names)))
         row = column = 0
@@ -73,7 +73,7 @@ class EffectModel:
         return found
 
     def length_errors(self, values: Floats, artefact: str) -> tuple[float, Floats]:
-        """Say by how many ppm a standard is longer than its certificate says.
+        """Return by how many ppm a standard is longer than its certificate says.
 
         Returns:
             The error in ppm, and how it moves with the coordinates, (n_coordinates,).
@@ -146,7 +146,7 @@ def effect_model(
 
 
 def plausible_values(correction: Correction, campaign: Campaign) -> tuple[float, ...]:
-    """Say a plausible standard deviation for each parameter, in its unit.
+    """Return a plausible standard deviation for each parameter, in its unit.
 
     Orders of magnitude of arms of a metre or two. They decide what a campaign cannot
     say anything about, and never how large an effect is estimated.

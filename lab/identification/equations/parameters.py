@@ -199,7 +199,7 @@ class Parameters:
         return amplitudes
 
     def length_errors(self, values: ArmValues, artefact: str) -> tuple[float, Floats]:
-        """Say by how many ppm a standard is off, and which parameters say so."""
+        """Return by how many ppm a standard is off, and which parameters say so."""
         by_free = np.zeros(self.n_free)
         if self.effects is None:
             return 0.0, by_free

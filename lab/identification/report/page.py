@@ -77,7 +77,7 @@ def summary_lines(result: Identification, found: UncertaintyMap) -> list[str]:
 
 
 def comparison_lines(values: Mapping[str, Any]) -> list[str]:
-    """Say in lines how two arms differ.
+    """Describe in lines how two arms differ.
 
     Args:
         values: As in the JSON of `traverse identify --compare`.

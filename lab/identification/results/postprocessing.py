@@ -155,7 +155,7 @@ def global_test(
 
 
 def variance_factor(sigma0: float, test: GlobalTest) -> float:
-    """Say by what cofactors are multiplied to give covariances.
+    """Return the factor between cofactors and covariances.
 
     One where the noise is known and sigma0 does not contradict it upwards: the
     estimate of sigma0 would only add its own uncertainty. Else sigma0 squared.

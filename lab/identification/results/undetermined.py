@@ -192,7 +192,7 @@ def _reason(
 
 
 def probe_offset_mm(geometry: Geometry) -> float:
-    """Say how far the ball is from the last axis."""
+    """Return how far the ball is from the last axis."""
     reach_mm = geometry.links_mm[-1] + geometry.probe_vector_mm
     axis = geometry.axes[-1]
     return float(np.linalg.norm(reach_mm - (reach_mm @ axis) * axis))

@@ -185,7 +185,7 @@ def iterate(
 
 
 def _is_estimated(network: Network) -> bool:
-    """Say whether any standard deviation is not as stated or assumed."""
+    """Return whether any standard deviation is not as stated or assumed."""
     noise, given = network.noise, a_priori_noise(network.campaign)
     return not (
         np.array_equal(noise.encoder_rad, given.encoder_rad)

@@ -48,7 +48,7 @@ class SerialNoise:
 
 
 def serial_noise(adjustment: Adjustment) -> SerialNoise:
-    """Find out how much the samples of an adjusted stream share.
+    """Determine how much the samples of an adjusted stream share.
 
     The fit takes of what lasts: each of u unknowns tau of the n squares, spread over
     long lags. So residuals l lags apart show (rho_l - b) / (1 - b) only, b = u tau / n,

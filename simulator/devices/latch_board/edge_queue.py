@@ -39,7 +39,7 @@ class EdgeQueue:
         return min(255, self.next_seq - self._waiting[0].seq) if self._waiting else 0
 
     def report(self, edge: LatchedEdge, now_s: float) -> bytes | None:
-        """Give the frame of an edge and keep it; None if there is no room."""
+        """Store an edge and return its frame; None if there is no room."""
         seq, self.next_seq = self.next_seq, self.next_seq + 1
         if len(self._waiting) >= MOST_WAITING:
             self.n_lost += 1
@@ -74,7 +74,7 @@ class EdgeQueue:
         return due_s + AGAIN_AFTER_S
 
     def due_again(self, now_s: float) -> list[bytes]:
-        """Give those to be sent again now, oldest first."""
+        """Return those to be sent again now, oldest first."""
         due = [e for e in self._waiting if e.sent_s + AGAIN_AFTER_S <= now_s]
         for entry in due:
             entry.sent_s = now_s

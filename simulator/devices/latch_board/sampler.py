@@ -87,7 +87,7 @@ class InputLevels:
         return min(times_s, default=float("inf"))
 
     def take_held(self, now_s: float) -> list[LatchedEdge]:
-        """Give the edges that have held, in order of time."""
+        """Return the edges that have held, in order of time."""
         held = [edge for at_s, edge in self._watched.values() if at_s <= now_s]
         for edge in held:
             del self._watched[edge.input_number]

@@ -86,7 +86,7 @@ class Segments:
         self._overlong = False
 
     def feed(self, received: bytes) -> Iterator[bytes]:
-        """Give the segments that are complete, without delimiters."""
+        """Return the segments that are complete, without delimiters."""
         *ended, rest = received.split(b"\0")
         for part in ended:
             self._keep(part)

@@ -183,7 +183,7 @@ class SimulatedMicroscribe(SerialDevice):
             self.say(line, answer, at_s)
 
     def advance(self, to_s: float) -> None:
-        """Look whether something has moved, and report it."""
+        """Check whether something has moved, and report it."""
         if self._is_reset(to_s):
             self.power_up(to_s)
         while (report := self._box.report) and (at_s := self._next_look_s) <= to_s:
