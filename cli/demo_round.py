@@ -1,4 +1,4 @@
-"""What the demonstration has measured, judged against the certificates."""
+"""Measurements of the demonstration, compared with the certificates."""
 
 import tomllib
 from dataclasses import dataclass

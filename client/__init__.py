@@ -1,4 +1,4 @@
-"""What connects from outside over MQTT: the Python client of an arm."""
+"""The Python client of an arm, over MQTT."""
 
 from traverse.client.arm import Arm
 from traverse.client.blocking import BlockingArm

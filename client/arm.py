@@ -234,7 +234,7 @@ class Arm(ArmCommands):
 
     @property
     def counters(self) -> Counters:
-        """What was met with so far."""
+        """Counts of connections, points and losses so far."""
         return Counters(
             connections=self._link.connections,
             points=self._order.n_taken,

@@ -182,7 +182,7 @@ class BlockingArm:
 
     @property
     def counters(self) -> Counters:
-        """What was met with so far."""
+        """Counts of connections, points and losses so far."""
         return self._arm.counters
 
     @property

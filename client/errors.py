@@ -40,7 +40,7 @@ class CommandRefused(ClientError):  # noqa: N818 - the answer of a sound arm
 
 @dataclass(frozen=True, slots=True)
 class Counters:
-    """What a client has met with since it was opened.
+    """Counts of a client since it was opened.
 
     Attributes:
         connections: number of connections to the broker.

@@ -40,7 +40,7 @@ class ScanBlocks:
 
     @property
     def scan(self) -> StartedScan:
-        """What was started."""
+        """The started scan."""
         if self._scan is None:
             raise RuntimeError("the scan has not begun; use it with `async with`")
         return self._scan

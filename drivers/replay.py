@@ -115,7 +115,7 @@ class ReplayDriver(Driver):
             self._reader = None
 
     def _deliveries(self) -> Iterator[tuple[int, Delivery]]:
-        """What the device delivered, in order, with the instants at which it did."""
+        """Deliveries of the device, in order, with the instants at which it did."""
         is_first = True
         for entry in self._reader or ():
             kind, _, rest = entry.topic.partition("/")

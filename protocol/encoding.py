@@ -146,7 +146,7 @@ def _read_msgpack(name: str, payload: bytes, max_elements: int) -> object:
 
 
 def _check_depth(name: str, values: dict[str, object]) -> None:
-    """Look level by level, so that the check itself needs no depth."""
+    """Check level by level, so that the check itself needs no depth."""
     level: list[Any] = [values]
     for _ in range(MAX_DEPTH):
         level = [

@@ -1,4 +1,4 @@
-"""What a recording holds, as values."""
+"""Contents of a recording, as values."""
 
 from dataclasses import dataclass
 
@@ -54,7 +54,7 @@ TIMES = ("numbers", "device_ticks", "received_ns", "sample_time_ns", "utc_ns")
 
 @dataclass(frozen=True, slots=True)
 class Touching:
-    """What is touched from a moment on, until the next such value.
+    """Artefact and feature touched from a moment on, until the next such value.
 
     Attributes:
         sample_time_ns: From when on.

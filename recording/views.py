@@ -1,4 +1,4 @@
-"""What viewers draw: points, scans and events, in Foxglove's public schemas.
+"""Messages for viewers: points, scans and events, in Foxglove's public schemas.
 
 Viewers take lengths as metres. A scan's cloud has the coordinates once more, in
 millimetres and to the last bit, since a recording is compared by them.

@@ -35,7 +35,7 @@ WIDEST_WORD = 2**32
 
 @dataclass(frozen=True, slots=True)
 class VirtualArm:
-    """What is simulated.
+    """The simulated arm.
 
     Attributes:
         truth: Geometry as it really is.

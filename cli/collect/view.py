@@ -1,4 +1,4 @@
-"""What is shown while a campaign is collected: a picture, or lines in a pipe."""
+"""Display of a running collection: a picture, or lines in a pipe."""
 
 from collections.abc import Sequence
 
@@ -60,7 +60,7 @@ def shown(
 
 
 def instruction(collection: Collection, current: Target | None) -> str:
-    """What to do next, in a sentence."""
+    """The next instruction, in a sentence."""
     if current is None:
         return "All touches are complete. Press q to end, or continue."
     left = max(0, current.wanted - collection.count(current))
@@ -73,7 +73,7 @@ def instruction(collection: Collection, current: Target | None) -> str:
 
 
 def summary(collection: Collection) -> list[str]:
-    """What there is, in lines, at the end and in a pipe."""
+    """The collected touches, in lines, at the end and in a pipe."""
     lines = []
     for artefact in collection.file.artefacts:
         # Of a repeated feature the last target counts all.

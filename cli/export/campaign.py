@@ -47,7 +47,7 @@ def export_campaign(
 
 
 def campaign_words(report: dict[str, Any]) -> list[str]:
-    """What `export_campaign` did, for people."""
+    """Summary of `export_campaign`."""
     said = [f"{report['folder']}: {counted(report['poses'], 'pose')}"]
     if left_out := report["left_out"]:
         said.append(

@@ -29,7 +29,7 @@ class FiltersFile(StrictModel):
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What is to be written."""
+    """Selection to be written."""
 
     to: str
     kind: str
@@ -83,7 +83,7 @@ def write_file(source: Path, path: Path, wanted: Wanted) -> dict[str, Any]:
 
 
 def file_words(source: Path, report: dict[str, Any]) -> list[str]:
-    """What `write_file` did, for people."""
+    """Summary of `write_file`."""
     what = " of scans" if report["kind"] == "scans" else ""
     said = [f"{report['file']}: {counted(report['points'], 'point')}{what}"]
     said += [

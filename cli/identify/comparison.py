@@ -1,4 +1,4 @@
-"""What `traverse identify --compare` says, as plain values."""
+"""Result of `traverse identify --compare`, as plain values."""
 
 from collections.abc import Sequence
 from pathlib import Path

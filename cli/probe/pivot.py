@@ -24,7 +24,7 @@ from traverse.strict_toml.writing import arm_text, write_atomically
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Check:
-    """What pivoting found.
+    """Result of pivoting.
 
     Attributes:
         cone: the artefact in which the ball sat.

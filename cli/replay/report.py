@@ -1,4 +1,4 @@
-"""What a replay found, for people and as JSON."""
+"""Report of a replay, as text and as JSON."""
 
 import json
 from collections.abc import Mapping

@@ -1,1 +1,1 @@
-"""What displays of an arm show, whatever they show it on."""
+"""State that displays of an arm show, independent of the medium."""

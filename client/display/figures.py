@@ -77,7 +77,7 @@ def expanded_place_mm(covariance_mm2: Covariance | None) -> float | None:
 
 
 def label_words(point: Point) -> str:
-    """What a point was taken on."""
+    """Artefact and feature of a point."""
     words = filter(None, (point.label.artefact, point.label.feature))
     return printable(" ".join(words))
 

@@ -48,7 +48,7 @@ class GuidedCheck:
 
     @property
     def instruction(self) -> str:
-        """What to do next."""
+        """The next instruction."""
         left = self.wanted - len(self.points)
         if self.suspect is not None:
             what = "seat" if self.kind == "articulation" else "sphere"
@@ -152,7 +152,7 @@ class GuidedCheck:
         ]
 
     def _worst(self) -> tuple[str, float] | None:
-        """What is held against the limit: its name and value."""
+        """Figure that is compared with the limit: its name and value."""
         if self.kind == "articulation":
             spread = spread_about_mean(_places(self.points))
             return "largest deviation", spread.max_deviation_mm
@@ -218,7 +218,7 @@ class CheckDesk:
         self.set_limits(self.limits_mm.get(kind), self.diameter_mm)
 
     def set_limits(self, limit_mm: float | None, diameter_mm: float | None) -> None:
-        """What is permitted, and how large the sphere is; kept for the next time."""
+        """Limits and diameter of the sphere; stored for the next check."""
         if self.check is not None:
             self.limits_mm[self.check.kind] = self.check.limit_mm = limit_mm
             self.diameter_mm = self.check.diameter_mm = diameter_mm

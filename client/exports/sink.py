@@ -1,4 +1,4 @@
-"""What every format of files offers."""
+"""Interface of all file formats."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence

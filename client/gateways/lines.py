@@ -75,7 +75,7 @@ class LineForm:
 
 @dataclass(slots=True)
 class LineCounts:
-    """What became of points."""
+    """Counts of points by outcome."""
 
     sent: int = 0
     held_back: int = 0

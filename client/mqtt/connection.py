@@ -185,7 +185,7 @@ class ManualAckConnection(ConfiguredClient):
 
 
 class ConnectionHandler(Protocol):
-    """What a `ReconnectingConnection` calls."""
+    """Callbacks of a `ReconnectingConnection`."""
 
     def take(self, arrived: IncomingMessage) -> None:
         """A message has arrived."""

@@ -67,7 +67,7 @@ def health_table(sight: ArmSight) -> str:
 
 
 def alarm_list(sight: ArmSight) -> str:
-    """What lasts now, and the latest that passed."""
+    """Active conditions, and the latest past ones."""
     items = [
         f'<p class="state {"bad" if e.severity == "error" else "warning"}">'
         f"{escape(e.text)}<br><small>{escape(e.remedy)}</small></p>"

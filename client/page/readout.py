@@ -25,7 +25,7 @@ NAMES = ("X", "Y", "Z")
 
 @dataclass(slots=True)
 class Choices:
-    """What operators chose to see; a page that is opened begins with it.
+    """Operators' choice of display; a newly opened page begins with it.
 
     Attributes:
         of_part: part coordinates are shown where there is an alignment.

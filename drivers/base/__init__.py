@@ -1,1 +1,1 @@
-"""What all drivers share: the reader thread, delivered values, the delivery queue."""
+"""Base of all drivers: the reader thread, delivered values, the delivery queue."""

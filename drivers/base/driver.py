@@ -1,4 +1,4 @@
-"""What all drivers share: a reader thread that connects, serves, and reconnects.
+"""Base class of drivers: a reader thread that connects, serves, and reconnects.
 
 A driver overrides three methods that run in its thread: `_connect`, `_serve` and
 `_disconnect`. Requests from the service are noted and executed by the same

@@ -24,7 +24,7 @@ def are_valid(status: NDArray[np.uint8]) -> Booleans:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who a device is and what it can do.
+    """Identity and abilities of a device.
 
     Attributes:
         name: model and serial number, for people.

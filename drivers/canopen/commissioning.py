@@ -18,7 +18,7 @@ STORE_S = 2.0  # writing to its memory takes an encoder longer than an answer ma
 
 @dataclass(slots=True)
 class NodeActivity:
-    """What a node has sent without a request.
+    """Frames that a node has sent without a request.
 
     Attributes:
         answers: to a single request.

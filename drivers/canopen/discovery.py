@@ -162,7 +162,7 @@ def set_up_nodes(sdos: Mapping[int, NodeSdo], options: CanOpenOptions) -> NodeSe
 def bus_identity(
     facts: Sequence[NodeFacts], where: str, options: CanOpenOptions
 ) -> Identity:
-    """Who all the nodes together are, in the words of all drivers."""
+    """Common identity of all nodes, in the form of all drivers."""
     rate_hz = BUS_SHARE * wire.largest_sync_rate_hz(len(facts), options.bitrate)
     if options.interface == "slcan":
         rate_hz = min(rate_hz, SLCAN_FRAMES_HZ / (len(facts) + 1))

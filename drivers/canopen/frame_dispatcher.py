@@ -16,7 +16,7 @@ MOST_READS = 50  # before a SYNC; a bus transports no more in that time
 
 
 class FrameDispatcher:
-    """What is read on one connection; its parts are set as the nodes are started.
+    """Dispatch the frames of one connection; its parts are set as nodes are started.
 
     Args:
         bus: open.

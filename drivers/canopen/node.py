@@ -55,7 +55,7 @@ class NodeFacts:
 
     @property
     def name(self) -> str:
-        """Who it is, for people."""
+        """Identity of the node, as text."""
         vendor, product, _, serial = (
             "?" if number is None else f"{number:x}" for number in self.identity
         )

@@ -128,7 +128,7 @@ class NodeSupervisor:
             self._report_overflow(1)
 
     def _long_ambiguous(self, now_ns: int) -> list[int]:
-        """Who has to begin anew where SYNCs are another's, which cannot be paused."""
+        """Channels to restart with another master's SYNCs, which cannot be paused."""
         ambiguous = self.cycles.ambiguous
         if not ambiguous or self.options.sync != "external":
             self._certain_ns = now_ns

@@ -288,7 +288,7 @@ def _remedy(interface: str, channel: str) -> str:
 
 
 def _descriptor(bus: can.BusABC) -> int | None:
-    """What `select` can wait for, None where the interface has no descriptor."""
+    """Descriptor for `select`, None where the interface has no descriptor."""
     try:
         number = bus.fileno()
     except NotImplementedError:

@@ -1,4 +1,4 @@
-"""What drivers need of serial ports and of waiting; simulated lines can replace it."""
+"""Interface to serial ports and waiting; simulated lines can replace it."""
 
 import contextlib
 import os

@@ -41,7 +41,7 @@ class EdgeSequencer:
         return self.has_open_edges or self._acknowledged != self._sent
 
     def take_acknowledgement(self) -> int | None:
-        """What to acknowledge to the board now; None if nothing is new."""
+        """Number to acknowledge to the board now; None if nothing is new."""
         if self._acknowledged == self._sent:
             return None
         self._sent = self._acknowledged
@@ -65,7 +65,7 @@ class EdgeSequencer:
         return 0 if oldest is None else max(0, _signed(seq - oldest))
 
     def classify(self, seq: int, now_ns: int) -> tuple[Verdict, int]:
-        """What to do with edge ``seq``, and how many before it are lost for good.
+        """Classify edge ``seq``, and count those before it that are lost for good.
 
         Returns:
             "next": deliver it, then call `mark_delivered`. "early": an earlier one is,

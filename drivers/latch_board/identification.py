@@ -54,7 +54,7 @@ def check_identification(hello: wire.Hello, path: str) -> None:
 
 
 def board_identity(hello: wire.Hello) -> Identity:
-    """Who the board is and what it can do."""
+    """Identity and abilities of the board."""
     return Identity(
         f"latch board {hello.board_id.hex()}",
         ".".join(map(str, hello.firmware)),

@@ -179,7 +179,7 @@ class MicroscribeSession:
 
     @property
     def identity(self) -> Identity:
-        """Who it is and what it can do."""
+        """Identity and abilities of the arm."""
         return Identity(
             self.arm.name,
             self.arm.version,
@@ -309,7 +309,7 @@ class MotionReport:
         return self._now_ns() - self._last_ns > patience_ns
 
     def _without_echo(self, data: bytes) -> bytes:
-        """What is read, without the echo of the request."""
+        """Received bytes, without the echo of the request."""
         echo = bytes([wire.MOTION])
         if not self._unechoed or echo not in data:
             return data

@@ -89,7 +89,7 @@ class ReadErrorLog:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """What may be wrong with an encoder: in words, and what to do."""
+    """One fault of an encoder: in words, with the remedy."""
 
     text: str
     remedy: str

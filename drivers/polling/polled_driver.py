@@ -1,4 +1,4 @@
-"""What drivers share whose encoders are polled one after the other.
+"""Base class of drivers whose encoders are polled one after the other.
 
 The thread keeps a schedule: sample k belongs to the instant k / rate, and at that
 instant all encoders are polled in turn. Each reading has its own instant, stated as
@@ -129,7 +129,7 @@ class PolledDriver(Driver, Generic[LineT]):
         return True
 
     def _wait(self, seconds: float) -> None:
-        """Let time pass until there is something to do."""
+        """Wait until the next action."""
         self._ports.wait_for_wake(self._wake_read, seconds)
 
     # -- in the reader thread -------------------------------------------------

@@ -85,7 +85,7 @@ class DeviceClock:
         return np.cumsum(unwrapped, out=unwrapped)
 
     def unwrap_one(self, ticks: int) -> int:
-        """What `unwrap` makes of one tick count."""
+        """`unwrap` for one tick count."""
         if self._last is None:
             self._last = ticks
         half = self._wrap // 2
@@ -115,7 +115,7 @@ class DeviceClock:
             self._enter(ticks, self._slope, offset_ns)
 
     def to_ns(self, ticks: int) -> int:
-        """What `to_ns_array` makes of one tick count, to the nanosecond."""
+        """`to_ns_array` for one tick count, to the nanosecond."""
         elapsed = ticks - self._anchor_ticks
         elapsed_ns = elapsed * self._ns_per_tick
         left = 1.0 - (elapsed - self._fit_ticks) / self._bin_ticks

@@ -1,4 +1,4 @@
-"""What drivers share of devices that have inputs and no encoders.
+"""Base class of drivers of devices that have inputs and no encoders.
 
 An edge is delivered as `LatchedCounts` without counts, at the time of its event; the
 daemon interpolates the arm at that instant. The kernel does not keep edges once they

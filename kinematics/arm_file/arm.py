@@ -74,7 +74,7 @@ class Joint(StrictModel):
 
 
 class Probe(StrictModel):
-    """What touches; vector and direction are written in the base posture."""
+    """The probe; vector and direction are written in the base posture."""
 
     radius_mm: float = Field(ge=0.0)
     kind: Literal["hard", "switching"] = "hard"

@@ -120,12 +120,12 @@ def _body_moves(correction: BodyCorrection, amounts: Floats, arm: Deflection) ->
 
 
 def _hinge_moves(arm: Deflection) -> Floats:
-    """What a turn of each hinge does to the ball, (3, n_joints, n_samples) [mm]."""
+    """Derivative of the ball by each hinge's turn, (3, n_joints, n_samples) [mm]."""
     return cross(arm.axes, arm.reaches_mm)
 
 
 def _turned(amounts: Floats, moves_mm: Floats) -> Floats:
-    """Let joints turn by (n_parameters, n_chosen, n_samples)."""
+    """Turn joints by (n_parameters, n_chosen, n_samples)."""
     return _joint_sum(moves_mm[:, np.newaxis] * amounts)
 
 

@@ -95,7 +95,7 @@ _CHUNK_SAMPLES = 256
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseFlags:
-    """What to say about samples; each (n_samples,).
+    """Flags of samples; each (n_samples,).
 
     Attributes:
         stale_effect: A drift is held, since the time is outside its campaign.

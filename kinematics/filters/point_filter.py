@@ -1,4 +1,4 @@
-"""What all filters share: blocks in, fewer points out, the same however cut."""
+"""Base class of filters: blocks in, fewer points out, the same however cut."""
 
 import math
 from abc import ABC, abstractmethod

@@ -1,4 +1,4 @@
-"""What an adjusted Helmert transformation could reveal, after W. Baarda (1968).
+"""Reliability of an adjusted Helmert transformation, after W. Baarda (1968).
 
 An error e of point i enters the residuals through B = P - P J Q J' P, the block of
 point i (P = S^-1): the noncentrality that it gives to a test is e'B e. What B does not
@@ -18,7 +18,7 @@ _UNSEEN = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reliability:
-    """What could be revealed, of n points.
+    """Reliability of n points.
 
     Attributes:
         shares: Redundancy numbers of the coordinates; all together the redundancy,

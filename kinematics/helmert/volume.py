@@ -61,7 +61,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ball:
-    """What is within a distance of a place.
+    """All points within a distance of a place.
 
     Attributes:
         mean_mm: The place, (3,).

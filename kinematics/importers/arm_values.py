@@ -17,7 +17,7 @@ _MM_DECIMALS = 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointParts:
-    """What an arm file says of a joint beside its geometry; None is left out.
+    """Keys of a joint in an arm file beside its geometry; None is left out.
 
     Attributes:
         name: Unique in the arm.
@@ -38,7 +38,7 @@ class JointParts:
 
 @dataclass(frozen=True, slots=True)
 class ProbeParts:
-    """What an arm file says of the probe beside its geometry."""
+    """Keys of the probe in an arm file beside its geometry."""
 
     radius_mm: float
     kind: str

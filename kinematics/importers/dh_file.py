@@ -80,7 +80,7 @@ class DHRow:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """What a key holds: a field of `DHRow` in units of `factor`; 0 for a plain one."""
+    """Content of a key: a field of `DHRow` in units of `factor`; 0 for a plain one."""
 
     field: str
     factor: float
@@ -151,7 +151,7 @@ def _stem(key: str) -> str:
 
 
 def _column(key: str, units: Units) -> Column | str:
-    """What a key holds, or what is wrong with it."""
+    """Value of a key, or the error in it."""
     if key in _PLAIN:
         return Column(key, 0.0)
     quantity, _, unit = key.partition("_")

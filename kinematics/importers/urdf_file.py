@@ -71,7 +71,7 @@ class Robot:
 
 
 class _RefusedError(ValueError):
-    """What the file may not hold, met while it is read."""
+    """Forbidden content of the file, found while reading."""
 
 
 def read_urdf(path: Path) -> Robot:

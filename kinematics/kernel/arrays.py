@@ -1,4 +1,4 @@
-"""What the kernel reads of an arm and of a block of samples: arrays, wherever from."""
+"""Arrays of an arm and of a block of samples that the kernel reads."""
 
 from collections.abc import Sequence
 from typing import Protocol

@@ -10,7 +10,7 @@ from enum import IntEnum
 
 
 class Form(IntEnum):
-    """What a term moves, and how it is computed."""
+    """Target of a term, and how it is computed."""
 
     READING_WAVE = 0
     READING_RATE = 1
@@ -41,7 +41,7 @@ class Source(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """What the rate of a term is multiplied by, or its spline taken of.
+    """Quantity that multiplies the rate of a term, or enters its spline.
 
     Attributes:
         source: The kind.

@@ -1,4 +1,4 @@
-"""What to touch for a standard: artefacts with nominal certificates, step by step.
+"""Plan of touches for a standard: artefacts with nominal certificates, step by step.
 
 Written as campaign and plan for `traverse collect`.
 """

@@ -1,4 +1,4 @@
-"""What the disposition of common points leaves weak, called by its name."""
+"""Names of the rotations that the common points determine weakly."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,4 +1,4 @@
-"""What every artefact says about the ball centres that touched it.
+"""Base class of artefacts: conditions on the ball centres that touched them.
 
 An artefact is a table of the campaign file that knows its own condition equations
 w(x, z) = 0 between a ball centre x and the artefact's own unknowns z (where it

@@ -153,7 +153,7 @@ class Sphere(Artefact):
         return {} if self.radius_mm is None else {"radius_mm": self.radius_mm}
 
     def without_certificate(self, name: str) -> Artefact:
-        """Let the radius be found from the start."""
+        """Estimate the radius from the start."""
         return self.model_copy(update={"radius_mm": None})
 
     def unknown_scales(self, touches: Touches) -> Floats:

@@ -83,7 +83,7 @@ class Poses:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Campaign:
-    """What was measured, with the artefacts' certificates.
+    """Poses of a campaign, with the artefacts' certificates.
 
     Attributes:
         artefacts: As in the file, in its order.

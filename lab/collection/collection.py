@@ -59,7 +59,7 @@ class CollectedTouch:
 
 @dataclass(slots=True)
 class Collection:
-    """What has been collected of a campaign.
+    """Collected touches of a campaign.
 
     Args:
         file: the campaign.
@@ -81,7 +81,7 @@ class Collection:
     _retracted: set[str] = field(default_factory=set)
 
     def resume(self) -> None:
-        """Take up what was collected before.
+        """Resume an earlier collection.
 
         Raises:
             FileError: the files are not of this collection; nothing is changed.

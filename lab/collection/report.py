@@ -1,4 +1,4 @@
-"""What has been collected, as values for programs."""
+"""Collected touches, as values for programs."""
 
 from typing import Any
 

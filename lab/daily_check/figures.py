@@ -84,7 +84,7 @@ KINDS = (
 
 @dataclass(frozen=True, slots=True)
 class DailyCheckFigures:
-    """What a check gave.
+    """Result of a check.
 
     Attributes:
         spat_2s_mm, spat_max_mm: Of the cone.

@@ -1,4 +1,4 @@
-"""What a history of daily checks says: charts, warnings, the last acceptance beside."""
+"""Report of a history of daily checks: charts, warnings, the last acceptance beside."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -41,7 +41,7 @@ class FigureChart:
 
     @property
     def most_mm(self) -> float:
-        """What is permitted, else what is plausible: values beyond are no base."""
+        """Permissible errors, else plausible ones: values beyond are no base."""
         return self.kind.plausible_mm if self.limit_mm is None else self.limit_mm
 
     @property
@@ -88,7 +88,7 @@ class DailyCheckReport:
 
     @property
     def reasons(self) -> list[str]:
-        """What the verdict rests on, in sentences."""
+        """Reasons of the verdict, in sentences."""
         found = [
             f"{chart.kind.name}: {name}."
             for chart in self.charts

@@ -1,4 +1,4 @@
-"""What was measured of each artefact, and what its certificate says of it.
+"""Measured points of each artefact, and its certificate.
 
 Places of the ball's centre by artefact; of a cone how far they scatter, of a sphere the
 least-squares one beside the calibrated one.
@@ -71,7 +71,7 @@ class ArtefactTouches:
 
 @dataclass(frozen=True, slots=True)
 class Occasion:
-    """Who measured, where and when; None where it is not stated.
+    """Operator, place and time of the measurement; None where it is not stated.
 
     Attributes:
         operator: As in the campaign file.
@@ -286,7 +286,7 @@ def certified_length(artefact: Artefact) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class FittedSphere:
-    """What touches say of a calibrated sphere.
+    """Figures of touches on a calibrated sphere.
 
     Attributes:
         centre_mm: (3,)

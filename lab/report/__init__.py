@@ -1,1 +1,1 @@
-"""What all reports of the lab share: page, HTML, look of the pictures."""
+"""Common parts of the lab's reports: page, HTML, look of the pictures."""

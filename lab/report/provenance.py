@@ -1,4 +1,4 @@
-"""Who computed a report, when, and with which versions."""
+"""Origin of a report: author, time, and versions."""
 
 import getpass
 import hashlib
@@ -21,7 +21,7 @@ OPERATOR_VARIABLE = "TRAVERSE_OPERATOR"
 
 @dataclass(frozen=True, slots=True)
 class ReportSource:
-    """What was measured that a report is about.
+    """Measurement that a report is about.
 
     Attributes:
         name: Of the campaign's folder, or of the file.
@@ -81,7 +81,7 @@ def report_provenance(
 
 
 class Campaign(Protocol):
-    """What is needed of a campaign."""
+    """Requirements on a campaign."""
 
     @property
     def name(self) -> str:

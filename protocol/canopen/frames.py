@@ -1,4 +1,4 @@
-"""What CANopen nodes with encoders (CiA 301, CiA 406) put on a bus: frames and values.
+"""Frames and values of CANopen nodes with encoders (CiA 301, CiA 406).
 
 A frame is an 11-bit identifier and up to eight bytes. `decode` turns what nodes send
 into values; SDO transfers, which have a dialogue of their own, stay bytes here.
@@ -41,7 +41,7 @@ class Sync:
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """What a node latched at the last SYNC (TPDO1, mapped to object 6004)."""
+    """Position that a node latched at the last SYNC (TPDO1, mapped to object 6004)."""
 
     node: int
     count: int

@@ -45,7 +45,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """Who the board is and what it has."""
+    """Identity of the board, its channels and inputs."""
 
     request: int
     version: tuple[int, int]

@@ -1,4 +1,4 @@
-"""What the fields of all messages are made of.
+"""Types of the fields of all messages.
 
 Rules that hold everywhere: a value is frozen; unknown keys are refused; nothing is
 converted (a string is no number, 1.0 is no integer; an integer is a good float);

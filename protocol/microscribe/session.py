@@ -172,6 +172,6 @@ def motion_request(framing: Framing, delay_ms: int, *, timer: bool) -> bytes:
 
 
 def _after_echo(command: int, data: bytes) -> bytes | None:
-    """What follows the first echo of a command; bytes before it are of before."""
+    """Bytes after the first echo of a command; those before it are older."""
     at = data.find(command)
     return None if at < 0 else data[at + 1 :]

@@ -28,7 +28,7 @@ LIMIT_MARGIN_RAD = 0.15  # kept free for approaching and articulating
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """What an arm can do.
+    """Reachable range of an arm.
 
     Attributes:
         mechanism: True geometry.

@@ -35,7 +35,7 @@ class StatedArtefact:
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """What the files of a campaign hold, column for column; arrays are read-only.
+    """Contents of the files of a campaign, column by column; arrays are read-only.
 
     Attributes:
         joints: Names, from the base outwards.
@@ -120,7 +120,7 @@ class Blunder:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What the campaign does not state; arrays are read-only.
+    """True values that the campaign does not state; arrays are read-only.
 
     Attributes:
         arm: The true arm.

@@ -1,4 +1,4 @@
-"""What the two commands that make campaigns have in common: words, refusals, status."""
+"""Common parts of the two commands that make campaigns: words, refusals, status."""
 
 import argparse
 import sys

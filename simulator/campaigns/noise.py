@@ -18,7 +18,7 @@ LEAST_LEVER = 0.3  # of the longest: a joint that jumps must be felt at the cont
 
 @dataclass(frozen=True, slots=True)
 class PosesWithOutliers:
-    """What blunders change.
+    """Poses after the blunders.
 
     Attributes:
         blunders: In the order of rows.
@@ -134,7 +134,7 @@ def _mistaken(
 
 
 class _Disturbance:
-    """What it takes to disturb a row by a number of standard deviations."""
+    """Change that disturbs a row by a number of standard deviations."""
 
     def __init__(self, poses: PoseSet, noise: NoiseTable, row: int) -> None:
         mechanism = poses.truth.mechanism

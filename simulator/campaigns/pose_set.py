@@ -33,7 +33,7 @@ class PlacedArtefact:
     placement: Placement
 
     def true_table(self) -> dict[str, Any]:
-        """What is true of it at 20 C, in the arm's system."""
+        """Its true values at 20 C, in the arm's system."""
         names = {"id": self.artefact.id, "kind": self.artefact.kind}
         return {**names, **self.artefact.true_table(self.placement)}
 
@@ -84,7 +84,7 @@ class PoseSet:
 
     @property
     def around(self) -> Surroundings:
-        """What surrounds the contacts."""
+        """Surroundings of the contacts."""
         conditions, start_utc = self.conditions, self.spec.conditions.start_utc
         start_s = None if start_utc is None else start_utc.timestamp()
         return Surroundings(
@@ -99,7 +99,7 @@ class PoseSet:
 
     @property
     def readings_rad(self) -> Floats:
-        """What the encoders show at the contacts, without noise, (n, n_joints)."""
+        """Readings of the encoders at the contacts, without noise, (n, n_joints)."""
         return self.faulty.readings_rad(self.turns_rad, self.around)
 
     def length_error(self, artefact: str) -> float:

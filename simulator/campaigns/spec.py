@@ -1,4 +1,4 @@
-"""What a simulated campaign shall be (docs/reference/simulated-campaigns.md).
+"""Specification of a simulated campaign (docs/reference/simulated-campaigns.md).
 
 The tables are frozen values: made in Python, or read from a TOML file.
 """

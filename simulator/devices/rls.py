@@ -64,7 +64,7 @@ class RlsTable(SerialTable):
 
 
 class _Port:
-    """What an encoder remembers of what its host has sent."""
+    """State of an encoder from earlier commands."""
 
     def __init__(self) -> None:
         self.request = ord("1")

@@ -21,7 +21,7 @@ from traverse.simulator.devices.table import DeviceTable
 
 
 class SerialTable(DeviceTable):
-    """What devices on serial lines have in common.
+    """Base class of devices on serial lines.
 
     Attributes:
         baud_rate: 0: bytes take no time.

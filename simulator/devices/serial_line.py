@@ -39,7 +39,7 @@ class FaultCounts:
 
 @dataclass(slots=True)
 class DisturbedLine:
-    """What is between the board and the port.
+    """Link between the board and the port.
 
     Attributes:
         faults: Of the line, and `silent` ones.
@@ -174,12 +174,12 @@ class SerialLine:
 
     @property
     def reader(self) -> int:
-        """What to wait for until the host writes."""
+        """Descriptor to wait for until the host writes."""
         return self._port.wake_descriptor
 
     @property
     def writer(self) -> int | None:
-        """What to wait for until the host reads, if bytes wait for that."""
+        """Descriptor to wait for until the host reads, if bytes wait for that."""
         return self._port.descriptor if self._port.backlog else None
 
     @property

@@ -68,7 +68,7 @@ KINDS = {
 
 
 class DeviceTable(KindTable):
-    """What every device has; each kind adds its own keys.
+    """Keys of every device; each kind adds its own.
 
     Attributes:
         FAULTS: Kinds of `[[fault]]` that this kind of device plays.

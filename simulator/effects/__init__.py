@@ -1,4 +1,4 @@
-"""What makes a real arm differ from its geometry, played forwards.
+"""Faults that make a real arm differ from its geometry, played forwards.
 
 Inputs are true turns of the hinges; outputs are what encoders show and where the ball
 really is. The corrections of an arm file go the other way; nothing is shared with them

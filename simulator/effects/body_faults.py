@@ -122,7 +122,7 @@ class KnockedBase(BodyFault):
 
 
 def _across(vectors: Floats, units: Floats) -> Floats:
-    """What vectors (n, 3) have across units (n, 3)."""
+    """Components of vectors (n, 3) across units (n, 3)."""
     along = np.einsum("ni,ni->n", vectors, units)
     rest: Floats = vectors - along[:, None] * units
     return rest

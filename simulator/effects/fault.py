@@ -1,4 +1,4 @@
-"""What a fault can be: one of three classes, by what it spoils.
+"""The three classes of faults, by the quantity that they change.
 
 Any fault of one of them can be played, whether an arm file can name it or not.
 """
@@ -55,7 +55,7 @@ class ReadingFault(ABC):
 
     @abstractmethod
     def errors_rad(self, seen: JointState) -> Floats:
-        """What is shown too much, (n, n_chosen joints) or (n, 1)."""
+        """Excess of the reading, (n, n_chosen joints) or (n, 1)."""
 
 
 class BodyFault(ABC):

@@ -60,7 +60,7 @@ class FaultyArm:
         return not self.bodies and not self.touches
 
     def readings_rad(self, turns_rad: Floats, around: Surroundings) -> Floats:
-        """What the encoders show at true turns of the hinges, (n, n_joints).
+        """Readings of the encoders at true turns of the hinges, (n, n_joints).
 
         Errors depend on what is shown: looked up until they agree.
         """

@@ -85,7 +85,7 @@ class Build:
     gearing: Floats
 
     def encoders_of(self, hinges: Floats) -> Floats:
-        """What encoders turn, or how fast, where hinges do so: (n, n_joints)."""
+        """Turns of encoders, or their rates, from those of hinges: (n, n_joints)."""
         return np.asarray(np.linalg.solve(self.gearing, hinges.T).T, dtype=np.float64)
 
 

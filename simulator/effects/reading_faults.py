@@ -109,7 +109,7 @@ class LostCounts(ReadingFault):
 
 @dataclass(frozen=True, slots=True)
 class LateReading(ReadingFault):
-    """What is shown is what the turn was a moment ago."""
+    """Delay: the reading is the turn of a moment ago."""
 
     joints: slice
     latency_s: float

@@ -94,7 +94,7 @@ def _articulation(
 
 
 def _stays_seated(stage: CourseBuilder, way_rad: Floats, seat_mm: Floats) -> bool:
-    """Look between the knots, where the course is only interpolated."""
+    """Check between the knots, where the course is only interpolated."""
     pieces = spline_pieces(np.linspace(0.0, 1.0, N_KNOTS), way_rad)
     between = np.einsum("p,npj->nj", 0.5 ** np.arange(6), pieces)
     centres_mm, _ = probe_pose(stage.reach.mechanism, between)

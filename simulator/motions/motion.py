@@ -1,4 +1,4 @@
-"""What all motions of a configuration have in common, and those that touch nothing."""
+"""Base class of motions of a configuration, and those that touch nothing."""
 
 from typing import Annotated, ClassVar
 

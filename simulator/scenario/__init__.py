@@ -1,1 +1,1 @@
-"""What is played: course, surroundings, faults, and what devices see of them."""
+"""The played scenario: course, surroundings, faults, and inputs of devices."""

@@ -1,4 +1,4 @@
-"""What the arm with its faults really does while it is led along a script.
+"""True course of the arm with its faults along a script.
 
 The operator watches the ball: a joint that yields is compensated, so that the
 ball moves as in the script. These corrections of the turns are small and
@@ -119,7 +119,7 @@ class Course:
         self._corrections: OrderedDict[int, Floats] = OrderedDict()
 
     def readings_rad(self, script_s: Floats) -> Floats:
-        """What the encoders show, (n, n_joints), at times (n,)."""
+        """Readings of the encoders, (n, n_joints), at times (n,)."""
         turns_rad = self.turns_rad(script_s)
         if not self._arm.readings:
             build = self._arm.build

@@ -1,4 +1,4 @@
-"""What the virtual arm does: its course and when inputs change on the way."""
+"""Script of the virtual arm: its course, and changes of inputs on the way."""
 
 from dataclasses import dataclass
 

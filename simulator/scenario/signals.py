@@ -49,7 +49,7 @@ class AlarmChange:
 
 
 class LatchSource(Protocol):
-    """What the board is wired to."""
+    """Signals that the board is wired to."""
 
     def latch(
         self, times_s: Floats, edge: bool

@@ -1,4 +1,4 @@
-"""What one board is wired to: encoders on the virtual arm, buttons, their faults."""
+"""Wiring of one board: encoders on the virtual arm, buttons, their faults."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -55,7 +55,7 @@ class ScriptClock:
 
 
 class Wiring:
-    """What one board latches, in its channels and inputs.
+    """Latched channels and inputs of one board.
 
     Args:
         source: Of the counts.

@@ -1,1 +1,1 @@
-"""What all effects have in common, and what they are computed from."""
+"""Base classes of effects, and the inputs of their computation."""

@@ -19,7 +19,7 @@ _M_PER_MM = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """What weighs; without slots, so that a property can be kept once computed.
+    """Bodies with mass; without slots, so that a property can be kept once computed.
 
     Attributes:
         masses_kg: Of the element that each joint carries, NaN where the arm file has
@@ -41,7 +41,7 @@ class Bodies:
         return np.logical_or.accumulate(known[::-1])[::-1]
 
     def levers_kg_mm(self, geometry: Geometry) -> Floats:
-        """What each element adds to the mass moment, in the base posture.
+        """Contribution of each element to the mass moment, in the base posture.
 
         Its own mass at its centre, and all that is beyond at its end, (n_joints, 3).
         """

@@ -1,4 +1,4 @@
-"""What effects take from the arm file when they are built."""
+"""Values of the arm file that effects are built with."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime

@@ -1,4 +1,4 @@
-"""What all effects have in common, and the three families of those that move a pose.
+"""Base class of effects, and the three families of those that move a pose.
 
 A correction is linear in its values (amplitudes): it is the sum of value times unit
 amount. That one formula a kind gives both the correction and its derivatives.
@@ -34,7 +34,7 @@ FlagName = Literal["stale_effect", "surface_unknown", "empirical", "beyond_knots
 
 
 class Target(Enum):
-    """What a body correction changes, and the shape of its amounts."""
+    """Target of a body correction, and the shape of its amounts."""
 
     TURN = auto()  # theta grows: rad, (n_chosen, n_samples)
     TILT = auto()  # the body turns about the joint's origin: rad, (3, n_chosen, n)
@@ -143,7 +143,7 @@ class Correction(ABC):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingCorrection(Correction):
-    """What is wrong with the readings: theta = alpha - zero - d_alpha."""
+    """Correction of the readings: theta = alpha - zero - d_alpha."""
 
     @abstractmethod
     def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
@@ -169,16 +169,16 @@ class ReadingCorrection(Correction):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodyCorrection(Correction):
-    """What the bodies of the arm do beyond turning about their axes."""
+    """Motion of the arm's bodies beyond turning about their axes."""
 
     target: ClassVar[Target]
 
     @abstractmethod
     def unit_amounts(self, posture: "Posture") -> Floats:
-        """What happens for each value 1, (n_parameters, *shape of the target)."""
+        """Correction for each value 1, (n_parameters, *shape of the target)."""
 
     def amount(self, posture: "Posture") -> Floats:
-        """What happens, in the shape of the target."""
+        """Correction, in the shape of the target."""
         return weighted_sum(self.values, self.unit_amounts(posture))
 
     @property
@@ -189,7 +189,7 @@ class BodyCorrection(Correction):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactCorrection(Correction):
-    """What happens where the ball touches; zero where the surface is unknown."""
+    """Correction at the contact of the ball; zero where the surface is unknown."""
 
     @abstractmethod
     def derivatives(self, contact: "Contact") -> Floats:

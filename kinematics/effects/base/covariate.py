@@ -1,4 +1,4 @@
-"""What an effect needs to know besides the readings."""
+"""Covariates that effects need besides the readings."""
 
 from dataclasses import dataclass
 from enum import StrEnum

@@ -1,4 +1,4 @@
-"""What the contact corrections share: they need the direction of the surface."""
+"""Base of the contact corrections, which need the direction of the surface."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -43,7 +43,7 @@ class BaseMotion(BodyCorrection):
         return self.time.flags(block)
 
     def unit_amounts(self, posture: Posture) -> Floats:
-        """What the time says, in each component, (3, 3, n_samples)."""
+        """Factor of the time, in each component, (3, 3, n_samples)."""
         return np.eye(3)[:, :, np.newaxis] * self.time.amounts(posture.block)
 
     def amount(self, posture: Posture) -> Floats:

@@ -1,4 +1,4 @@
-"""What the compliances under gravity share: one value, in rad per N m."""
+"""Base of the compliances under gravity: one value, in rad per N m."""
 
 from dataclasses import dataclass
 from typing import ClassVar

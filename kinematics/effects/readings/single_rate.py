@@ -36,7 +36,7 @@ class SingleRate(ReadingCorrection):
 
     @abstractmethod
     def quantity(self, joint: int) -> Quantity:
-        """What the value of a joint is multiplied by, besides `per_value`."""
+        """Factor of a joint's value, besides `per_value`."""
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -72,11 +72,11 @@ class TimedReading(SingleRate):
         return self.time.flags(block)
 
     def regressor(self, geometry: Geometry, block: Block) -> Floats:
-        """What the time says, (1, n_samples)."""
+        """Factor of the time, (1, n_samples)."""
         del geometry
         return self.time.amounts(block)[None]
 
     def quantity(self, joint: int) -> Quantity:
-        """What the time says."""
+        """Factor of the time."""
         del joint
         return self.time.quantity

@@ -1,4 +1,4 @@
-"""What a certificate states beside figures: who, where, when, with which standards."""
+"""Statements of a certificate besides figures: who, where, when, which standards."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a verification writes: certificate.json, .html, .pdf, and the data beside it."""
+"""Files of a verification: certificate.json, .html, .pdf, and the data beside it."""
 
 import json
 from pathlib import Path

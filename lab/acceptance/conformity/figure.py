@@ -30,7 +30,7 @@ Verdict = Literal["accept", "reject", "neither", "undecided"]
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What was decided, and by which rule.
+    """Verdict on a figure, and its decision rule.
 
     Attributes:
         verdict: accept, reject, neither, or undecided for want of an uncertainty.
@@ -255,7 +255,7 @@ class Figure:
 
     @property
     def confirm(self) -> str:
-        """What to say beside the definition, empty where there is nothing."""
+        """Remarks beside the definition, empty without any."""
         return "" if self.source == "published" else CONFIRM
 
 

@@ -99,7 +99,7 @@ def _judged_waves(
 def beside(
     rows: ObservationEquations, found: ProjectedCandidate
 ) -> ObservationEquations:
-    """Let one more candidate absorb what it can of the rows."""
+    """Project the rows on the complement of one more candidate."""
     return replace(rows, basis=np.hstack([rows.basis, found.directions]))
 
 

@@ -61,7 +61,7 @@ class Periodogram:
 
 
 def periodograms(rows: ObservationEquations) -> tuple[Periodogram, ...]:
-    """Look at waves of every joint that has travelled far enough.
+    """Compute the waves of every joint that has travelled far enough.
 
     Args:
         rows: Of the fit.
@@ -139,7 +139,7 @@ def wave_columns(rows: ObservationEquations, joint: str, cycles: Floats) -> Floa
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sums:
-    """What the rows of each pose add to the normal equations of waves of one joint.
+    """Contribution of each pose's rows to the normal equations of waves of one joint.
 
     Attributes:
         readings_rad: Of the joint, (n_poses,).

@@ -31,7 +31,7 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProjectedCandidate:
-    """What a candidate looks like once the unknowns have absorbed their part.
+    """Columns of a candidate after projection on the complement of the unknowns.
 
     Attributes:
         candidate: Which.

@@ -89,7 +89,7 @@ class StepSums:
         return found
 
     def _of_poses(self, a: Floats, b: Floats) -> Floats:
-        """What each pose adds to a^T b of itself and all later ones, (n_used,)."""
+        """Contributions of poses to a^T b of itself and all later ones, (n_used,)."""
         if self.inverse is None:
             return np.asarray(np.add.reduceat(a * b, self.starts))
         pairs = np.add.reduceat(a[:, np.newaxis] * self.inverse, self.starts) * b

@@ -1,1 +1,1 @@
-"""What a diagnosis works with: fits, equations, candidates, results."""
+"""Model of a diagnosis: fits, equations, candidates, results."""

@@ -27,7 +27,7 @@ class BankName(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
-    """What might be missing.
+    """A possibly missing effect.
 
     Attributes:
         bank: Its source.
@@ -86,7 +86,7 @@ class Candidate:
 
     @property
     def identity(self) -> tuple[str, str | None, int | None, str | None, str | None]:
-        """What makes two candidates the same effect, whatever their sizes."""
+        """Identity of an effect, independent of its size."""
         component = self.component if EFFECT_KINDS[self.kind].components else None
         return self.kind, self.joint, self.order, component, self.artefact
 

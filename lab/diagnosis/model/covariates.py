@@ -1,4 +1,4 @@
-"""What a campaign says beside the touches, under the names of its columns."""
+"""Covariates of a campaign beside the touches, under the names of its columns."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What one may wish of a diagnosis, and what it found."""
+"""Options and result of a diagnosis."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -28,7 +28,7 @@ _LARGEST_SHARE = 0.9
 
 @dataclass(frozen=True, slots=True)
 class SerialCorrelation:
-    """What of the noise is correlated.
+    """Correlated part of the noise.
 
     Attributes:
         share: Of the variance.

@@ -1,4 +1,4 @@
-"""What a diagnosis writes: arm, diagnosis.json, discrepancies.csv, page, pictures."""
+"""Files of a diagnosis: arm, diagnosis.json, discrepancies.csv, page, pictures."""
 
 import json
 import math

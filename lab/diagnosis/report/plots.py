@@ -11,7 +11,7 @@ from traverse.lab.diagnosis.report.term_curve import term_curve
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plots:
-    """What the page shows, as PNG.
+    """Pictures of the page, as PNG.
 
     Attributes:
         before: Measurement against the model without terms.

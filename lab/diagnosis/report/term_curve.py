@@ -1,4 +1,4 @@
-"""What a term says over the covariate that matters for it, and what the data say.
+"""Curve of a term over its covariate, and the data.
 
 Both are one amount per pose: an error of the joint's reading, or a shift of the
 ball along the way that the term moves it. What the data say with the term taken out

@@ -132,7 +132,7 @@ def first_significant(
 
 @dataclass(slots=True)
 class _Sums:
-    """What is gathered; k joints, u directions of unknowns, h orders, w = cos, sin.
+    """Accumulated sums; k joints, u directions of unknowns, h orders, w = cos, sin.
 
     Attributes:
         gram: A^T A, (u, u).

@@ -51,7 +51,7 @@ _LOG_10 = math.log(10.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StreamDiagnosis:
-    """What a dense scan showed.
+    """Result of a dense scan.
 
     Attributes:
         diagnosis: Of the thinned poses, harmonics of the whole stream among its terms.

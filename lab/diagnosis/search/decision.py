@@ -38,7 +38,7 @@ _MOST_REVISIONS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decision:
-    """What was decided.
+    """Outcome of a decision.
 
     Attributes:
         search: Where the search ended, revised.
@@ -114,7 +114,7 @@ def _check(campaign: Campaign, start: Fit) -> None:
 def _revised(
     search: SearchState, eligible: Booleans
 ) -> tuple[SearchState, tuple[NamedTerm, ...]]:
-    """Look back: names that became better take over, terms without need leave."""
+    """Revise: names that became better replace others, terms without need leave."""
     names = name_terms(search)
     for _ in range(_MOST_REVISIONS):
         revision = _revision(search, names)

@@ -93,7 +93,7 @@ class State:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Network:
-    """What is adjusted: observations, parameters, noise.
+    """The adjustment problem: observations, parameters, noise.
 
     Attributes:
         campaign: All poses.

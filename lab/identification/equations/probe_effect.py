@@ -1,4 +1,4 @@
-"""What changes of parameters mean at the probe, in mm."""
+"""Effect of changed parameters at the probe, in mm."""
 
 import numpy as np
 

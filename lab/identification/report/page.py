@@ -144,7 +144,7 @@ def _known(result: Identification, values: Floats) -> list[float]:
 
 
 def _effects_mm(result: Identification) -> Floats:
-    """What the standard deviation of each parameter alone does at the probe."""
+    """Effect of each parameter's standard deviation alone at the probe."""
     stds = np.array([entry.std for entry in result.parameters])
     adjustment = result.adjustment
     return probe_effects_mm(adjustment.network, adjustment.state.arm, np.diag(stds))
@@ -196,7 +196,7 @@ def _excluded(result: Identification) -> list[dict[str, Any]]:
 
 
 def _noise_mm(result: Identification) -> float:
-    """What noise adds to the distance of two single poses, as a rule."""
+    """Typical contribution of noise to the distance of two single poses."""
     taken = np.flatnonzero(result.included)
     if len(taken) < 2:
         return float("nan")

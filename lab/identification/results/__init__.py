@@ -1,1 +1,1 @@
-"""What an adjustment says, as values and files."""
+"""Results of an adjustment, as values and files."""

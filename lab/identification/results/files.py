@@ -1,4 +1,4 @@
-"""What identification writes: arm, covariance, identification.json, residuals.csv."""
+"""Files of an identification: arm, covariance, identification.json, residuals.csv."""
 
 import csv
 import hashlib

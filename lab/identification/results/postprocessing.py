@@ -1,4 +1,4 @@
-"""What an adjustment says: the arm, its parameters, its artefacts, in figures."""
+"""Result of an adjustment: the arm, its parameters, its artefacts, in figures."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""What the data do not say, or hardly, in words: combinations of named parameters.
+"""Undetermined or weak directions, in words: combinations of named parameters.
 
 The reason is looked for in the campaign: no length, a joint that hardly turned, a
 probe on the last axis; else the poses as a whole are to blame.

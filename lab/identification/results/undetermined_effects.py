@@ -1,4 +1,4 @@
-"""What undetermined directions may mean at the probe, if the design is off."""
+"""Possible effect of undetermined directions at the probe, if the design is off."""
 
 from collections.abc import Mapping
 

@@ -141,7 +141,7 @@ class Artefact(KindTable):
         return {}
 
     def true_table(self, placement: Placement) -> Table:
-        """What is true of it at 20 C, in the arm's system."""
+        """Its true values at 20 C, in the arm's system."""
         raise NotImplementedError(self.kind)
 
 

@@ -200,7 +200,7 @@ def _readings(
     *,
     seed: int,
 ) -> Floats:
-    """What the encoders show, (n, n_joints), their noise included."""
+    """Readings of the encoders, (n, n_joints), their noise included."""
     turns_rad, drag_of = motion
     n_samples, n_joints = turns_rad.shape
     touching = drag_of != NOTHING

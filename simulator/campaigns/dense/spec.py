@@ -1,4 +1,4 @@
-"""What a dense scan shall be: a simulated campaign of drags instead of touches."""
+"""Specification of a dense scan: a simulated campaign of drags instead of touches."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""What simulated CANopen nodes hang on: a bus of python-can, or an adapter of ours."""
+"""Lines of simulated CANopen nodes: a bus of python-can, or an adapter of ours."""
 
 import contextlib
 from collections.abc import Callable

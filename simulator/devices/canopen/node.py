@@ -23,7 +23,7 @@ STORED = ((0x1017, 0), (0x6000, 0), (0x6001, 0), (0x6002, 0), (0x6200, 0), (0x65
 
 @dataclass(frozen=True, slots=True)
 class EncoderData:
-    """What an encoder is.
+    """Properties of an encoder.
 
     Attributes:
         number: Of the node.
@@ -108,7 +108,7 @@ class CanOpenEncoder:
         return self.state in {"OPERATIONAL", "PRE-OPERATIONAL"}
 
     def sync(self) -> bytes | None:
-        """What it sends at a SYNC, if this is one of those that it answers."""
+        """Frame that it sends at a SYNC, if it answers this one."""
         kind = self._number(0x1800, 2)
         if not self._sends() or not 1 <= kind <= 240:
             return None
@@ -125,7 +125,7 @@ class CanOpenEncoder:
         return self._timer_due_s
 
     def timer_pdo(self) -> bytes:
-        """What it sends by its timer, now."""
+        """Frame that it sends by its timer, now."""
         self._timer_due_s += 1e-3 * (self._number(0x1800, 5) or self._number(0x6200, 0))
         return self.pdo()
 

@@ -49,7 +49,7 @@ class TickCounter:
         return self.power_up_s + ticks / self._true_rate_hz
 
     def shown(self, ticks: int) -> int:
-        """What the 32-bit counter shows."""
+        """Value of the 32-bit counter."""
         return (self.first_ticks + ticks) & 0xFFFFFFFF
 
     @property
@@ -150,7 +150,7 @@ STREAM, ON_REQUEST = 0, 1  # causes of a sample
 
 
 class Sampler:
-    """What a board latches, and when.
+    """Latched values of a board, with times.
 
     Attributes:
         next_seq: What the next sample of the stream carries.

@@ -30,7 +30,7 @@ NO_SENSOR = -32768
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What a board reports about itself in HELLO.
+    """Identity of a board in HELLO.
 
     Attributes:
         bits: Width of each channel's word.

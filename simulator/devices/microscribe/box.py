@@ -25,7 +25,7 @@ GREATEST_TIMER = 16383
 
 @dataclass(frozen=True, slots=True)
 class Nameplate:
-    """What is written into the box.
+    """Stored identity of the box.
 
     Attributes:
         hci: Version of the protocol, 2 or 3.
@@ -59,7 +59,7 @@ class Report:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What the box finds at an instant."""
+    """Inputs of the box at an instant."""
 
     buttons: int
     ticks: int

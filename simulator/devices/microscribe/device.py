@@ -93,7 +93,7 @@ class MicroscribeTable(SerialTable):
 
     @property
     def plate(self) -> wire.Nameplate:
-        """What is written into the box, without its encoders."""
+        """Stored identity of the box, without its encoders."""
         beta = self.geometry is not None and self.geometry.beta is not None
         comment = f"{self.comment} Beta".strip() if beta else self.comment
         texts = {
