@@ -34,7 +34,7 @@ def predict(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Return how well an arm fits the poses of a campaign.
+    """Compute how well an arm fits the poses of a campaign.
 
     Geometry and effects of the arm are held. Where the artefacts stand, and with
     --fit-tool the probe's vector, is found by the poses of --fit-on, else by those of
