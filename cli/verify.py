@@ -131,7 +131,7 @@ def _certificate(
     arm, text = _arm(data, arm_file)
     permitted = NO_LIMITS if limits_file is None else read_limits(limits_file)
     measured = read_measured(data, arm)
-    files = {path.name: path.read_bytes() for path in files_read(data)}
+    files = {path.name: bytes_of(path) for path in files_read(data)}
     digest = hashlib.sha256()
     for content in files.values():
         digest.update(content)

@@ -1,7 +1,6 @@
 """`traverse daily-check`: the daily two-minute check with a cone and a sphere."""
 
 import asyncio
-import hashlib
 import json
 from datetime import UTC, datetime
 from pathlib import Path
@@ -231,6 +230,7 @@ def _checked(folder: Path, arm: "Arm", begins: str) -> "Check":
     from traverse.lab.daily_check.history import Check  # noqa: PLC0415
     from traverse.lab.measured_points.measurement import IncompleteError  # noqa: PLC0415
     from traverse.lab.measured_points.reading import files_read, read_measured  # noqa: PLC0415
+    from traverse.lab.report.provenance import digest_of_files  # noqa: PLC0415
 
     try:
         figures = daily_check_figures(read_measured(folder, arm))
@@ -239,12 +239,11 @@ def _checked(folder: Path, arm: "Arm", begins: str) -> "Check":
         raise typer.Exit(NO) from error
     start = read_campaign_file(folder / "campaign.toml").start_utc
     when = (start or datetime.now(UTC)).astimezone(UTC).replace(microsecond=0)
-    content = b"".join(path.read_bytes() for path in files_read(folder))
     return Check(
         when.isoformat().replace("+00:00", "Z"),
         arm.name,
         arm_digest(arm),
-        hashlib.sha256(content).hexdigest(),
+        digest_of_files(files_read(folder)),
         begins,
         figures,
     )
