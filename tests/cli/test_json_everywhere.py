@@ -41,8 +41,8 @@ ELSEWHERE = {
     "collect": "tests/end_to_end/cli/test_collect.py",
     "daily-check": "tests/cli/test_daily_check.py",
     "points resend": "tests/end_to_end/delivery/test_outbox_recovery.py",
-    "microscribe arm-file": "tests/cli/test_microscribe.py",
-    **dict.fromkeys(("can scan", "can preset"), "tests/cli/test_can.py"),
+    "microscribe arm-file": "tests/cli/devices/test_microscribe.py",
+    **dict.fromkeys(("can scan", "can preset"), "tests/cli/devices/test_can.py"),
     **dict.fromkeys(
         ("point", "undo", "scan", "label", "session", "reload", "confirm"),
         "tests/end_to_end/cli/test_control.py",
@@ -50,7 +50,7 @@ ELSEWHERE = {
     "probe use": "tests/end_to_end/cli/test_control.py",
     **dict.fromkeys(
         ("amt21 scan", "amt21 zero", "amt21 reset"),
-        "tests/cli/test_amt21.py",
+        "tests/cli/devices/test_amt21.py",
     ),
 }
 """Commands that want a device or daemon, or take seconds: their tests read the JSON."""

@@ -8,9 +8,9 @@ from typer.testing import CliRunner
 
 import traverse.cli
 from tests.cli.arm.test_urdf import ROBOT
+from tests.cli.points.test_export import ALL
 from tests.cli.test_align import NOMINAL, lines, measured, table
 from tests.cli.test_check import PROBES
-from tests.cli.test_export import ALL
 from tests.cli.test_verify import limits_file
 from tests.daemon.store.test_damage import make
 from tests.protocol.message_examples import SCAN
