@@ -80,7 +80,7 @@ def ours(
     if not with_diagnosis:
         return plainly, "-"
     begun_s = time.monotonic()
-    found = diagnose(given, identified, DiagnosisOptions(details=False))
+    found = diagnose(given, identified, DiagnosisOptions())
     told = figures(distances_mm(given, judged, found.adapted, was_moved=was_moved))
     n = sum(term.accepted for term in found.terms)
     taken_s = time.monotonic() - begun_s
