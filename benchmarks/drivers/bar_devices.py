@@ -197,7 +197,7 @@ class Begun:
         self._ended.set()
 
     def is_over(self) -> bool:
-        """Whether the devices were told to end, or the parent process is gone."""
+        """Whether the devices are to end, or the parent process is gone."""
         return self._ended.is_set() or os.getppid() == 1
 
     def begin(self, time_s: float) -> None:

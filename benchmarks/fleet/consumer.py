@@ -21,7 +21,7 @@ MOST_WAITING = 100_000
 
 
 async def consume(port: int, name: str) -> dict[str, object]:
-    """Read until told to end; return what was received."""
+    """Read until SIGTERM; return what was received."""
     had: list[tuple[str, str, str, int, int]] = []
     told: dict[str, tuple[int, int]] = {}
     n_bytes = 0

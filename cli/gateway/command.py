@@ -112,7 +112,9 @@ def lines(
         except OSError as error:
             if error.filename is not None:
                 refuse(COMMAND, system_refusal(error))
-            why = os.strerror(error.errno or 0)
+            # asyncio puts a sentence of its own before the system's.
+            is_of_system = error.errno is not None and error.errno > 0
+            why = os.strerror(error.errno or 0) if is_of_system else error.strerror
             refuse(COMMAND, f"{outlet.name}: {why}; name another port")
 
 

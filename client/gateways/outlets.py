@@ -9,7 +9,6 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
@@ -43,13 +42,12 @@ class Outlet(ABC):
     async def __aenter__(self) -> Self:
         return self
 
-    async def __aexit__(  # noqa: B027 - a file need not be closed
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close what is open."""
+    async def __aexit__(self, *failure: object) -> None:
+        self.close()
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release what is open."""
 
     async def send(self, data: bytes) -> None:
         """Send whole lines; returns when they are taken, however long that lasts."""
@@ -90,6 +88,9 @@ class FileOutlet(Outlet):
         self.name = str(path)
         self._path = path
 
+    def close(self) -> None:
+        """Do nothing: the file is open only while it is written."""
+
     async def _send(self, data: bytes) -> None:
         await asyncio.to_thread(self._append, data)
 
@@ -126,20 +127,17 @@ class SerialOutlet(Outlet):
         self._baud_rate = baud_rate
         self._serial: Serial | None = None
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Close the port."""
-        self._close()
+        port, self._serial = self._serial, None
+        if port is not None:
+            port.close()
 
     async def _send(self, data: bytes) -> None:
         try:
             await asyncio.to_thread(self._write, data)
         except OSError:
-            self._close()
+            self.close()
             raise
 
     def _write(self, data: bytes) -> None:
@@ -149,11 +147,6 @@ class SerialOutlet(Outlet):
             self._serial = Serial(self.name, self._baud_rate, write_timeout=WRITE_S)
         self._serial.write(data)
         self._serial.flush()
-
-    def _close(self) -> None:
-        port, self._serial = self._serial, None
-        if port is not None:
-            port.close()
 
 
 class UdpOutlet(Outlet, asyncio.DatagramProtocol):
@@ -174,12 +167,7 @@ class UdpOutlet(Outlet, asyncio.DatagramProtocol):
         self._transport: asyncio.DatagramTransport | None = None
         self._error: OSError | None = None
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Close the socket."""
         if self._transport is not None:
             self._transport.close()

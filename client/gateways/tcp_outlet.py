@@ -4,7 +4,6 @@ import asyncio
 import fcntl
 import struct
 import termios
-from types import TracebackType
 from typing import Self
 
 from traverse.client.gateways.outlets import WRITE_S, Outlet, Report
@@ -53,12 +52,7 @@ class TcpOutlet(Outlet):
         self.port = self._server.sockets[0].getsockname()[1]
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Stop listening, and disconnect all."""
         if self._server is not None:
             self._server.close()
@@ -97,7 +91,9 @@ class TcpOutlet(Outlet):
 
     async def _offer(self, name: str, data: bytes) -> bool:
         """Whether a receiver's computer has confirmed the lines."""
-        writer = self._receivers[name]
+        writer = self._receivers.get(name)
+        if writer is None:
+            return False  # it has disconnected since it was listed
         try:
             async with asyncio.timeout(WRITE_S):
                 writer.write(data)

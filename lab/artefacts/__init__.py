@@ -31,7 +31,7 @@ ARTEFACT_KINDS: Mapping[str, type[Artefact]] = {
 
 
 class ArtefactTable(StrictModel):
-    """A table of any kind; the class itself stands for an unknown kind, an error."""
+    """A table of any kind; the class itself represents an unknown kind, an error."""
 
     model_config = ConfigDict(extra="ignore")
 
