@@ -85,6 +85,27 @@ async def test_a_receiver_that_does_not_read_is_disconnected_and_others_continue
     assert any("has taken nothing for 0.5 s: disconnected; 1 other" in t for t in told)
 
 
+async def test_receivers_that_come_and_leave_between_lines_disturb_nobody() -> None:
+    async def come_and_leave(port: int) -> None:
+        for _ in range(100):
+            _, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.transport.abort()
+            await asyncio.sleep(0)
+
+    async with (
+        TcpOutlet("127.0.0.1", 0, lambda _: None) as outlet,
+        receiver(outlet.port) as reader,
+    ):
+        guests = asyncio.create_task(come_and_leave(outlet.port))
+        n = 0
+        while not guests.done():
+            await sent(outlet, b"%d\n" % n)
+            assert await read_line(reader) == b"%d\n" % n
+            n += 1
+        await guests
+    assert n > 1
+
+
 async def test_more_receivers_than_allowed_are_refused() -> None:
     told: list[str] = []
     async with TcpOutlet("127.0.0.1", 0, told.append) as outlet:
