@@ -10,25 +10,29 @@ import io
 import json
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from traverse.lab.campaign.campaign_file import CampaignFile
 from traverse.lab.collection.plan import PlanFile, Target
 from traverse.plurals import counted
 from traverse.protocol.messages import Point
 from traverse.strict_toml.files import bytes_of, text_of
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.problems import FileError, Problem, shown
 from traverse.strict_toml.writing import write_atomically
 
 JOURNAL = "collected.jsonl"
 CAMPAIGN = "campaign.toml"
 _SCHEMA_LINE = re.compile(r"^schema\s*=.*\n", re.MULTILINE)
+
+
+_Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,18 +47,36 @@ class CollectedTouch:
         xyz_mm: as the daemon computed it, for the running figures.
     """
 
+    __pydantic_config__: ClassVar = ConfigDict(
+        strict=True, extra="forbid", allow_inf_nan=False
+    )
+
     id: str
     session: str
     seq: int
-    time_ns: int
+    time_ns: Annotated[int, Field(ge=0, lt=2**63)]
     artefact: str
     feature: str
     angles_rad: list[float]
     temperature_c: float | None
     approach: list[int] | None
     speed_rad_s: list[float] | None
-    direction: list[float] | None
-    xyz_mm: list[float]
+    direction: _Triple | None
+    xyz_mm: _Triple
+
+
+@dataclass(frozen=True, slots=True)
+class _Retraction:
+    """A point that does not count any more, by its id."""
+
+    __pydantic_config__ = CollectedTouch.__pydantic_config__
+
+    retracts: str
+
+
+_LINE: TypeAdapter[CollectedTouch | _Retraction] = TypeAdapter(
+    CollectedTouch | _Retraction
+)
 
 
 @dataclass(slots=True)
@@ -103,11 +125,15 @@ class Collection:
                 file.truncate(sum(len(line) + 1 for line in lines[:-1]))
         for number, line in enumerate(lines[:-1], 1):
             try:
-                self._apply(json.loads(line))
-            except (ValueError, TypeError, KeyError, RecursionError) as error:
-                problems.append(
-                    Problem(f"line {number}", f"is no collected point: {error}")
-                )
+                self._apply(_LINE.validate_json(line))
+            except ValidationError:
+                told = "is no line that `traverse collect` writes"
+            except ValueError as error:
+                told = f"is no point of this collection: {error}"
+            else:
+                continue
+            told += "; mend it, or move the file and the poses away and begin anew"
+            problems.append(Problem(f"line {number}", told))
         if problems:
             raise FileError(str(journal), problems)
         self._write_table()
@@ -116,19 +142,18 @@ class Collection:
         """Store a point, also on disk; False if it is stored already."""
         if touch.id in self.touches or touch.id in self._retracted:
             return False
-        self._keep(asdict(touch))
+        self._keep(touch)
         return True
 
     def take_all(self, touches: Iterable[CollectedTouch]) -> None:
         """Keep many points that were captured before."""
-        entries = [asdict(touch) for touch in touches if touch.id not in self.touches]
-        self._keep(*entries)
+        self._keep(*(touch for touch in touches if touch.id not in self.touches))
 
     def retract(self, point_id: str) -> bool:
         """Take a point back; False where it is not of this collection."""
         if point_id not in self.touches:
             return False
-        self._keep({"retracts": point_id})
+        self._keep(_Retraction(point_id))
         return True
 
     def count(self, target: Target) -> int:
@@ -154,8 +179,8 @@ class Collection:
             (t for t in self.targets if (t.artefact, t.feature) == wanted), None
         )
 
-    def _keep(self, *entries: Mapping[str, Any]) -> None:
-        lines = [json.dumps(entry, allow_nan=False) + "\n" for entry in entries]
+    def _keep(self, *entries: CollectedTouch | _Retraction) -> None:
+        lines = [json.dumps(asdict(entry), allow_nan=False) + "\n" for entry in entries]
         with (self.folder / JOURNAL).open("a", encoding="utf-8") as file:
             file.write("".join(lines))
             file.flush()
@@ -164,21 +189,23 @@ class Collection:
             self._apply(entry)
         self._write_table()
 
-    def _apply(self, entry: Mapping[str, Any]) -> None:
-        if "retracts" in entry:
-            self.touches.pop(entry["retracts"])
-            self._retracted.add(entry["retracts"])
+    def _apply(self, entry: CollectedTouch | _Retraction) -> None:
+        if isinstance(entry, _Retraction):
+            if self.touches.pop(entry.retracts, None) is None:
+                raise ValueError(f"{shown(entry.retracts)} was not taken before")
+            self._retracted.add(entry.retracts)
             return
-        touch = CollectedTouch(**entry)
-        if len(touch.angles_rad) != len(self.joint_names):
-            raise ValueError(
-                f"{counted(len(touch.angles_rad), 'angle')}, but the arm has "
-                f"{counted(len(self.joint_names), 'joint')}"
-            )
-        if self.target(touch.artefact, touch.feature) is None:
-            name = f"{touch.artefact} {touch.feature}".strip()
+        n = len(self.joint_names)
+        for values in (entry.angles_rad, entry.approach, entry.speed_rad_s):
+            if values is not None and len(values) != n:
+                raise ValueError(
+                    f"{counted(len(values), 'value')}, but the arm has "
+                    f"{counted(n, 'joint')}"
+                )
+        if self.target(entry.artefact, entry.feature) is None:
+            name = f"{entry.artefact} {entry.feature}".strip()
             raise ValueError(f"{name!r} is not in the campaign")
-        self.touches[touch.id] = touch
+        self.touches[entry.id] = entry
 
     def _note_start(self, first_ns: int) -> None:
         """Write into the campaign when it began: certificates state the dates."""

@@ -6,6 +6,8 @@ import re
 import shutil
 import socket
 import ssl
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -16,10 +18,13 @@ from tests.docs.pages import CHECKOUT, commands, text_of
 from tests.docs.shell import Shell, as_run
 from tests.docs.telling import assert_printed, told
 from tests.end_to_end.programs import until
+from tests.end_to_end.workbench import REST, Workbench
 from tests.mosquitto import HOST, free_port
 
 ARM_FILES = "docs/how-to/arm-file-from-dh-or-urdf.md"
 SECURE = "docs/how-to/secure-the-broker.md"
+# The users who stand for those of the guide; Debian has them.
+DAEMON, PERSON = "nobody", "games"
 ROBOT = """\
 <robot name="robot">
   <link name="base"/> <link name="upper"/> <link name="tool0"/>
@@ -74,6 +79,19 @@ def _has_user(name: str) -> bool:
     return any(one.pw_name == name for one in pwd.getpwall())
 
 
+def _as_user(name: str, line: str) -> str:
+    """A line of shell as another user, without root's rights."""
+    user = pwd.getpwnam(name)
+    drop = "--clear-groups --bounding-set=-all --inh-caps=-all"
+    ids = f"--reuid={user.pw_uid} --regid={user.pw_gid}"
+    return f"setpriv {drop} {ids} {line}"
+
+
+def _reaches_python(name: str) -> bool:
+    line = _as_user(name, f"{sys.executable} -c 'import traverse.daemon.app'")
+    return not subprocess.run(line, shell=True, check=False, cwd="/").returncode
+
+
 def _mosquitto_folders(place: Path) -> Path:
     """What Debian's package has in /etc/mosquitto, readable by everybody."""
     place.chmod(0o755)
@@ -92,19 +110,26 @@ def _user_of(process: int) -> str:
     os.geteuid() != 0 or not _has_user("mosquitto"),
     reason="only root can start a broker as the user mosquitto of Debian's package",
 )
-async def test_mosquitto_serves_tls_as_its_own_user_as_told(tmp_path: Path) -> None:
+async def test_each_works_behind_tls_as_its_own_user_as_told(tmp_path: Path) -> None:
+    """Broker, daemon and operator are three users who share no secret."""
     # Below /tmp: nobody but root reaches the folders of pytest.
     with tempfile.TemporaryDirectory() as place:
         etc = _mosquitto_folders(Path(place))
         (tmp_path / "deploy").symlink_to(CHECKOUT / "deploy")
         told_lines = commands(SECURE)
         end = next(n for n, one in enumerate(told_lines) if one.startswith("sed "))
+        home = Path(place) / "traverse" / "bench-7"
+        home.mkdir(parents=True)
         for number, line in enumerate(told_lines[: end + 1]):
-            if line.startswith("systemctl") or "/etc/traverse/" in line:
+            if line.startswith("systemctl"):
                 continue
             done = line.replace("/etc/mosquitto", str(etc))
             done = done.replace("req -x509", "req -x509 -noenc")
+            done = done.replace("192.0.2.7", HOST)
             done = re.sub(r"^(mosquitto_passwd)(.*?)( #.*)?$", r"\1 -b\2 secret", done)
+            if "/etc/traverse/bench-7" in done:
+                done = done.replace("/etc/traverse/bench-7", str(home))
+                done = "echo secret | " + done.replace("-o traverse", f"-o {DAEMON}")
             with Shell(tmp_path, f"done-{number}", done) as shell:
                 await shell.ends()
         plain, port = free_port(), free_port()
@@ -114,6 +139,7 @@ async def test_mosquitto_serves_tls_as_its_own_user_as_told(tmp_path: Path) -> N
         text = text.replace("listener 8883", f"listener {port} {HOST}")
         config.write_text(text.replace("persistence true", "persistence false"))
         assert (etc / "certs" / "broker.key").stat().st_mode & 0o777 == 0o600
+        assert (home / "broker.password").stat().st_mode & 0o777 == 0o600
         program = shutil.which("mosquitto", path=f"{os.environ['PATH']}:/usr/sbin")
         with Shell(tmp_path, "broker", f"{program} -c {config}") as broker:
             context = ssl.create_default_context(cafile=tmp_path / "authority.crt")
@@ -128,3 +154,43 @@ async def test_mosquitto_serves_tls_as_its_own_user_as_told(tmp_path: Path) -> N
 
             await until(is_served, "a broker with TLS")
             assert _user_of(broker.process.pid) == "mosquitto"
+            if _reaches_python(DAEMON):
+                shutil.copyfile(tmp_path / "authority.crt", home / "authority.crt")
+                await _a_point_as_other_users(home, port)
+
+
+async def _a_point_as_other_users(home: Path, port: int) -> None:
+    bench = Workbench(home, HOST, port, "bench-7")
+    bench.write_simulator(REST)
+    shown = re.search(r"username = .*\npassword_file = .*\n", text_of(SECURE))
+    assert shown is not None
+    bench.write_daemon(broker=f'tls = true\nca_file = "authority.crt"\n{shown[0]}')
+    person = home.parent / "person"
+    person.mkdir()
+    shutil.copyfile(home / "authority.crt", person / "authority.crt")
+    (person / "operator.password").write_text("secret\n", "utf-8")
+    (person / "operator.password").chmod(0o600)
+    for folder, name in ((home, DAEMON), (person, PERSON)):
+        folder.chmod(0o700)
+        for path in (folder, *folder.iterdir()):
+            shutil.chown(path, name)
+    run = f"{sys.executable} -m traverse"
+    watch = next(line for line in commands(SECURE) if "traverse watch" in line)
+    watch = as_run(watch, port).replace(f"--broker {HOST}", f"--broker mqtts://{HOST}")
+    point = watch.replace("traverse watch", "traverse point")
+    with (
+        Shell(
+            home, "board", _as_user(DAEMON, f"{run} simulate --config simulator.toml")
+        ),
+        Shell(home, "arm", _as_user(DAEMON, f"{run} run --config daemon.toml")) as arm,
+        Shell(person, "watch", _as_user(PERSON, watch)) as display,
+    ):
+        await display.says("ready")
+        assert _user_of(arm.process.pid) == DAEMON
+        with Shell(person, "point", _as_user(PERSON, point)) as one:
+            taken = await one.ends()
+        assert "mm" in taken
+        await display.says(" point ")
+    with Shell(person, "secret", _as_user(PERSON, f"cat {home}/broker.password")) as no:
+        await until(lambda: no.process.poll() is not None, "an end")
+        assert "Permission denied" in no.output

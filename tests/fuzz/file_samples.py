@@ -1,18 +1,23 @@
 """One good file of every kind that commands read, in a folder."""
 
+import asyncio
 import json
 import shutil
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from typer.testing import CliRunner
 
 import traverse.cli
+from tests.certificates import Authority
 from tests.cli.arm.test_urdf import ROBOT
 from tests.cli.points.test_export import ALL
 from tests.cli.test_align import NOMINAL, lines, measured, table
 from tests.cli.test_check import PROBES
 from tests.cli.test_verify import limits_file
+from tests.daemon.recorder.recorded_runs import RecordedRun
 from tests.daemon.store.test_damage import make
+from tests.lab.collection.test_collection import CAMPAIGN, touch
 from tests.protocol.message_examples import SCAN
 from traverse.cli.__main__ import app
 from traverse.kinematics.arm_file.arm import read_arm
@@ -82,6 +87,10 @@ def make_samples(folder: Path, *, computed: bool = True) -> Path:
         writer.add(Entry("cloud", SCAN.time_ns, cloud_to_bytes(SCAN)))
     poses = make_poses(arm, CampaignSpec(mix="cones+bar", n_poses=60), seed=3)
     write_campaign(folder / "campaign", draw_noise(poses, 5), arm)
+    _collected(folder / "collected")
+    _page_files(folder)
+    (folder / "recorded").mkdir()
+    shutil.copyfile(asyncio.run(_steps(folder / "recorded")), folder / "steps.mcap")
     if not computed:
         return folder
     noise = NoiseTable(encoder_rad=2e-6, contact_mm=0.003)
@@ -91,6 +100,22 @@ def make_samples(folder: Path, *, computed: bool = True) -> Path:
 
     campaign(folder / "check", day=1)
     arm_words = ["--arm", str(folder / "arm.toml")]
+    (folder / "identified").mkdir()
+    words = ["identify", str(folder / "campaign"), *arm_words]
+    _run([*words, "--out", str(folder / "identified")])
+    # Without its digest, so that a damaged file is read.
+    arm_file = folder / "identified" / "arm.toml"
+    kept = arm_file.read_text("utf-8").splitlines(keepends=True)
+    arm_file.write_text(
+        "".join(line for line in kept if not line.startswith("covariance_digest"))
+    )
+    (folder / "identified.toml").write_text(
+        (folder / "daemon.toml").read_text().replace("arm.toml", "identified/arm.toml")
+    )
+    planned = ["--plan", STANDARD, "--out", str(folder / "planned")]
+    _run(["verify", *planned, *arm_words])
+    filled = folder / "planned" / "campaign.toml"
+    filled.write_text(filled.read_text().replace("EXAMPLE", "No. 1"))
     for words in (
         [
             "verify",
@@ -110,8 +135,45 @@ def make_samples(folder: Path, *, computed: bool = True) -> Path:
             str(folder / "check"),
         ],
     ):
-        done = CliRunner().invoke(app, words)
-        assert isinstance(done.exception, SystemExit | None), done.exception
+        _run(words)
     values = json.loads((folder / "certificate" / "certificate.json").read_text())
     assert values["digest"]["files"]
     return folder
+
+
+def _run(words: list[str]) -> None:
+    done = CliRunner().invoke(app, words)
+    assert isinstance(done.exception, SystemExit | None), done.exception
+
+
+async def _steps(folder: Path) -> Path:
+    """A recording that can be replayed: a second, and a few points."""
+    async with RecordedRun(folder) as run:
+        path = await run.recorder.begin("short", "")
+        for _ in range(3):
+            run.later(0.3)
+            run.click()
+        run.later(0.5)
+        await run.recorder.finish()
+    return Path(path)
+
+
+def _collected(folder: Path) -> None:
+    """A collection in its middle."""
+    folder.mkdir()
+    (folder / "campaign.toml").write_text(CAMPAIGN)
+    values = {"angles_rad": [0.1] * 7, "approach": [1] * 7, "speed_rad_s": [0.1] * 7}
+    touches = [asdict(replace(touch(number), **values)) for number in range(5)]
+    (folder / "collected.jsonl").write_text(
+        "".join(f"{json.dumps(line)}\n" for line in [*touches, {"retracts": "s-2"}])
+    )
+
+
+def _page_files(folder: Path) -> None:
+    """Certificate, key and token."""
+    pair = Authority(folder, "ca").sign("localhost")
+    shutil.copyfile(pair.certificate, folder / "page.pem")
+    shutil.copyfile(pair.key, folder / "key.pem")
+    (folder / "token").write_text("a-token-of-twenty-letters\n")
+    for name in ("key.pem", "token"):
+        (folder / name).chmod(0o600)

@@ -10,6 +10,7 @@ that is kept in build/fuzz/files/.
 
 import argparse
 import contextlib
+import io
 import os
 import random
 import re
@@ -25,6 +26,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from mcap.reader import make_reader
+from mcap.writer import Writer
 from typer.testing import CliRunner
 
 from tests.fuzz.file_samples import make_samples
@@ -35,6 +39,8 @@ END_S = 20
 MEMORY_BYTES = 10**9
 STATUSES = {0, 1, 2, 3}
 
+# Nobody listens there.
+NOBODY = "--broker 127.0.0.1:9"
 # Name, the file that is damaged, the command; paths are relative to the samples.
 COMMANDS: dict[str, tuple[str, str]] = {
     "check/arm": ("arm.toml", "check arm.toml"),
@@ -116,13 +122,53 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "replay/recording": ("run.mcap", "replay run.mcap"),
     "verify/recording": ("run.mcap", "verify run.mcap --standard asme-b89.4.22"),
     "run/configuration": ("daemon.toml", "run --config daemon.toml"),
+    "replay/steps": ("steps.mcap", "replay steps.mcap"),
     "run/arm": ("arm.toml", "run --config daemon.toml"),
+    "run/covariance": ("identified/arm.cov.npz", "run --config identified.toml"),
+    "check/covariance": ("identified/arm.cov.npz", "check identified.toml"),
+    "collect/arm": ("arm.toml", f"collect campaign --arm arm.toml {NOBODY}"),
+    "collect/campaign": (
+        "campaign/campaign.toml",
+        f"collect campaign --arm arm.toml {NOBODY}",
+    ),
+    "collect/plan": (
+        "planned/plan.toml",
+        f"collect planned --arm arm.toml {NOBODY}",
+    ),
+    "collect/points": (
+        "collected/collected.jsonl",
+        f"collect collected --arm arm.toml {NOBODY}",
+    ),
+    "probe-pivot/poses": (
+        "campaign/poses.csv",
+        "probe pivot campaign --arm arm.toml --cone cone-1",
+    ),
+    "page/token": ("token", f"page {NOBODY} --token-file token"),
+    "page/certificate": (
+        "page.pem",
+        f"page {NOBODY} --certificate page.pem --key key.pem",
+    ),
+    "page/key": ("key.pem", f"page {NOBODY} --certificate page.pem --key key.pem"),
+    "watch/authority": (
+        "page.pem",
+        "watch --broker mqtts://127.0.0.1:9 --ca-file page.pem",
+    ),
+    "watch/password": (
+        "token",
+        f"watch {NOBODY} --username a --password-file token",
+    ),
     "simulate/configuration": ("simulator.toml", "simulate --config simulator.toml"),
 }
 # They go on until they are ended where the file is good: that is no hang.
-_ENDLESS = {"run", "simulate"}
+_ENDLESS = {"run", "simulate", "page"}
 _ENDLESS_S = 4
-_OF_COMPUTED = ("verify", "daily-check")
+_OF_COMPUTED = (
+    "verify",
+    "daily-check",
+    "run/covariance",
+    "check/covariance",
+    "collect/plan",
+)
 
 _NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 _TOKENS = (
@@ -139,6 +185,7 @@ class Outcome:
 
     fault: str | None
     seconds: float
+    grown_bytes: int
 
 
 def mutated(content: bytes, chance: random.Random) -> bytes:
@@ -173,6 +220,92 @@ def mutated(content: bytes, chance: random.Random) -> bytes:
     return bytes(changed)
 
 
+def mutated_inside(name: str, content: bytes, chance: random.Random) -> bytes:
+    """Damage what a container holds, so that its checksums are right."""
+    match Path(name).suffix:
+        case ".mcap" if chance.random() < 0.7:
+            return _mutated_recording(content, chance)
+        case ".npz" if chance.random() < 0.7:
+            return _mutated_arrays(content, chance)
+        case _:
+            return mutated(content, chance)
+
+
+def _mutated_recording(content: bytes, chance: random.Random) -> bytes:
+    reader = make_reader(io.BytesIO(content))
+    messages = list(reader.iter_messages())
+    attachments = list(reader.iter_attachments())
+    metadata = list(reader.iter_metadata())
+    header = reader.get_header()
+    bad = chance.sample(range(len(messages)), chance.choice((1, 1, 3, 20)))
+    in_attachment = chance.random() < 0.2
+    written = io.BytesIO()
+    writer = Writer(written)
+    writer.start(header.profile, header.library)
+    for item in metadata:
+        writer.add_metadata(item.name, item.metadata)
+    for item in attachments:
+        data = mutated(item.data, chance) if in_attachment else item.data
+        writer.add_attachment(
+            item.create_time, item.log_time, item.name, item.media_type, data
+        )
+    schemas, channels = {0: 0}, {}
+    for number, (schema, channel, message) in enumerate(messages):
+        if schema is not None and schema.id not in schemas:
+            schemas[schema.id] = writer.register_schema(
+                schema.name, schema.encoding, schema.data
+            )
+        if channel.id not in channels:
+            channels[channel.id] = writer.register_channel(
+                channel.topic,
+                channel.message_encoding,
+                schemas[channel.schema_id],
+                channel.metadata,
+            )
+        data = message.data
+        if number in bad and not in_attachment:
+            data = mutated(data, chance)
+        writer.add_message(
+            channels[channel.id],
+            message.log_time,
+            data,
+            message.publish_time,
+            message.sequence,
+        )
+    writer.finish()
+    return written.getvalue()
+
+
+def _mutated_arrays(content: bytes, chance: random.Random) -> bytes:
+    with np.load(io.BytesIO(content)) as file:
+        arrays = {name: file[name] for name in file.files}
+    name = chance.choice(list(arrays))
+    values = arrays[name]
+    place = chance.randrange(values.size)
+    match chance.randrange(6):
+        case 0:
+            del arrays[name]
+        case 1:
+            arrays[name] = values[:place]
+        case 2:
+            arrays[name] = values[..., np.newaxis]
+        case 3:
+            arrays[name] = values.astype(chance.choice(("U3", "S2", "O")))
+        case 4:
+            arrays[name] = np.zeros((0,) * values.ndim, values.dtype)
+        case _:
+            changed = values.copy()
+            if values.dtype.kind == "f":
+                odd = chance.choice((np.nan, np.inf, -1.0, 1e308, 1e-320))
+            else:
+                odd = chance.choice(("", "nobody", "\0", "a\nb"))
+            changed.reshape(-1)[place] = odd
+            arrays[name] = changed
+    written = io.BytesIO()
+    np.savez(written, **arrays)
+    return written.getvalue()
+
+
 def replaced(path: Path) -> Iterator[tuple[str, Callable[[], object]]]:
     """What may be in the place of a file."""
     yield "nothing", lambda: None
@@ -197,27 +330,38 @@ def outcome(words: list[str], folder: Path) -> Outcome:
     if child == 0:
         _run(words, folder, log)
     limit_s = _ENDLESS_S if words[0] in _ENDLESS else END_S
-    status = None
-    while status is None and time.monotonic() - begun < limit_s:
-        done, found = os.waitpid(child, os.WNOHANG)
-        status = found if done else None
-        if status is None:
+    done = 0
+    while not done and time.monotonic() - begun < limit_s:
+        done, status, usage = os.wait4(child, os.WNOHANG)
+        if not done:
             time.sleep(0.005)
     seconds = time.monotonic() - begun
-    if status is None:
+    if not done:
         os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-        hangs = words[0] not in _ENDLESS
-        return Outcome(f"no end after {limit_s} s" if hangs else None, seconds)
+        _, status, usage = os.wait4(child, 0)
+    grown = usage.ru_maxrss * 1024 - _resident_bytes()
+    fault = _fault(words, log, status if done else None)
+    return Outcome(fault, seconds, grown)
+
+
+def _resident_bytes() -> int:
+    pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def _fault(words: list[str], log: Path, status: int | None) -> str | None:
+    """What is wrong with how a command ended; status None: it was ended."""
     said = log.read_text("utf-8", "replace")
-    code = os.waitstatus_to_exitcode(status)
     if "Traceback" in said:
-        return Outcome(f"traceback: {said.strip().splitlines()[-1][:200]}", seconds)
+        return f"traceback: {said.strip().splitlines()[-1][:200]}"
+    if status is None:
+        return None if words[0] in _ENDLESS else f"no end after {END_S} s"
+    code = os.waitstatus_to_exitcode(status)
     if code not in STATUSES:
-        return Outcome(f"exit status {code}: {said[-200:]}", seconds)
+        return f"exit status {code}: {said[-200:]}"
     if code in {2, 3} and not said.strip():
-        return Outcome(f"exit status {code} without a word", seconds)
-    return Outcome(None, seconds)
+        return f"exit status {code} without a word"
+    return None
 
 
 def _run(words: list[str], folder: Path, log: Path) -> None:
@@ -253,12 +397,12 @@ def _run(words: list[str], folder: Path, log: Path) -> None:
 
 def fuzz(
     names: list[str], mutations: int, seed: int, samples: Path, kept: Path = KEPT
-) -> Iterator[tuple[str, int, float, Counter[str]]]:
-    """Damage files; per command its runs, longest time and what broke."""
+) -> Iterator[tuple[str, int, float, int, Counter[str]]]:
+    """Damage files; per command its runs, longest time, most memory, what broke."""
     for name in names:
         file, line = COMMANDS[name]
         found: Counter[str] = Counter()
-        longest_s, runs = 0.0, 0
+        longest_s, most_bytes, runs = 0.0, 0, 0
         with tempfile.TemporaryDirectory() as temporary:
             folder = Path(temporary) / "of"
             harms: list[tuple[str, Callable[[Path], object]]] = []
@@ -266,7 +410,8 @@ def fuzz(
             for what, harm in replaced(folder / file):
                 harms.append((what, lambda _, harm=harm: harm()))
             for number in range(mutations):
-                bad = mutated(content, random.Random(f"{name} {seed} {number}"))
+                chance = random.Random(f"{name} {seed} {number}")
+                bad = mutated_inside(file, content, chance)
                 harms.append((str(number), lambda p, bad=bad: p.write_bytes(bad)))
             for what, harm in harms:
                 shutil.rmtree(folder, ignore_errors=True)
@@ -276,6 +421,7 @@ def fuzz(
                 ended = outcome(line.split(), folder)
                 runs += 1
                 longest_s = max(longest_s, ended.seconds)
+                most_bytes = max(most_bytes, ended.grown_bytes)
                 if ended.fault is not None:
                     found[
                         f"{what if not what.isdigit() else ''} {ended.fault}".strip()
@@ -285,7 +431,7 @@ def fuzz(
                     if (folder / file).is_file() and what.isdigit():
                         shutil.copyfile(folder / file, place)
                     shutil.copyfile(folder / ".log", f"{place}.log")
-        yield name, runs, longest_s, found
+        yield name, runs, longest_s, most_bytes, found
 
 
 def load(samples: Path, names: list[str]) -> None:
@@ -313,13 +459,13 @@ def main() -> int:
             Path(folder), computed=any(n.startswith(_OF_COMPUTED) for n in names)
         )
         load(samples, names)
-        for name, runs, longest_s, found in fuzz(
+        for name, runs, longest_s, most_bytes, found in fuzz(
             names, wanted.mutations, wanted.seed, samples
         ):
             total += runs
             broken += found.total()
-            sys.stdout.write(f"{name:26} {runs:4} runs, at most {longest_s:5.1f} s, ")
-            sys.stdout.write(f"{found.total()} broke\n")
+            sys.stdout.write(f"{name:26} {runs:4} runs, at most {longest_s:5.1f} s ")
+            sys.stdout.write(f"and {most_bytes / 1e6:4.0f} MB, {found.total()} broke\n")
             for fault, times in found.most_common(8):
                 sys.stdout.write(f"    {times:3} x {fault}\n")
             sys.stdout.flush()

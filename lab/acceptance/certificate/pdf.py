@@ -7,7 +7,7 @@ from typing import Any
 
 from fpdf import FPDF
 from fpdf.enums import TableBordersLayout
-from fpdf.fonts import FontFace
+from fpdf.fonts import FontFace, TTFFont
 from matplotlib.font_manager import FontProperties, findfont
 
 from traverse.lab.acceptance.certificate.page import (
@@ -45,6 +45,17 @@ class _Document(FPDF):
         self.set_subject(f"SHA-256 {values['digest']['digest']}")
         self.set_creation_date(datetime.fromisoformat(values["date_utc"]))
         self.add_page()
+
+    def normalize_text(self, text: str) -> str:
+        """Escape what does not print or has no glyph: no part of a name vanishes."""
+        font = self.current_font
+        known = font.cmap if isinstance(font, TTFFont) else {}
+        return "".join(
+            c
+            if c == "\n" or (c.isprintable() and ord(c) in known)
+            else c.encode("unicode_escape").decode()
+            for c in text
+        )
 
     def header(self) -> None:
         self._font(_NOTE_PT, colour=_GREY)

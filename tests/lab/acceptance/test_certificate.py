@@ -15,6 +15,7 @@ from traverse.lab.acceptance.certificate.administration import administration_of
 from traverse.lab.acceptance.certificate.check import certificate_problems
 from traverse.lab.acceptance.certificate.files import write_certificate
 from traverse.lab.acceptance.certificate.page import figure_lines
+from traverse.lab.acceptance.certificate.pdf import certificate_pdf
 from traverse.lab.acceptance.certificate.values import SealedCertificate
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
 from traverse.lab.acceptance.standards import verified
@@ -152,6 +153,16 @@ def test_the_document_is_typeset_and_has_its_data_attached(made, written):
         **made.files,
         "certificate.json": (written / "certificate.json").read_bytes(),
     }
+
+
+def test_no_part_of_a_name_vanishes_on_paper_or_turns_the_writing(made, caplog):
+    changed = json.loads(json.dumps(made.values))
+    changed["administration"]["operator"] = "Ł\x1b[2J\u202eż\u7530"
+    document = pypdfium2.PdfDocument(certificate_pdf(changed, {}))
+    text = document[0].get_textpage().get_text_bounded()
+    document.close()
+    assert "Ł\\x1b[2J\\u202eż\\u7530" in text
+    assert "missing" not in caplog.text
 
 
 def test_the_page_says_who_measured_when_with_which_standards(made, written):
