@@ -1,7 +1,10 @@
 """TLS as this project speaks it: the broker's certificate and name are checked."""
 
 import ssl
+from collections.abc import Callable
 from pathlib import Path
+
+from traverse.strict_toml.files import bytes_of
 
 
 class _Line(ssl.SSLSocket):
@@ -30,5 +33,28 @@ def tls_context(ca_file: Path | None) -> ssl.SSLContext:
     if ca_file is None:
         context.load_default_certs(ssl.Purpose.SERVER_AUTH)
     else:
+        bytes_of(ca_file)  # OpenSSL would wait for a pipe
         context.load_verify_locations(ca_file)
     return context
+
+
+def load_pair(
+    context: ssl.SSLContext,
+    certificate: Path,
+    key: Path | None,
+    passphrase: Callable[[], str] = str,
+) -> None:
+    """Use a certificate and its key, which may be in the same file.
+
+    Args:
+        context: of the line.
+        certificate: PEM.
+        key: PEM; None: in the file of the certificate.
+        passphrase: asked for an encrypted key; OpenSSL would prompt at the terminal.
+
+    Raises:
+        OSError: a file cannot be read, or they are no pair.
+    """
+    for file in (certificate, key or certificate):
+        bytes_of(file)
+    context.load_cert_chain(certificate, key, passphrase)

@@ -95,13 +95,10 @@ def page(
 
 def _check_pair(certificate: Path, key: Path | None) -> None:
     """Try a certificate; OSError where it is none, or the key another one's."""
-    from traverse.strict_toml.files import bytes_of  # noqa: PLC0415 - quick help
+    from traverse.broker.tls import load_pair  # noqa: PLC0415 - quick help
 
-    for file in (certificate, key or certificate):
-        bytes_of(file)
     try:
-        # Without the function OpenSSL would prompt at the terminal.
-        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, str)
+        load_pair(ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), certificate, key)
     except ssl.SSLError as error:
         raise OSError(
             f"{certificate} and {key or certificate}: {error.reason or 'no PEM'}; "

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Self
 from urllib.parse import urlsplit
 
-from traverse.broker.tls import tls_context
+from traverse.broker.tls import load_pair, tls_context
 from traverse.strict_toml.files import text_of
 
 PORT = 1883
@@ -110,8 +110,7 @@ class BrokerAddress:
             key = self.key_file or self.certificate_file
             wanted = f"a certificate, PEM, and {key} its key without a passphrase"
             with _naming_file("certificate_file", self.certificate_file, wanted):
-                # Without the function OpenSSL would prompt at the terminal.
-                context.load_cert_chain(self.certificate_file, self.key_file, str)
+                load_pair(context, self.certificate_file, self.key_file)
         return context
 
 

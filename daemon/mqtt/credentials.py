@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 from traverse.broker.credential import CREDENTIAL, credential_file
-from traverse.broker.tls import tls_context
+from traverse.broker.tls import load_pair, tls_context
 from traverse.daemon.config.schema import BrokerSection
 from traverse.plurals import counted
 from traverse.strict_toml.files import open_regular
@@ -171,7 +171,7 @@ def _load_own(
     certificate = _path("certificate_file", certificate_file, folder)
     key = _path("key_file", key_file, folder)
 
-    def refuse() -> str:  # else OpenSSL would prompt at the terminal
+    def refuse() -> str:
         raise CredentialsError(
             "key_file",
             f"{key} is encrypted; a service cannot prompt for it. Take the passphrase "
@@ -179,7 +179,7 @@ def _load_own(
         )
 
     try:
-        context.load_cert_chain(certificate, key, refuse)
+        load_pair(context, certificate, key, refuse)
     except OSError as error:
         why = _why(error)
         if "KEY_VALUES_MISMATCH" in why:

@@ -149,6 +149,11 @@ COMMANDS: dict[str, tuple[str, str]] = {
         f"page {NOBODY} --certificate page.pem --key key.pem",
     ),
     "page/key": ("key.pem", f"page {NOBODY} --certificate page.pem --key key.pem"),
+    "watch/key": (
+        "key.pem",
+        "watch --broker mqtts://127.0.0.1:9 --client-certificate page.pem "
+        "--client-key key.pem",
+    ),
     "watch/authority": (
         "page.pem",
         "watch --broker mqtts://127.0.0.1:9 --ca-file page.pem",
