@@ -9,7 +9,7 @@ import typer
 
 from traverse.cli.arm.options import ArmOptions, Out
 from traverse.cli.options import Force, Json, with_options
-from traverse.cli.refusals import check_target, refusals
+from traverse.cli.refusals import check_target, refusals, refuse
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
@@ -19,6 +19,11 @@ arm = typer.Typer(
     help="Arm files: show one, or make one of a DH table or URDF.",
     no_args_is_help=True,
 )
+
+Postures = Annotated[
+    int, typer.Option(min=1, max=100_000, help="Random ones, to compare at the probe.")
+]
+Seed = Annotated[int, typer.Option(min=0, help="Of the random postures.")]
 
 
 class Convention(StrEnum):
@@ -162,8 +167,8 @@ def to_dh(
         float,
         typer.Option(min=1e-12, max=0.1, help="Hinges nearer than this are parallel."),
     ] = 1e-6,
-    postures: Annotated[int, typer.Option(min=1, max=100_000)] = 1000,
-    seed: Annotated[int, typer.Option(min=0)] = 1,
+    postures: Postures = 1000,
+    seed: Seed = 1,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -185,6 +190,42 @@ def to_dh(
         typer.echo(csv_text, nl=False)
     else:
         typer.echo("\n".join([f"{out}: classic table", *remark_lines(report)]))
+
+
+@arm.command("to-urdf")
+def to_urdf(
+    file: Annotated[Path, typer.Argument(help="An arm file.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Write the description.")
+    ] = None,
+    *,
+    postures: Postures = 1000,
+    seed: Seed = 1,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Write a robot description (URDF); measure what it leaves out at the probe."""
+    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.kinematics.importers.urdf_report import urdf_remarks, urdf_report  # noqa: PLC0415
+    from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
+
+    if out is not None:
+        check_target("arm to-urdf", out, force=force)
+    with refusals("arm"):
+        values = read_arm(file)
+        try:
+            report, text = urdf_report(values, postures, seed)
+        except ValueError as error:
+            refuse("arm", str(error))
+        if out is not None:
+            write_atomically(out, text)
+    if as_json:
+        typer.echo(json.dumps(report, indent=1))
+    elif out is None:
+        typer.echo(text, nl=False)
+    else:
+        _print_made(out, values, as_json=False)
+        typer.echo("\n".join(urdf_remarks(report)))
 
 
 def _print_made(file: Path, made: "Arm", *, as_json: bool) -> None:

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.importers.dh import misfits_mm, nearest_table
 from traverse.kinematics.importers.dh_file import dh_csv, dh_values
-from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
 
 # Axes are identified to about this; more than a tenth of a millimetre of slide from it
 # makes d and theta a matter of chance.
@@ -35,20 +36,13 @@ def dh_report(
     nearest = nearest_table(geometry, parallel_below_rad)
     names = [joint.name for joint in arm.joints]
     zeros_rad = [joint.zero_rad for joint in arm.joints]
-    turns_rad = np.random.default_rng(seed).uniform(
-        -np.pi, np.pi, (postures, geometry.n_joints)
-    )
-    misfit_mm = misfits_mm(geometry, nearest.table, geometry.zeros_rad + turns_rad)
+    readings_rad = random_readings_rad(geometry, postures, seed)
+    misfit_mm = misfits_mm(geometry, nearest.table, readings_rad)
     report = {
         "schema": "traverse/dh-report/1",
         "arm": arm.name,
         "table": dh_values(arm.name, nearest.table, names, zeros_rad),
-        "misfit_mm": {
-            "rms": float(np.sqrt(np.mean(misfit_mm**2))),
-            "max": float(np.max(misfit_mm)),
-            "postures": postures,
-            "seed": seed,
-        },
+        "misfit_mm": sizes_mm(misfit_mm, seed),
         "pairs": [
             {
                 "joints": [names[k], names[k + 1]],
@@ -65,6 +59,23 @@ def dh_report(
     }
     remarks = "".join(f"# {line}\n" for line in remark_lines(report))
     return report, dh_csv(nearest.table, names, zeros_rad) + remarks
+
+
+def random_readings_rad(geometry: Geometry, postures: int, seed: int) -> Floats:
+    """Draw postures within half a turn of the zeros: (postures, n_joints)."""
+    shape = (postures, geometry.n_joints)
+    turns_rad = np.random.default_rng(seed).uniform(-np.pi, np.pi, shape)
+    return geometry.zeros_rad + turns_rad
+
+
+def sizes_mm(distances_mm: Floats, seed: int) -> dict[str, float]:
+    """Sum up distances over random postures, (n_postures,)."""
+    return {
+        "rms": float(np.sqrt(np.mean(distances_mm**2))),
+        "max": float(np.max(distances_mm)),
+        "postures": len(distances_mm),
+        "seed": seed,
+    }
 
 
 def remark_lines(report: Mapping[str, Any]) -> Iterator[str]:

@@ -105,7 +105,7 @@ def arm_from_chain(
             axis = unit_vectors(joint.axis)
             axes.append(pose[:3, :3] @ axis)
             origins_mm.append(pose[:3, 3])
-            pose = pose @ _turned_by(axis, float(posture_rad[len(carried)]))
+            pose = pose @ turned_by(axis, float(posture_rad[len(carried)]))
             carried.append([])
         if carried:
             carried[-1] += [moved_body(pose, body) for body in joint.bodies]
@@ -148,21 +148,16 @@ def roll_pitch_yaw(rotation: Floats) -> Floats:
     """Read roll, pitch and yaw off a rotation: (3, 3) -> (3,) [rad].
 
     With the pitch at a quarter turn only roll minus or plus yaw exists: yaw is 0 then.
+    Near it each of them is uncertain, so roll is what the yaw leaves over.
     """
     cosine = float(np.hypot(rotation[0, 0], rotation[1, 0]))
-    pitch = np.arctan2(-rotation[2, 0], cosine)
-    if cosine < 1e-12:
-        return np.array([np.arctan2(-rotation[1, 2], rotation[1, 1]), pitch, 0.0])
-    return np.array(
-        [
-            np.arctan2(rotation[2, 1], rotation[2, 2]),
-            pitch,
-            np.arctan2(rotation[1, 0], rotation[0, 0]),
-        ]
-    )
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0]) if cosine > 1e-12 else 0.0
+    left = np.cos(yaw) * rotation[1] - np.sin(yaw) * rotation[0]
+    roll, pitch = np.arctan2(-left[2], left[1]), np.arctan2(-rotation[2, 0], cosine)
+    return np.array([roll, pitch, yaw])
 
 
-def _turned_by(axis: Floats, angle_rad: float) -> Floats:
+def turned_by(axis: Floats, angle_rad: float) -> Floats:
     """Make the transform that turns about an axis through the origin, (4, 4)."""
     turned = np.eye(4)
     quaternion = turn(axis[:, np.newaxis], np.array([angle_rad]))

@@ -269,3 +269,26 @@ def test_a_file_that_is_not_there_is_refused(tmp_path):
     ended = CliRunner().invoke(app, words)
     assert ended.exit_code == 2
     assert "cannot be read: No such file or directory" in ended.output
+
+
+def test_an_arm_becomes_a_description_and_the_same_arm_again(made, tmp_path):
+    _, _, first = made(ROBOT, "--tip", "ball", "--counts-per-turn=4096")
+    out = tmp_path / "back.urdf"
+    words = ["arm", "to-urdf", str(first)]
+    ended = CliRunner().invoke(app, [*words, "-o", str(out)])
+    assert ended.exit_code == 0, ended.output
+    assert "lost at the probe over 1000 random postures (seed 1, " in ended.output
+    assert "largest 0 mm" in ended.output
+    assert CliRunner().invoke(app, words).output == out.read_text("utf-8")
+    assert CliRunner().invoke(app, [*words, "-o", str(out)]).exit_code == 2
+    _, _, again = made(out.read_text("utf-8"), "--force", "--counts-per-turn=4096")
+    assert read_arm(again) == read_arm(first)
+
+
+def test_an_arm_whose_effects_cannot_be_computed_is_refused(made, tmp_path):
+    _, _, arm = made(ROBOT, "--tip", "ball")
+    bends = '\n[[effects]]\nkind = "joint_compliance"\njoint = "lift"\n'
+    arm.write_text(f"{arm.read_text('utf-8')}{bends}compliance_rad_nm = 1e-6\n")
+    ended = CliRunner().invoke(app, ["arm", "to-urdf", str(arm)])
+    assert ended.exit_code == 2
+    assert "no mass_kg for lift" in ended.output
