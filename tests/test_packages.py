@@ -174,12 +174,14 @@ def test_what_people_import_is_there_without_the_service() -> None:
         ("serial", "daemon", ("check", "daemon.toml")),
         ("serial", "daemon", ("amt21", "scan", "--port", "/dev/null")),
         ("mcap", "daemon", ("export", "points.jsonl")),
+        ("ezdxf", "lab", ("export", "points.jsonl", "--to", "dxf")),
         ("mcap", "lab", ("align", "points.csv", "--nominal", "nominal.toml")),
     ],
 )
 def test_a_command_says_which_extra_it_lacks(
     package: str, extra: str, words: tuple[str, ...], tmp_path: Path
 ) -> None:
+    (tmp_path / "points.jsonl").touch()
     (tmp_path / "daemon.toml").write_text(
         '[arm]\nfile = "arm.toml"\n[broker]\nhost = "localhost"\n'
         '[[device]]\nid = "base"\ndriver = "latch-board"\nport = "/dev/null"\n'

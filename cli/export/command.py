@@ -21,7 +21,8 @@ def export(
     ],
     *,
     to: Annotated[
-        str, typer.Option(help="csv, jsonl, npz, parquet, ply, text, xyz or campaign.")
+        str,
+        typer.Option(help="csv, dxf, jsonl, npz, parquet, ply, text, xyz or campaign."),
     ] = "csv",
     out: Annotated[
         Path | None,

@@ -4,6 +4,7 @@ import io
 from collections.abc import Sequence
 
 from traverse.client.exports.binary import Numpy, Parquet, Ply
+from traverse.client.exports.dxf import Dxf
 from traverse.client.exports.point_table import Coordinates, standing
 from traverse.client.exports.sink import Sink
 from traverse.client.exports.text import Csv, JsonLines, Template, Xyz
@@ -11,6 +12,7 @@ from traverse.protocol.messages import Point
 
 FORMATS: dict[str, type[Sink]] = {
     "csv": Csv,
+    "dxf": Dxf,
     "jsonl": JsonLines,
     "npz": Numpy,
     "parquet": Parquet,

@@ -16,6 +16,7 @@ EXTRAS = {
     "scipy": "lab",
     "matplotlib": "lab",
     "jinja2": "lab",
+    "ezdxf": "lab",
     "nicegui": "page",
     "fastapi": "page",
     "pyarrow": "parquet",

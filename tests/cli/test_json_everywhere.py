@@ -115,7 +115,7 @@ OFFICE = {
     "verify": ["verify --plan iso10360-12 --arm arm.toml --out planned"],
     "align": ["align touched.csv --nominal nominal.csv --std 0.01"],
     "probe pivot": ["probe pivot campaign --arm arm.toml --cone cone-1 --yes"],
-    "export": ["export points.jsonl --to csv", "export points.jsonl --to ply"],
+    "export": ["export points.jsonl --to csv", "export points.jsonl --to dxf"],
     "points list": ["points list --db outbox.db"],
     "points export": ["points export --db outbox.db --out outbox.csv"],
 }

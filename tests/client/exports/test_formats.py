@@ -2,9 +2,11 @@
 
 import io
 import json
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+import ezdxf
 import numpy as np
 import pandas
 import pyarrow.parquet
@@ -17,7 +19,7 @@ from traverse.client.exports.formats import FORMATS, points_as
 from traverse.client.exports.point_table import PointTable, standing, table_of
 from traverse.client.exports.text import Template
 from traverse.protocol.encoding import decode
-from traverse.protocol.messages import Point
+from traverse.protocol.messages import Label, Point
 
 PLACES = [(1.25, -2.5, 3.0), (0.1, 0.2, 0.3), (1234.56789, -9.0, 1e-4)]
 POINTS = [
@@ -120,6 +122,63 @@ def test_parquet_in_pyarrow_and_pandas(tmp_path: Path) -> None:
     assert frame["x_mm"].tolist() == [x for x, _, _ in PLACES]
     moment = datetime.fromtimestamp(POINTS[0].time_ns // 10**9, UTC)
     assert frame["time"][0].to_pydatetime() == moment
+
+
+def drawn(path: Path) -> ezdxf.document.Drawing:
+    """A drawing as a CAD program reads it, without a fault."""
+    drawing = ezdxf.readfile(path)
+    assert not (audit := drawing.audit()).has_issues, audit.errors + audit.fixes
+    millimetres, metric = 4, 1
+    assert drawing.header["$INSUNITS"] == millimetres
+    assert drawing.header["$MEASUREMENT"] == metric
+    return drawing
+
+
+def test_points_in_a_drawing(tmp_path: Path) -> None:
+    labels = [
+        {"artefact": "plate", "feature": "hole/1"},
+        {"artefact": "Pl\u00e4tte"},
+        {},
+    ]
+    points = [
+        *POINTS,
+        *(POINTS[0].model_copy(update={"label": Label(**one)}) for one in labels),
+    ]
+    path = tmp_path / "points.dxf"
+    with path.open("wb") as file, FORMATS["dxf"](file) as sink:
+        sink.points(points)
+    drawing = drawn(path)
+    found = [(one.dxf.layer, tuple(one.dxf.location)) for one in drawing.query("POINT")]
+    assert [place for _, place in found[:3]] == PLACES
+    layers = [layer.removeprefix(f"{POINTS[0].session}") for layer, _ in found]
+    usual = " bar 1"
+    assert layers == [usual, "in doubt", usual, " plate hole_1", " Pl\u00e4tte", ""]
+    assert {layer for layer, _ in found} <= {one.dxf.name for one in drawing.layers}
+    low_mm = np.min([one.xyz_mm for one in points], axis=0)
+    assert list(drawing.header["$EXTMIN"]) == low_mm.tolist()
+
+
+def test_scans_in_a_drawing(tmp_path: Path) -> None:
+    path = tmp_path / "scans.dxf"
+    with path.open("wb") as file, FORMATS["dxf"](file) as sink:
+        sink.table(SCAN)
+        sink.table(replace(SCAN, seq=SCAN.seq + 4))
+        sink.table(replace(SCAN, quality=np.zeros(4, dtype=np.uint32)))
+    drawing = drawn(path)
+    first, doubtful, *kept = [tuple(row) for row in SCAN.xyz_mm.tolist()]
+    lines = [
+        (one.dxf.layer, [tuple(place) for place in one.points()])
+        for one in drawing.query("POLYLINE")
+    ]
+    assert lines == [
+        ("scan 1", [*kept, first]),
+        ("scan 1", kept),
+        ("scan 2", [first, doubtful, *kept]),
+    ]
+    points = [
+        (one.dxf.layer, tuple(one.dxf.location)) for one in drawing.query("POINT")
+    ]
+    assert points == [("scan 1", first), *[("in doubt", doubtful)] * 2]
 
 
 def test_a_template_writes_lines_of_ones_own_form(tmp_path: Path) -> None:
