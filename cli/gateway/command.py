@@ -4,8 +4,10 @@ import asyncio
 import contextlib
 import os
 import signal
+import sqlite3
+from collections.abc import Coroutine
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -16,6 +18,7 @@ from traverse.protocol.printable import printable
 
 if TYPE_CHECKING:
     from traverse.client.arm import Arm
+    from traverse.client.gateways.home_assistant import HomeAssistantGateway
     from traverse.client.gateways.lines import LineCounts, LineGateway
     from traverse.client.gateways.outlets import Outlet
 
@@ -118,6 +121,62 @@ def lines(
             refuse(COMMAND, f"{outlet.name}: {why}; name another port")
 
 
+@gateway.command("home-assistant")
+@with_broker
+def home_assistant(
+    *,
+    arm: Annotated[str, typer.Option(help="Name of the arm.")],
+    broker: BrokerOptions,
+    prefix: Annotated[
+        str, typer.Option(help="Topic of Home Assistant's discovery.")
+    ] = "homeassistant",
+    history: Annotated[
+        Path | None,
+        typer.Option(help="File of daily checks, interim.db: shows the last one."),
+    ] = None,
+    remove: Annotated[
+        bool, typer.Option("--remove", help="Take the arm out again, and end.")
+    ] = False,
+) -> None:
+    """Show an arm's state in Home Assistant, by MQTT discovery.
+
+    Ends on Ctrl-C or SIGTERM; the arm is then shown as unavailable. Exit status 2: an
+    option was refused; 3: the broker could not be reached.
+    """
+    from traverse.client.gateways.home_assistant import HomeAssistantGateway  # noqa: PLC0415 - keeps --help quick
+    from traverse.lab.daily_check.history import HistoryRefusedError, checks_of  # noqa: PLC0415
+    from traverse.protocol.message_error import MessageError  # noqa: PLC0415
+    from traverse.protocol.topics import status_topic  # noqa: PLC0415
+
+    command = "gateway home-assistant"
+    try:
+        status_topic(arm)
+    except MessageError as error:
+        refuse(command, str(error))
+    if not prefix or any(sign in prefix for sign in "+#\0"):
+        refuse(command, f"--prefix {prefix}: expected a topic, without + and #")
+    if history is not None and not history.is_file():
+        refuse(command, f"--history {history}: there is no such file")
+
+    def last_check() -> str | None:
+        checks = checks_of(history, arm) if history and history.is_file() else []
+        return checks[-1].time_utc if checks else None
+
+    address = broker.address(command)
+    try:
+        last_check()  # whether it can be read is said at once
+        with client_errors(command):
+            shown = HomeAssistantGateway(arm, address, prefix, _report, last_check)
+            asyncio.run(shown.remove() if remove else _show(shown))
+    except (HistoryRefusedError, sqlite3.Error) as error:
+        refuse(command, str(error))
+
+
+async def _show(shown: "HomeAssistantGateway") -> None:
+    with contextlib.suppress(asyncio.CancelledError):
+        await _until_signal(shown.run())
+
+
 def _outlet(
     tcp: str | None, udp: str | None, serial: str | None, baud: int, file: Path | None
 ) -> "Outlet":
@@ -158,11 +217,16 @@ async def _serve(arm: "Arm", kind: Kind, sender: "LineGateway") -> None:
         async with outlet, arm:
             _report(f"{kind} of {arm.name} to {outlet.name}: {outlet.promise}")
             work = sender.send_scans if kind == "scans" else sender.send_points
-            sending = asyncio.create_task(work(arm))
-            for number in (signal.SIGINT, signal.SIGTERM):
-                asyncio.get_running_loop().add_signal_handler(number, sending.cancel)
-            await sending
+            await _until_signal(work(arm))
     _report(_sums(sender.counts))
+
+
+async def _until_signal(work: Coroutine[Any, Any, None]) -> None:
+    """Await this; raises CancelledError on Ctrl-C or SIGTERM."""
+    task = asyncio.create_task(work)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, task.cancel)
+    await task
 
 
 def _sums(counts: "LineCounts") -> str:

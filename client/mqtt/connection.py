@@ -98,12 +98,16 @@ class ManualAckConnection(ConfiguredClient):
     Args:
         address: of the broker.
         take: called with each message.
+        will: published by the broker when the connection is lost.
     """
 
     def __init__(
-        self, address: BrokerAddress, take: Callable[[IncomingMessage], None]
+        self,
+        address: BrokerAddress,
+        take: Callable[[IncomingMessage], None],
+        will: aiomqtt.Will | None = None,
     ) -> None:
-        super().__init__(address)
+        super().__init__(address, will=will)
         self._take = take
         self.pending_calls_threshold = 1000
         self._client.manual_ack_set(True)
@@ -128,13 +132,13 @@ class ManualAckConnection(ConfiguredClient):
                 "access list, or username and password"
             )
 
-    async def send(self, topic: str, payload: bytes) -> None:
+    async def send(self, topic: str, payload: bytes, *, retain: bool = False) -> None:
         """Publish with quality of service 1; returns on the broker's acknowledgement.
 
         Raises:
             aiomqtt.MqttError: the connection is lost.
         """
-        await self._while_connected(self.publish(topic, payload, qos=1))
+        await self._while_connected(self.publish(topic, payload, qos=1, retain=retain))
 
     async def wait_closed(self) -> None:
         """Wait until the connection is lost.
@@ -202,6 +206,7 @@ class ReconnectingConnection:
 
     Args:
         address: of the broker.
+        will: published by the broker when the connection is lost.
 
     Attributes:
         topics: topic filters to their quality of service.
@@ -209,8 +214,11 @@ class ReconnectingConnection:
         reason: why there is none, for people.
     """
 
-    def __init__(self, address: BrokerAddress) -> None:
+    def __init__(
+        self, address: BrokerAddress, will: aiomqtt.Will | None = None
+    ) -> None:
         self.address = address
+        self._will = will
         self.topics: dict[str, int] = {}
         self.connections = 0
         self.reason = "not tried yet"
@@ -228,7 +236,7 @@ class ReconnectingConnection:
         while True:
             try:
                 async with ManualAckConnection(
-                    self.address, handler.take
+                    self.address, handler.take, self._will
                 ) as connection:
                     for topic, qos in self.topics.items():
                         await connection.subscribe_checked(topic, qos)
@@ -263,7 +271,9 @@ class ReconnectingConnection:
         if not self.connections:
             raise BrokerUnreachableError(f"broker {self.address}{late}: {self.reason}")
 
-    async def publish(self, topic: str, payload: bytes) -> None:
+    async def publish(
+        self, topic: str, payload: bytes, *, retain: bool = False
+    ) -> None:
         """Send with quality of service 1.
 
         Raises:
@@ -272,7 +282,7 @@ class ReconnectingConnection:
         """
         if self._connection is None:
             raise aiomqtt.MqttError(self.reason)
-        await self._connection.send(topic, payload)
+        await self._connection.send(topic, payload, retain=retain)
 
     def acknowledge(self, number: int) -> None:
         """Acknowledge a message of the present connection to the broker."""

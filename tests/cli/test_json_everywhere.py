@@ -34,6 +34,7 @@ WITHOUT = {
     "demo": "shown to people; `traverse watch --json` beside it follows its arm",
     "page": "a server for browsers",
     "gateway lines": "its lines have the form that is asked for",
+    "gateway home-assistant": "a service; what it publishes is JSON",
 }
 ELSEWHERE = {
     "watch": "tests/end_to_end/cli/test_watch.py",

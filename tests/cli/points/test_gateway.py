@@ -1,7 +1,8 @@
-"""`traverse gateway lines` as a program: refused options, kills, restarts."""
+"""`traverse gateway` as a program: refused options, kills, restarts."""
 
 import asyncio
 import itertools
+import json
 import os
 import random
 import shlex
@@ -9,6 +10,7 @@ import socket
 import uuid
 from pathlib import Path
 
+import aiomqtt
 import pytest
 
 from tests.cli.programs import run_traverse
@@ -16,6 +18,8 @@ from tests.client.virtual_daemon import VirtualDaemon
 from tests.end_to_end.programs import Program, until
 from tests.mosquitto import Mosquitto
 from traverse.client.cancel_tasks import cancel_tasks
+from traverse.lab.daily_check.figures import DailyCheckFigures
+from traverse.lab.daily_check.history import Check, add_check
 
 LINES = ("gateway", "lines")
 
@@ -45,6 +49,63 @@ def test_bad_options_are_refused_in_a_sentence(
     assert result.returncode == 2, result.stderr
     assert expected in result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("--arm a/b", "arm name: 'a/b'; expected 1 to 64 characters without /"),
+        ("--arm a --prefix home/#", "--prefix home/#: expected a topic, without + and"),
+        ("--arm a --history no.db", "--history no.db: there is no such file"),
+        ("--arm a --history x.db", "x.db: is no history of checks"),
+    ],
+)
+def test_bad_options_for_home_assistant_are_refused_in_a_sentence(
+    words: str, expected: str, tmp_path: Path
+) -> None:
+    (tmp_path / "x.db").write_text("x" * 1000)
+    result = run_traverse(tmp_path, "gateway", "home-assistant", *shlex.split(words))
+    assert result.returncode == 2, result.stderr
+    assert expected in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.needs("mosquitto")
+async def test_an_arm_is_shown_in_home_assistant_and_taken_out(
+    mosquitto: Mosquitto, tmp_path: Path
+) -> None:
+    where = ("--broker", f"{mosquitto.host}:{mosquitto.port}")
+    virtual = VirtualDaemon(
+        f"arm-{uuid.uuid4().hex[:8]}", mosquitto.host, mosquitto.port
+    )
+    checked = "2026-11-23T06:10:00Z"
+    figures = DailyCheckFigures(**dict.fromkeys(DailyCheckFigures.__annotations__, 0.0))
+    add_check(tmp_path / "interim.db", Check(checked, virtual.arm, "", "", "", figures))
+    options = ("gateway", "home-assistant", "--arm", virtual.arm, *where)
+    seen: dict[str, str] = {}
+
+    async def follow(client: aiomqtt.Client) -> None:
+        await client.subscribe(f"home/device/traverse_{virtual.arm}/+")
+        async for message in client.messages:
+            assert isinstance(message.payload, bytes)
+            seen[str(message.topic).split("/")[-1]] = message.payload.decode()
+
+    async with (
+        virtual.running(),
+        aiomqtt.Client(mosquitto.host, mosquitto.port) as client,
+    ):
+        following = asyncio.create_task(follow(client))
+        words = (*options, "--prefix", "home", "--history", "interim.db")
+        with Program(tmp_path, "shown", *words) as gateway:
+            await until(lambda: seen.get("availability") == "online", "it is shown")
+            assert json.loads(seen["state"])["last_check"] == checked
+            assert "last_check" in json.loads(seen["config"])["components"]
+            assert await gateway.stop() == 0
+        await until(lambda: seen["availability"] == "offline", "it has ended")
+        with Program(tmp_path, "removed", *options, "--prefix=home", "--remove") as end:
+            assert await end.ended() == 0
+        await until(lambda: not any(seen.values()), "nothing is retained")
+        await cancel_tasks([following])
 
 
 def test_a_port_that_is_taken_is_refused(tmp_path: Path) -> None:

@@ -1,0 +1,254 @@
+"""An arm as a device of Home Assistant: a retained announcement, and a state.
+
+Home Assistant reads no MessagePack, so the state is written anew, below the topic of
+the announcement: one line of a broker's access list allows all of it.
+"""
+
+import asyncio
+import contextlib
+import hashlib
+import json
+import re
+from collections.abc import Callable
+from importlib.metadata import version
+from typing import Any
+
+import aiomqtt
+
+from traverse.client.cancel_tasks import cancel_tasks
+from traverse.client.errors import BrokerUnreachableError
+from traverse.client.gateways.outlets import Report
+from traverse.client.mqtt.address import BrokerAddress
+from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
+from traverse.protocol import topics
+from traverse.protocol.encoding import decode
+from traverse.protocol.message_error import MessageError
+from traverse.protocol.messages import Health, Status
+
+CONNECT_S = 10.0
+STATES = ("starting", "ready", "degraded", "stopping", "offline")
+_NOT_IN_ID = re.compile(r"[^a-zA-Z0-9_-]")
+
+_YES = "{{{{ 'ON' if value_json.{} else 'OFF' }}}}"
+ENTITIES: dict[str, dict[str, Any]] = {
+    "online": {
+        "platform": "binary_sensor",
+        "name": "Connected",
+        "device_class": "connectivity",
+        "value_template": _YES.format("online"),
+    },
+    "state": {
+        "platform": "sensor",
+        "name": "State",
+        "device_class": "enum",
+        "options": STATES,
+    },
+    "problem": {
+        "platform": "binary_sensor",
+        "name": "Alarm",
+        "device_class": "problem",
+        "value_template": _YES.format("problem"),
+        "json_attributes_template": "{{ {'alarms': value_json.alarms} | to_json }}",
+    },
+    "temperature_c": {
+        "platform": "sensor",
+        "name": "Temperature",
+        "device_class": "temperature",
+        "state_class": "measurement",
+        "unit_of_measurement": "°C",
+        "suggested_display_precision": 1,
+    },
+    "points": {
+        "platform": "sensor",
+        "name": "Points taken",
+        "state_class": "total_increasing",
+        "unit_of_measurement": "points",
+    },
+    "points_waiting": {
+        "platform": "sensor",
+        "name": "Points not sent",
+        "state_class": "measurement",
+        "unit_of_measurement": "points",
+    },
+    "last_check": {
+        "platform": "sensor",
+        "name": "Last check",
+        "device_class": "timestamp",
+    },
+}
+"""By the key of the state that each shows, as Home Assistant's MQTT integration has it:
+https://www.home-assistant.io/integrations/mqtt/#device-discovery-payload"""
+
+
+def announcement(arm: str, device: str, base: str, keys: set[str]) -> dict[str, Any]:
+    """Return the discovery payload of an arm.
+
+    Args:
+        arm: its name.
+        device: identifier of the device.
+        base: topic of the device, above `state` and `availability`.
+        keys: of the state, of those that have a value.
+    """
+    components: dict[str, dict[str, Any]] = {}
+    for key, entity in ENTITIES.items():
+        if key in keys:
+            common = {"unique_id": f"{device}_{key}"}
+            value = {"value_template": f"{{{{ value_json.{key} }}}}"}
+            components[key] = common | value | entity
+            if "json_attributes_template" in entity:
+                components[key]["json_attributes_topic"] = f"{base}/state"
+    return {
+        "device": {
+            "identifiers": [device],
+            "name": arm,
+            "manufacturer": "Traverse",
+            "model": "Articulated-arm coordinate measuring machine",
+        },
+        "origin": {"name": "traverse", "sw_version": version("traverse-cmm")},
+        "state_topic": f"{base}/state",
+        "availability_topic": f"{base}/availability",
+        "components": components,
+    }
+
+
+def state_of(
+    status: Status, health: Health | None, last_check: str | None
+) -> dict[str, Any]:
+    """Sum up what an arm's daemon says of itself; figures of one that is away are null.
+
+    Args:
+        status: the latest.
+        health: the latest, if there is one.
+        last_check: time of the last daily check, ISO 8601.
+    """
+    alarms = [
+        alarm.model_dump(include={"severity", "code", "source", "text", "remedy"})
+        for alarm in status.alarms or ()
+    ]
+    here = health if status.online else None
+    return {
+        "online": status.online,
+        "state": status.state,
+        "problem": any(alarm["severity"] != "info" for alarm in alarms),
+        "alarms": alarms,
+        "temperature_c": here and here.temperatures_c.get("arm"),
+        "points": here and here.counters.get("points_captured", 0),
+        "points_waiting": here and here.outbox.unsent,
+        "last_check": last_check,
+    }
+
+
+class HomeAssistantGateway:
+    """Show an arm in Home Assistant for as long as this runs.
+
+    Args:
+        arm: its name.
+        address: of the broker.
+        prefix: topic of Home Assistant's discovery.
+        report: called with what happens, for people.
+        last_check: returns the time of the arm's last daily check; not called on the
+            event loop's thread.
+    """
+
+    def __init__(
+        self,
+        arm: str,
+        address: BrokerAddress,
+        prefix: str,
+        report: Report,
+        last_check: Callable[[], str | None],
+    ) -> None:
+        self._arm = arm
+        plain = _NOT_IN_ID.sub("_", arm)
+        if plain != arm:  # another arm may have the same plain name
+            plain += f"_{hashlib.sha256(arm.encode()).hexdigest()[:8]}"
+        self._device = f"traverse_{plain}"
+        self.base = f"{prefix}/device/{self._device}"
+        self._report = report
+        self._last_check = last_check
+        away = aiomqtt.Will(f"{self.base}/availability", b"offline", 1, retain=True)
+        self._link = ReconnectingConnection(address, away)
+        self._status: Status | None = None
+        self._health: Health | None = None
+        self._news = asyncio.Event()
+        self._sent: dict[str, bytes] = {}
+
+    async def run(self) -> None:
+        """Announce the arm and follow it, until cancelled.
+
+        Raises:
+            BrokerUnreachableError: there is no connection at first.
+        """
+        kinds = (topics.status_topic(self._arm), topics.health_topic(self._arm))
+        self._link.topics.update(dict.fromkeys(kinds, 0))
+        connecting = asyncio.create_task(self._link.run(self))
+        try:
+            await self._link.wait_first(CONNECT_S)
+            self._report(f"waiting for what {self._arm} says of itself")
+            while True:
+                await self._news.wait()
+                self._news.clear()
+                try:
+                    await self._show()
+                except aiomqtt.MqttError:
+                    self._sent.clear()  # all of it again at the next connection
+        finally:
+            with contextlib.suppress(aiomqtt.MqttError):  # then the will says so
+                await self._send("availability", b"offline")
+            await cancel_tasks([connecting])
+
+    async def remove(self) -> None:
+        """Take the arm out of Home Assistant: empty retained messages.
+
+        Raises:
+            BrokerUnreachableError: there is no connection.
+        """
+        connecting = asyncio.create_task(self._link.run(self))
+        try:
+            await self._link.wait_first(CONNECT_S)
+            for topic in ("config", "state", "availability"):
+                await self._send(topic, b"")
+            self._report(f"{self._arm} is taken out of {self.base}")
+        except aiomqtt.MqttError as error:
+            raise BrokerUnreachableError(str(error)) from error
+        finally:
+            await cancel_tasks([connecting])
+
+    def take(self, arrived: IncomingMessage) -> None:
+        """A message was received."""
+        try:
+            if arrived.topic == topics.status_topic(self._arm):
+                self._status = decode(Status, arrived.payload)
+            else:
+                self._health = decode(Health, arrived.payload)
+        except MessageError as error:
+            self._report(f"message on {arrived.topic} left out: {error}")
+        self._news.set()
+
+    def on_connected(self) -> None:
+        """There is a connection."""
+        self._news.set()
+
+    def on_disconnected(self) -> None:
+        """There is none any more, and the will has been published."""
+        self._sent.clear()
+
+    async def _show(self) -> None:
+        if self._status is None:
+            return  # nothing is known of such an arm
+        if not self._sent:
+            self._report(f"{self._arm} is shown by {self.base}/config")
+        checked = await asyncio.to_thread(self._last_check)
+        state = state_of(self._status, self._health, checked)
+        # A time that was never is none that Home Assistant reads.
+        known = state.keys() - ({"last_check"} if checked is None else set())
+        config = announcement(self._arm, self._device, self.base, known)
+        await self._send("config", json.dumps(config).encode())
+        await self._send("state", json.dumps(state).encode())
+        await self._send("availability", b"online")
+
+    async def _send(self, topic: str, payload: bytes) -> None:
+        """Publish, retained, what is not there already."""
+        if self._sent.get(topic) != payload:
+            await self._link.publish(f"{self.base}/{topic}", payload, retain=True)
+            self._sent[topic] = payload
