@@ -1,9 +1,6 @@
 """`traverse gateway`: points for programs that do not speak MQTT."""
 
 import asyncio
-import contextlib
-import os
-import signal
 import sqlite3
 from collections.abc import Coroutine
 from pathlib import Path
@@ -12,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
-from traverse.cli.refusals import client_errors, refuse, system_refusal
+from traverse.cli.gateway.ippdme import ippdme
+from traverse.cli.gateway.running import host_port, report, run, until_signal
+from traverse.cli.refusals import client_errors, refuse
 from traverse.plurals import counted
-from traverse.protocol.printable import printable
 
 if TYPE_CHECKING:
     from traverse.client.arm import Arm
-    from traverse.client.gateways.home_assistant import HomeAssistantGateway
     from traverse.client.gateways.lines import LineCounts, LineGateway
     from traverse.client.gateways.outlets import Outlet
 
@@ -27,6 +24,7 @@ COMMAND = "gateway lines"
 gateway = typer.Typer(
     help="Points for programs that do not speak MQTT.", no_args_is_help=True
 )
+gateway.command("ippdme")(ippdme)
 Kind = Literal["points", "scans"]
 
 
@@ -108,17 +106,12 @@ def lines(
     except ValueError as error:
         refuse(COMMAND, str(error))
     address = broker.address(COMMAND)
-    with client_errors(COMMAND):
-        try:
-            there = Arm(arm, address, since=since, cursor_file=cursor_file)
-            asyncio.run(_serve(there, kind, LineGateway(form, outlet, _report)))
-        except OSError as error:
-            if error.filename is not None:
-                refuse(COMMAND, system_refusal(error))
-            # asyncio puts a sentence of its own before the system's.
-            is_of_system = error.errno is not None and error.errno > 0
-            why = os.strerror(error.errno or 0) if is_of_system else error.strerror
-            refuse(COMMAND, f"{outlet.name}: {why}; name another port")
+
+    def work() -> Coroutine[Any, Any, None]:
+        there = Arm(arm, address, since=since, cursor_file=cursor_file)
+        return _serve(there, kind, LineGateway(form, outlet, report))
+
+    run(COMMAND, lambda: outlet.name, work)
 
 
 @gateway.command("home-assistant")
@@ -166,15 +159,10 @@ def home_assistant(
     try:
         last_check()  # whether it can be read is said at once
         with client_errors(command):
-            shown = HomeAssistantGateway(arm, address, prefix, _report, last_check)
-            asyncio.run(shown.remove() if remove else _show(shown))
+            shown = HomeAssistantGateway(arm, address, prefix, report, last_check)
+            asyncio.run(shown.remove() if remove else until_signal(shown.run()))
     except (HistoryRefusedError, sqlite3.Error) as error:
         refuse(command, str(error))
-
-
-async def _show(shown: "HomeAssistantGateway") -> None:
-    with contextlib.suppress(asyncio.CancelledError):
-        await _until_signal(shown.run())
 
 
 def _outlet(
@@ -191,42 +179,25 @@ def _outlet(
     if sum(one is not None for one in (tcp, udp, serial, file)) != 1:
         raise ValueError("give one of --tcp, --udp, --serial and --file")
     if tcp is not None:
-        return TcpOutlet(*_host_port(tcp, "--tcp", "127.0.0.1"), _report)
+        return TcpOutlet(*host_port(tcp, "--tcp", "127.0.0.1"), report)
     if udp is not None:
-        return UdpOutlet(*_host_port(udp, "--udp", None), _report)
+        return UdpOutlet(*host_port(udp, "--udp", None), report)
     if serial is not None:
-        return SerialOutlet(serial, baud, _report)
+        return SerialOutlet(serial, baud, report)
     path = file or Path()
     if path.is_dir() or not path.parent.is_dir():
         raise ValueError(f"--file {path}: name a file in a folder that is there")
-    return FileOutlet(path, _report)
-
-
-def _host_port(text: str, option: str, host: str | None) -> tuple[str, int]:
-    before, _, port = text.rpartition(":")
-    host = before.strip("[]") or host
-    if host is None or not port.isascii() or not port.isdigit() or int(port) > 65535:
-        raise ValueError(f"{option} {text}: expected HOST:PORT, with a port to 65535")
-    return host, int(port)
+    return FileOutlet(path, report)
 
 
 async def _serve(arm: "Arm", kind: Kind, sender: "LineGateway") -> None:
     outlet = sender.outlet
-    # What is being sent when this ends is not done: it is sent by the next one.
-    with contextlib.suppress(asyncio.CancelledError):
-        async with outlet, arm:
-            _report(f"{kind} of {arm.name} to {outlet.name}: {outlet.promise}")
-            work = sender.send_scans if kind == "scans" else sender.send_points
-            await _until_signal(work(arm))
-    _report(_sums(sender.counts))
-
-
-async def _until_signal(work: Coroutine[Any, Any, None]) -> None:
-    """Await this; raises CancelledError on Ctrl-C or SIGTERM."""
-    task = asyncio.create_task(work)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, task.cancel)
-    await task
+    async with outlet, arm:
+        report(f"{kind} of {arm.name} to {outlet.name}: {outlet.promise}")
+        work = sender.send_scans if kind == "scans" else sender.send_points
+        # What is being sent when this ends is not done: the next one sends it.
+        await until_signal(work(arm))
+    report(_sums(sender.counts))
 
 
 def _sums(counts: "LineCounts") -> str:
@@ -235,7 +206,3 @@ def _sums(counts: "LineCounts") -> str:
         f"{counted(counts.held_back, 'point')} held back, "
         f"{counts.undone} taken back after they were sent, {counts.lost} lost"
     )
-
-
-def _report(text: str) -> None:
-    typer.echo(printable(text), err=True)

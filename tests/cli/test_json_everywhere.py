@@ -33,6 +33,7 @@ WITHOUT = {
     "simulate": "hardware: it prints which ports are ready, for whoever waits for them",
     "demo": "shown to people; `traverse watch --json` beside it follows its arm",
     "page": "a server for browsers",
+    "gateway ippdme": "a server for metrology software",
     "gateway lines": "its lines have the form that is asked for",
     "gateway home-assistant": "a service; what it publishes is JSON",
 }

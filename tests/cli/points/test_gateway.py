@@ -27,25 +27,40 @@ LINES = ("gateway", "lines")
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("", "give one of --tcp, --udp, --serial and --file"),
-        ("--tcp 1 --file a", "give one of --tcp, --udp, --serial and --file"),
-        ("--tcp x", "--tcp x: expected HOST:PORT"),
-        ("--tcp 65536", "--tcp 65536: expected HOST:PORT, with a port to 65535"),
-        ("--udp 5000", "--udp 5000: expected HOST:PORT"),
-        ("--file no/lines.txt", "name a file in a folder that is there"),
-        ("--file .", "name a file in a folder that is there"),
-        ("--file a --template {w}", "{w} is no value of a point; there are: x, y"),
-        ("--file a --template {x:d}", "Unknown format code 'd'"),
-        ("--file a --decimal ,", "',' is the decimal sign and stands between values"),
-        ("--file a --kind scans --coordinates surface", "has no --coordinates surface"),
-        ("--file a --cursor-file bad.json", "bad.json: []; expected a map with schema"),
+        ("lines", "give one of --tcp, --udp, --serial and --file"),
+        ("lines --tcp 1 --file a", "give one of --tcp, --udp, --serial and --file"),
+        ("lines --tcp x", "--tcp x: expected HOST:PORT"),
+        ("lines --tcp 65536", "--tcp 65536: expected HOST:PORT, with a port to 65535"),
+        ("lines --udp 5000", "--udp 5000: expected HOST:PORT"),
+        ("lines --file no/lines.txt", "name a file in a folder that is there"),
+        ("lines --file .", "name a file in a folder that is there"),
+        (
+            "lines --file a --template {w}",
+            "{w} is no value of a point; there are: x, y",
+        ),
+        ("lines --file a --template {x:d}", "Unknown format code 'd'"),
+        (
+            "lines --file a --decimal ,",
+            "',' is the decimal sign and stands between values",
+        ),
+        (
+            "lines --file a --kind scans --coordinates surface",
+            "has no --coordinates surface",
+        ),
+        (
+            "lines --file a --cursor-file bad.json",
+            "bad.json: []; expected a map with schema",
+        ),
+        ("ippdme --listen x", "--listen x: expected HOST:PORT, with a port to 65535"),
+        ("ippdme --key base/1", "--key base/1: expected INPUT=NAME, such as base/1="),
     ],
 )
 def test_bad_options_are_refused_in_a_sentence(
     words: str, expected: str, tmp_path: Path
 ) -> None:
     (tmp_path / "bad.json").write_text("[]")
-    result = run_traverse(tmp_path, *LINES, "--arm", "bench-7", *shlex.split(words))
+    kind, *options = shlex.split(words)
+    result = run_traverse(tmp_path, "gateway", kind, "--arm", "bench-7", *options)
     assert result.returncode == 2, result.stderr
     assert expected in result.stderr
     assert len(result.stderr.splitlines()) == 1

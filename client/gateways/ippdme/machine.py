@@ -1,0 +1,234 @@
+"""The arm as I++ DME sees it: poses, coordinate systems, tools and their properties."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from traverse.client.gateways.ippdme import tools
+from traverse.client.gateways.ippdme.grammar import (
+    Argument,
+    IppError,
+    Property,
+    Word,
+    number,
+    property_text,
+    quoted,
+)
+from traverse.client.gateways.ippdme.systems import Systems
+from traverse.protocol.messages import Live, Point
+
+STALE_S = 2.0  # live poses arrive many times a second while the arm is there
+OF_POINT = ("IJK", "Q", "ER")
+AXES = ("X", "Y", "Z")
+
+
+class Machine:
+    """What commands read and set that concerns no session.
+
+    Args:
+        radii_mm: radii of balls by tool, as far as they are known.
+        clock: monotonic time [s].
+
+    Attributes:
+        live: the latest pose.
+        live_s: when it arrived, by the clock.
+        is_reachable: whether the arm and the broker are there.
+    """
+
+    def __init__(
+        self, radii_mm: Mapping[str, float], clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.systems = Systems()
+        self.tools = tools.Tools(radii_mm)
+        self.live: Live | None = None
+        self.live_s = -np.inf
+        self.is_reachable = True
+        self._clock = clock
+
+    def take_live(self, live: Live) -> None:
+        """The arm's latest pose."""
+        self.live, self.live_s = live, self._clock()
+
+    def pose(self) -> Live:
+        """The present pose; raises IppError."""
+        if (
+            self.live is None
+            or not self.is_reachable
+            or self._clock() - self.live_s > STALE_S
+        ):
+            raise IppError(503, "the arm sends no poses")
+        return self.live
+
+    def require_good(self, measured: Point | Live, what: str) -> None:
+        """Nothing in doubt leaves as if it were good; raises IppError."""
+        is_point = isinstance(measured, Point)
+        if not measured.quality.ok:
+            flags = ", ".join(measured.quality.flags)
+            raise IppError(1001 if is_point else 1000, f"{what} is in doubt ({flags})")
+        if is_point:
+            self.require_probe()
+
+    def require_probe(self) -> None:
+        """The active tool measures; raises IppError."""
+        if self.tools.active == tools.NONE:
+            raise IppError(2002, f"{tools.NONE} does not measure")
+
+    def values(self, names: Sequence[str], measured: Point | Live | None) -> str:
+        """`X(1),Y(2)` for names that `enumerated` has returned; raises IppError."""
+        return ",".join(self._value(name, measured) for name in names)
+
+    def _value(self, name: str, measured: Point | Live | None) -> str:
+        if name in AXES and measured is not None:
+            place = self.systems.point(measured.xyz_mm)
+            return property_text(name, place[AXES.index(name)])
+        if name in OF_POINT and isinstance(measured, Point):
+            if name == "IJK":
+                outwards = _out_of_material(measured)
+                return property_text(name, *self.systems.direction(outwards))
+            return property_text(name, measured.probe_radius_mm * (name == "ER"))
+        tool, path = self.tools.split(name)
+        if path == "Name":
+            return property_text(name, tool)
+        if path == "Alignment" and tool == self.tools.active:
+            if measured is None:
+                measured = self.pose()
+                self.require_good(measured, "the pose")
+            i, j, k = measured.ijk
+            return property_text(name, *self.systems.direction((-i, -j, -k)))
+        return property_text(name, self.tools.parameter(tool, path))
+
+    def enumerated(
+        self, args: Sequence[Argument], *, of_point: bool = False, axes: bool = True
+    ) -> tuple[str, ...]:
+        """The names of an enumeration, each once, all known; raises IppError."""
+        names: list[str] = []
+        for one in args:
+            if not isinstance(one, Property) or one.values or one.name in names:
+                raise IppError(509, f"{shown(one)}: expected Name() once")
+            names.append(one.name)
+            if one.name in OF_POINT:
+                if not of_point:
+                    raise IppError(508, f"{one.name} is of a point")
+            elif one.name not in AXES or not axes:
+                tool, path = self.tools.split(one.name)
+                if path not in ("Name", "AvrRadius", "Alignment"):
+                    self.tools.parameter(tool, path)
+        if not names:
+            raise IppError(502, "the enumeration is empty")
+        return tuple(names)
+
+    # Commands: their arguments in, lines of data out; raise IppError
+
+    def _get(self, args: Sequence[Argument]) -> Sequence[str]:
+        names = self.enumerated(args)
+        pose = self.pose()
+        self.require_good(pose, "the pose")
+        return (self.values(names, pose),)
+
+    def _get_prop(self, args: Sequence[Argument]) -> Sequence[str]:
+        return (self.values(self.enumerated(args, axes=False), None),)
+
+    def _set_prop(self, args: Sequence[Argument]) -> Sequence[str]:
+        outside = []
+        for one in args:
+            if not isinstance(one, Property) or len(one.values) != 1:
+                raise IppError(509, f"{shown(one)}: expected Name(value)")
+            if not self.tools.set_parameter(*self.tools.split(one.name), one.values[0]):
+                outside.append(one.name)
+        if not args:
+            raise IppError(502, "the enumeration is empty")
+        if outside:
+            raise IppError(
+                504, f"{', '.join(outside)}: set to the nearest allowed value"
+            )
+        return ()
+
+    def _enum_prop(self, args: Sequence[Argument]) -> Sequence[str]:
+        return self._children(args[0], deep=False)
+
+    def _enum_all_prop(self, args: Sequence[Argument]) -> Sequence[str]:
+        return self._children(args[0], deep=True)
+
+    def _children(self, one: Argument, *, deep: bool) -> Sequence[str]:
+        if not isinstance(one, Property) or one.values:
+            raise IppError(509, f"{shown(one)}: expected an object such as Tool()")
+        _, path = self.tools.split(one.name)
+        found = tools.children(path, deep=deep)
+        return [f"{quoted(name)},{quoted(kind)}" for name, kind in found]
+
+    def _enum_tools(self, _: Sequence[Argument]) -> Sequence[str]:
+        return [quoted(name) for name in self.tools.names]
+
+    def _find_tool(self, args: Sequence[Argument]) -> Sequence[str]:
+        self.tools.found = tools.UNDEFINED
+        self.tools.found = self.tools.require(args[0])
+        return ()
+
+    def _get_system(self, _: Sequence[Argument]) -> Sequence[str]:
+        return (f"CoordSystem({self.systems.selected})",)
+
+    def _get_transformation(self, args: Sequence[Argument]) -> Sequence[str]:
+        values = self.systems.values(_word(args[0]))
+        return (property_text("GetCsyTransformation", *values),)
+
+    def _set_transformation(self, args: Sequence[Argument]) -> Sequence[str]:
+        name, *rest = args
+        values = tuple(value for value in rest if isinstance(value, float))
+        if len(values) != 6:
+            raise IppError(509, "expected a system and six numbers")
+        self.systems.set(_word(name), values)
+        return ()
+
+    def select_system(self, args: Sequence[Argument]) -> None:
+        """`SetCoordSystem`."""
+        self.systems.select(_word(args[0]))
+
+    COMMANDS: ClassVar[
+        Mapping[
+            str,
+            tuple[Callable[["Machine", Sequence[Argument]], Sequence[str]], int | None],
+        ]
+    ] = {
+        "Get": (_get, None),
+        "GetProp": (_get_prop, None),
+        "GetPropE": (_get_prop, None),
+        "SetProp": (_set_prop, None),
+        "EnumProp": (_enum_prop, 1),
+        "EnumAllProp": (_enum_all_prop, 1),
+        "EnumTools": (_enum_tools, 0),
+        "FindTool": (_find_tool, 1),
+        "GetCoordSystem": (_get_system, 0),
+        "GetCsyTransformation": (_get_transformation, 1),
+        "SetCsyTransformation": (_set_transformation, 7),
+    }
+    """What each does, and how many arguments it takes; None: several."""
+
+
+def shown(argument: Argument) -> str:
+    """An argument as it is written."""
+    match argument:
+        case Property():
+            return property_text(argument.name, *argument.values)
+        case Word():
+            return argument.name
+        case str():
+            return quoted(argument)
+    return number(argument)
+
+
+def _word(argument: Argument) -> str:
+    if not isinstance(argument, Word):
+        raise IppError(509, f"{shown(argument)}: expected a name without quotes")
+    return argument.name
+
+
+def _out_of_material(point: Point) -> tuple[float, float, float]:
+    """The direction from the material to the ball; zeros: it is not known."""
+    if point.surface_mm is None:
+        return (0.0, 0.0, 0.0)
+    outwards = np.subtract(point.xyz_mm, point.surface_mm)
+    length = float(np.linalg.norm(outwards))
+    i, j, k = outwards / length if length else np.zeros(3)
+    return (float(i), float(j), float(k))
