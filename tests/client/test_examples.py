@@ -15,9 +15,10 @@ from tests.client.virtual_daemon import VirtualDaemon
 CHECKOUT = Path(__file__).parent.parent.parent
 EXAMPLES = CHECKOUT / "examples"
 PAGES = {
-    "notebook": "read-points-in-your-program.md",
-    "follow": "read-points-in-your-program.md",
-    "store": "read-points-in-your-program.md",
+    "circle": "tutorial/circle-over-ippdme.md",
+    "notebook": "how-to/read-points-in-your-program.md",
+    "follow": "how-to/read-points-in-your-program.md",
+    "store": "how-to/read-points-in-your-program.md",
 }
 
 
@@ -47,7 +48,7 @@ class Example(AbstractContextManager["Example"]):
 
 @pytest.mark.parametrize("name", PAGES)
 def test_pages_show_the_examples_that_are_run(name: str) -> None:
-    page = (CHECKOUT / "docs" / "how-to" / PAGES[name]).read_text("utf-8")
+    page = (CHECKOUT / "docs" / PAGES[name]).read_text("utf-8")
     assert (EXAMPLES / f"{name}.py").read_text("utf-8").rstrip() in page
     assert {path.stem for path in EXAMPLES.glob("*.py")} == set(PAGES)
 

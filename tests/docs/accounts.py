@@ -22,6 +22,8 @@ RUN: Final = {
     "docs/how-to/arm-file-from-dh-or-urdf.md": "tests/docs/test_office_guides.py",
     "docs/how-to/secure-the-broker.md": "tests/docs/test_office_guides.py",
     "docs/how-to/campaign-from-a-table.md": "tests/cli/identify/test_table.py",
+    "docs/tutorial/circle-over-ippdme.md": "tests/docs/test_circle_tutorial.py",
+    "docs/how-to/metrology-software.md": "tests/docs/test_bench_guides.py",
     "docs/tutorial/old-microscribe.md": "tests/docs/test_old_microscribe.py",
 }
 """Pages of which a test runs every command but those named below."""

@@ -20,12 +20,14 @@ OTHERS = (
     "docs/how-to/record-and-replay.md",
     "docs/how-to/export-points.md",
     "docs/how-to/points-as-lines.md",
+    "docs/how-to/metrology-software.md",
 )
 BY_HAND = "reply/#|by-hand-1"
 """What listens for a reply, and the command that is replied to: run together."""
 ENDLESS = {
     "traverse run": "arm bench-7",
     "traverse watch": '"arm":"bench-7"',
+    "traverse gateway ippdme": "I++ DME server of bench-7 on",
     "traverse gateway": "points of bench-7 to",
 }
 """Commands that do not end, and what they say first."""
@@ -35,6 +37,7 @@ SCAN = (
 )
 HERE = {
     "mosquitto_sub -t": "mosquitto_sub -C 1 -t",
+    "0.0.0.0:1294 --probes probes.toml": "127.0.0.1:0",
     "--seconds 60": "--seconds 2",
     "monday.mcap": "state/recordings/bumps.mcap",
     "replay bumps.mcap": "replay state/recordings/bumps.mcap",

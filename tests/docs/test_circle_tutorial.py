@@ -1,0 +1,52 @@
+"""The tutorial on I++ DME does what its page says, to the last printed digit."""
+
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.docs.accounts import why_not_run
+from tests.docs.pages import commands, examples, text_of
+from tests.docs.shell import Shell, as_run
+from tests.mosquitto import Mosquitto
+
+PAGE = "docs/tutorial/circle-over-ippdme.md"
+PRINTED = re.compile(r"^Tool\.Name.*?form [0-9.]+ mm$", re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.slow
+@pytest.mark.needs("mosquitto")
+async def test_a_circle(
+    make_mosquitto: Callable[..., Mosquitto], tmp_path: Path
+) -> None:
+    port = make_mosquitto().port
+    for kind in ("simulator", "daemon"):
+        ((_, text),) = [found for found in examples(kind) if found[0] == PAGE]
+        text = text.replace("port = 1883", f"port = {port}")
+        (tmp_path / f"{kind}.toml").write_text(text, "utf-8")
+    lines = [line for line in commands(PAGE) if why_not_run(line) is None]
+    copy, simulate, run, serve, measure = [as_run(line, port) for line in lines]
+    measure = measure.replace("python", sys.executable, 1)
+    with Shell(tmp_path, "copy", copy) as copying:
+        await copying.ends()
+    with Shell(tmp_path, "simulate", simulate) as simulator:
+        await simulator.says("ready base board.pty\n")
+        with (
+            Shell(tmp_path, "run", run) as daemon,
+            Shell(tmp_path, "serve", f"{serve} --listen 0") as gateway,
+        ):
+            await daemon.says("button.pressed")
+            await gateway.says("I++ DME server of demo-7 on tcp 127.0.0.1:")
+            where = gateway.output.split("127.0.0.1:")[1].split()[0]
+            with Shell(tmp_path, "measure", f"{measure} {where}") as client:
+                said = await client.ends()
+            await gateway.interrupt()
+            await daemon.interrupt()
+        await simulator.interrupt()
+    found = PRINTED.search(text_of(PAGE))
+    assert found is not None
+    # Touches before the round began are warned of; how many, depends on the start.
+    measured = [line for line in said.splitlines() if " ! Error(1,1001," not in line]
+    assert measured == found[0].splitlines()
