@@ -1,5 +1,6 @@
 """The examples of the client run, and the pages show them as they are."""
 
+import runpy
 import sqlite3
 import subprocess
 import sys
@@ -11,6 +12,9 @@ import pytest
 
 from tests.client.reading import PATIENCE_S, until
 from tests.client.virtual_daemon import VirtualDaemon
+from tests.protocol.message_examples import POINT
+from traverse.protocol.messages import Label
+from traverse.protocol.messages.quality import Quality
 
 CHECKOUT = Path(__file__).parent.parent.parent
 EXAMPLES = CHECKOUT / "examples"
@@ -20,6 +24,8 @@ PAGES = {
     "follow": "how-to/read-points-in-your-program.md",
     "store": "how-to/read-points-in-your-program.md",
 }
+MACROS = {"blender_points": 1e-3, "freecad_points": 1.0}
+"""Scripts that run in other programs, and their unit of length in a millimetre."""
 
 
 class Example(AbstractContextManager["Example"]):
@@ -50,7 +56,10 @@ class Example(AbstractContextManager["Example"]):
 def test_pages_show_the_examples_that_are_run(name: str) -> None:
     page = (CHECKOUT / "docs" / PAGES[name]).read_text("utf-8")
     assert (EXAMPLES / f"{name}.py").read_text("utf-8").rstrip() in page
-    assert {path.stem for path in EXAMPLES.glob("*.py")} == set(PAGES)
+    assert {path.stem for path in EXAMPLES.iterdir() if path.is_file()} == {
+        *PAGES,
+        *MACROS,
+    }
 
 
 @pytest.mark.needs("mosquitto")
@@ -96,6 +105,52 @@ async def test_store_has_every_point_once_after_being_killed(
             await virtual.take(3)
             with Example(tmp_path, "store", virtual.arm, broker, str(path)):
                 await until(partial(has_stored, path, n))
+
+
+def macro(name: str) -> Path:
+    """The file of a script that runs in another program."""
+    (path,) = EXAMPLES.glob(f"{name}.*")
+    return path
+
+
+@pytest.mark.parametrize("name", MACROS)
+def test_a_macro_without_its_program_says_where_to_run_it(name: str) -> None:
+    words = [sys.executable, macro(name)]
+    ran = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert ran.returncode == 1
+    assert ran.stderr.startswith(macro(name).name)
+    assert ran.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(("name", "unit"), MACROS.items())
+def test_a_macro_groups_points_that_were_not_taken_back(name: str, unit: float) -> None:
+    taken = {
+        "a": {"label": Label(artefact="plate", feature="7")},
+        "b": {"label": Label(artefact="plate", feature="7")},
+        "c": {},
+        "d": {"quality": POINT.quality},
+        "undo": {"retracts": "b"},
+    }
+    good = {"quality": Quality.from_bits(0), "label": Label()}
+    standing = runpy.run_path(str(macro(name)))["Standing"]()
+    for at, (point_id, own) in enumerate(taken.items()):
+        place = {"id": point_id, "xyz_mm": (1000.0 * at, -20.0, 0.5)}
+        standing.take(POINT.model_copy(update=good | place | own))
+    assert standing.groups() == {
+        "plate 7": [pytest.approx((0.0, -20.0 * unit, 0.5 * unit))],
+        "points": [pytest.approx((2000.0 * unit, -20.0 * unit, 0.5 * unit))],
+        "in doubt": [pytest.approx((3000.0 * unit, -20.0 * unit, 0.5 * unit))],
+    }
+
+
+@pytest.mark.parametrize("name", MACROS)
+def test_a_macro_counts_points_without_the_chosen_coordinates(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TRAVERSE_COORDINATES", "part_xyz_mm")
+    standing = runpy.run_path(str(macro(name)))["Standing"]()
+    standing.take(POINT.model_copy(update={"part_xyz_mm": None}))
+    assert (standing.groups(), standing.left_out) == ({}, 1)
 
 
 def has_stored(path: Path, n: int) -> bool:
