@@ -1,7 +1,8 @@
 """`traverse gateway ippdme`: an arm for metrology software that speaks I++ DME."""
 
+from collections.abc import Coroutine
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -50,6 +51,7 @@ def ippdme(
     """
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
     from traverse.client.gateways.ippdme.server import IppServer  # noqa: PLC0415
+    from traverse.client.gateways.ippdme.session import Options  # noqa: PLC0415
     from traverse.daemon.pose.probe_library import read_probes  # noqa: PLC0415
 
     try:
@@ -59,22 +61,20 @@ def ippdme(
         refuse(COMMAND, str(error))
     with refusals(COMMAND):
         library = () if probes is None else read_probes(probes).probes
-    there = Arm(arm, broker.address(COMMAND))
-    server = IppServer(
-        there,
-        host,
-        port,
-        report,
-        near_mm=near_mm,
-        radii_mm={probe.name: probe.radius_mm for probe in library},
-        keys=keys,
-        quotes_class=quote_class,
+    options = Options(
+        near_mm,
+        {probe.name: probe.radius_mm for probe in library},
+        keys,
+        '"CartCMM"' if quote_class else "CartCMM",
     )
-    run(
-        COMMAND,
-        lambda: f"tcp {host}:{port}",
-        lambda: until_signal(_serve(there, server)),
-    )
+    address = broker.address(COMMAND)
+
+    def work() -> Coroutine[Any, Any, None]:
+        there = Arm(arm, address)
+        server = IppServer(there, host, port, report, options)
+        return until_signal(_serve(there, server))
+
+    run(COMMAND, lambda: f"tcp {host}:{port}", work)
 
 
 def _key(text: str) -> tuple[str, str]:

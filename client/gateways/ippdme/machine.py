@@ -20,6 +20,7 @@ from traverse.client.gateways.ippdme.systems import Systems
 from traverse.protocol.messages import Live, Point
 
 STALE_S = 2.0  # live poses arrive many times a second while the arm is there
+Args = Sequence[Argument]
 OF_POINT = ("IJK", "Q", "ER")
 AXES = ("X", "Y", "Z")
 
@@ -100,7 +101,7 @@ class Machine:
         return property_text(name, self.tools.parameter(tool, path))
 
     def enumerated(
-        self, args: Sequence[Argument], *, of_point: bool = False, axes: bool = True
+        self, args: Args, *, of_point: bool = False, axes: bool = True
     ) -> tuple[str, ...]:
         """The names of an enumeration, each once, all known; raises IppError."""
         names: list[str] = []
@@ -121,16 +122,16 @@ class Machine:
 
     # Commands: their arguments in, lines of data out; raise IppError
 
-    def _get(self, args: Sequence[Argument]) -> Sequence[str]:
+    def _get(self, args: Args) -> Sequence[str]:
         names = self.enumerated(args)
         pose = self.pose()
         self.require_good(pose, "the pose")
         return (self.values(names, pose),)
 
-    def _get_prop(self, args: Sequence[Argument]) -> Sequence[str]:
+    def _get_prop(self, args: Args) -> Sequence[str]:
         return (self.values(self.enumerated(args, axes=False), None),)
 
-    def _set_prop(self, args: Sequence[Argument]) -> Sequence[str]:
+    def _set_prop(self, args: Args) -> None:
         outside = []
         for one in args:
             if not isinstance(one, Property) or len(one.values) != 1:
@@ -143,12 +144,11 @@ class Machine:
             raise IppError(
                 504, f"{', '.join(outside)}: set to the nearest allowed value"
             )
-        return ()
 
-    def _enum_prop(self, args: Sequence[Argument]) -> Sequence[str]:
+    def _enum_prop(self, args: Args) -> Sequence[str]:
         return self._children(args[0], deep=False)
 
-    def _enum_all_prop(self, args: Sequence[Argument]) -> Sequence[str]:
+    def _enum_all_prop(self, args: Args) -> Sequence[str]:
         return self._children(args[0], deep=True)
 
     def _children(self, one: Argument, *, deep: bool) -> Sequence[str]:
@@ -158,37 +158,34 @@ class Machine:
         found = tools.children(path, deep=deep)
         return [f"{quoted(name)},{quoted(kind)}" for name, kind in found]
 
-    def _enum_tools(self, _: Sequence[Argument]) -> Sequence[str]:
+    def _enum_tools(self, _: Args) -> Sequence[str]:
         return [quoted(name) for name in self.tools.names]
 
-    def _find_tool(self, args: Sequence[Argument]) -> Sequence[str]:
+    def _find_tool(self, args: Args) -> None:
         self.tools.found = tools.UNDEFINED
         self.tools.found = self.tools.require(args[0])
-        return ()
 
-    def _get_system(self, _: Sequence[Argument]) -> Sequence[str]:
+    def _get_system(self, _: Args) -> Sequence[str]:
         return (f"CoordSystem({self.systems.selected})",)
 
-    def _get_transformation(self, args: Sequence[Argument]) -> Sequence[str]:
+    def _get_transformation(self, args: Args) -> Sequence[str]:
         values = self.systems.values(_word(args[0]))
         return (property_text("GetCsyTransformation", *values),)
 
-    def _set_transformation(self, args: Sequence[Argument]) -> Sequence[str]:
+    def _set_transformation(self, args: Args) -> None:
         name, *rest = args
         values = tuple(value for value in rest if isinstance(value, float))
         if len(values) != 6:
             raise IppError(509, "expected a system and six numbers")
         self.systems.set(_word(name), values)
-        return ()
 
-    def select_system(self, args: Sequence[Argument]) -> None:
+    def select_system(self, args: Args) -> None:
         """`SetCoordSystem`."""
         self.systems.select(_word(args[0]))
 
     COMMANDS: ClassVar[
         Mapping[
-            str,
-            tuple[Callable[["Machine", Sequence[Argument]], Sequence[str]], int | None],
+            str, tuple[Callable[["Machine", Args], Sequence[str] | None], int | None]
         ]
     ] = {
         "Get": (_get, None),

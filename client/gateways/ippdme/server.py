@@ -2,19 +2,19 @@
 
 import asyncio
 import socket
-from collections.abc import AsyncIterable, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterable, Awaitable, Callable
 from typing import TypeVar
 
 from traverse.client.arm import Arm
 from traverse.client.cancel_tasks import cancel_tasks
-from traverse.client.errors import ClientError
+from traverse.client.errors import ClientError, CommandRefused
 from traverse.client.gateways.ippdme.grammar import (
     MAX_LINE,
     IppError,
     LineBuffer,
     error_line,
 )
-from traverse.client.gateways.ippdme.session import Session
+from traverse.client.gateways.ippdme.session import Options, Session
 from traverse.client.gateways.outlets import Report
 from traverse.client.points.session_order import Lost
 from traverse.protocol.messages import Event, Live, Point
@@ -36,7 +36,7 @@ class IppServer:
         host: to listen on.
         port: to listen on; 0: any that is free.
         report: called with what happens, for people.
-        near_mm, radii_mm, keys, quotes_class: as of `Session`.
+        options: what the user has chosen.
 
     Attributes:
         port: that is listened on.
@@ -48,26 +48,14 @@ class IppServer:
         host: str,
         port: int,
         report: Report,
-        *,
-        near_mm: float = 10.0,
-        radii_mm: Mapping[str, float] | None = None,
-        keys: Mapping[str, str] | None = None,
-        quotes_class: bool = False,
+        options: Options,
     ) -> None:
         self._arm, self._host, self.port = arm, host, port
         self._report = report
         self._writer: asyncio.StreamWriter | None = None
         self._peer = ""
         self._changes: set[asyncio.Task[None]] = set()
-        self._session = Session(
-            self._send,
-            report,
-            self._change_probe,
-            near_mm=near_mm,
-            radii_mm=radii_mm,
-            keys=keys,
-            quotes_class=quotes_class,
-        )
+        self._session = Session(options, self._send, report, self._change_probe)
 
     @property
     def address(self) -> str:
@@ -178,7 +166,8 @@ class IppServer:
         try:
             self._session.tool_changed(await self._arm.probe(name))
         except ClientError as error:
-            self._session.tool_refused(str(error))
+            number = 1502 if isinstance(error, CommandRefused) else 503
+            self._session.tool_refused(IppError(number, str(error)))
 
 
 async def _each(feed: AsyncIterable[T], take: Callable[[T], Awaitable[None]]) -> None:

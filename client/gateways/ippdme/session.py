@@ -6,8 +6,8 @@ Numbers in parentheses are sections of the specification, version 1.4.3.
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -46,6 +46,15 @@ WITHOUT_SESSION = ("StartSession", "EndSession")
 N_NUMBERS = {"X": 1, "Y": 1, "Z": 1, "IJK": 3}
 
 Lines = Sequence[str]
+WAITS: Lines = ("",)
+"""What a command returns that ends later, with `_complete`."""
+
+
+Work = Callable[["Session", Command], Lines | None]
+
+
+def _of_machine(work: Callable[[Machine, Sequence[Argument]], Lines | None]) -> Work:
+    return lambda session, command: work(session.machine, command.args)
 
 
 @dataclass(slots=True)
@@ -72,42 +81,58 @@ class MoveReport:
         return since_s >= MIN_REPORT_S and bool(far or late or self.is_due)
 
 
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What the user has chosen.
+
+    Attributes:
+        near_mm: so far from its target a touch may be that answers `PtMeas`; the
+            ball's radius is added.
+        radii_mm: radii of balls by tool, as far as they are known.
+        keys: names of keys by input, such as "base/1".
+        machine_class: as it is sent.
+    """
+
+    near_mm: float = 10.0
+    radii_mm: Mapping[str, float] = field(default_factory=dict)
+    keys: Mapping[str, str] = field(default_factory=dict)
+    machine_class: Literal["CartCMM", '"CartCMM"'] = "CartCMM"
+
+
 class Session:
     """A client's session; transformations and tool outlive it (6.3.1.2).
 
     Args:
+        options: what the user has chosen.
         send: takes lines for the client, without their ends.
         report: takes what people should know.
-        change_probe: begins to change the probe; `tool_changed` ends it.
-        near_mm: so far from its target a touch may be that answers `PtMeas`.
-        radii_mm: radii of balls by tool, as far as they are known.
-        keys: names of keys by input, such as "base/1".
-        quotes_class: the machine's class is sent in quotes.
+        change_probe: begins to change the probe; `tool_changed` or `tool_refused`
+            ends it.
         clock: monotonic time [s].
+
+    Attributes:
+        machine: the arm.
     """
 
     def __init__(
         self,
+        options: Options,
         send: Callable[[str], None],
         report: Callable[[str], None],
         change_probe: Callable[[str], None],
-        *,
-        near_mm: float = 10.0,
-        radii_mm: Mapping[str, float] | None = None,
-        keys: Mapping[str, str] | None = None,
-        quotes_class: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        self._options = options
         self._send, self._report, self._change_probe = send, report, change_probe
-        self._near_mm, self._keys = near_mm, keys or {}
-        self._class = quoted("CartCMM") if quotes_class else "CartCMM"
-        self._machine = Machine(radii_mm or {}, clock)
-        self._tools = self._machine.tools
+        self.machine = Machine(options.radii_mm, clock)
+        self._tools = self.machine.tools
         self._status: Status | None = None  # the last one while the arm was online
         self._pending: deque[Command] = deque()
         self._current: Command | None = None
         self._target: tuple[Floats, int] | None = None  # and touched after [ns]
         self._new_tool = self._new_model = ""
+        self._radius_mm: float | None = None  # as the client knows it
+        self._is_radius_new = False
         self._details: deque[IppError] = deque(maxlen=MAX_DETAILS)
         self._sent_ids: dict[str, None] = {}
         self._end()
@@ -147,7 +172,7 @@ class Session:
 
     def take_status(self, status: Status, *, is_connected: bool) -> None:
         """The arm's state, whenever it may have changed; any number of times."""
-        machine, reachable = self._machine, status.online and is_connected
+        machine, reachable = self.machine, status.online and is_connected
         if machine.is_reachable and not reachable and self._in_session:
             why = (
                 "the arm is offline" if is_connected else "no connection to the broker"
@@ -162,23 +187,20 @@ class Session:
         is_new = before is None or before.probe != status.probe
         if is_new and name not in (self._tools.active, self._new_tool):
             self._activate(name)
-            self._event(property_text("ChangeTool", name), always=True)
+            self._is_radius_new = self._event(
+                property_text("ChangeTool", name), always=True
+            )
 
     def take_live(self, live: Live) -> None:
         """The arm's latest pose."""
-        before = self._machine.live
-        self._machine.take_live(live)
-        is_own = bool(self._new_tool) and live.model == self._new_model
-        if is_own:
+        self.machine.take_live(live)
+        if self._new_tool and live.model == self._new_model:
             self._activate(self._new_tool)
             self._new_tool = self._new_model = ""
-        if self._tools.active != tools.NONE and not self._new_tool:
-            self._tools.radii_mm[self._tools.active] = live.probe_radius_mm
-        if is_own:
+            self._radius_mm = live.probe_radius_mm
+            self._tools.radii_mm[self._tools.active] = self._radius_mm
             self._end_tool_change("")
-        elif before is not None and before.probe_radius_mm != live.probe_radius_mm:
-            radius = property_text("Tool.AvrRadius", live.probe_radius_mm)
-            self._event(f"SetProp({radius})", always=True)
+        self._note_radius(live.probe_radius_mm)
         if self._moves is not None:
             self._report_move(self._moves, live)
 
@@ -190,11 +212,12 @@ class Session:
         elif not self._in_session:
             self._report(f"{what} not sent: there is no session")
         elif self._target is not None and command is not None:
-            target_mm, since_ns = self._target
-            off_mm = float(np.linalg.norm(np.array(point.xyz_mm) - target_mm))
+            target_mm, since_ns = self._target  # nothing selects a system meanwhile
+            place_mm = self.machine.systems.point(point.xyz_mm)
+            off_mm = float(np.linalg.norm(place_mm - target_mm))
             if point.time_ns <= since_ns:
                 self._report(f"{what} not sent: it was taken before PtMeas")
-            elif off_mm > self._near_mm + point.probe_radius_mm:
+            elif off_mm > self._options.near_mm + point.probe_radius_mm:
                 why = f"{what} is {off_mm:.1f} mm from the target; PtMeas goes on"
                 self._error(command.tag, "PtMeas", IppError(1001, why, 1))
             else:
@@ -219,17 +242,17 @@ class Session:
 
     def press(self, source: str) -> None:
         """An input became active."""
-        if source in self._keys:
-            self._event(property_text("KeyPress", self._keys[source]))
+        if source in self._options.keys:
+            self._event(property_text("KeyPress", self._options.keys[source]))
 
     def tool_changed(self, model: str) -> None:
         """The arm has changed its probe: poses count from the first of this model."""
         self._new_model = model
 
-    def tool_refused(self, why: str) -> None:
+    def tool_refused(self, error: IppError) -> None:
         """The arm has not changed its probe."""
         self._new_tool = ""
-        self._end_tool_change(IppError(1502, why))
+        self._end_tool_change(error)
 
     # Transactions
 
@@ -244,34 +267,33 @@ class Session:
 
     def _execute(self, command: Command) -> None:
         try:
-            result = self._result(command)
+            data = self._result(command)
         except IppError as error:
             self._fail(command, error)
         else:
-            if result is not None:
-                self._done(command, result)
+            if data is not WAITS:
+                self._done(command, data or ())
 
     def _result(self, command: Command) -> Lines | None:
-        """Lines of data; None: the command waits, and `_complete` ends it."""
-        name, args = command.name, command.args
+        """Lines of data, if it has any, or `WAITS`."""
+        name = command.name
         if not self._in_session and name not in WITHOUT_SESSION:
             raise IppError(8, "StartSession comes first")
         if self._is_locked and name not in WHILE_LOCKED:
             raise IppError(514)
-        own, other = self._COMMANDS.get(name), Machine.COMMANDS.get(name)
-        if own is None and other is None:
+        if name not in self._COMMANDS:
             raise IppError(501, f"{name} is no command of an arm")
         # A daemon is stopped by the tag of an event.
         if command.is_fast > name.endswith("E") or (
             name == "OnMoveReportE" and not command.is_fast
         ):
             raise IppError(1, f"{name} is not of the queue of {command.tag}")
-        takes = own[1] if own is not None else other[1] if other is not None else None
-        if takes is not None and len(args) != takes:
-            raise IppError(502, f"{name} has {takes} arguments, not {len(args)}")
-        if own is not None:
-            return own[0](self, command)
-        return None if other is None else other[0](self._machine, args)
+        work, takes = self._COMMANDS[name]
+        if takes is not None and len(command.args) != takes:
+            raise IppError(
+                502, f"{name} has {takes} arguments, not {len(command.args)}"
+            )
+        return work(self, command)
 
     def _done(self, command: Command, data: Lines) -> None:
         for one in data:
@@ -340,11 +362,23 @@ class Session:
         self._sent_ids.clear()
         self._details.clear()
 
+    def _note_radius(self, radius_mm: float) -> None:
+        """Announce another radius than the client has been told."""
+        if self._tools.active == tools.NONE or self._new_tool:
+            return
+        before, self._radius_mm = self._radius_mm, radius_mm
+        self._tools.radii_mm[self._tools.active] = radius_mm
+        if self._is_radius_new or before not in (None, radius_mm):
+            radius = property_text("Tool.AvrRadius", radius_mm)
+            self._event(f"SetProp({radius})", always=True)
+        self._is_radius_new = False
+
     def _measured(self, point: Point) -> str | IppError:
         """What is sent of a point; nothing that is in doubt."""
+        self._note_radius(point.probe_radius_mm)
         try:
-            self._machine.require_good(point, f"point {point.seq}")
-            return self._machine.values(self._reported, point)
+            self.machine.require_good(point, f"point {point.seq}")
+            return self.machine.values(self._reported, point)
         except IppError as error:
             return error
 
@@ -369,10 +403,10 @@ class Session:
                 why = f"the pose is in doubt ({', '.join(live.quality.flags)})"
                 self._error(moves.tag, "OnMoveReportE", IppError(1000, why, 1))
             return
-        place, now_s = np.array(live.xyz_mm), self._machine.live_s
+        place, now_s = np.array(live.xyz_mm), self.machine.live_s
         if moves.is_wanted(place, now_s):
             try:
-                data = self._machine.values(moves.names, live)
+                data = self.machine.values(moves.names, live)
             except IppError as error:  # what FindTool had found has gone
                 self._moves = None
                 self._error(moves.tag, "OnMoveReportE", error)
@@ -397,39 +431,29 @@ class Session:
 
     # Commands
 
-    def _start_session(self, _: Command) -> Lines:
+    def _start_session(self, _: Command) -> None:
         if self._in_session:
             raise IppError(8, "a session has been started already")
         self._end()
         self._in_session = True
-        return ()
 
-    def _end_session(self, _: Command) -> Lines:
+    def _end_session(self, _: Command) -> None:
         self._end()
-        return ()
 
-    def _stop_daemon(self, command: Command) -> Lines:
-        (tag,) = command.args
-        is_there = self._moves is not None and tag == Word(self._moves.tag)
-        if not is_there:
-            raise IppError(513, shown(tag))
-        self._moves = None
-        return ()
-
-    def _stop_all_daemons(self, _: Command) -> Lines:
-        if self._moves is None:
+    def _stop_daemon(self, command: Command) -> None:
+        there = None if self._moves is None else Word(self._moves.tag)
+        if command.args and command.args[0] != there:
+            raise IppError(513, shown(command.args[0]))
+        if there is None:
             raise IppError(512, "there is none")
         self._moves = None
-        return ()
 
-    def _abort_all(self, _: Command) -> Lines:
+    def _abort_all(self, _: Command) -> None:
         self._abort()
-        return ()
 
-    def _clear_all_errors(self, _: Command) -> Lines:
+    def _clear_all_errors(self, _: Command) -> None:
         self._is_locked = False
         self._details.clear()
-        return ()
 
     def _says(self, command: Command) -> Lines:
         said = {
@@ -437,7 +461,7 @@ class Session:
             "GetErrStatusE": f"ErrStatus({int(self._is_locked)})",
             "IsHomed": "IsHomed(1)",
             "IsUserEnabled": f"IsUserEnabled({int(self._user)})",
-            "GetMachineClass": f"GetMachineClass({self._class})",
+            "GetMachineClass": f"GetMachineClass({self._options.machine_class})",
         }
         return (said[command.name],)
 
@@ -447,9 +471,8 @@ class Session:
             raise IppError(509, f"{shown(wanted)} is no number of an error here")
         return (quoted(ERRORS[int(wanted)][1]),)
 
-    def _set_user(self, command: Command) -> Lines:
+    def _set_user(self, command: Command) -> None:
         self._user = command.name == "EnableUser"
-        return ()
 
     def _extended_status(self, _: Command) -> Lines:
         alarms = (self._status.alarms if self._status else None) or ()
@@ -461,14 +484,13 @@ class Session:
             *(f"{quoted(code)},{quoted(text)}" for code, text in texts),
         )
 
-    def _go_to(self, _: Command) -> Lines:
+    def _go_to(self, _: Command) -> None:
         raise IppError(1011, "an arm is led by hand")
 
-    def _on_point(self, command: Command) -> Lines:
-        self._reported = self._machine.enumerated(command.args, of_point=True)
-        return ()
+    def _on_point(self, command: Command) -> None:
+        self._reported = self.machine.enumerated(command.args, of_point=True)
 
-    def _on_move(self, command: Command) -> Lines:
+    def _on_move(self, command: Command) -> None:
         if self._moves is not None:
             raise IppError(515, f"{self._moves.tag}: stop it first")
         limits: dict[str, float] = {}
@@ -482,7 +504,7 @@ class Session:
                 limits[one.name] = one.values[0]
         if not limits:
             raise IppError(502, "Time or Dis is missing")
-        names = self._machine.enumerated(rest)
+        names = self.machine.enumerated(rest)
         period_s = limits.get("Time")
         is_short = period_s is not None and period_s < MIN_REPORT_S
         self._moves = MoveReport(
@@ -493,9 +515,8 @@ class Session:
         )
         if is_short:
             raise IppError(504, f"Time is {MIN_REPORT_S:g} s at least, which is used")
-        return ()
 
-    def _pt_meas(self, command: Command) -> None:
+    def _pt_meas(self, command: Command) -> Lines:
         """Wait for the operator's touch near the target."""
         given: dict[str, tuple[float, ...]] = {}
         for one in command.args:
@@ -512,13 +533,13 @@ class Session:
             raise IppError(509, "X, Y or Z is missing")
         if not any(given.get("IJK", (1.0,))):
             raise IppError(1010, "IJK(0,0,0)")
-        self._machine.require_probe()
-        pose, systems = self._machine.pose(), self._machine.systems
-        target = systems.point(pose.xyz_mm)
-        for i, axis in enumerate(AXES):
-            target[i] = given.get(axis, target[i : i + 1])[0]
+        self.machine.require_probe()
+        pose, systems = self.machine.pose(), self.machine.systems
+        place = systems.point(pose.xyz_mm)
+        values = [given.get(axis, (place[i],))[0] for i, axis in enumerate(AXES)]
         self._user = False
-        self._target = (systems.machine_point(target), pose.time_ns)
+        self._target = (np.array(values), pose.time_ns)
+        return WAITS
 
     def _change_tool(self, command: Command) -> Lines | None:
         name = self._tools.require(command.args[0])
@@ -528,21 +549,18 @@ class Session:
         self._user = False
         if name in (tools.NONE, probe):
             self._activate(name)
-            return ()
+            return None
         if name == tools.OWN:
             raise IppError(1502, f"only a restart of the arm goes back to {tools.OWN}")
         self._new_tool = name
         self._change_probe(name)
-        return None
+        return WAITS
 
-    def _select_system(self, command: Command) -> Lines:
-        self._machine.select_system(command.args)
+    def _select_system(self, command: Command) -> None:
+        self.machine.select_system(command.args)
         self._moved_virtually()
-        return ()
 
-    _COMMANDS: ClassVar[
-        Mapping[str, tuple[Callable[["Session", Command], Lines | None], int | None]]
-    ] = {
+    _COMMANDS: ClassVar[Mapping[str, tuple[Work, int | None]]] = {
         "StartSession": (_start_session, 0),
         "EndSession": (_end_session, 0),
         "GetDMEVersion": (_says, 0),
@@ -552,7 +570,7 @@ class Session:
         "GetErrStatusE": (_says, 0),
         "GetXtdErrStatus": (_extended_status, 0),
         "StopDaemon": (_stop_daemon, 1),
-        "StopAllDaemons": (_stop_all_daemons, 0),
+        "StopAllDaemons": (_stop_daemon, 0),
         "Home": (_set_user, 0),
         "IsHomed": (_says, 0),
         "EnableUser": (_set_user, 0),
@@ -566,5 +584,9 @@ class Session:
         "ChangeTool": (_change_tool, 1),
         "SetTool": (_change_tool, 1),
         "SetCoordSystem": (_select_system, 1),
+        **{
+            name: (_of_machine(work), takes)
+            for name, (work, takes) in Machine.COMMANDS.items()
+        },
     }
     """What each does, and how many arguments it takes; None: several."""

@@ -52,14 +52,6 @@ class Systems:
             place = _rotation(*self._values[name][3:]) @ place + self._values[name][:3]
         return place
 
-    def machine_point(self, xyz_mm: Floats) -> Floats:
-        """The inverse of `point`."""
-        place = xyz_mm
-        for name in reversed(self._steps()):
-            turn = _rotation(*self._values[name][3:])
-            place = turn.T @ (place - self._values[name][:3])
-        return place
-
     def direction(self, ijk: tuple[float, ...]) -> Floats:
         """A direction (3,) in the selected system, from the arm's."""
         turned = np.array(ijk)

@@ -23,7 +23,8 @@ import pytest
 
 from tests.client.gateways.ippdme.transcripts import write
 from tests.protocol.message_examples import LIVE, POINT, STATUS
-from traverse.client.gateways.ippdme.session import Session
+from traverse.client.gateways.ippdme.grammar import IppError
+from traverse.client.gateways.ippdme.session import Options, Session
 from traverse.client.points.session_order import Lost
 from traverse.protocol.messages.quality import Quality
 
@@ -38,12 +39,11 @@ class Bench:
         self.replies: list[str] = []
         self.told: list[str] = []
         self.session = Session(
+            Options(radii_mm={"star": 1.5}, keys={"base/1": "Done"}),
             self.replies.append,
             self.told.append,
             lambda _: None,
-            radii_mm={"star": 1.5},
-            keys={"base/1": "Done"},
-            clock=lambda: self.now_s,
+            lambda: self.now_s,
         )
         self._time_ns = LIVE.time_ns
         self.status = STATUS.model_copy(
@@ -63,7 +63,7 @@ class Bench:
             "undo": self._undo,
             "probe": lambda name: self._say(probe=None if name == "-" else name),
             "changed": lambda: self.session.tool_changed("b"),
-            "refused": lambda: self.session.tool_refused("its file is bad"),
+            "refused": lambda: self.session.tool_refused(IppError(1502)),
             "offline": lambda: self._say(online=False),
             "online": lambda: self._say(online=True),
             "wait": self._wait,

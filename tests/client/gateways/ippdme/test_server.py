@@ -13,6 +13,7 @@ from tests.protocol.message_examples import LIVE
 from traverse.client import Arm
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.gateways.ippdme.server import IppServer
+from traverse.client.gateways.ippdme.session import Options
 from traverse.protocol.messages.quality import Quality
 
 pytestmark = pytest.mark.needs("mosquitto")
@@ -55,7 +56,7 @@ async def serving(virtual: VirtualDaemon, broker: str) -> AsyncIterator[Serving]
     virtual.probes = ("ball", "star")
     ready = asyncio.Event()
     async with virtual.running(), Arm(virtual.arm, broker) as arm:
-        server = IppServer(arm, "127.0.0.1", 0, serving.told.append)
+        server = IppServer(arm, "127.0.0.1", 0, serving.told.append, Options())
         tasks = [
             asyncio.create_task(server.serve(ready.set)),
             asyncio.create_task(serving.speak()),
