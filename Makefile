@@ -14,7 +14,7 @@ AGAIN = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --last-failed --last-failed-no-fail
     --required="$(TEST_GROUPS)"
 FIGURES := build/figures
 # Groups of Debian packages that the tests need, in deploy/debian-packages.sh.
-TEST_GROUPS := mosquitto openssl jq chromium node systemd groff
+TEST_GROUPS := mosquitto openssl jq chromium node systemd groff xvfb
 # The Debian of `make test-fresh`, and options of deploy/fresh_machine.py.
 SUITE ?= bookworm
 FRESH ?=
@@ -128,6 +128,7 @@ bench-page: venv system  ## the operator's page in a browser: latency, a million
 screenshots: venv system  ## pictures of the operator's page and of reports in docs/, from real runs
 	$(BIN)/python -m benchmarks.clients.reports docs/reports
 	$(BIN)/python -m benchmarks.clients.screenshots docs/page-states
+	$(BIN)/python -m benchmarks.clients.typed docs
 
 bench-identification: venv  ## the adjustment beside scipy's least squares; takes many minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification.__main__

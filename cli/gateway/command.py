@@ -10,13 +10,12 @@ import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.gateway.ippdme import ippdme
+from traverse.cli.gateway.keys import keys
 from traverse.cli.gateway.running import host_port, report, run, until_signal
+from traverse.cli.gateway.sending import Kind, send
 from traverse.cli.refusals import client_errors, refuse
-from traverse.plurals import counted
 
 if TYPE_CHECKING:
-    from traverse.client.arm import Arm
-    from traverse.client.gateways.lines import LineCounts, LineGateway
     from traverse.client.gateways.outlets import Outlet
 
 COMMAND = "gateway lines"
@@ -25,7 +24,7 @@ gateway = typer.Typer(
     help="Points for programs that do not speak MQTT.", no_args_is_help=True
 )
 gateway.command("ippdme")(ippdme)
-Kind = Literal["points", "scans"]
+gateway.command("keys")(keys)
 
 
 @gateway.callback()
@@ -109,7 +108,7 @@ def lines(
 
     def work() -> Coroutine[Any, Any, None]:
         there = Arm(arm, address, since=since, cursor_file=cursor_file)
-        return _serve(there, kind, LineGateway(form, outlet, report))
+        return send(there, kind, LineGateway(form, outlet, report))
 
     run(COMMAND, lambda: outlet.name, work)
 
@@ -188,21 +187,3 @@ def _outlet(
     if path.is_dir() or not path.parent.is_dir():
         raise ValueError(f"--file {path}: name a file in a folder that is there")
     return FileOutlet(path, report)
-
-
-async def _serve(arm: "Arm", kind: Kind, sender: "LineGateway") -> None:
-    outlet = sender.outlet
-    async with outlet, arm:
-        report(f"{kind} of {arm.name} to {outlet.name}: {outlet.promise}")
-        work = sender.send_scans if kind == "scans" else sender.send_points
-        # What is being sent when this ends is not done: the next one sends it.
-        await until_signal(work(arm))
-    report(_sums(sender.counts))
-
-
-def _sums(counts: "LineCounts") -> str:
-    return (
-        f"{counted(counts.sent, 'line')} sent, "
-        f"{counted(counts.held_back, 'point')} held back, "
-        f"{counts.undone} taken back after they were sent, {counts.lost} lost"
-    )

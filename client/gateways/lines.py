@@ -8,7 +8,7 @@ from traverse.client.arm import Arm
 from traverse.client.exports.line_template import LineTemplate
 from traverse.client.exports.point_table import Coordinates, PointTable
 from traverse.client.exports.text import SPECIMEN, scan_values, values_of
-from traverse.client.gateways.outlets import Outlet, Report
+from traverse.client.gateways.outlets import NotTakenError, Outlet, Report
 from traverse.client.points.session_order import Lost
 from traverse.plurals import counted
 from traverse.protocol.messages import Point, Scan
@@ -115,8 +115,12 @@ class LineGateway:
                     f"points {item.from_seq} to {last} are lost: {item.reason}"
                 )
             elif (line := self._line(item)) is not None:
-                await self.outlet.send(line.encode())
-                self._note_sent(item)
+                try:
+                    await self.outlet.send(line.encode())
+                except NotTakenError as error:
+                    self._held_back(1, f"point {item.seq}: {error}")
+                else:
+                    self._note_sent(item)
 
     async def send_scans(self, arm: Arm) -> None:
         """Send the points of all scans from now on, as far as they are received."""

@@ -21,6 +21,10 @@ REFUSAL_S = 0.005  # after which a computer without a listener has usually said 
 Report = Callable[[str], None]
 
 
+class NotTakenError(Exception):
+    """A line must not be sent now, nor later; its text says why."""
+
+
 class Outlet(ABC):
     """Sends lines; use with `async with`.
 
@@ -50,7 +54,11 @@ class Outlet(ABC):
         """Release what is open."""
 
     async def send(self, data: bytes) -> None:
-        """Send whole lines; returns when they are taken, however long that lasts."""
+        """Send whole lines; returns when they are taken, however long that lasts.
+
+        Raises:
+            NotTakenError: they must not be sent.
+        """
         while True:
             try:
                 await self._send(data)

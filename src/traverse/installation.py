@@ -24,9 +24,15 @@ EXTRAS = {
     "canopen": "can",
     "pymodbus": "modbus",
     "gpiod": "gpio",
+    "pynput": "keys",
+    "evdev": "keys",
 }
 """Extra with a library, by the imported name."""
 
+_NOT_IN_DEBIAN = {
+    "parquet": "write another kind of file",
+    "keys": "use `traverse gateway lines`, or pip",
+}
 PACKAGED = "/usr/lib/traverse"
 
 
@@ -38,8 +44,8 @@ def missing(what: str, library: str, extra: str) -> str:
 def remedy(extra: str) -> str:
     """Say how to install an extra, by the way in which Traverse was installed."""
     if sys.prefix.endswith(PACKAGED):
-        if extra == "parquet":
-            return "the Debian packages do not have it: write another kind of file"
+        if extra in _NOT_IN_DEBIAN:
+            return f"the Debian packages do not have it: {_NOT_IN_DEBIAN[extra]}"
         package = "traverse-lab" if extra == "lab" else "traverse"
         return (
             f"install the Debian package {package}, of the same version as traverse: "

@@ -35,6 +35,7 @@ WITHOUT = {
     "page": "a server for browsers",
     "gateway ippdme": "a server for metrology software",
     "gateway lines": "its lines have the form that is asked for",
+    "gateway keys": "what it types has the form that is asked for",
     "gateway home-assistant": "a service; what it publishes is JSON",
 }
 ELSEWHERE = {

@@ -1,0 +1,78 @@
+"""`traverse gateway keys`: points typed into the program that has the keyboard."""
+
+from collections.abc import Coroutine
+from typing import Annotated, Any, Literal
+
+import typer
+
+from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.gateway.running import report, run
+from traverse.cli.gateway.sending import send
+from traverse.cli.refusals import missing_library, refuse
+
+COMMAND = "gateway keys"
+
+
+@with_broker
+def keys(
+    *,
+    arm: Annotated[str, typer.Option(help="Name of the arm.")],
+    broker: BrokerOptions,
+    through: Annotated[
+        Literal["desktop", "uinput"], typer.Option(help="What types.")
+    ] = "desktop",
+    separator: Annotated[
+        Literal["tab", "enter", "space", "comma", "semicolon"],
+        typer.Option(help="Between x, y and z."),
+    ] = "tab",
+    after: Annotated[
+        Literal["enter", "tab", "space"], typer.Option(help="Key after a point.")
+    ] = "enter",
+    coordinates: Annotated[
+        Literal["centre", "surface", "part"], typer.Option(help="Of x, y and z.")
+    ] = "centre",
+    unit: Annotated[Literal["mm", "inch"], typer.Option(help="Of x, y and z.")] = "mm",
+    decimal: Annotated[Literal[".", ","], typer.Option(help="Decimal sign.")] = ".",
+    stop_key: Annotated[
+        Literal["f7", "f8", "f9", "f10", "f11", "f12", "pause", "esc"],
+        typer.Option(help="Stops typing; pressed again, lets it go on."),
+    ] = "f9",
+) -> None:
+    """Type points into the program that has the keyboard.
+
+    A point in doubt is not typed, nor any while the arm is in alarm or the stop key was
+    pressed; none of these is typed later. Ends on Ctrl-C or SIGTERM with a line of
+    sums. Exit status 2: an option was refused, or nothing can be typed here; 3: the
+    broker could not be reached.
+    """
+    from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.client.gateways.keys import (  # noqa: PLC0415
+        KeysOutlet,
+        check_typable,
+        keys_template,
+    )
+    from traverse.client.gateways.lines import LineForm, LineGateway  # noqa: PLC0415
+
+    try:
+        check_typable(through, separator)
+        form = LineForm.of(
+            keys_template(separator, after),
+            None,
+            coordinates,
+            unit,
+            decimal,
+            sends_doubtful=False,
+        )
+    except ValueError as error:
+        refuse(COMMAND, str(error))
+    address = broker.address(COMMAND)
+
+    def work() -> Coroutine[Any, Any, None]:
+        there = Arm(arm, address)
+        outlet = KeysOutlet(there, through, stop_key, report)
+        return send(there, "points", LineGateway(form, outlet, report))
+
+    try:
+        run(COMMAND, lambda: "the keyboard", work)
+    except ModuleNotFoundError as error:
+        refuse(COMMAND, missing_library(COMMAND, error) or str(error))
