@@ -35,7 +35,9 @@ def main(folder: Path, out: Path) -> None:
     ):
         os.environ["DISPLAY"] = shown.name
         with rig.program(folder / "keys.log", *run, "--broker", f"127.0.0.1:{port}"):
-            rig.wait_for(lambda: shown.typed.count("\n") >= POINTS, "typed points", 120.0)
+            rig.wait_for(
+                lambda: shown.typed.count("\n") >= POINTS, "typed points", 120.0
+            )
         width, height = SIZE
         pixels = np.frombuffer(shown.picture(), np.uint8).reshape(height, width, 4)
         imsave(out / "typed-points.png", np.ascontiguousarray(pixels[:, :, 2::-1]))

@@ -31,7 +31,7 @@ EXTRAS = {
 
 _NOT_IN_DEBIAN = {
     "parquet": "write another kind of file",
-    "keys": "use `traverse gateway lines`, or pip",
+    "keys": "use `traverse gateway lines`",
 }
 PACKAGED = "/usr/lib/traverse"
 

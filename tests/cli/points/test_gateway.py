@@ -123,6 +123,25 @@ async def test_an_arm_is_shown_in_home_assistant_and_taken_out(
         await cancel_tasks([following])
 
 
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("--separator comma --decimal ,", "',' is the decimal sign and stands between"),
+        ("--through uinput --separator semicolon", "has another key in each layout"),
+        ("", "no desktop can be reached (DISPLAY is None); run this in the operator's"),
+    ],
+)
+def test_keys_that_cannot_be_typed_are_refused_in_a_sentence(
+    words: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    options = ("--arm", "bench-7", *shlex.split(words))
+    result = run_traverse(tmp_path, "gateway", "keys", *options)
+    assert result.returncode == 2, result.stderr
+    assert expected in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
 def test_a_port_that_is_taken_is_refused(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
