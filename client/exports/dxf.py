@@ -66,9 +66,10 @@ class Dxf(Sink):
     def end(self) -> None:
         """Write the drawing."""
         self._end_way()
-        layers = {entity.dxf.layer for entity in self._space}
-        for layer in sorted(layers - {IN_DOUBT}):
-            self._drawing.layers.add(layer)
+        layers = self._drawing.layers
+        for layer in sorted({entity.dxf.layer for entity in self._space}):
+            if layer not in layers:  # CAD takes "Plate" and "plate" as one
+                layers.add(layer)
         if self.n:
             low_mm, high_mm = self._ends_mm
             middle_mm = (low_mm + high_mm) / 2.0

@@ -137,6 +137,7 @@ def drawn(path: Path) -> ezdxf.document.Drawing:
 def test_points_in_a_drawing(tmp_path: Path) -> None:
     labels = [
         {"artefact": "plate", "feature": "hole/1"},
+        {"artefact": "Plate", "feature": "hole/1"},
         {"artefact": "Pl\u00e4tte"},
         {},
     ]
@@ -152,7 +153,15 @@ def test_points_in_a_drawing(tmp_path: Path) -> None:
     assert [place for _, place in found[:3]] == PLACES
     layers = [layer.removeprefix(f"{POINTS[0].session}") for layer, _ in found]
     usual = " bar 1"
-    assert layers == [usual, "in doubt", usual, " plate hole_1", " Pl\u00e4tte", ""]
+    assert layers == [
+        usual,
+        "in doubt",
+        usual,
+        " plate hole_1",
+        " Plate hole_1",
+        " Pl\u00e4tte",
+        "",
+    ]
     assert {layer for layer, _ in found} <= {one.dxf.name for one in drawing.layers}
     low_mm = np.min([one.xyz_mm for one in points], axis=0)
     assert list(drawing.header["$EXTMIN"]) == low_mm.tolist()
