@@ -168,6 +168,10 @@ _GOOD_START = 100.0
 _NEAR = 1.0
 _RANK_SETTLES_AT = 12
 _CLEARLY = 2.0
+# Determined directions that tell how far an arm is from its design.
+_LEAST_KNOWN = 6
+# Of the absolute values of a normal distribution with deviation 1.
+_MEDIAN_OF_NORMAL = 0.6745
 # Mean square of residuals above which they determine the uncertainty, not the noise.
 _LARGE = 2.25
 
@@ -261,8 +265,10 @@ def adjust(
     whole = last = np.zeros(parameters.n_free)
     while not converged and len(iterations) < most_iterations:
         number = len(iterations) + 1
-        parts = _split(network, state, system, n_determined, settled=settled)
         to_design = parameters.coordinates(design, state.arm)[parameters.free]
+        parts = _split(
+            network, state, system, to_design, n_determined, settled=settled
+        )
         whole, held = parts.step(to_design)
         held = held / parts.tolerances
         # Along a curved undetermined direction the way back to the design overshoots.
@@ -296,7 +302,8 @@ def adjust(
         if corrected:
             state = replace(state, corrections=system.corrections)
         system = linearise(network, state)
-    parts = _split(network, state, system, n_determined, settled=True)
+    to_design = parameters.coordinates(design, state.arm)[parameters.free]
+    parts = _split(network, state, system, to_design, n_determined, settled=True)
     # Nonsense determines nothing, so that its steps are small.
     some = parts.n_determined > 0 or parameters.n_free == 0
     converged &= some or system.sum_of_squares < _GOOD_START * network.n_rows
@@ -316,16 +323,22 @@ def _split(
     network: Network,
     state: State,
     system: System,
+    to_design: Floats,
     n_before: int | None,
     *,
     settled: bool,
 ) -> RankDecision:
     """Decide the rank; residuals larger than the noise say less than it claims.
 
+    A direction counts where its data say more than the design does. How much that is
+    worth is seen where the data are strong: an arm that is several times as far from
+    its design as is plausible is so in the other directions, too.
+
     Args:
         network: Observations, free parameters, noise.
         state: Where the system was linearised.
         system: Linearised.
+        to_design: The step that would lead back to the design, (n_free,).
         n_before: How many directions counted, once that is not to alternate: then
             only a clear change counts.
         settled: Whether that number is final.
@@ -344,12 +357,24 @@ def _split(
     redundancy = max(_redundancy(network, state, system, parts), 1)
     left = max(system.sum_of_squares - explained, 0.0) / redundancy
     limit = float(np.sqrt(left)) if left > _LARGE else 1.0
+    limit /= _spread(parts, to_design)
     n_determined = int(np.count_nonzero(parts.values > limit))
     if n_before is not None:
         least = int(np.count_nonzero(parts.values > limit * _CLEARLY))
         most = int(np.count_nonzero(parts.values > limit / _CLEARLY))
         n_determined = min(max(n_before, least), most)
     return replace(parts, n_determined=n_determined)
+
+
+def _spread(parts: RankDecision, to_design: Floats) -> float:
+    """How far an arm is from its design, at least 1: in plausible deviations.
+
+    A robust standard deviation over the directions that are determined.
+    """
+    known = parts.directions[: parts.n_determined] @ (to_design / parts.tolerances)
+    if len(known) < _LEAST_KNOWN:
+        return 1.0
+    return max(float(np.median(np.abs(known))) / _MEDIAN_OF_NORMAL, 1.0)
 
 
 def _modelled(system: System, step: Floats) -> float:
