@@ -10,12 +10,8 @@ from traverse.lab.diagnosis.advice.experiments import separate_by
 from traverse.lab.diagnosis.advice.minimal_detectable import detectable
 from traverse.lab.diagnosis.candidates.library import absent_candidates
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
+from traverse.lab.diagnosis.model.covariates import outlier_cluster
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
-from traverse.lab.diagnosis.model.outlier_clusters import (
-    ARTEFACT,
-    Cluster,
-    find_outlier_cluster,
-)
 from traverse.lab.diagnosis.model.result import (
     BankRemainder,
     Detectable,
@@ -30,6 +26,7 @@ from traverse.lab.diagnosis.search.decision import Decision
 from traverse.lab.diagnosis.search.forward_search import SearchState
 from traverse.lab.diagnosis.search.naming import NamedTerm
 from traverse.lab.diagnosis.search.selection import ScoredCandidate, ranked
+from traverse.lab.statistics.outlier_clusters import ARTEFACT, Cluster
 
 _LOG_10 = float(np.log(10.0))
 # The weakest first.
@@ -83,7 +80,7 @@ def terms_of(
         )
     if search.stuck is not None:
         terms.append(_without_form(search.stuck))
-    place = find_outlier_cluster(
+    place = outlier_cluster(
         search.stage.rows,
         choosing,
         search.fit.included,

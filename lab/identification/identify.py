@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.campaign.campaign import Campaign
@@ -41,6 +42,10 @@ from traverse.lab.identification.solve.certificate_test import (
     Contradiction,
     lost_poses,
     without_wrong_certificates,
+)
+from traverse.lab.identification.solve.excluded_clusters import (
+    ExcludedCluster,
+    with_clusters_back,
 )
 from traverse.lab.identification.solve.iterative_adjustment import (
     IteratedAdjustment,
@@ -96,11 +101,17 @@ def identify(
     if options.coarse_start:
         start = coarse_start(campaign, parameters, design, radius_mm, options.hold)
 
-    def adjusted(measured: Campaign, noise: Noise | None = None) -> IteratedAdjustment:
+    def adjusted(
+        measured: Campaign,
+        noise: Noise | None = None,
+        staying: Booleans | None = None,
+    ) -> IteratedAdjustment:
         part = network_of(measured, radius_mm, every, parameters, noise)
         held = VarianceModel("held", "held")
         wishes = options if noise is None else replace(options, variances=held)
-        return iterate(part, start, wishes, radius_mm, progress=progress)
+        return iterate(
+            part, start, wishes, radius_mm, staying=staying, progress=progress
+        )
 
     run = adjusted(campaign)
     if start is not design:
@@ -114,6 +125,9 @@ def identify(
         campaign, run, contradictions = without_wrong_certificates(
             campaign, run, adjusted, design
         )
+    clusters: tuple[ExcludedCluster, ...] = ()
+    if options.snooping:
+        run, clusters = with_clusters_back(campaign, run, adjusted)
     alone, included = run.adjustment, run.included
     adjustment, serial, iterations = alone, None, run.iterations
     sigma0, redundancy, shared = alone.sigma0, alone.redundancy, 1.0
@@ -161,6 +175,7 @@ def identify(
         condition_number=condition_number(adjustment),
         contradictions=contradictions,
         lost_poses=lost_poses(campaign, run),
+        clusters=clusters,
         suggestions=most_helpful_poses(adjustment, options.n_suggestions),
         zero_offsets_rad=zero_offsets_rad,
     )

@@ -62,6 +62,14 @@ def normal_quantile(probability: float) -> float:
     return float(special.ndtri(probability))
 
 
+def student_critical(alpha: float, redundancy: int) -> float:
+    """Compute Student's critical |t| of two-sided level alpha.
+
+    Of a value that took no part in an adjustment, as Pope's tau is of one that did.
+    """
+    return float(special.stdtrit(max(redundancy, 1), 1.0 - 0.5 * alpha))
+
+
 def tau_critical(alpha: float, redundancy: int) -> float:
     """Compute Pope's critical |tau| of two-sided level alpha.
 
@@ -69,7 +77,7 @@ def tau_critical(alpha: float, redundancy: int) -> float:
     """
     if redundancy <= 1:
         return float("inf")
-    t = float(special.stdtrit(redundancy - 1, 1.0 - 0.5 * alpha))
+    t = student_critical(alpha, redundancy - 1)
     return float(t * np.sqrt(redundancy) / np.sqrt(redundancy - 1 + t * t))
 
 

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from traverse.arrays import Floats, Integers
+from traverse.arrays import Booleans, Floats, Integers
 from traverse.kinematics.effects.base.covariate import Covariate, Need
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+from traverse.lab.statistics.outlier_clusters import Cluster, find_outlier_cluster
 
 # Of the largest value: a spread below that is rounding.
 _ROUNDING = 1e-9
@@ -64,6 +65,42 @@ def covariate_values(rows: ObservationEquations, need: Need) -> Floats:
         # The time in UTC differs from it by a constant.
         case Covariate.UTC | Covariate.CAMPAIGN_TIME:
             return block.row("campaign_s")
+
+
+def outlier_cluster(
+    rows: ObservationEquations,
+    eligible: Booleans,
+    included: Booleans,
+    n_draws: int,
+    seed: int,
+) -> Cluster | None:
+    """Find a cluster of poses that were left out, over all covariates.
+
+    Args:
+        rows: Of the fit.
+        eligible: Poses that might have taken part, (n_poses,).
+        included: Those that did, (n_poses,).
+        n_draws: Of as many poses at random.
+        seed: Of the draws.
+    """
+    poses = np.flatnonzero(eligible)
+    campaign = rows.adjustment.network.campaign
+    lines = [
+        (
+            column.name,
+            None if column.joint is None else campaign.joint_names[column.joint],
+            column.values[poses],
+        )
+        for column in covariate_columns(rows)
+    ]
+    return find_outlier_cluster(
+        lines,
+        campaign.poses.artefacts[poses],
+        [artefact.id for artefact in campaign.artefacts],
+        included[poses],
+        n_draws=n_draws,
+        seed=seed,
+    )
 
 
 def covariate_columns(rows: ObservationEquations) -> Iterator[CovariateColumn]:

@@ -8,8 +8,8 @@ from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
-from traverse.lab.diagnosis.model.outlier_clusters import Cluster
 from traverse.lab.identification.solve.adjustment import Adjustment
+from traverse.lab.statistics.outlier_clusters import Cluster
 
 Status = Literal["named", "tentative", "unknown"]
 Verdict = Literal["clean", "named", "tentative", "unknown"]

@@ -6,9 +6,9 @@ import numpy as np
 
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.lab.diagnosis.model.candidate import Candidate
-from traverse.lab.diagnosis.model.outlier_clusters import Cluster
 from traverse.lab.diagnosis.model.result import Diagnosis, Estimate, Term
 from traverse.lab.report.quantities import often, quantity
+from traverse.lab.statistics.outlier_clusters import Cluster
 
 _MOVED = {"angle": "its angle", "tilt": "the tilt of its axis", "shift": "its place"}
 _COLUMNS = {

@@ -146,6 +146,21 @@ def identification_json(
         "lost_poses": {
             e.artefact: {"n_lost": e.n_lost, "n": e.n_poses} for e in result.lost_poses
         },
+        "clusters": [
+            {
+                "covariate": place.covariate,
+                "joint": place.joint,
+                "artefact": place.artefact,
+                "low": None if place.artefact else place.low,
+                "high": None if place.artefact else place.high,
+                "n_excluded": place.n_excluded,
+                "n": place.n_poses,
+                "log10_p": place.log_p / np.log(10.0),
+                "taken_back": entry.taken_back,
+            }
+            for entry in result.clusters
+            for place in [entry.cluster]
+        ],
         "still_moving": {} if result.converged else result.moving,
         "noise": {
             "encoder_rad": result.noise.encoder_rad.tolist(),

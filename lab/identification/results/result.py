@@ -17,6 +17,7 @@ from traverse.lab.identification.solve.certificate_test import (
     Contradiction,
     LostPoses,
 )
+from traverse.lab.identification.solve.excluded_clusters import ExcludedCluster
 from traverse.lab.identification.solve.reliability import PoseStatistics
 from traverse.lab.identification.solve.serial_noise import SerialNoise
 from traverse.lab.statistics.distributions import GlobalTest
@@ -157,6 +158,7 @@ class Identification:
         condition_number: Of the arm's determined, column-scaled system.
         contradictions: Certificates that contradict the rest and took no part.
         lost_poses: Artefacts that lost more than a fifth of their poses.
+        clusters: Where poses that contradicted the others lay together.
         suggestions: Poses that would help most.
         zero_offsets_rad: Added to the zeros by the coarse start, (n_joints,).
         holdout: How poses that were kept aside are predicted, or None.
@@ -191,6 +193,7 @@ class Identification:
     condition_number: float
     contradictions: tuple[Contradiction, ...]
     lost_poses: tuple[LostPoses, ...]
+    clusters: tuple[ExcludedCluster, ...]
     suggestions: tuple[Suggestion, ...]
     zero_offsets_rad: Floats
     holdout: Mapping[str, Any] | None = None

@@ -266,9 +266,7 @@ def adjust(
     while not converged and len(iterations) < most_iterations:
         number = len(iterations) + 1
         to_design = parameters.coordinates(design, state.arm)[parameters.free]
-        parts = _split(
-            network, state, system, to_design, n_determined, settled=settled
-        )
+        parts = _split(network, state, system, to_design, n_determined, settled=settled)
         whole, held = parts.step(to_design)
         held = held / parts.tolerances
         # Along a curved undetermined direction the way back to the design overshoots.

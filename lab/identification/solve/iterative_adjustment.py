@@ -101,6 +101,7 @@ def iterate(
     radius_mm: float,
     *,
     first: Booleans | None = None,
+    staying: Booleans | None = None,
     progress: Progress | None = None,
 ) -> IteratedAdjustment:
     """Adjust until neither the poses that take part nor the noise change.
@@ -111,6 +112,7 @@ def iterate(
         options: Wishes.
         radius_mm: Of the probe's ball.
         first: Poses that take part to begin with, (n_poses,); default all.
+        staying: Poses that take part whatever they say, (n_poses,); default none.
         progress: Told of every iteration.
     """
     campaign = network.campaign
@@ -129,14 +131,15 @@ def iterate(
     eligible = np.zeros(len(campaign.poses), dtype=np.bool_)
     for station in network.stations:
         eligible[station.poses] = True
-    included = eligible if first is None else eligible & first
+    staying = np.zeros_like(eligible) if staying is None else eligible & staying
+    included = eligible if first is None else eligible & first | staying
     adjustment, found = without(included, design)
     if options.snooping and (
         not adjustment.converged or adjustment.sigma0 > _BLUNDERS * robust_scale(found)
     ):
         state = start_state(network, design)
         state, included = robust_state(network, state, design)
-        included &= eligible
+        included = included & eligible | staying
         adjustment, found = without(included, state.arm)
     critical = float("inf")
     visited: list[Booleans] = []
@@ -157,7 +160,8 @@ def iterate(
                 radius_mm=radius_mm,
             )
             critical = tests.critical * tests.scale
-            n_changed, going_on = tests.n_changed, tests.included
+            going_on = tests.included | staying
+            n_changed = int(np.count_nonzero(going_on != included))
         n_bad += not adjustment.converged
         if (change < _NOISE_SETTLED and n_changed == 0) or n_bad == _MOST_BAD:
             break
@@ -166,7 +170,7 @@ def iterate(
             # Out for good: what remains cannot alternate by them.
             alternating |= np.any(circle, axis=0) & ~np.all(circle, axis=0)
             eligible = eligible & ~alternating
-            visited, going_on = [], going_on & eligible
+            visited, going_on = [], going_on & eligible | staying
         visited.append(going_on)
         included = going_on
         adjustment, found = without(included, adjustment.state.arm, noise)

@@ -35,6 +35,7 @@ from traverse.lab.statistics.distributions import (
     equivalent_normal,
     median_of_chi_square,
     normal_quantile,
+    student_critical,
     tau_critical,
 )
 
@@ -230,13 +231,11 @@ class SnoopingResult:
         included: Included poses, (n_poses,).
         critical: |w| above which a pose is excluded.
         scale: Robust a-posteriori standard deviation of unit weight.
-        n_changed: Number of poses excluded or returned.
     """
 
     included: Booleans
     critical: float
     scale: float
-    n_changed: int
 
 
 def snoop(
@@ -265,9 +264,11 @@ def snoop(
     scale = robust_scale(found)
     if noise_known:
         scale = max(scale, 1.0)
-        critical = -normal_quantile(0.5 * level)
+        critical = returning = -normal_quantile(0.5 * level)
     else:
+        # Those outside took no part in the estimate of the noise.
         critical = tau_critical(level, max(adjustment.redundancy, 2))
+        returning = student_critical(level, adjustment.redundancy)
     w = np.where(included, np.nan_to_num(found.w) / scale, 0.0)
     worst = float(np.max(w, initial=0.0))
     leaving = w > max(critical, _NEAR_THE_WORST * worst)
@@ -278,9 +279,8 @@ def snoop(
     if np.any(outside):
         others = stations(network.campaign, radius_mm, outside)
         theirs = statistics_of_excluded(adjustment, others).w / scale
-        back = outside & (np.nan_to_num(theirs, nan=np.inf) < critical)
-    changed = int(np.count_nonzero(leaving) + np.count_nonzero(back))
-    return SnoopingResult((included & ~leaving) | back, critical, scale, changed)
+        back = outside & (np.nan_to_num(theirs, nan=np.inf) < returning)
+    return SnoopingResult((included & ~leaving) | back, critical, scale)
 
 
 def robust_scale(found: PoseStatistics) -> float:

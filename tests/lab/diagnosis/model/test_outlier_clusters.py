@@ -17,15 +17,13 @@ from tests.lab.diagnosis.engine_campaigns import (
 )
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.holdout.holdout import split
+from traverse.lab.diagnosis.model.covariates import outlier_cluster
 from traverse.lab.diagnosis.model.fit import fitted
 from traverse.lab.diagnosis.model.observation_equations import equations_of
-from traverse.lab.diagnosis.model.outlier_clusters import (
-    find_outlier_cluster,
-    lowest_log_p,
-)
 from traverse.lab.diagnosis.report import plots_of, report_page
 from traverse.lab.diagnosis.report.files import diagnosis_json
 from traverse.lab.diagnosis.report.page import WORDS
+from traverse.lab.statistics.outlier_clusters import lowest_log_p
 
 N_DRAWS = 300
 
@@ -40,7 +38,7 @@ def scene():
 
 def place_of(left_out):
     rows, choosing = scene()
-    return find_outlier_cluster(rows, choosing, choosing & ~left_out, N_DRAWS, 1)
+    return outlier_cluster(rows, choosing, choosing & ~left_out, N_DRAWS, 1)
 
 
 def some(mask, n, seed):

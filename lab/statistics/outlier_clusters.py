@@ -14,8 +14,10 @@ import numpy as np
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.arrays import Booleans, Floats, Integers
-from traverse.lab.diagnosis.model.covariates import covariate_columns
-from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+
+# A covariate: its name like a column of the campaign, its joint's name or None, and
+# the value of every pose that might have taken part, (n_poses,).
+Line = tuple[str, str | None, Floats]
 
 ARTEFACT = "artefact"
 # Probability that poses left out at random are reported as a cluster.
@@ -52,50 +54,39 @@ class Cluster:
 
 
 def find_outlier_cluster(
-    rows: ObservationEquations,
-    eligible: Booleans,
+    lines: Sequence[Line],
+    artefacts: Integers,
+    artefact_names: Sequence[str],
     included: Booleans,
+    *,
     n_draws: int,
     seed: int,
 ) -> Cluster | None:
     """Find a cluster of poses that were left out.
 
     Args:
-        rows: Of the fit.
-        eligible: Poses that might have taken part, (n_poses,).
-        included: Those that did, (n_poses,).
+        lines: Covariates of the poses that might have taken part.
+        artefacts: Which artefact each of these touches, (n_poses,).
+        artefact_names: Of all artefacts.
+        included: Which of them did take part, (n_poses,).
         n_draws: Of as many poses at random.
         seed: Of the draws.
 
     Returns:
         The most significant cluster; None if consistent with chance.
     """
-    poses = np.flatnonzero(eligible)
-    out = np.flatnonzero(~included[poses])
+    n_poses, out = len(included), np.flatnonzero(~included)
     if len(out) < _LEAST:
         return None
-    tails = _log_tails(len(poses), len(out))
-    campaign = rows.adjustment.network.campaign
-    artefacts = campaign.poses.artefacts[poses]
-    lines = [
-        (course.name, course.joint, course.values[poses])
-        for course in covariate_columns(rows)
-    ]
-    places = [
-        place
-        for name, joint, values in lines
-        for place in _windows(
-            name, None if joint is None else campaign.joint_names[joint], values, out
-        )
-    ]
-    names = [artefact.id for artefact in campaign.artefacts]
-    places += list(_of_artefacts(names, artefacts, out))
+    tails = _log_tails(n_poses, len(out))
+    places = list(_of_artefacts(artefact_names, artefacts, out))
+    places += [place for line in lines for place in _windows(*line, out)]
     log_p = np.array([tails[place.n_excluded, place.n_poses] for place in places])
     # By chance it occurs somewhere at least as often as there.
     if np.min(log_p, initial=0.0) > np.log(LEVEL):
         return None
     rng = np.random.default_rng(seed)
-    draws = np.array([rng.permutation(len(poses))[: len(out)] for _ in range(n_draws)])
+    draws = np.array([rng.permutation(n_poses)[: len(out)] for _ in range(n_draws)])
     by_chance = lowest_log_p([values for *_, values in lines], artefacts, draws)
     # Beyond a quantile that the draws know well, the tail falls with slope one.
     beyond = float(np.min(log_p) - np.quantile(by_chance, _TAIL))
