@@ -13,6 +13,7 @@ from traverse.lab.diagnosis.holdout.comparison import (
     held_out_blunders,
 )
 from traverse.lab.diagnosis.holdout.holdout import split
+from traverse.lab.diagnosis.model.candidate import BankName
 from traverse.lab.diagnosis.model.fit import Fit
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
@@ -98,9 +99,13 @@ def diagnose(
     terms = terms_of(decision, accepted, rows, choosing, options, misfit=misfit)
     told("working out what could have been seen", 0.85)
     seen = detectable_of(search) if options.details else ()
+    library = search.stage.findings[BankName.LIBRARY].degrees
+    n_visible = int(np.count_nonzero(library))
     clock.lap("detectable sizes")
     return Diagnosis(
-        verdict=verdict_of(terms),
+        verdict=verdict_of(terms, blind=n_visible == 0),
+        n_library=len(library),
+        n_visible=n_visible,
         terms=terms,
         arm=arm,
         adapted=adapted.arm,
@@ -167,6 +172,7 @@ def _accepted(
         return (False,) * len(names)
     return tuple(
         naming.harmonic is None
+        and not naming.is_oversized
         and (naming.status != "tentative" or options.accept_tentative)
         for naming in names
     )

@@ -76,6 +76,7 @@ def terms_of(
                 if options.details
                 else "",
                 accepted=is_accepted,
+                is_oversized=naming.is_oversized,
             )
         )
     if search.stuck is not None:
@@ -163,10 +164,16 @@ def _shown(naming: NamedTerm) -> Candidate:
     )
 
 
-def verdict_of(terms: tuple[Term, ...]) -> Verdict:
-    """Return the verdict of the whole: that of its weakest term."""
+def verdict_of(terms: tuple[Term, ...], *, blind: bool) -> Verdict:
+    """Return the verdict of the whole: that of its weakest term.
+
+    Args:
+        terms: What was found.
+        blind: Whether the poses could show nothing at all.
+    """
     statuses = {term.status for term in terms}
-    return next((one for one in _STATUSES if one in statuses), "clean")
+    nothing: Verdict = "unknown" if blind else "clean"
+    return next((one for one in _STATUSES if one in statuses), nothing)
 
 
 def noise_of(search: SearchState) -> NoiseEstimate:

@@ -359,5 +359,6 @@ def _summary(
         n=n,
         mean_distance_mm=float(np.mean(distances_mm)) if np.any(at_points) else None,
         n_poses=int(np.count_nonzero(poses)),
+        largest_mm=float(np.sqrt(np.max(np.nansum(misclosures_mm**2, axis=1)))),
         without_blunders=without,
     )

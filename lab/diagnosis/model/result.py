@@ -88,6 +88,7 @@ class Term:
         accepted: Whether it is in the adapted arm.
         cluster: The cluster of left-out poses, if it reports one.
         misfit: Poses kept aside that contradict the model, if it reports these.
+        is_oversized: Whether no machine has as much of it: then it has another cause.
     """
 
     status: Status
@@ -102,6 +103,13 @@ class Term:
     accepted: bool = False
     cluster: Cluster | None = None
     misfit: HoldoutMisfit | None = None
+    is_oversized: bool = False
+
+    @property
+    def seen(self) -> tuple[float, float] | None:
+        """Range of the covariate that a curve was seen in; None: it is no curve."""
+        knots = None if self.effect is None else self.effect.values.get("knots")
+        return None if knots is None else (knots[0], knots[-1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +146,7 @@ class HoldoutResult:
         n: How many equations.
         mean_distance_mm: To known points, if any.
         n_poses: How many poses.
+        largest_mm: The largest misclosure of a pose; NaN without poses.
         without_blunders: The same without poses that contradict their neighbours;
             None: there are none.
     """
@@ -147,6 +156,7 @@ class HoldoutResult:
     n: int
     mean_distance_mm: float | None
     n_poses: int = 0
+    largest_mm: float = float("nan")
     without_blunders: "HoldoutResult | None" = None
 
 
@@ -225,6 +235,8 @@ class Diagnosis:
 
     Attributes:
         verdict: The weakest status among the terms, or clean.
+        n_library: How many effects the library has for this arm.
+        n_visible: How many of them the poses could have shown in some size.
         terms: What was found, in the order of finding.
         arm: As given.
         adapted: With the accepted terms, everything estimated together.
@@ -247,6 +259,8 @@ class Diagnosis:
     """
 
     verdict: Verdict
+    n_library: int
+    n_visible: int
     terms: tuple[Term, ...]
     arm: Arm
     adapted: Arm
@@ -266,6 +280,11 @@ class Diagnosis:
     detectable: tuple[Detectable, ...]
     seed: int
     seconds: Mapping[str, float]
+
+    @property
+    def blind(self) -> bool:
+        """Whether the poses could have shown nothing: too few, or too much alike."""
+        return self.n_visible == 0
 
     @property
     def writes_all_terms(self) -> bool:

@@ -94,6 +94,7 @@ def diagnosis_json(
         "schema": SCHEMA,
         "provenance": (provenance or campaign_provenance(diagnosis.campaign)).values,
         "verdict": diagnosis.verdict,
+        "visible": {"n": diagnosis.n_visible, "of": diagnosis.n_library},
         "terms": [
             _term(term, written=term.accepted and term not in unwritten)
             for term in diagnosis.terms
@@ -184,7 +185,10 @@ def _term(term: Term, *, written: bool) -> dict[str, Any]:
         "separate_by": term.separate_by,
         "accepted": term.accepted,
         "in_arm_file": written,
+        "oversized": term.is_oversized,
     }
+    if term.seen is not None:
+        values["seen"] = dict(zip(("low", "high"), term.seen, strict=True))
     if term.cluster is not None:
         values["poses"] = {
             "low": term.cluster.low,
@@ -243,6 +247,7 @@ def _figures(
     found: dict[str, Any] = {
         "held_out_rms_mm": {"before": first.rms_mm, "after": last.rms_mm},
         "held_out_chi2": {"before": first.chi2, "after": last.chi2},
+        "held_out_largest_mm": {"before": first.largest_mm, "after": last.largest_mm},
         "closed": part,
         "n": last.n,
         "n_poses": last.n_poses,

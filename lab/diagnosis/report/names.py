@@ -59,10 +59,20 @@ def cluster_text(place: Cluster) -> str:
     """Describe the place of a cluster of poses."""
     if place.artefact is not None:
         return f"on {place.artefact}"
-    low, high, unit = place.low, place.high, _unit(place.covariate)
+    return _range_text(place.covariate, place.low, place.high)
+
+
+def seen_text(term: Term) -> str:
+    """Say in which range a curve was seen."""
+    low, high = term.seen or (float("nan"), float("nan"))
+    return _range_text(term.candidate.covariate or "", low, high)
+
+
+def _range_text(covariate: str, low: float, high: float) -> str:
+    unit = _unit(covariate)
     if unit == "rad":
         low, high, unit = np.degrees(low), np.degrees(high), "degrees"
-    return f"where {_covariate(place.covariate)} is {low:.4g} to {high:.4g} {unit}"
+    return f"where {_covariate(covariate)} is {low:.4g} to {high:.4g} {unit}"
 
 
 def _unit(column: str) -> str:

@@ -16,6 +16,7 @@ from traverse.lab.diagnosis.report.names import (
     cluster_text,
     depends_on_time,
     moves_base,
+    seen_text,
     step_names,
     term_size_text,
 )
@@ -47,6 +48,7 @@ _FILTERS: Filters = {
     "label": candidate_label,
     "size_text": term_size_text,
     "cluster_text": cluster_text,
+    "seen_text": seen_text,
     "moves_base": moves_base,
     "depends_on_time": depends_on_time,
     "terms_without_epoch": terms_without_epoch,

@@ -19,7 +19,11 @@ from traverse.lab.diagnosis.candidates.scoring import (
 )
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.result import Alternative, Status
-from traverse.lab.diagnosis.model.terms import AddedTerm, rows_without
+from traverse.lab.diagnosis.model.terms import (
+    AddedTerm,
+    estimates_of,
+    rows_without,
+)
 from traverse.lab.diagnosis.search.forward_search import SearchState, joints_with_curve
 from traverse.lab.diagnosis.search.selection import (
     DECIDED,
@@ -36,6 +40,8 @@ _SET = float(np.log(100.0))
 _LEFT_OVER_LOG_P = float(np.log(0.02))
 _OVERTONES = (2, 3, 4)
 _OVERTONE_LOG_P = float(np.log(0.02))
+# Times the plausible size of an effect: no machine has as much.
+_NO_MACHINE = 100.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +55,7 @@ class NamedTerm:
         harmonic: Periods a turn of a periodic discrepancy without a name, or None.
         alternatives: What else it may be, the best first.
         best: The best name of all, which may be another.
+        is_oversized: Whether no machine has as much of it.
     """
 
     added: AddedTerm
@@ -57,6 +64,7 @@ class NamedTerm:
     harmonic: int | None
     alternatives: tuple[Alternative, ...]
     best: ScoredCandidate
+    is_oversized: bool = False
 
 
 def name_terms(search: SearchState) -> tuple[NamedTerm, ...]:
@@ -83,13 +91,23 @@ def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
     best = names[0] if names else own
     harmonic = _with_overtones(search, own.candidate)
     status: Status = "named"
-    if harmonic is not None:
+    oversized = _is_oversized(search, added)
+    if harmonic is not None or oversized:
         status = "unknown"
     elif _is_doubtful(search, own, names, curves):
         status = "tentative"
     shown = names + [one for one in curves[:1] if one.score > own.score - _SET]
     rivals = _rivals(own, shown, max(best.score, own.score))
-    return NamedTerm(added, own, status, harmonic, rivals, best)
+    return NamedTerm(added, own, status, harmonic, rivals, best, oversized)
+
+
+def _is_oversized(search: SearchState, added: AddedTerm) -> bool:
+    """Return whether an effect as fitted is larger than that of any machine."""
+    row = EFFECT_KINDS[added.candidate.kind]
+    estimates = estimates_of(search.stage.rows, added.index)
+    sizes = [np.ravel(estimates[key].value) for key in row.sizes if key in estimates]
+    largest = max((float(np.max(np.abs(one))) for one in sizes), default=0.0)
+    return largest > _NO_MACHINE * row.plausible_size(added.candidate.order)
 
 
 def own_choice(

@@ -15,12 +15,15 @@ from tests.lab.diagnosis.engine_campaigns import (
     poses,
 )
 from tests.lab.diagnosis.fitted_rows import measured
+from tests.lab.identification.test_prediction_of_others import tracked
+from tests.lab.simulated import arm_value, disturbed, seven_joints
+from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.holdout.comparison import compare_on_holdout
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import with_effects
 from traverse.lab.diagnosis.report.files import diagnosis_json
-from traverse.lab.diagnosis.report.page import WORDS
+from traverse.lab.diagnosis.report.page import WORDS, summary_lines
 
 
 def decided(campaign, options=DECISION):
@@ -313,3 +316,40 @@ def test_progress_rises():
     diagnose(given.campaign, given.arm, DECISION, lambda _, part: told.append(part))
     assert told == sorted(told)
     assert 0.0 < told[0] < told[-1] < 1.0
+
+
+def test_an_effect_that_no_machine_has_is_not_named():
+    """3 mm of runout, where 0.01 mm is plausible."""
+    table = {
+        "kind": "axis_runout",
+        "joint": "J3",
+        "component": "radial",
+        "order": 2,
+        "cos_mm": [0.0, 3.0, 0.0],
+        "sin_mm": [0.0, 0.0, 2.0],
+    }
+    made = measured().with_effect(effect_from_table(table))
+    found = diagnose(made.campaign, made.arm, DECISION)
+    assert found.verdict == "unknown"
+    oversized = [term for term in found.terms if term.is_oversized]
+    assert oversized
+    for term in oversized:
+        assert (term.status, term.accepted) == ("unknown", False)
+    words = " ".join(summary_lines(found))
+    assert "more than 100 times as large as in any such machine" in words
+    assert [t["oversized"] for t in diagnosis_json(found)["terms"]].count(True)
+
+
+def test_poses_that_could_show_nothing_are_not_called_clean():
+    true = disturbed(seven_joints(), 3, 20.0, 0.1)
+    rng = np.random.default_rng(3)
+    angles_rad = true.zeros_rad + rng.uniform(-0.7, 0.7, (14, 7))
+    seen_mm = true.centres(angles_rad) + 3.0 * rng.normal(size=(14, 3))
+    campaign = tracked(angles_rad, seen_mm)
+    found = diagnose(campaign, arm_value(seven_joints()), DECISION)
+    assert not found.terms
+    assert (found.blind, found.verdict) == (True, "unknown")
+    assert diagnosis_json(found)["visible"]["n"] == 0
+    words = " ".join(summary_lines(found))
+    assert "No effect of the library could have been seen in 14 poses" in words
+    assert "Clean" not in words

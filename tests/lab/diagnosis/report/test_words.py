@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from tests.lab.diagnosis.diagnosed import clean, drifting, eccentric
+from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 from traverse.lab.diagnosis.model.result import Alternative, Detectable, Estimate
 from traverse.lab.diagnosis.report.detectable_table import (
@@ -13,6 +14,7 @@ from traverse.lab.diagnosis.report.detectable_table import (
     reasons,
     whole_arm_rows,
 )
+from traverse.lab.diagnosis.report.files import diagnosis_json
 from traverse.lab.diagnosis.report.maps import conditions
 from traverse.lab.diagnosis.report.names import (
     candidate_label,
@@ -267,3 +269,40 @@ def test_what_cannot_be_seen_has_a_reason():
     assert lines[2].endswith(
         "cannot be seen: J1 is vertical: gravity does not twist it"
     )
+
+
+def test_a_worst_pose_that_is_predicted_worse_is_said():
+    found = eccentric()
+    first, last = found.gap.before, found.gap.after
+    assert "worst pose" not in " ".join(summary_lines(found))
+    worse = replace(found.gap, after=replace(last, largest_mm=1.6 * first.largest_mm))
+    words = " ".join(summary_lines(replace(found, gap=worse)))
+    assert "The worst pose kept aside is predicted worse with what was added" in words
+    gap = diagnosis_json(found)["gap"]
+    largest = {"before": first.largest_mm, "after": last.largest_mm}
+    assert gap["held_out_largest_mm"] == largest
+
+
+def test_a_curve_says_where_it_was_seen():
+    found = eccentric()
+    effect = effect_from_table(
+        {
+            "kind": "empirical",
+            "joint": "J3",
+            "covariate": "J3_rad",
+            "knots": [-0.5, 0.0, 0.25, 1.0],
+            "values_rad": [0.0, 1e-5, 2e-5, 0.0],
+        }
+    )
+    one = found.terms[0]
+    curve = replace(
+        one,
+        effect=effect,
+        status="unknown",
+        candidate=replace(one.candidate, kind="empirical", covariate="J3_rad"),
+        estimates={},
+    )
+    words = " ".join(summary_lines(replace(found, terms=(curve,))))
+    assert "seen where the reading of J3 is -28.65 to 57.3 degrees" in words
+    (told,) = diagnosis_json(replace(found, terms=(curve,)))["terms"]
+    assert told["seen"] == {"low": -0.5, "high": 1.0}
