@@ -227,7 +227,7 @@ def toml_table(text: str, source: str) -> dict[str, Any]:
         if where == "end of document":
             lines = text.split("\n")
             where = f"line {len(lines)}, column {len(lines[-1]) + 1}"
-        what = _SYNTAX_PLACE.sub("", message)
+        what = _SYNTAX_PLACE.sub("", message).partition("; use sys.")[0]
         raise FileError(source, [Problem(where, f"not TOML: {what}")]) from error
 
 
