@@ -11,7 +11,7 @@ import json
 import re
 from collections.abc import Callable
 from importlib.metadata import version
-from typing import Any
+from typing import Any, get_args
 
 import aiomqtt
 
@@ -26,7 +26,6 @@ from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Health, Status
 
 CONNECT_S = 10.0
-STATES = ("starting", "ready", "degraded", "stopping", "offline")
 _NOT_IN_ID = re.compile(r"[^a-zA-Z0-9_-]")
 
 _YES = "{{{{ 'ON' if value_json.{} else 'OFF' }}}}"
@@ -41,7 +40,7 @@ ENTITIES: dict[str, dict[str, Any]] = {
         "platform": "sensor",
         "name": "State",
         "device_class": "enum",
-        "options": STATES,
+        "options": get_args(Status.model_fields["state"].annotation),
     },
     "problem": {
         "platform": "binary_sensor",
