@@ -6,6 +6,7 @@ import time
 from typing import Self
 
 from traverse.client.arm import Arm
+from traverse.client.gateways.alarms import alarm_of
 from traverse.client.gateways.keyboards import (
     DesktopKeyboard,
     Keyboard,
@@ -98,14 +99,7 @@ class KeysOutlet(Outlet):
                 status = await self._arm.status()
         except TimeoutError:
             return "the arm does not say how it is"
-        if not status.online:
-            return "the arm is offline"
-        if status.alarms is None:
-            return None if status.state == "ready" else f"the arm is {status.state}"
-        for alarm in status.alarms:
-            if alarm.severity != "info":
-                return f"alarm {alarm.code}: {alarm.text}; {alarm.remedy}"
-        return None
+        return alarm_of(status)
 
     def _on_stop(self) -> None:
         # Before the loop has its turn: the next key must not be typed.

@@ -5,10 +5,12 @@ errors. Every pattern is possessive: reading a line takes time in proportion to 
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from math import isfinite
+from typing import TypeVar
 
+T = TypeVar("T")
 MAX_LINE = 65_536
 MAX_DIGITS = 16
 SERVER_TAG = "E0000"
@@ -160,16 +162,10 @@ def _command(tag: str, text: str) -> Command:
     head = _METHOD.match(text)
     if head is None:
         raise IppError(8, "expected Method(arguments)")
-    args: list[Argument] = []
-    place = head.end()
-    end = _CLOSE.match(text, place)
-    while end is None:
-        argument, place = _argument(text, place)
-        args.append(argument)
-        place, end = _after(text, place)
-    if end.end() != len(text):
-        raise IppError(8, f"nothing may follow column {end.end() + 6}")
-    return Command(tag, head[1], tuple(args))
+    args, end = _list(text, head.end(), _argument)
+    if end != len(text):
+        raise IppError(8, f"nothing may follow column {end + 6}")
+    return Command(tag, head[1], args)
 
 
 def _argument(text: str, place: int) -> tuple[Argument, int]:
@@ -182,23 +178,24 @@ def _argument(text: str, place: int) -> tuple[Argument, int]:
         if "." in name:
             raise IppError(8, f"{name} has no parentheses")
         return Word(name), found.end()
-    values: list[float] = []
-    place = opened.end()
+    values, end = _list(text, opened.end(), _number)
+    return Property(name, values), end
+
+
+def _list(
+    text: str, place: int, read: Callable[[str, int], tuple[T, int]]
+) -> tuple[tuple[T, ...], int]:
+    """What stands between parentheses, and the place behind them."""
+    found: list[T] = []
     end = _CLOSE.match(text, place)
     while end is None:
-        value, place = _number(text, place)
-        values.append(value)
-        place, end = _after(text, place)
-    return Property(name, tuple(values)), end.end()
-
-
-def _after(text: str, place: int) -> tuple[int, re.Match[str] | None]:
-    """Behind the comma that follows an argument, or the end of the arguments."""
-    if (comma := _COMMA.match(text, place)) is not None:
-        return comma.end(), None
-    if (end := _CLOSE.match(text, place)) is None:
-        raise IppError(8, f"expected a comma or ) at column {place + 7}")
-    return place, end
+        one, place = read(text, place)
+        found.append(one)
+        if (comma := _COMMA.match(text, place)) is not None:
+            place = comma.end()
+        elif (end := _CLOSE.match(text, place)) is None:
+            raise IppError(8, f"expected a comma or ) at column {place + 7}")
+    return tuple(found), end.end()
 
 
 def _number(text: str, place: int) -> tuple[float, int]:

@@ -36,6 +36,7 @@ class Machine:
         live: the latest pose.
         live_s: when it arrived, by the clock.
         is_reachable: whether the arm and the broker are there.
+        alarm: why the arm may not be trusted; None: it may.
     """
 
     def __init__(
@@ -46,6 +47,7 @@ class Machine:
         self.live: Live | None = None
         self.live_s = -np.inf
         self.is_reachable = True
+        self.alarm: str | None = None
         self._clock = clock
 
     def take_live(self, live: Live) -> None:
@@ -68,6 +70,8 @@ class Machine:
         if not measured.quality.ok:
             flags = ", ".join(measured.quality.flags)
             raise IppError(1001 if is_point else 1000, f"{what} is in doubt ({flags})")
+        if self.alarm:
+            raise IppError(1000, f"{what}: {self.alarm}")
         if is_point:
             self.require_probe()
 

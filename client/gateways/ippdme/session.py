@@ -12,6 +12,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.client.gateways.alarms import alarm_of
 from traverse.client.gateways.ippdme import tools
 from traverse.client.gateways.ippdme.grammar import (
     ERRORS,
@@ -42,6 +43,7 @@ MIN_REPORT_S = 0.1  # at most ten movements a second are reported (6.3.2.7)
 WHILE_LOCKED = ("GetErrStatusE", "GetXtdErrStatus", "ClearAllErrors", "EndSession")
 """What is carried out in a state of error. `EndSession`, since a client that sends it
 and `StartSession` has a session in any case (6.3.1)."""
+OF_THE_WAY = ("broker.lost",)  # the points that it has held up are good
 WITHOUT_SESSION = ("StartSession", "EndSession")
 N_NUMBERS = {"X": 1, "Y": 1, "Z": 1, "IJK": 3}
 
@@ -182,6 +184,9 @@ class Session:
         if not status.online:
             return
         before, self._status = self._status, status
+        alarm, machine.alarm = machine.alarm, alarm_of(status, ignored=OF_THE_WAY)
+        if machine.alarm and machine.alarm != alarm and self._in_session:
+            self._unsolicited("Server", IppError(1000, machine.alarm, 1))
         self._tools.set_library(status.probes or ())
         name = status.probe or tools.OWN
         is_new = before is None or before.probe != status.probe
@@ -397,20 +402,18 @@ class Session:
             self._unsolicited("Undo", IppError(1001, why))
 
     def _report_move(self, moves: MoveReport, live: Live) -> None:
-        was_in_doubt, moves.in_doubt = moves.in_doubt, not live.quality.ok
-        if moves.in_doubt:
+        was_in_doubt, moves.in_doubt = moves.in_doubt, True
+        try:
+            self.machine.require_good(live, "the pose")
+            data = self.machine.values(moves.names, live)
+        except IppError as error:
             if not was_in_doubt:
-                why = f"the pose is in doubt ({', '.join(live.quality.flags)})"
-                self._error(moves.tag, "OnMoveReportE", IppError(1000, why, 1))
+                error.severity = 1
+                self._error(moves.tag, "OnMoveReportE", error)
             return
+        moves.in_doubt = False
         place, now_s = np.array(live.xyz_mm), self.machine.live_s
         if moves.is_wanted(place, now_s):
-            try:
-                data = self.machine.values(moves.names, live)
-            except IppError as error:  # what FindTool had found has gone
-                self._moves = None
-                self._error(moves.tag, "OnMoveReportE", error)
-                return
             self._send(f"{moves.tag} # {data}")
             moves.at_s, moves.place_mm, moves.is_due = now_s, place, False
 

@@ -10,6 +10,7 @@ is answered, in order, `*` what happens at the arm:
     * probe NAME                 the arm has another probe
     * changed / refused          the answer to a requested change of the probe
     * offline / online           the arm goes, and is back
+    * alarm CODE / calm          a lasting alarm, and its end
     * wait S                     time passes
     * press INPUT                a button
 """
@@ -28,6 +29,8 @@ from traverse.client.gateways.ippdme.session import Options, Session
 from traverse.client.points.session_order import Lost
 from traverse.protocol.messages.quality import Quality
 
+assert STATUS.alarms
+ALARM = STATUS.alarms[0]
 FILES = sorted((Path(__file__).parent / "conversations").glob("*.txt"))
 
 
@@ -47,7 +50,7 @@ class Bench:
         )
         self._time_ns = LIVE.time_ns
         self.status = STATUS.model_copy(
-            update={"probe": None, "probes": ("ball", "star"), "alarms": None}
+            update={"probe": None, "probes": ("ball", "star"), "alarms": ()}
         )
         self.happens("online")
         self.happens("live 0 0 0")
@@ -66,6 +69,10 @@ class Bench:
             "refused": lambda: self.session.tool_refused(IppError(1502)),
             "offline": lambda: self._say(online=False),
             "online": lambda: self._say(online=True),
+            "alarm": lambda code: self._say(
+                alarms=(ALARM.model_copy(update={"code": code}),)
+            ),
+            "calm": lambda: self._say(alarms=()),
             "wait": self._wait,
             "press": self.session.press,
             "lost": lambda: self.session.take_loss(Lost("s", 3, 5, "cut")),

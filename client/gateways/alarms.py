@@ -1,0 +1,22 @@
+"""Whether an arm may be trusted now, by its status."""
+
+from collections.abc import Container
+
+from traverse.protocol.messages import Status
+
+
+def alarm_of(status: Status, *, ignored: Container[str] = ()) -> str | None:
+    """Why the arm may not be trusted, for people; None: it may.
+
+    Args:
+        status: of the arm.
+        ignored: codes of alarms that do not count.
+    """
+    if not status.online:
+        return "the arm is offline"
+    if status.alarms is None:
+        return None if status.state == "ready" else f"the arm is {status.state}"
+    for alarm in status.alarms:
+        if alarm.severity != "info" and alarm.code not in ignored:
+            return f"alarm {alarm.code}: {alarm.text}; {alarm.remedy}"
+    return None
