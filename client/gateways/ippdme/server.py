@@ -3,6 +3,7 @@
 import asyncio
 import socket
 from collections.abc import AsyncIterable, Awaitable, Callable
+from contextlib import suppress
 from typing import TypeVar
 
 from traverse.client.arm import Arm
@@ -81,7 +82,11 @@ class IppServer:
         finally:
             server.close()
             self._session.disconnected()
-            self._drop("")
+            if self._writer is not None:
+                writer, self._writer = self._writer, None
+                writer.transport.abort()  # it may not read what waits for it
+                with suppress(OSError):
+                    await writer.wait_closed()
             await cancel_tasks([*tasks, *self._changes])
 
     async def _look_on(self) -> None:
@@ -145,8 +150,7 @@ class IppServer:
         writer, self._writer = self._writer, None
         if writer is not None:
             writer.close()
-            if why:
-                self._report(f"{self._peer} {why}; its session is over")
+            self._report(f"{self._peer} {why}; its session is over")
 
     def _send(self, line: str) -> None:
         writer = self._writer

@@ -1,6 +1,7 @@
 """A client of I++ DME for tests; it shares nothing with the server."""
 
 import asyncio
+from contextlib import suppress
 from typing import Self
 
 from tests.client.gateways.ippdme.transcripts import write
@@ -31,6 +32,8 @@ class IppClient:
 
     async def __aexit__(self, *failure: object) -> None:
         self._writer.close()
+        with suppress(OSError):
+            await self._writer.wait_closed()
         write(self._name, self.commands, self.replies)
 
     def send(self, method: str, *, fast: bool = False) -> str:
