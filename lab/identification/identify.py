@@ -37,7 +37,7 @@ from traverse.lab.identification.results.undetermined import (
     undetermined_directions,
     weak_directions,
 )
-from traverse.lab.identification.solve.adjustment import Progress
+from traverse.lab.identification.solve.adjustment import MOST_ITERATIONS, Progress
 from traverse.lab.identification.solve.certificate_test import (
     Contradiction,
     lost_poses,
@@ -63,6 +63,8 @@ from traverse.lab.identification.solve.variance_components import VarianceModel
 __all__ = ["IdentificationError", "Options", "identify"]
 
 
+# Of a hypothesis: a wrong one creeps, a right one is there by then.
+_MOST_OF_A_TRIAL = 25
 # Other zeros must make the median misclosure smaller than this part of it.
 _WORTH_IT = 0.95
 
@@ -110,7 +112,13 @@ def identify(
         held = VarianceModel("held", "held")
         wishes = options if noise is None else replace(options, variances=held)
         return iterate(
-            part, start, wishes, radius_mm, staying=staying, progress=progress
+            part,
+            start,
+            wishes,
+            radius_mm,
+            staying=staying,
+            progress=progress,
+            most_iterations=MOST_ITERATIONS if noise is None else _MOST_OF_A_TRIAL,
         )
 
     run = adjusted(campaign)

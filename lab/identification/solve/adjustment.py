@@ -149,7 +149,7 @@ def certified(
     return kept
 
 
-_MOST_ITERATIONS = 200
+MOST_ITERATIONS = 200
 # Of a step: more and more damped up to a square of singular values, then halved.
 _MOST_TRIALS = 24
 _MOST_DAMPING = 1e7
@@ -244,7 +244,7 @@ def adjust(
     start: State,
     design: ArmValues,
     progress: Progress | None = None,
-    most_iterations: int = _MOST_ITERATIONS,
+    most_iterations: int = MOST_ITERATIONS,
 ) -> Adjustment:
     """Adjust a network.
 

@@ -142,7 +142,7 @@ def without_wrong_certificates(
             if losses[1 + at] - best < _SAME
         ]
         evidence = float(np.sqrt(losses[0] - best))
-        if estimated:
+        if estimated or not run.adjustment.converged:
             run = adjusted(campaign, None)
         found.append(Contradiction(name, length, certified_mm, evidence, tuple(rivals)))
     return campaign, run, tuple(found)

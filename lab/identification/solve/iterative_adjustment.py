@@ -14,6 +14,7 @@ from traverse.lab.identification.equations.network import (
 from traverse.lab.identification.equations.parameters import ArmValues
 from traverse.lab.identification.equations.station_equations import start_state
 from traverse.lab.identification.solve.adjustment import (
+    MOST_ITERATIONS,
     Adjustment,
     Iteration,
     Progress,
@@ -103,6 +104,7 @@ def iterate(
     first: Booleans | None = None,
     staying: Booleans | None = None,
     progress: Progress | None = None,
+    most_iterations: int = MOST_ITERATIONS,
 ) -> IteratedAdjustment:
     """Adjust until neither the poses that take part nor the noise change.
 
@@ -114,6 +116,7 @@ def iterate(
         first: Poses that take part to begin with, (n_poses,); default all.
         staying: Poses that take part whatever they say, (n_poses,); default none.
         progress: Told of every iteration.
+        most_iterations: Of each adjustment.
     """
     campaign = network.campaign
     variances = options.variances or variance_model(campaign)
@@ -124,7 +127,7 @@ def iterate(
     ) -> tuple[Adjustment, PoseStatistics]:
         chosen = stations(campaign, radius_mm, included)
         part = replace(network, stations=chosen, noise=noise or network.noise)
-        found = adjust(part, start_state(part, arm), design, progress)
+        found = adjust(part, start_state(part, arm), design, progress, most_iterations)
         iterations.extend(found.iterations)
         return found, pose_statistics(found)
 
