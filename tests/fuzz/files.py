@@ -244,7 +244,8 @@ def _mutated_recording(content: bytes, chance: random.Random) -> bytes:
     attachments = list(reader.iter_attachments())
     metadata = list(reader.iter_metadata())
     header = reader.get_header()
-    bad = chance.sample(range(len(messages)), chance.choice((1, 1, 3, 20)))
+    n_bad = min(chance.choice((1, 1, 3, 20)), len(messages))
+    bad = chance.sample(range(len(messages)), n_bad)
     in_attachment = chance.random() < 0.2
     written = io.BytesIO()
     writer = Writer(written)
