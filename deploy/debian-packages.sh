@@ -12,6 +12,7 @@ table() {
     cat <<'TABLE'
 python|module:ensurepip module:venv|python3-venv
 compiler|gcc header:Python.h|gcc libc6-dev python3-dev
+cplusplus|g++ as ld|g++
 mosquitto|mosquitto mosquitto_passwd mosquitto_pub mosquitto_sub|mosquitto mosquitto-clients
 openssl|openssl|openssl
 jq|jq|jq

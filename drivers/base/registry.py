@@ -15,6 +15,7 @@ DRIVERS = {
     "modbus": "traverse.drivers.modbus.driver:ModbusDriver",
     "rls": "traverse.drivers.rls.driver:RlsDriver",
     "microscribe": "traverse.drivers.microscribe.driver:MicroscribeDriver",
+    "text-line": "traverse.drivers.text_line.driver:TextLineDriver",
     "gpio": "traverse.drivers.triggers.gpio:GpioDriver",
     "evdev": "traverse.drivers.triggers.evdev:EvdevDriver",
     "replay": "traverse.drivers.replay:ReplayDriver",

@@ -16,7 +16,6 @@ from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.microscribe.identification import MicroscribeIdentification
 from traverse.drivers.microscribe.line import TimedPacket
 from traverse.drivers.microscribe.options import MicroscribeOptions
-from traverse.drivers.microscribe.pedals import PedalDebouncer, PendingPedalEdges
 from traverse.drivers.microscribe.session import (
     MicroscribeSession,
     MotionReport,
@@ -24,8 +23,10 @@ from traverse.drivers.microscribe.session import (
 )
 from traverse.drivers.polling.alarms import ReadErrorLog
 from traverse.drivers.polling.channel import IMPLAUSIBLE
+from traverse.drivers.polling.pedals import PedalDebouncer, PendingPedalEdges
 from traverse.drivers.polling.sampling import SampleBlockBuilder, SampleSchedule
 from traverse.plurals import counted
+from traverse.protocol.microscribe.packets import N_BUTTONS
 
 PEDAL_HZ = 100.0  # a press appears in two packets; least rate of requests
 SILENCE_NS = 500_000_000
@@ -46,7 +47,7 @@ class MicroscribeDriver(Driver):
         self._arm: MicroscribeIdentification | None = None
         self._port: SerialPort | None = None
         self._session: MicroscribeSession | None = None
-        self._pedals = PedalDebouncer(options.debounce_ms * 1_000_000)
+        self._pedals = PedalDebouncer(options.debounce_ms * 1_000_000, N_BUTTONS)
         self._edges = PendingPedalEdges(self.device, self._delivery_queue.put)
         self._read_errors = ReadErrorLog(
             self.device, self._delivery_queue.put, self._counters

@@ -56,6 +56,10 @@ KINDS = {
         "traverse.simulator.devices.microscribe.device:MicroscribeTable",
         "traverse.simulator.devices.microscribe.device:SimulatedMicroscribe",
     ),
+    "text-line": Kind(
+        "traverse.simulator.devices.text_line:TextLineTable",
+        "traverse.simulator.devices.text_line:SimulatedTextLine",
+    ),
     "modbus": Kind(
         "traverse.simulator.devices.modbus:ModbusTable",
         "traverse.simulator.devices.modbus:SimulatedModbusLine",

@@ -8,7 +8,7 @@ from traverse.drivers.microscribe.packets import (
     PacketClock,
     timer_runs,
 )
-from traverse.drivers.microscribe.pedals import (
+from traverse.drivers.polling.pedals import (
     MAX_WAITING,
     PedalDebouncer,
     PendingPedalEdges,
@@ -132,7 +132,7 @@ def sample(number: int, buttons: int) -> PolledSample:
 
 @given(st.lists(st.integers(0, 3), max_size=40))
 def test_an_edge_is_what_two_packets_show(levels):
-    pedals = PedalDebouncer(0)
+    pedals = PedalDebouncer(0, 7)
     pedals.begin(sample(0, 0))
     found = []
     for number, buttons in enumerate(levels, start=1):
@@ -150,7 +150,7 @@ def test_an_edge_is_what_two_packets_show(levels):
 
 
 def test_bouncing_is_one_edge():
-    pedals = PedalDebouncer(100 * MS)
+    pedals = PedalDebouncer(100 * MS, 7)
     pedals.begin(sample(0, 0))
     shown = [1, 1, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1, 0, 0]
     edges = [
@@ -160,7 +160,7 @@ def test_bouncing_is_one_edge():
 
 
 def test_a_packet_that_only_a_pedal_can_have_caused_is_enough():
-    pedals = PedalDebouncer(0)
+    pedals = PedalDebouncer(0, 7)
     pedals.begin(sample(0, 0))
     (edge,) = pedals.detect_edges(sample(1, 2), certain=True)
     assert (edge.number, edge.down, edge.first.ticks) == (1, True, 1)
@@ -177,7 +177,7 @@ def test_edges_wait_for_room_and_the_oldest_go_first():
         return False
 
     queue = PendingPedalEdges("ms", put)
-    pedals = PedalDebouncer(0)
+    pedals = PedalDebouncer(0, 7)
     pedals.begin(sample(0, 0))
     (edge,) = pedals.detect_edges(sample(1, 1), certain=True)
     lost = sum(queue.add(edge) for _ in range(MAX_WAITING + 3))

@@ -1,6 +1,6 @@
-"""Pedals of a MicroScribe: levels in packets become edges, once each.
+"""Pedals and buttons in packets or lines: levels become edges, once each.
 
-Packets have no check sum, so a changed level is accepted when the next packet shows it
+A packet may have no check sum, so a changed level is accepted when the next shows it
 too; the edge then has the counts and the time of the packet that showed it first. In a
 report of motion a packet whose counts are those of before can only be there because of
 the pedal: it needs no other.
@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 from traverse.drivers.base.values import LatchedCounts
 from traverse.drivers.polling.sampling import PolledSample
-from traverse.protocol.microscribe.packets import N_BUTTONS
 
 MAX_WAITING = 64
 
@@ -31,10 +30,12 @@ class PedalDebouncer:
 
     Args:
         debounce_ns: after an edge further ones of that pedal are ignored so long.
+        n_inputs: how many there are.
     """
 
-    def __init__(self, debounce_ns: int) -> None:
+    def __init__(self, debounce_ns: int, n_inputs: int) -> None:
         self._debounce_ns = debounce_ns
+        self._n_inputs = n_inputs
         self._levels = 0
         self._first: dict[int, PolledSample] = {}
         self._until_ns: dict[int, int] = {}
@@ -55,7 +56,7 @@ class PedalDebouncer:
     ) -> list[PedalEdge]:
         """The edges that a packet confirms, or shows beyond doubt."""
         edges = []
-        for number in range(N_BUTTONS):
+        for number in range(self._n_inputs):
             bit = 1 << number
             if not (self._levels ^ sample.inputs) & bit:
                 self._first.pop(number, None)

@@ -1,0 +1,1 @@
+"""Boards that print lines of text."""

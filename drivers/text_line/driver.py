@@ -1,0 +1,392 @@
+"""Driver of boards that print lines of text, one for each reading of all joints.
+
+The board prints by itself, at a rate of its own, which is learned while connecting.
+A line is read whole or not at all (`line`), and must be a reading that the joints can
+have reached. Without a time in the line a sample has the time at which its line
+arrived; a board whose time or counts jump has lost power.
+"""
+
+from itertools import pairwise
+from statistics import median
+
+from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.values import (
+    STATUS_MISSING,
+    STATUS_TIME_UNCERTAIN,
+    DeviceError,
+    DeviceUp,
+    Identity,
+    StreamStarted,
+)
+from traverse.drivers.io.serial_port import SerialPort
+from traverse.drivers.polling.channel import IMPLAUSIBLE, EncoderReading, PolledChannel
+from traverse.drivers.polling.pedals import PedalDebouncer, PendingPedalEdges
+from traverse.drivers.polling.sampling import PolledSample, SampleBlockBuilder
+from traverse.drivers.text_line.line import Line, LineSplitter, OddLine
+from traverse.drivers.text_line.options import TextLineOptions
+from traverse.drivers.timing.device_clock import MAX_EARLY_NS, DeviceClock
+from traverse.plurals import counted
+
+FIRST_LINES, LEAST_LINES = 10, 3  # to learn the rate
+FIRST_SPAN_NS = 600_000_000  # lines may arrive in bunches; the clock takes as long
+FIRST_S = 8.0  # a board that is reset by opening its port needs two
+START_AGAIN_NS = 1_000_000_000
+TELL_NS = 200_000_000
+LOST_ABOVE = 1.75  # periods between two lines
+JUMP_NS = 1_000_000_000  # between the times of board and host: it was reset
+WRAP = 1 << 32  # of millis() and micros()
+JUMPS = 2  # in a row: one may be a broken digit
+
+
+class TextLineDriver(Driver):
+    """A board that prints lines."""
+
+    options: TextLineOptions
+    options_class = TextLineOptions
+
+    def _prepare(self) -> None:
+        options = self.options
+        self._pattern = options.line_pattern
+        # The thread's own.
+        self._port: SerialPort | None = None
+        self._edges = PendingPedalEdges(self.device, self._delivery_queue.put)
+        self._buttons = PedalDebouncer(
+            options.debounce_ms * 1_000_000, self._pattern.n_inputs
+        )
+        self._block = SampleBlockBuilder(self.device)
+        self._stream = self._next_seq = self._every = 0
+        self._rejected = self._lost = self._lost_edges = 0
+        self._reason = ""
+        self._told_ns = 0
+        self._up_before = self._reset = False
+        self._last: tuple[Line, int] | None = None  # with the time of its arrival
+        self._period_ns = 0.0
+
+    # -- in the reader thread -------------------------------------------------
+
+    def _connect(self) -> None:
+        options = self.options
+        self._port = SerialPort(options.port, options.baud_rate, self._wake_read)
+        self._splitter = LineSplitter()
+        self._clock = DeviceClock(options.tick_rate_hz, self._clock_wrap)
+        self._time_ns = 0
+        self._channels = [
+            PolledChannel(f"joint {k}", counts, counts, options.max_speed_rad_s)
+            for k, counts in enumerate(options.counts_per_turn, start=1)
+        ]
+        self._overlong = self._bad = self._jumps = 0
+        before, period_ns = self._last, self._period_ns
+        first = self._first_lines(self._port)
+        lines = [line for line, _ in first]
+        self._period_ns = self._learned_period_ns(first)
+        restarted = self._up_before and (
+            self._reset or not self._continues(before, first[-1], period_ns)
+        )
+        self._last = first[-1]
+        for line, received_ns in first:
+            sample = self._sample(line, received_ns, received_ns)
+        self._buttons.begin(sample)
+        resolution_ns = 1e9 / options.tick_rate_hz
+        has_time = lines[0].ticks is not None
+        self._deliver_state(
+            DeviceUp(
+                self.device,
+                Identity(
+                    f"board on {options.port}",
+                    "",
+                    options.counts_per_turn,
+                    self._pattern.n_inputs,
+                    1e9 / self._period_ns,
+                    latches=False,
+                    counts_per_turn=options.counts_per_turn,
+                    jitter_ns=round(
+                        max(resolution_ns, 1e6) if has_time else self._period_ns / 2
+                    ),
+                ),
+                restarted,
+            )
+        )
+        # Not earlier: if that fails, the next try has to report the restart.
+        self._up_before, self._reset = True, False
+        self._streams_begun = 0
+
+    def _serve(self) -> None:
+        while self._port is not None and not self._stopping:
+            if self._streams_begun != self._streams_requested:
+                self._streams_begun = self._streams_requested
+                self._begin_stream(self._rate_hz)
+            if self._port.wait(0.02):
+                self._take(self._read(self._port))
+            now_ns = self._now_ns()
+            self._counters["edges_received"] += self._edges.hand_over()
+            if self._block.is_due(now_ns):
+                self._deliver_block()
+            if now_ns - self._told_ns >= TELL_NS:
+                self._told_ns = now_ns
+                self._report_losses()
+            self._report_counters()
+            if self._last and now_ns - self._last[1] > self.options.silence_s * 1e9:
+                raise self._silence()
+
+    def _disconnect(self) -> None:
+        self._report_losses()
+        self._deliver_block()
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    def _read(self, port: SerialPort) -> tuple[list[tuple[Line, int]], int]:
+        """Valid lines, each with the number of odd ones before it; when read [ns]."""
+        lines = []
+        splitter = self._splitter
+        raws = splitter.feed(port.read())
+        received_ns = self._now_ns()
+        for _ in range(splitter.overlong - self._overlong):
+            self._reject(b"", "has no end")
+        self._overlong = splitter.overlong
+        for raw in raws:
+            if raw.startswith(tuple(text.encode() for text in self.options.ignore)):
+                self._counters["lines_ignored"] += 1
+                continue
+            line = self._pattern.read(raw)
+            if isinstance(line, OddLine):
+                self._reject(raw, line.reason)
+            else:
+                lines.append((line, self._bad))
+                self._bad = 0
+        return lines, received_ns
+
+    def _reject(self, raw: bytes, reason: str) -> None:
+        self._rejected += 1
+        self._bad += 1
+        shown = f" {raw[:60].decode('ascii', 'replace')!r}" if raw else ""
+        self._reason = f"a line{shown} {reason}"
+
+    def _first_lines(self, port: SerialPort) -> list[tuple[Line, int]]:
+        """Valid lines in a row, to learn from, with the time at which each was read.
+
+        Raises:
+            DeviceError: there are none.
+        """
+        begun_ns = self._now_ns()
+        asked_ns = begun_ns - START_AGAIN_NS
+        first: list[tuple[Line, int]] = []
+        while not self._stopping and (
+            len(first) < FIRST_LINES or first[-1][1] - first[0][1] < FIRST_SPAN_NS
+        ):
+            now_ns = self._now_ns()
+            self.heartbeat.beat()
+            if now_ns - begun_ns > FIRST_S * 1e9:
+                if len(first) > LEAST_LINES:
+                    break  # it is slow
+                raise self._silence()
+            command = self.options.start_command
+            if command and not first and now_ns - asked_ns >= START_AGAIN_NS:
+                asked_ns = now_ns
+                port.write(command.encode() + b"\n")
+            if port.wait(0.05):
+                lines, received_ns = self._read(port)
+                first += [(line, received_ns) for line, _ in lines]
+        if not first:
+            raise DeviceError("the driver is closed", "")
+        # What a board prints at its start, and half a first line, is no fault.
+        self._counters["lines_before_first"] += self._rejected
+        self._rejected = self._bad = 0
+        return first
+
+    def _learned_period_ns(self, first: list[tuple[Line, int]]) -> float:
+        """Time between two lines [ns], by the board's time where it prints one."""
+        steps = [
+            (b.ticks - a.ticks) * 1e9 / self.options.tick_rate_hz
+            for (a, _), (b, _) in pairwise(first)
+            if a.ticks is not None and b.ticks is not None and b.ticks > a.ticks
+        ]
+        if steps:
+            return median(steps)
+        # Those of the first read may have waited: they say nothing about the rate.
+        begun_ns = first[0][1]
+        later = sum(received_ns > begun_ns for _, received_ns in first)
+        return (first[-1][1] - begun_ns) / max(1, later)
+
+    def _continues(
+        self, before: tuple[Line, int] | None, now: tuple[Line, int], period_ns: float
+    ) -> bool:
+        """Whether the board has been running since its last line, by time or number."""
+        if before is None:
+            return False
+        elapsed_ns = now[1] - before[1]
+        if now[0].ticks is not None and before[0].ticks is not None:
+            step = (now[0].ticks - before[0].ticks) % self._clock_wrap
+            step_ns = step * 1e9 / self.options.tick_rate_hz
+        elif now[0].seq is not None and before[0].seq is not None:
+            step_ns = (
+                (now[0].seq - before[0].seq) % (1 << self.options.seq_bits) * period_ns
+            )
+        else:
+            return False
+        return abs(step_ns - elapsed_ns) < JUMP_NS + 0.02 * elapsed_ns
+
+    @property
+    def _clock_wrap(self) -> int:
+        return WRAP if self.options.time_unit != "s" else 1 << 62
+
+    def _begin_stream(self, rate_hz: float) -> None:
+        self._deliver_block()
+        self._every = 0
+        if not rate_hz:
+            return
+        reached_hz = 1e9 / self._period_ns
+        self._every = max(1, int(reached_hz / rate_hz))
+        if rate_hz > reached_hz:
+            self._fault(
+                "rate_limited",
+                f"a stream of {rate_hz:g} Hz is requested, {self.device} prints "
+                f"{reached_hz:.4g} lines in a second",
+                "lower the rate, or have the board print more often",
+            )
+        self._stream += 1
+        self._next_seq = 0
+        self._deliver_state(
+            StreamStarted(self.device, self._stream, min(rate_hz, reached_hz))
+        )
+
+    def _take(self, read: tuple[list[tuple[Line, int]], int]) -> None:
+        """Take lines that arrived together.
+
+        Raises:
+            DeviceError: the board has been reset.
+        """
+        lines, received_ns = read
+        for number, (line, bad) in enumerate(lines):
+            left = len(lines) - 1 - number
+            arrived_ns = received_ns - round(left * self._period_ns)
+            step = self._step(line, received_ns, bad)
+            if step <= 0:
+                continue
+            sample = self._sample(line, received_ns, arrived_ns)
+            self._last = (line, received_ns)
+            self._counters["lines_received"] += 1
+            self._lost += max(0, step - 1 - bad)
+            self._next_seq += step
+            if STATUS_MISSING not in sample.status:
+                for edge in self._buttons.detect_edges(sample):
+                    self._lost_edges += self._edges.add(edge)
+            if self._every and (self._next_seq - 1) % self._every == 0:
+                self._counters["samples_received"] += 1
+                self._block.add((self._next_seq - 1) // self._every, sample)
+
+    def _step(self, line: Line, received_ns: int, bad: int) -> int:
+        """How many lines further this one is, 1 without a loss; 0: not to be taken.
+
+        Raises:
+            DeviceError: the board has been reset.
+        """
+        last = self._last[0] if self._last else line
+        step = 1 + bad
+        if line.seq is not None and last.seq is not None:
+            limit = 1 << self.options.seq_bits
+            step = (line.seq - last.seq + limit // 2) % limit - limit // 2
+        if line.ticks is not None and last.ticks is not None:
+            tick_ns = 1e9 / self.options.tick_rate_hz
+            ticks = self._clock.unwrap_one(line.ticks)
+            passed_ns = (ticks - self._clock.unwrap_one(last.ticks)) * tick_ns
+            most_ns = JUMP_NS if self._clock.is_uncertain else MAX_EARLY_NS
+            if passed_ns < 0 or self._clock.to_ns(ticks) - received_ns > most_ns:
+                step = -1
+            elif line.seq is not None:
+                pass
+            elif passed_ns == 0 and self._period_ns > 2 * tick_ns:
+                step = 0
+            elif passed_ns > LOST_ABOVE * self._period_ns:
+                step = round(passed_ns / self._period_ns)
+        if step >= 0:
+            self._jumps = 0
+            self._counters["lines_repeated"] += step == 0
+            return step
+        self._jumps += 1
+        self._reject(b"", "has a time or number that does not follow the last")
+        if self._jumps >= JUMPS:
+            raise self._was_reset("its time or number has begun anew")
+        return 0
+
+    def _sample(self, line: Line, received_ns: int, arrived_ns: int) -> PolledSample:
+        """A line as a sample.
+
+        Raises:
+            DeviceError: counts have jumped for good.
+        """
+        time_ns, uncertain = arrived_ns, 0
+        ticks = arrived_ns
+        if line.ticks is not None:
+            ticks = self._clock.unwrap_one(line.ticks)
+            self._clock.update(ticks, received_ns)
+            time_ns = min(self._clock.to_ns(ticks), received_ns)
+            uncertain = STATUS_TIME_UNCERTAIN if self._clock.is_uncertain else 0
+            self._counters["clock_steps"] = self._clock.steps
+        self._time_ns = time_ns = max(time_ns, self._time_ns)
+        status = []
+        for channel, count in zip(self._channels, line.counts, strict=True):
+            miss = channel.accept(EncoderReading(count, time_ns), time_ns)
+            status.append(STATUS_MISSING if miss else uncertain)
+            if miss is IMPLAUSIBLE:
+                self._counters["implausible"] += 1
+                self._rejected += 1
+                self._reason = f"{channel.name} {miss.text}"
+            if channel.missing:
+                raise self._was_reset(f"{channel.name} has jumped")
+        counts = tuple(channel.count for channel in self._channels)
+        return PolledSample(
+            time_ns, received_ns, ticks, line.buttons, counts, tuple(status)
+        )
+
+    def _was_reset(self, why: str) -> DeviceError:
+        self._reset = True
+        return DeviceError(
+            f"the board on {self.options.port} was probably reset: {why}",
+            "check its supply and cable, and that no joint turns faster than "
+            "max_speed_rad_s",
+        )
+
+    def _silence(self) -> DeviceError:
+        if self._reason:
+            return DeviceError(
+                f"the board on {self.options.port} prints no line that fits: "
+                f"{self._reason}",
+                "correct pattern, unit or baud_rate",
+            )
+        return DeviceError(
+            f"the board on {self.options.port} prints nothing",
+            "check cable, baud_rate and start_command",
+        )
+
+    def _report_losses(self) -> None:
+        if rejected := self._rejected:
+            self._rejected = 0
+            self._fault(
+                "frames_rejected",
+                f"{counted(rejected, 'line')} not read on {self.options.port}; "
+                f"{self._reason}",
+                "check cable and baud rate; beginnings of other lines belong in ignore",
+                rejected,
+            )
+        if lost := self._lost:
+            self._lost = 0
+            self._fault(
+                "samples_lost",
+                f"{counted(lost, 'line')} lost between the board on "
+                f"{self.options.port} and host",
+                "raise the baud rate, or have the board print less often",
+                lost,
+            )
+        if edges := self._lost_edges:
+            self._lost_edges = 0
+            self._fault(
+                "edges_lost",
+                f"{counted(edges, 'button edge')} lost because they are not processed",
+                "the daemon is overloaded; repeat the last points",
+                edges,
+            )
+
+    def _deliver_block(self) -> None:
+        if samples := self._block.take(self._stream):
+            self._delivery_queue.put(samples)

@@ -1,0 +1,149 @@
+"""A board that prints a line of text for each reading of all joints.
+
+Forms of lines, written from what firmware of open arms prints:
+
+- ``toy-department``: "POS,<ms>,<x>,<y>,<z>,<deg>,..." once "START" was received; the
+  coordinates are 0 here.
+- ``bl-shopwork``: "   *** E0: <deg>,  E1: <deg>, ...", the lines that its firmware
+  has as a comment.
+- ``sketch``: "$TRV,<number>,<ms>,<counts>,...,<buttons>*<hh>"
+  of the sketch in examples.
+"""
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from traverse.simulator.devices.device import DeviceContext
+from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
+from traverse.simulator.scenario.signals import InputChange, LatchedEdge
+
+
+class TextLineTable(SerialTable):
+    """A board that prints lines.
+
+    Attributes:
+        form: Of its lines.
+        rate_hz: How many in a second.
+        buttons: Inputs on bit 0, 1, ...; only a ``sketch`` prints them.
+    """
+
+    FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS - {"status", "late"} | {"cut"}
+    BY_CHANNEL: ClassVar[bool] = False
+
+    port: str = Field(min_length=1)
+    form: Literal["toy-department", "bl-shopwork", "sketch"] = "sketch"
+    rate_hz: float = Field(default=100.0, ge=1.0, le=2000.0)
+    buttons: tuple[Literal["button", "switch"], ...] = Field(
+        default=("button", "switch"), max_length=8
+    )
+
+
+class SimulatedTextLine(SerialDevice):
+    """The board.
+
+    Args:
+        table: Its configuration.
+        mounting: What it is wired to.
+    """
+
+    def __init__(self, table: TextLineTable, mounting: DeviceContext) -> None:
+        self._form = table.form
+        self._period_s = 1.0 / table.rate_hz
+        self._per_turn = mounting.encoders.moduli
+        self._n_edges = 0
+        super().__init__(table, mounting, [table.port], table.buttons)
+
+    def power_up(self, now_s: float) -> None:
+        """Count lines and time from zero; a ``toy-department`` waits for its start."""
+        self._power_up_s = now_s
+        self._n_lines = self._levels = 0
+        self._next_s = now_s if self._form != "toy-department" else float("inf")
+        self._command = bytearray()
+
+    @property
+    def streaming(self) -> bool:
+        """It prints."""
+        return self._next_s < float("inf")
+
+    def receive_byte(self, line: int, byte: int, at_s: float) -> None:
+        """Carry out a whole command."""
+        del line
+        if byte not in b"\r\n":
+            self._command += bytes([byte]) if len(self._command) < 64 else b""
+            return
+        command, self._command = bytes(self._command).upper(), bytearray()
+        if self._form != "toy-department" or not command:
+            return
+        if command == b"START":
+            self._next_s = at_s
+            self.say(0, b"ACK,RECORDING_STARTED\r\n", at_s)
+        else:
+            self.n_rejected += 1
+            self.say(0, b"ERROR,Unknown command: " + command + b"\r\n", at_s)
+
+    def advance(self, to_s: float) -> None:
+        """Print what is due; begin anew after a reset."""
+        while self._next_s <= to_s:
+            at_s = self._next_s
+            self._next_s = at_s + self._period_s
+            self.say(0, self._line(at_s), at_s)
+        script_s = self.mounting.clock.script_s(to_s)
+        faults = self.mounting.line_faults
+        if any(f.kind == "reset" and f.lasts(script_s) for f in faults):
+            self.power_up(to_s)
+
+    def own_due_s(self) -> float:
+        """The next line."""
+        return self._next_s
+
+    def totals(self) -> dict[str, Any]:
+        """Final counters, over all power-ups."""
+        return {**super().totals(), "edges": self._n_edges}
+
+    def _line(self, at_s: float) -> bytes:
+        self.mounting.clock.begin(at_s)
+        latched, status = self.wiring.latch(np.array([at_s]), edge=False)
+        self.n_readings += 1
+        self._look_at_buttons(at_s, latched[0], status[0])
+        counts: Sequence[int] = latched[0].tolist()
+        for channel, count in enumerate(counts):
+            self.mounting.notes.reading(self.id, channel, at_s, count, 0)
+        degrees = [
+            f"{360.0 * count / per_turn:.2f}"
+            for count, per_turn in zip(counts, self._per_turn, strict=True)
+        ]
+        ms = int((at_s - self._power_up_s) * 1000.0 + 1e-6)
+        self._n_lines += 1
+        if self._form == "toy-department":
+            line = ",".join(["POS", str(ms), "0.000", "0.000", "0.000", *degrees])
+        elif self._form == "bl-shopwork":
+            named = [f"E{number}: {word}" for number, word in enumerate(degrees)]
+            line = "   *** " + ",  ".join(named)
+        else:
+            words = [self._n_lines - 1, ms, *counts, self._levels]
+            body = "TRV," + ",".join(map(str, words))
+            check = 0
+            for byte in body.encode():
+                check ^= byte
+            line = f"${body}*{check:02X}"
+        return line.encode() + b"\r\n"
+
+    def _look_at_buttons(
+        self, at_s: float, counts: NDArray[np.uint32], status: NDArray[np.uint8]
+    ) -> None:
+        """Edges belong to the line that shows them first."""
+        while (change := self.wiring.peek_change()) and change.time_s <= at_s:
+            self.wiring.take_change()
+            if not isinstance(change, InputChange):
+                continue
+            number, level = change.input_number, change.level
+            self._levels = self._levels & ~(1 << number) | level << number
+            ms = int((at_s - self._power_up_s) * 1000.0)
+            edge = LatchedEdge(at_s, number, level, self._levels, ms, counts, status)
+            event = self.wiring.event_at(change.time_s, number)
+            self.mounting.notes.edge(self.id, self._n_edges, edge, event)
+            self._n_edges += 1

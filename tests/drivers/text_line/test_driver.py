@@ -1,0 +1,260 @@
+"""Boards that print lines, each at the end of a pty."""
+
+import asyncio
+import contextlib
+import os
+import select
+import threading
+import time
+
+import pytest
+
+from tests.drivers.driver_contract import (
+    DriverContract,
+    EdgeContract,
+    StreamContract,
+    streaming,
+)
+from tests.drivers.pty_peer import PtyPeer
+from tests.drivers.simulated_rig import SimulatedRig
+from tests.drivers.taken import Taken, until
+from tests.simulator.one_hinge import mounted
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.values import (
+    CountSamples,
+    DeviceFault,
+    DeviceLost,
+    DeviceUp,
+    LatchedCounts,
+)
+from traverse.drivers.text_line.driver import TextLineDriver
+from traverse.drivers.text_line.options import TextLineOptions
+from traverse.simulator.devices.text_line import SimulatedTextLine, TextLineTable
+
+PERIOD_MS = 5
+PATTERN = "$TRV,{seq},{time},{joint},{joint},{buttons}*{checksum}"
+OPTIONS = {
+    "pattern": PATTERN,
+    "counts_per_turn": (65_536, 65_536),
+    "checksum": "xor",
+    "debounce_ms": 0,
+}
+
+
+def line(seq, ms, counts, buttons, end=b"\r\n"):
+    body = f"TRV,{seq},{ms},{counts[0]},{counts[1]},{buttons}".encode()
+    check = 0
+    for byte in body:
+        check ^= byte
+    return b"$%s*%02X%s" % (body, check, end)
+
+
+class FakeBoard(PtyPeer):
+    """Prints a line every 5 ms of its own time, whenever it runs late after that.
+
+    Attributes:
+        spoil: how the next lines are printed instead; each is used once.
+        n_lost: number of next lines that are not printed.
+    """
+
+    def __init__(self, link):
+        super().__init__(link)
+        self.seq, self.buttons, self.n_lost = 0, 0, 0
+        self.begun_s = time.monotonic()
+        self.spoil = []
+        self.lock = threading.Lock()
+        self.printed = 0
+        self.reset = False
+
+    def _live(self):
+        while self._plugged:
+            with self.lock:
+                if self.reset:
+                    self.reset, self.seq = False, 0
+                    self.begun_s = time.monotonic()
+                ms = int((time.monotonic() - self.begun_s) * 1000)
+                # Lines that are due; a late one has the time at which it was due.
+                while (due_ms := self.seq * PERIOD_MS) <= ms:
+                    self._print(due_ms)
+            select.select([], [], [], 0.002)
+
+    def _print(self, ms):
+        seq = self.seq
+        self.seq += 1
+        if self.n_lost:
+            self.n_lost -= 1
+            return
+        data = line(seq, ms, (seq % 65_536, 500), self.buttons)
+        if self.spoil:
+            data = self.spoil.pop(0)(data)
+        self.printed += 1
+        with contextlib.suppress(OSError):  # nobody reads
+            os.write(self._master, data)
+
+
+class BoardRig:
+    def __init__(self, board, **options):
+        self.board = board
+        self.port = str(board.link)
+        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+        self.driver = TextLineDriver(
+            "text",
+            TextLineOptions(**{"port": self.port, **OPTIONS, **options}),
+            self.delivery_queue,
+        )
+
+    def emit(self, n):
+        pass  # it prints by itself
+
+    def lose(self, n):
+        with self.board.lock:
+            self.board.n_lost = n
+
+    def press(self):
+        # Held for several lines: two have to show it.
+        with self.board.lock:
+            self.board.buttons ^= 1
+            until_printed = self.board.printed + 4
+        while self.board.printed < until_printed:
+            time.sleep(0.002)
+
+    def unplug(self):
+        self.board.unplug()
+
+    def plug(self):
+        self.board.plug()
+
+
+@pytest.fixture
+async def rig(tmp_path):
+    board = FakeBoard(tmp_path / "board")
+    board.plug()
+    rig = BoardRig(board)
+    yield rig
+    rig.driver.close()
+    board.unplug()
+
+
+class TestContract(DriverContract, StreamContract, EdgeContract):
+    parts = (1, 7, 40)
+
+
+async def test_odd_lines_cost_themselves_and_are_named(rig):
+    with rig.driver:
+        taken = await streaming(rig, 200.0)
+        await taken.until(taken.seqs, "samples")
+        with rig.board.lock:
+            rig.board.spoil = [
+                lambda data: data[: len(data) // 2] + b"\r\n",
+                lambda data: data.replace(b"500", b"501"),
+                lambda data: data.replace(b"500", b"nan"),
+                lambda data: data.replace(b"\r\n", b""),  # merged with the next
+                lambda data: data,
+                lambda data: b"x" * 3000 + b"\n",
+            ]
+        await taken.until(
+            lambda: (
+                sum(
+                    fault.count
+                    for fault in taken.of(DeviceFault)
+                    if fault.code == "frames_rejected"
+                )
+                >= 5
+            ),
+            "odd lines",
+        )
+        n = len(taken.seqs())
+        await taken.until(lambda: len(taken.seqs()) > n + 5, "samples after them")
+    faults = [one for one in taken.of(DeviceFault) if one.code == "frames_rejected"]
+    assert sum(fault.count for fault in faults) == 5
+    assert all("line" in fault.text and fault.remedy for fault in faults)
+    for block in taken.of(CountSamples):
+        assert set(block.counts[:, 1].tolist()) == {500}
+    assert taken.of(DeviceLost) == []
+
+
+async def test_a_board_that_begins_anew_is_a_restart(rig):
+    with rig.driver:
+        taken = await streaming(rig, 200.0)
+        await taken.until(taken.seqs, "samples")
+        await until(lambda: rig.board.seq > 300, "more than a second of its time")
+        with rig.board.lock:
+            rig.board.reset = True
+        await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "it is back")
+    assert [told.restarted for told in taken.of(DeviceUp)] == [False, True]
+    assert "reset" in taken.of(DeviceLost)[0].reason
+
+
+async def test_lines_of_another_form_are_shown_in_the_loss(tmp_path, monkeypatch):
+    monkeypatch.setattr("traverse.drivers.text_line.driver.FIRST_S", 0.5)
+    with FakeBoard(tmp_path / "board") as board:
+        rig = BoardRig(board, pattern="{joint};{joint}", checksum="none")
+        with rig.driver:
+            taken = Taken(rig.delivery_queue)
+            await taken.until(lambda: taken.of(DeviceLost), "the loss")
+    assert "'$TRV," in taken.of(DeviceLost)[0].reason
+    assert "pattern" in taken.of(DeviceLost)[0].remedy
+
+
+class SimulatedBoard(SimulatedRig):
+    def __init__(self, folder, table, n_channels, per_turn, options):
+        table = TextLineTable(kind="text-line", id="t", port="board", **table)
+        mounting = mounted(folder, table, n_channels=n_channels, per_turn=per_turn)
+        super().__init__(lambda: SimulatedTextLine(table, mounting), mounting)
+        self.port = str(folder / "board")
+        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+        options = {
+            "port": self.port,
+            "counts_per_turn": (per_turn,) * n_channels,
+            **options,
+        }
+        self.driver = TextLineDriver(
+            "text", TextLineOptions(**options), self.delivery_queue
+        )
+
+
+FORMS = {
+    "toy-department": (
+        4,
+        {
+            "pattern": "POS,{time},{skip},{skip},{skip}" + 4 * ",{joint}",
+            "unit": "deg",
+            "decimals": 2,
+            "start_command": "START",
+            "ignore": ("ACK,", "ERROR,", "INFO,"),
+        },
+    ),
+    "bl-shopwork": (
+        5,
+        {
+            "pattern": "*** " + ", ".join(f"E{k}: {{joint}}" for k in range(5)),
+            "unit": "deg",
+            "decimals": 2,
+        },
+    ),
+    "sketch": (
+        6,
+        {
+            "pattern": "$TRV,{seq},{time}" + 6 * ",{joint}" + ",{buttons}*{checksum}",
+            "checksum": "xor",
+        },
+    ),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+async def test_each_simulated_board_is_read(tmp_path, form):
+    n_joints, options = FORMS[form]
+    rig = SimulatedBoard(tmp_path, {"form": form}, n_joints, 36_000, options)
+    try:
+        with rig.driver:
+            taken = await streaming(rig, 100.0)
+            await taken.until(lambda: len(taken.seqs()) >= 20, "samples")
+    finally:
+        rig.unplug()
+    for block in taken.of(CountSamples):
+        assert block.counts.shape[1] == n_joints
+        ahead = (block.counts[:, 1:] - block.counts[:, :-1].astype(int)) % 36_000
+        assert (abs(ahead - 1000) <= 1).all()  # the hinge's channels are 1000 apart
+    assert taken.of(DeviceUp)[0].identity.max_rate_hz == pytest.approx(100.0, rel=0.3)
+    assert taken.of(LatchedCounts) == []
