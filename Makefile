@@ -128,7 +128,7 @@ bench-page: venv system  ## the operator's page in a browser: latency, a million
 screenshots: venv system  ## pictures of the operator's page and of reports in docs/, from real runs
 	$(BIN)/python -m benchmarks.clients.reports docs/reports
 	$(BIN)/python -m benchmarks.clients.screenshots docs/page-states
-	$(BIN)/python -m benchmarks.clients.typed docs
+	$(BIN)/python -m benchmarks.clients.gateways docs
 
 bench-identification: venv  ## the adjustment beside scipy's least squares; takes many minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification.__main__

@@ -212,6 +212,7 @@ HINT = "from traverse.installation import remedy; print(remedy({extra!r}))"
         ("lab", r"sudo apt-get install \./traverse-lab_[\d.]+_\*\.deb$"),
         ("page", r"sudo apt-get install \./traverse_[\d.]+_\*\.deb$"),
         ("parquet", "the Debian packages do not have it: write another kind of file"),
+        ("live", "the Debian packages do not have it: use `traverse page`"),
         ("keys", "the Debian packages do not have it: use `traverse gateway lines`"),
     ],
 )

@@ -11,6 +11,7 @@ import typer
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.gateway.ippdme import ippdme
 from traverse.cli.gateway.keys import keys
+from traverse.cli.gateway.live import live
 from traverse.cli.gateway.running import host_port, report, run, until_signal
 from traverse.cli.gateway.sending import Kind, send
 from traverse.cli.refusals import client_errors, refuse
@@ -25,6 +26,7 @@ gateway = typer.Typer(
 )
 gateway.command("ippdme")(ippdme)
 gateway.command("keys")(keys)
+gateway.command("live")(live)
 
 
 @gateway.callback()

@@ -143,6 +143,29 @@ def closed_helmert(
     return Helmert(rotation, to_mean_mm - scale * (rotation @ from_mean_mm), scale)
 
 
+def quaternion_of(rotation: Floats) -> Floats:
+    """Turn a rotation matrix into a unit quaternion, by its largest component."""
+    m = rotation
+    squares = np.array(
+        [
+            1.0 + m[0, 0] + m[1, 1] + m[2, 2],
+            1.0 + m[0, 0] - m[1, 1] - m[2, 2],
+            1.0 - m[0, 0] + m[1, 1] - m[2, 2],
+            1.0 - m[0, 0] - m[1, 1] + m[2, 2],
+        ]
+    )
+    products = np.array(
+        [
+            [squares[0], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
+            [m[2, 1] - m[1, 2], squares[1], m[1, 0] + m[0, 1], m[0, 2] + m[2, 0]],
+            [m[0, 2] - m[2, 0], m[1, 0] + m[0, 1], squares[2], m[2, 1] + m[1, 2]],
+            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[2, 1] + m[1, 2], squares[3]],
+        ]
+    )
+    row: Floats = products[np.argmax(squares)]
+    return row / np.linalg.norm(row)
+
+
 def _best_quaternion(moments: Floats) -> Floats:
     """Maximise q' N q.
 

@@ -16,6 +16,7 @@ from pydantic import Field
 
 from traverse.arrays import Floats
 from traverse.kinematics.effect_table import Vector
+from traverse.kinematics.helmert.transformation import quaternion_of
 from traverse.kinematics.model.quaternion import multiply, rotate
 from traverse.lab.artefacts.artefact import (
     REFERENCE_TEMPERATURE_C,
@@ -94,7 +95,7 @@ class Points(Artefact):
                 )
                 least_mm = max(3.0 * float(np.median(away_mm)), 1e-9)
                 weights = 1.0 / (1.0 + (away_mm / least_mm) ** 2)
-            frame = np.array([*_quaternion(rotation), *shift_mm, scale])
+            frame = np.array([*quaternion_of(rotation), *shift_mm, scale])
         return np.concatenate([frame, known_mm.ravel()])
 
     def equations(
@@ -185,26 +186,3 @@ def _similarity(
     size = float(np.sum(weights * np.einsum("ij,ij->i", known, known)))
     scale = float(sizes @ proper) / size if scaled and size > 0.0 else 1.0
     return rotation, mean_centres - scale * rotation @ mean_known, scale
-
-
-def _quaternion(rotation: Floats) -> Floats:
-    """Turn a rotation matrix into a unit quaternion, by its largest component."""
-    m = rotation
-    squares = np.array(
-        [
-            1.0 + m[0, 0] + m[1, 1] + m[2, 2],
-            1.0 + m[0, 0] - m[1, 1] - m[2, 2],
-            1.0 - m[0, 0] + m[1, 1] - m[2, 2],
-            1.0 - m[0, 0] - m[1, 1] + m[2, 2],
-        ]
-    )
-    products = np.array(
-        [
-            [squares[0], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
-            [m[2, 1] - m[1, 2], squares[1], m[1, 0] + m[0, 1], m[0, 2] + m[2, 0]],
-            [m[0, 2] - m[2, 0], m[1, 0] + m[0, 1], squares[2], m[2, 1] + m[1, 2]],
-            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[2, 1] + m[1, 2], squares[3]],
-        ]
-    )
-    row: Floats = products[np.argmax(squares)]
-    return row / np.linalg.norm(row)

@@ -26,12 +26,14 @@ EXTRAS = {
     "gpiod": "gpio",
     "pynput": "keys",
     "evdev": "keys",
+    "foxglove": "live",
 }
 """Extra with a library, by the imported name."""
 
 _NOT_IN_DEBIAN = {
     "parquet": "write another kind of file",
     "keys": "use `traverse gateway lines`",
+    "live": "use `traverse page`",
 }
 PACKAGED = "/usr/lib/traverse"
 

@@ -36,6 +36,7 @@ WITHOUT = {
     "gateway ippdme": "a server for metrology software",
     "gateway lines": "its lines have the form that is asked for",
     "gateway keys": "what it types has the form that is asked for",
+    "gateway live": "a server for viewers",
     "gateway home-assistant": "a service; what it publishes is JSON",
 }
 ELSEWHERE = {

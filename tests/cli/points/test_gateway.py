@@ -14,6 +14,7 @@ import aiomqtt
 import pytest
 
 from tests.cli.programs import run_traverse
+from tests.client.gateways.foxglove_viewer import Viewer
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.end_to_end.programs import Program, until
 from tests.mosquitto import Mosquitto
@@ -140,6 +141,34 @@ def test_keys_that_cannot_be_typed_are_refused_in_a_sentence(
     assert result.returncode == 2, result.stderr
     assert expected in result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.needs("mosquitto")
+async def test_the_live_view_as_a_program(mosquitto: Mosquitto, tmp_path: Path) -> None:
+    broker = f"{mosquitto.host}:{mosquitto.port}"
+    arm = f"arm-{uuid.uuid4().hex[:8]}"
+    virtual = VirtualDaemon(arm, mosquitto.host, mosquitto.port)
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        options = ("--arm", arm, "--broker", broker, "--listen", port)
+        result = run_traverse(tmp_path, "gateway", "live", *options)
+    assert result.returncode == 2
+    assert f"ws://127.0.0.1:{port}: " in result.stderr
+    assert result.stderr.endswith("name another port\n")
+    async with virtual.running():
+        await virtual.take(2)
+        with Program(tmp_path, "live", "gateway", "live", *options) as program:
+            await until(lambda: "open it in Foxglove" in program.log, "the server")
+            async with Viewer(f"ws://127.0.0.1:{port}") as viewer:
+                shown = viewer.messages
+                await until(
+                    lambda: any(
+                        len(m.get("entities", ())) == 2 for m in shown.get("points", ())
+                    ),
+                    "both points of the session",
+                )
+            assert await program.stop() == 0
+    assert program.log.splitlines()[-1] == "2 points shown"
 
 
 def test_a_port_that_is_taken_is_refused(tmp_path: Path) -> None:

@@ -1,0 +1,64 @@
+"""`traverse gateway live`: an arm in a viewer that speaks Foxglove's protocol."""
+
+from collections.abc import Coroutine
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.gateway.running import host_port, report, run, until_signal
+from traverse.cli.refusals import missing_library, refuse
+
+if TYPE_CHECKING:
+    from traverse.client.arm import Arm
+    from traverse.client.gateways.live import LiveServer
+
+COMMAND = "gateway live"
+
+
+@with_broker
+def live(
+    *,
+    arm: Annotated[str, typer.Option(help="Name of the arm.")],
+    broker: BrokerOptions,
+    listen: Annotated[
+        str, typer.Option(help="PORT on this machine, or HOST:PORT.")
+    ] = "8765",
+    magnify: Annotated[
+        float,
+        typer.Option(min=1.0, max=1e6, help="Ellipsoids are so many times as large."),
+    ] = 1.0,
+    since: Annotated[
+        Literal["now", "session", "beginning"],
+        typer.Option(help="From where on points are shown."),
+    ] = "session",
+) -> None:
+    """Show the arm, its points, scans and state in Foxglove, while it measures.
+
+    Ends on Ctrl-C or SIGTERM. Exit status 2: an option was refused, the port is taken,
+    or the extra is not installed; 3: the broker could not be reached.
+    """
+    from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
+
+    try:
+        host, port = host_port(listen, "--listen", "127.0.0.1")
+    except ValueError as error:
+        refuse(COMMAND, str(error))
+    try:
+        from traverse.client.gateways.live import LiveServer  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        refuse(COMMAND, missing_library(COMMAND, error) or str(error))
+    address = broker.address(COMMAND)
+
+    def work() -> Coroutine[Any, Any, None]:
+        there = Arm(arm, address, since=since)
+        return _serve(there, LiveServer(there, host, port, magnify, report))
+
+    run(COMMAND, lambda: f"ws://{host}:{port}", work)
+
+
+async def _serve(arm: "Arm", server: "LiveServer") -> None:
+    async with server, arm:
+        report(f"{arm.name} at {server.address}: open it in Foxglove as a connection")
+        await until_signal(server.serve())
+    report(server.sums())

@@ -1,0 +1,253 @@
+"""A WebSocket server of Foxglove's protocol that shows an arm as it measures."""
+
+import asyncio
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from types import TracebackType
+from typing import Any, Self
+
+import foxglove
+from foxglove import Channel, Context
+from foxglove.channels import SceneUpdateChannel
+from foxglove.messages import SceneUpdate
+from foxglove.websocket import Client, ServerListener, StatusLevel, WebSocketServer
+
+from traverse.client.arm import Arm
+from traverse.client.cancel_tasks import cancel_tasks
+from traverse.client.gateways.live_scene import arm_entity, deletion, point_entity
+from traverse.client.gateways.outlets import Report
+from traverse.client.points.session_order import Lost
+from traverse.plurals import counted
+from traverse.protocol.messages import Health, Message, Point, Status
+from traverse.recording.views import (
+    VIEW_NAMES,
+    VIEW_SCHEMAS,
+    cloud_to_bytes,
+    log_to_bytes,
+    point_to_bytes,
+    pose_to_bytes,
+)
+
+MAX_POINTS = 1000  # the newest are shown
+BACKLOG = 128  # messages that wait for one viewer; then the oldest is lost
+LOOK_S = 0.5
+_LEVELS = {
+    "info": StatusLevel.Info,
+    "warning": StatusLevel.Warning,
+    "error": StatusLevel.Error,
+}
+
+
+class _Listener(ServerListener):
+    """Called by the server, in a thread of its own."""
+
+    def __init__(self, on_subscribe: Callable[[], None]) -> None:
+        self._on_subscribe = on_subscribe
+
+    def on_subscribe(self, client: Client, channel: Any) -> None:  # noqa: ANN401
+        self._on_subscribe()
+
+
+class LiveServer:
+    """Shows one arm to viewers; use with `async with`.
+
+    Topics `point`, `pose`, `cloud`, `log` are those of a recording, with its schemas;
+    `arm` and `points` are scenes, `status` and `health` the messages themselves. A
+    viewer that reads too slowly loses the oldest of `BACKLOG` messages.
+
+    Args:
+        arm: open while this is.
+        host: to listen on.
+        port: to listen on; 0: any that is free.
+        times: ellipsoids are drawn so many times as large.
+        report: called with what happens, for people.
+
+    Attributes:
+        port: that is listened on.
+        points: so many were shown so far.
+    """
+
+    def __init__(
+        self, arm: Arm, host: str, port: int, times: float, report: Report
+    ) -> None:
+        self._arm = arm
+        self._host, self.port = host, port
+        self._times = times
+        self._report = report
+        context = Context()
+        self._context = context
+        self._scene_of_arm = SceneUpdateChannel("arm", context=context)
+        self._scene_of_points = SceneUpdateChannel("points", context=context)
+        self._views = {
+            topic: Channel(
+                topic,
+                schema={"title": VIEW_NAMES[topic], **schema},
+                message_encoding="json",
+                context=context,
+            )
+            for topic, schema in VIEW_SCHEMAS.items()
+        }
+        self._states: dict[type[Message], Channel] = {
+            kind: Channel(
+                kind.__name__.lower(),
+                schema={
+                    **kind.model_json_schema(),
+                    "title": f"traverse.{kind.__name__}",
+                },
+                message_encoding="json",
+                context=context,
+            )
+            for kind in (Status, Health)
+        }
+        self._shown: dict[str, Point] = {}  # the newest last
+        self._told: dict[type[Message], Message] = {}
+        self._alarms: dict[str, tuple[str, StatusLevel]] = {}
+        self._subscribed = asyncio.Event()
+        self._server: WebSocketServer | None = None
+        self.points = 0
+
+    @property
+    def address(self) -> str:
+        """Where it listens, as viewers want it."""
+        host = f"[{self._host}]" if ":" in self._host else self._host
+        return f"ws://{host}:{self.port}"
+
+    async def __aenter__(self) -> Self:
+        loop = asyncio.get_running_loop()
+
+        def on_subscribe() -> None:
+            with suppress(RuntimeError):  # the loop has ended
+                loop.call_soon_threadsafe(self._subscribed.set)
+
+        try:
+            self._server = foxglove.start_server(
+                name=f"Traverse, arm {self._arm.name}",
+                host=self._host,
+                port=self.port,
+                context=self._context,
+                server_listener=_Listener(on_subscribe),
+                message_backlog_size=BACKLOG,
+            )
+        except RuntimeError as error:  # the library has one error for all
+            raise ValueError(f"{self.address}: {error}; name another port") from error
+        self.port = self._server.port
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._server is not None:
+            await asyncio.to_thread(self._server.stop)
+
+    async def serve(self) -> None:
+        """Show what arrives until the arm's client is closed."""
+        work = (
+            self._show_points(),
+            self._show_arm(),
+            self._show_scans(),
+            self._show_events(),
+            self._show_state(),
+            self._repeat(),
+        )
+        tasks = [asyncio.create_task(one) for one in work]
+        try:
+            await asyncio.gather(*tasks)
+        finally:
+            await cancel_tasks(tasks)
+
+    async def _show_points(self) -> None:
+        async for item in self._arm.points_and_losses():
+            if isinstance(item, Lost):
+                last = "?" if item.to_seq is None else item.to_seq
+                self._report(
+                    f"points {item.from_seq} to {last} are lost: {item.reason}"
+                )
+                continue
+            self._views["point"].log(point_to_bytes(item), log_time=item.time_ns)
+            if item.retracts is not None:
+                self._take_away(item.retracts)
+                continue
+            self._views["pose"].log(pose_to_bytes(item), log_time=item.time_ns)
+            self.points += 1
+            self._shown[item.id] = item
+            if len(self._shown) > MAX_POINTS:
+                self._take_away(next(iter(self._shown)))
+            self._scene_of_points.log(
+                SceneUpdate(entities=[point_entity(item, self._times)])
+            )
+
+    def _take_away(self, point_id: str) -> None:
+        if self._shown.pop(point_id, None) is not None:
+            gone = [deletion(point_id, time.time_ns())]
+            self._scene_of_points.log(SceneUpdate(deletions=gone))
+
+    async def _show_arm(self) -> None:
+        async for live in self._arm.live():
+            if self._scene_of_arm.has_sinks():
+                entity = arm_entity(live, self._times)
+                self._scene_of_arm.log(SceneUpdate(entities=[entity]))
+
+    async def _show_scans(self) -> None:
+        async for block in await self._arm.scans():
+            if self._views["cloud"].has_sinks():
+                self._views["cloud"].log(cloud_to_bytes(block), log_time=block.time_ns)
+
+    async def _show_events(self) -> None:
+        async for event in self._arm.events():
+            self._views["log"].log(log_to_bytes(event), log_time=event.last_ns)
+
+    async def _show_state(self) -> None:
+        while True:
+            for kind, ask in ((Status, self._arm.status), (Health, self._arm.health)):
+                with suppress(TimeoutError):  # an arm that was never there
+                    message = await ask()
+                    if message is not self._told.get(kind):
+                        self._told[kind] = message
+                        self._log_state(message)
+            await asyncio.sleep(LOOK_S)
+
+    async def _repeat(self) -> None:
+        """Give a new viewer what was said before it came; the others get it again."""
+        while True:
+            await self._subscribed.wait()
+            await asyncio.sleep(LOOK_S)  # a viewer subscribes to its topics one by one
+            self._subscribed.clear()
+            entities = [point_entity(one, self._times) for one in self._shown.values()]
+            self._scene_of_points.log(SceneUpdate(entities=entities))
+            self._alarms.clear()
+            for message in self._told.values():
+                self._log_state(message)
+
+    def _log_state(self, message: Message) -> None:
+        content = message.model_dump_json(by_alias=True).encode()
+        self._states[type(message)].log(content)
+        if not isinstance(message, Status):
+            return
+        if not message.online:  # where it was when it was last seen is not where it is
+            gone = [deletion("arm", time.time_ns())]
+            self._scene_of_arm.log(SceneUpdate(deletions=gone))
+        alarms = {
+            f"{one.code} {one.source}": (
+                f"{one.text}; {one.remedy}",
+                _LEVELS[one.severity],
+            )
+            for one in message.alarms or ()
+        }
+        if not message.online:
+            alarms["offline"] = ("the arm is offline", StatusLevel.Error)
+        if self._server is None:
+            return
+        for name, (text, level) in alarms.items():
+            if self._alarms.get(name) != (text, level):
+                self._server.publish_status(f"{name}: {text}", level, name)
+        if over := [name for name in self._alarms if name not in alarms]:
+            self._server.remove_status(over)
+        self._alarms = alarms
+
+    def sums(self) -> str:
+        """What was shown, for people."""
+        return f"{counted(self.points, 'point')} shown"

@@ -1,0 +1,197 @@
+"""An arm and its points as entities of Foxglove's 3D panel, in metres.
+
+Colours and shapes: what may be trusted is blue, a point a cross; what is in doubt is
+orange, a point a box with its quality flags beside it.
+"""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from foxglove.messages import (
+    Color,
+    Duration,
+    KeyValuePair,
+    LinePrimitive,
+    LinePrimitiveLineType,
+    Point3,
+    Pose,
+    Quaternion,
+    SceneEntity,
+    SceneEntityDeletion,
+    SceneEntityDeletionType,
+    SpherePrimitive,
+    TextPrimitive,
+    Timestamp,
+    Vector3,
+)
+
+from traverse.client.display.figures import COVERAGE_FACTOR, flag_words
+from traverse.kinematics.helmert.transformation import quaternion_of
+from traverse.protocol.messages import Live, Point
+from traverse.protocol.messages.point import Covariance
+from traverse.recording.views import FRAME
+
+M = 1e-3  # of a millimetre
+BLUE, FAINT_BLUE = (Color(r=0.1, g=0.45, b=0.9, a=a) for a in (1.0, 0.35))
+ORANGE, FAINT_ORANGE = (Color(r=1.0, g=0.5, b=0.0, a=a) for a in (1.0, 0.35))
+MARK_MM = 1.0  # half a mark's width
+JOINT_MM = 20.0
+_CROSS = [np.eye(3)[axis] * side for axis in range(3) for side in (-1, 1)]
+_CORNERS = [np.array([i, j, k]) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]
+_BOX = [
+    corner
+    for a in _CORNERS
+    for b in _CORNERS
+    if np.sum(a != b) == 1 and tuple(a) < tuple(b)
+    for corner in (a, b)
+]
+
+
+def point_entity(point: Point, times: float) -> SceneEntity:
+    """A mark at the ball's centre, and the ellipsoid of its covariance, k = 2.
+
+    Args:
+        point: a captured one.
+        times: the ellipsoid is drawn so many times as large.
+    """
+    ok = point.quality.ok
+    colour = BLUE if ok else ORANGE
+    centre_mm = np.array(point.xyz_mm)
+    mark = _lines(
+        (centre_mm + MARK_MM * end for end in (_CROSS if ok else _BOX)),
+        LinePrimitiveLineType.LineList,
+        colour,
+    )
+    said = [] if ok else [_text(point.xyz_mm, flag_words(point), colour)]
+    return _entity(
+        point.id,
+        point.time_ns,
+        spheres=_ellipsoid(point.xyz_mm, point.covariance_mm2, times, ok=ok),
+        lines=[mark],
+        texts=said,
+        metadata={
+            "seq": str(point.seq),
+            "artefact": point.label.artefact or "",
+            "ok": str(ok).lower(),
+            "flags": ", ".join(point.quality.flags),
+            "coverage factor k": f"{COVERAGE_FACTOR:g}",
+            "ellipsoid magnified": f"{times:g}",
+        },
+    )
+
+
+def arm_entity(live: Live, times: float) -> SceneEntity:
+    """Links, joints and the ball in its size; its ellipsoid as of a point.
+
+    Without `skeleton_mm` the ball alone.
+    """
+    ok = live.quality.ok
+    colour = BLUE if ok else ORANGE
+    skeleton_mm = live.skeleton_mm or ()
+    spheres = [_sphere(one, np.full(3, JOINT_MM), colour) for one in skeleton_mm[:-1]]
+    spheres.append(_sphere(live.xyz_mm, np.full(3, 2 * live.probe_radius_mm), colour))
+    return _entity(
+        "arm",
+        live.time_ns,
+        spheres=spheres + _ellipsoid(live.xyz_mm, live.covariance_mm2, times, ok=ok),
+        lines=[
+            _lines(map(np.array, skeleton_mm), LinePrimitiveLineType.LineStrip, colour)
+        ],
+        texts=[] if ok else [_text(live.xyz_mm, flag_words(live), colour)],
+        metadata={"ok": str(ok).lower(), "flags": ", ".join(live.quality.flags)},
+    )
+
+
+def deletion(entity_id: str, utc_ns: int) -> SceneEntityDeletion:
+    """What takes an entity away."""
+    kind = SceneEntityDeletionType.MatchingId
+    return SceneEntityDeletion(timestamp=_time(utc_ns), type=kind, id=entity_id)
+
+
+def _ellipsoid(
+    xyz_mm: Sequence[float],
+    covariance_mm2: Covariance | None,
+    times: float,
+    *,
+    ok: bool,
+) -> list[SpherePrimitive]:
+    """The set of the places within k standard deviations in each direction."""
+    if covariance_mm2 is None:
+        return []
+    xx, xy, xz, yy, yz, zz = covariance_mm2
+    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    variances, axes = np.linalg.eigh(matrix)
+    axes[:, 0] *= np.linalg.det(axes)  # a turn, no mirror image
+    size_mm = 2 * times * COVERAGE_FACTOR * np.sqrt(np.maximum(variances, 0.0))
+    w, x, y, z = quaternion_of(axes).tolist()
+    turn = Quaternion(x=x, y=y, z=z, w=w)
+    return [_sphere(xyz_mm, size_mm, FAINT_BLUE if ok else FAINT_ORANGE, turn)]
+
+
+def _sphere(
+    xyz_mm: Sequence[float],
+    size_mm: np.ndarray,
+    colour: Color,
+    turn: Quaternion | None = None,
+) -> SpherePrimitive:
+    x, y, z = (size_mm * M).tolist()
+    size = Vector3(x=x, y=y, z=z)
+    return SpherePrimitive(pose=_pose(xyz_mm, turn), size=size, color=colour)
+
+
+def _lines(
+    ends_mm: Iterable[np.ndarray], kind: LinePrimitiveLineType, colour: Color
+) -> LinePrimitive:
+    points = [Point3(x=x, y=y, z=z) for x, y, z in (end * M for end in ends_mm)]
+    return LinePrimitive(
+        type=kind,
+        pose=_pose((0.0, 0.0, 0.0)),
+        thickness=2.0,  # pixels
+        scale_invariant=True,
+        points=points,
+        color=colour,
+    )
+
+
+def _text(xyz_mm: Sequence[float], text: str, colour: Color) -> TextPrimitive:
+    x, y, z = xyz_mm
+    return TextPrimitive(
+        pose=_pose((x, y, z + 4 * MARK_MM)),
+        billboard=True,
+        font_size=14.0,  # pixels
+        scale_invariant=True,
+        color=colour,
+        text=text,
+    )
+
+
+def _pose(xyz_mm: Sequence[float], turn: Quaternion | None = None) -> Pose:
+    x, y, z = (value * M for value in xyz_mm)
+    turn = turn or Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+    return Pose(position=Vector3(x=x, y=y, z=z), orientation=turn)
+
+
+def _entity(
+    entity_id: str,
+    utc_ns: int,
+    *,
+    spheres: list[SpherePrimitive],
+    lines: list[LinePrimitive],
+    texts: list[TextPrimitive],
+    metadata: dict[str, str],
+) -> SceneEntity:
+    return SceneEntity(
+        timestamp=_time(utc_ns),
+        frame_id=FRAME,
+        id=entity_id,
+        lifetime=Duration(sec=0),
+        frame_locked=True,
+        metadata=[KeyValuePair(key=key, value=v) for key, v in metadata.items()],
+        spheres=spheres,
+        lines=lines,
+        texts=texts,
+    )
+
+
+def _time(utc_ns: int) -> Timestamp:
+    return Timestamp(sec=utc_ns // 10**9, nsec=utc_ns % 10**9)
