@@ -72,11 +72,13 @@ class DesktopKeyboard:
                 # `tap` says that it has ended.
                 with suppress(Exception):
                     super().run()
+                _close_sockets(self, "_display_stop", "_display_record")
 
         class Controller(keyboard.Controller):  # type: ignore[misc]
             def __del__(self) -> None:
                 with suppress(Exception):  # under X it closes its connection
                     super().__del__()
+                _close_sockets(self, "_display")
 
         key = keyboard.Key[stop_key]
         self.name = "the desktop's keyboard"
@@ -131,6 +133,13 @@ class DesktopKeyboard:
                 "another layout of the keyboard"
             )
         return from_keysym(ord(character)), shift == 1
+
+
+def _close_sockets(owner: object, *displays: str) -> None:
+    """Close connections to X that pynput leaves open where the server has gone."""
+    for name in displays:
+        if (display := getattr(owner, name, None)) is not None:
+            display.display.socket.close()
 
 
 class UinputKeyboard:

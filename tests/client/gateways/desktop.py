@@ -55,7 +55,9 @@ class Desktop:
         return root.get_image(0, 0, *SIZE, X.ZPixmap, 0xFFFFFFFF).data
 
     def close(self) -> None:
-        self._display.close()
+        with contextlib.suppress(ConnectionClosedError):
+            self._display.close()
+        self._display.display.socket.close()
 
 
 @contextlib.contextmanager
@@ -88,8 +90,7 @@ def desktop(folder: Path) -> Iterator[Desktop]:
             time.sleep(0.02)
         yield shown
     finally:
-        with contextlib.suppress(ConnectionClosedError):
-            shown.close()
+        shown.close()
         for process in (field, server):
             process.terminate()
             process.wait(PATIENCE_S)
