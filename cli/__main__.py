@@ -16,6 +16,7 @@ except ValueError as error:
 from traverse.cli.align.command import align
 from traverse.cli.amt21 import amt21
 from traverse.cli.arm.command import arm
+from traverse.cli.artefact import artefact
 from traverse.cli.can import can
 from traverse.cli.check import check
 from traverse.cli.collect.command import collect
@@ -73,6 +74,7 @@ COMMANDS: tuple[Callable[..., None], ...] = (
         watch,
         page,
         check,
+        artefact,
         collect,
         identify,
         predict,

@@ -15,6 +15,7 @@ REFUSED, UNREACHABLE = 2, 3
 
 _OF_THE_LAB = (
     "align",
+    "artefact",
     "daily-check",
     "diagnose",
     "identify",

@@ -108,6 +108,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 OFFICE = {
     "check": ["check arm.toml", "check campaign", "check table.csv"],
+    "artefact": ["artefact --out gauge"],
     "arm show": ["arm show arm.toml"],
     "arm to-dh": ["arm to-dh arm.toml --postures 10 --out dh.csv"],
     "arm to-urdf": ["arm to-urdf arm.toml --postures 10 --out arm.urdf"],

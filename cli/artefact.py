@@ -1,0 +1,65 @@
+"""`traverse artefact`: a gauge to be printed, and the campaign that goes with it."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from traverse.cli.options import Force, Json
+from traverse.cli.refusals import check_target, refusals, refuse
+
+COMMAND = "artefact"
+
+
+def artefact(
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for gauge.stl, campaign.toml.")
+    ],
+    *,
+    distance_mm: Annotated[
+        float, typer.Option(max=1000.0, help="Between the balls' centres [mm].")
+    ] = 50.0,
+    ball_mm: Annotated[
+        float, typer.Option(min=1.0, max=100.0, help="Diameter of the ball [mm].")
+    ] = 6.0,
+    clearance_mm: Annotated[
+        float, typer.Option(min=0.0, help="Gap below the ball [mm].")
+    ] = 0.5,
+    distance_std_mm: Annotated[
+        float | None, typer.Option(max=100.0, help="Uncertainty of the distance [mm].")
+    ] = None,
+    places: Annotated[
+        int, typer.Option(min=1, max=20, help="Places in which it is touched.")
+    ] = 4,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Write a gauge with two sockets to be printed, and a campaign for it."""
+    if distance_std_mm is not None and not distance_std_mm > 0.0:
+        refuse(COMMAND, f"--distance-std-mm {distance_std_mm:g}: expected above 0 mm")
+    with refusals(COMMAND):
+        from traverse.lab.artefacts.socket_gauge import SocketGauge  # noqa: PLC0415 - keeps --help quick
+        from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
+
+        try:
+            gauge = SocketGauge(distance_mm, ball_mm, clearance_mm)
+        except ValueError as error:
+            refuse(COMMAND, str(error))
+        out.mkdir(parents=True, exist_ok=True)
+        mesh, campaign = out / "gauge.stl", out / "campaign.toml"
+        for path in (mesh, campaign):
+            check_target(COMMAND, path, force=force)
+        mesh.write_bytes(gauge.stl())
+        write_atomically(campaign, gauge.campaign(places, distance_std_mm))
+    if as_json:
+        report = {
+            "files": [str(mesh), str(campaign)],
+            "distance_mm": distance_mm,
+            "size_mm": gauge.size_mm,
+        }
+        typer.echo(json.dumps(report, indent=1))
+        return
+    length_mm, width_mm, height_mm = gauge.size_mm
+    typer.echo(f"{mesh}: {length_mm:.1f} x {width_mm:.1f} x {height_mm:.1f} mm")
+    typer.echo(f"{campaign}: {places} places of the gauge, 2 sockets each")
