@@ -24,7 +24,7 @@ from traverse.drivers.polling.pedals import PedalDebouncer, PendingPedalEdges
 from traverse.drivers.polling.sampling import PolledSample, SampleBlockBuilder
 from traverse.drivers.text_line.line import Line, LineSplitter, OddLine
 from traverse.drivers.text_line.options import TextLineOptions
-from traverse.drivers.timing.device_clock import MAX_EARLY_NS, DeviceClock
+from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.plurals import counted
 
 FIRST_LINES, LEAST_LINES = 10, 3  # to learn the rate
@@ -33,7 +33,8 @@ FIRST_S = 8.0  # a board that is reset by opening its port needs two
 START_AGAIN_NS = 1_000_000_000
 TELL_NS = 200_000_000
 LOST_ABOVE = 1.75  # periods between two lines
-JUMP_NS = 1_000_000_000  # between the times of board and host: it was reset
+# Between the times of board and host: it was reset. A busy host is late by less.
+JUMP_NS = 3_000_000_000
 WRAP = 1 << 32  # of millis() and micros()
 JUMPS = 2  # in a row: one may be a broken digit
 
@@ -290,8 +291,7 @@ class TextLineDriver(Driver):
             tick_ns = 1e9 / self.options.tick_rate_hz
             ticks = self._clock.unwrap_one(line.ticks)
             passed_ns = (ticks - self._clock.unwrap_one(last.ticks)) * tick_ns
-            most_ns = JUMP_NS if self._clock.is_uncertain else MAX_EARLY_NS
-            if passed_ns < 0 or self._clock.to_ns(ticks) - received_ns > most_ns:
+            if passed_ns < 0 or self._clock.to_ns(ticks) - received_ns > JUMP_NS:
                 step = -1
             elif line.seq is not None:
                 pass

@@ -88,8 +88,11 @@ class FakeBoard(PtyPeer):
         if self.spoil:
             data = self.spoil.pop(0)(data)
         self.printed += 1
-        with contextlib.suppress(OSError):  # nobody reads
-            os.write(self._master, data)
+        while data and self._plugged:  # a port that is full is waited for
+            with contextlib.suppress(BlockingIOError):
+                data = data[os.write(self._master, data) :]
+            if data:
+                select.select([], [self._master], [], 0.01)
 
 
 class BoardRig:
@@ -191,9 +194,13 @@ async def test_lines_of_another_form_are_shown_in_the_loss(tmp_path, monkeypatch
         rig = BoardRig(board, pattern="{joint};{joint}", checksum="none")
         with rig.driver:
             taken = Taken(rig.delivery_queue)
-            await taken.until(lambda: taken.of(DeviceLost), "the loss")
-    assert "'$TRV," in taken.of(DeviceLost)[0].reason
-    assert "pattern" in taken.of(DeviceLost)[0].remedy
+            await taken.until(
+                lambda: (
+                    "'$TRV," in "".join(lost.reason for lost in taken.of(DeviceLost))
+                ),
+                "a loss that shows a line",
+            )
+    assert "pattern" in taken.of(DeviceLost)[-1].remedy
 
 
 class SimulatedBoard(SimulatedRig):
@@ -256,5 +263,7 @@ async def test_each_simulated_board_is_read(tmp_path, form):
         assert block.counts.shape[1] == n_joints
         ahead = (block.counts[:, 1:] - block.counts[:, :-1].astype(int)) % 36_000
         assert (abs(ahead - 1000) <= 1).all()  # the hinge's channels are 1000 apart
-    assert taken.of(DeviceUp)[0].identity.max_rate_hz == pytest.approx(100.0, rel=0.3)
+    rate_hz = taken.of(DeviceUp)[0].identity.max_rate_hz
+    if "{time}" in options["pattern"]:  # others are as regular as this computer
+        assert rate_hz == pytest.approx(100.0, rel=1e-6)
     assert taken.of(LatchedCounts) == []
