@@ -108,6 +108,7 @@ bench: venv system bench-kernel  ## the figures of docs/performance.md; takes si
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.effects 4 $(FIGURES)/effects.json
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.gil $(FIGURES)/gil.json
 	$(BIN)/python -m benchmarks.tools.plots $(FIGURES)
+	$(BIN)/python -m benchmarks.tools.compare $(FIGURES)
 
 bench-drivers: venv  ## the drivers: rates, losses, share of a core; takes minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drivers.bar

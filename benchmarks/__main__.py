@@ -56,11 +56,12 @@ def main(seconds: float, folder: Path | None) -> None:
             f"({min(shares):.1%} to {max(shares):.1%})"
         )
     ready_s = [one.ready_s for one in found]
+    bare_s = bare_start_s("import numpy")
     print(
         f"ready after {statistics.median(ready_s):.2f} s ({min(ready_s):.2f} to "
         f"{max(ready_s):.2f}), {statistics.median(o.start_cpu_s for o in found):.2f} s "
         f"of CPU; bare interpreter {bare_start_s('pass'):.2f} s, with "
-        f"numpy {bare_start_s('import numpy'):.2f} s; at most "
+        f"numpy {bare_s:.2f} s; at most "
         f"{max(one.memory_mb for one in found):.0f} MB"
     )
     print(noise())
@@ -69,7 +70,8 @@ def main(seconds: float, folder: Path | None) -> None:
     print(f"{load()}; took {time.monotonic() - begun_s:.0f} s")
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-        values = {"load": before, "streams": [asdict(one) for one in found]}
+        streamed_s = [asdict(one) for one in found]
+        values = {"load": before, "bare_start_s": bare_s, "streams": streamed_s}
         (folder / "streams.json").write_text(json.dumps(values, indent=1))
 
 

@@ -1,0 +1,165 @@
+"""`python -m benchmarks.tools.compare FOLDER`: what got worse since the last release.
+
+FOLDER holds what `make bench` wrote. Every headline figure is a ratio to its peer in
+the same run: other libraries, a plain loop, bare sockets, the simulator that sends the
+stream, a bare interpreter. `--keep` stores them for the next release; else they are
+compared with the stored ones. Worse is what lies by a tenth beyond the stored median
+and outside of the spread of both. Exit status 1: something got worse.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.tools.plots import tables
+from benchmarks.tools.rounds import write_json
+
+STORED = Path(__file__).parent / "figures-of-the-last-release.json"
+_NOTICEABLE = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A ratio to a peer: median, and where most of the rounds lie.
+
+    Attributes:
+        peer: what it is a ratio to.
+        larger_is_better: else smaller is.
+    """
+
+    peer: str
+    median: float
+    low: float
+    high: float
+    larger_is_better: bool = False
+
+    def is_worse_than(self, before: "Figure") -> bool:
+        """Whether it is noticeably worse, by more than the rounds differ."""
+        if self.larger_is_better:
+            floor = before.median / (1.0 + _NOTICEABLE)
+            return self.median < floor and self.high < before.low
+        ceiling = before.median * (1.0 + _NOTICEABLE)
+        return self.median > ceiling and self.low > before.high
+
+    def __str__(self) -> str:
+        return f"{self.median:.3g} ({self.low:.3g} to {self.high:.3g})"
+
+
+def headlines(folder: Path) -> dict[str, Figure]:
+    """Read the headline figures of a run.
+
+    Raises:
+        FileNotFoundError: a file of the run is missing.
+    """
+    return {
+        name: figure
+        for found in (
+            _of_tables(folder / "kinematics.json"),
+            _of_tables(folder / "path.json"),
+            _of_latency(folder / "latency.json"),
+            _of_streams(folder / "streams.json"),
+        )
+        for name, figure in found
+    }
+
+
+def _of_tables(path: Path) -> Iterator[tuple[str, Figure]]:
+    """The fastest of ours in each table with a peer, against its fastest peer."""
+    for table, names in tables(path).items():
+        whose = {name: is_peer for name, (_, is_peer) in names.items()}
+        if len(set(whose.values())) < 2:
+            continue
+        times_s = {name: np.array(values) for name, (values, _) in names.items()}
+        best = {
+            is_peer: min(
+                (name for name in names if whose[name] == is_peer),
+                key=lambda name: np.median(times_s[name]),
+            )
+            for is_peer in (False, True)
+        }
+        ratios = times_s[best[True]] / times_s[best[False]]
+        yield (
+            f"{table}: times faster",
+            _figure(ratios.tolist(), best[True], larger_is_better=True),
+        )
+
+
+def _of_latency(path: Path) -> Iterator[tuple[str, Figure]]:
+    for one in json.loads(path.read_text("utf-8"))["latency"]:
+        beside = f" beside {one['stream_hz']:.0f} Hz" if one["stream_hz"] else ""
+        for name in ("p50_us", "p99_us"):
+            ratios = [each["point"][name] / each["raw"][name] for each in one["rounds"]]
+            what = f"{one['rate_hz']:.0f} points/s{beside}, {name[:3]}: times as long"
+            yield what, _figure(ratios, "bare sockets")
+
+
+def _of_streams(path: Path) -> Iterator[tuple[str, Figure]]:
+    values = json.loads(path.read_text("utf-8"))
+    streams = values["streams"]
+    for rate_hz in sorted({one["rate_hz"] for one in streams}):
+        mine = [one for one in streams if one["rate_hz"] == rate_hz]
+        ratios = [one["daemon_share"] / one["simulator_share"] for one in mine]
+        yield f"{rate_hz:.0f} Hz: times the CPU", _figure(ratios, "the simulator")
+    ready = [one["ready_s"] / values["bare_start_s"] for one in streams]
+    yield "start: times as long", _figure(ready, "an interpreter with numpy")
+
+
+def _figure(
+    ratios: list[float], peer: str, *, larger_is_better: bool = False
+) -> Figure:
+    low, middle, high = np.percentile(ratios, (10, 50, 90)).tolist()
+    return Figure(peer, middle, low, high, larger_is_better)
+
+
+def report(now: dict[str, Figure], before: dict[str, Figure]) -> tuple[list[str], int]:
+    """Compare; lines for people, and how many figures got worse."""
+    lines, n_worse = [], 0
+    for name in sorted({*now, *before}):
+        if name not in now or name not in before:
+            where = "this run" if name in before else "the last release"
+            lines.append(f"  {name}: not in {where}")
+            continue
+        is_worse = now[name].is_worse_than(before[name])
+        is_better = before[name].is_worse_than(now[name])
+        n_worse += is_worse
+        word = "WORSE: " if is_worse else "better: " if is_better else ""
+        lines.append(
+            f"  {word}{name} {now[name].peer}: {now[name]}, was {before[name]}"
+        )
+    return lines, n_worse
+
+
+def main() -> int:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.tools.compare")
+    parser.add_argument("folder", type=Path, help="what make bench wrote")
+    parser.add_argument(
+        "--keep", action="store_true", help="store, for the next release"
+    )
+    asked = parser.parse_args()
+    try:
+        now = headlines(asked.folder)
+    except FileNotFoundError as error:
+        print(f"{error.filename}: missing; run make bench first", file=sys.stderr)
+        return 2
+    if asked.keep:
+        kept = {name: asdict(figure) for name, figure in now.items()}
+        write_json(STORED, {"version": version("traverse-cmm"), "figures": kept})
+        print(f"{len(now)} figures kept in {STORED.name}")
+        return 0
+    stored = json.loads(STORED.read_text("utf-8"))
+    before = {name: Figure(**values) for name, values in stored["figures"].items()}
+    lines, n_worse = report(now, before)
+    print(f"Ratios to peers, beside those of {stored['version']}:", *lines, sep="\n")
+    print(f"{n_worse} of {len(now)} got worse")
+    return 1 if n_worse else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,88 @@
+"""Figures of a run beside those of the last release: what got worse is said."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+from benchmarks.tools.compare import STORED, Figure, headlines, report
+from tests.docs.pages import CHECKOUT
+
+
+def written(folder, *, point_us=2000.0, ours_s=1e-6):
+    """A run with one table, one rate of points and one stream."""
+    benchmarks = [
+        {
+            "metadata": {"table": "one pose", "who": who, "peer": peer},
+            "runs": [{"values": [seconds, 1.1 * seconds, 0.9 * seconds]}],
+        }
+        for who, peer, seconds in (
+            ("ours", 0, ours_s),
+            ("slower", 0, 9e-6),
+            ("theirs", 1, 4e-6),
+            ("others", 1, 7e-6),
+        )
+    ]
+    (folder / "kinematics.json").write_text(json.dumps({"benchmarks": benchmarks}))
+    (folder / "path.json").write_text(json.dumps({"benchmarks": benchmarks[:2]}))
+    rounds = [
+        {
+            "raw": {"p50_us": 200.0, "p99_us": 400.0},
+            "point": {"p50_us": point_us * part, "p99_us": 3 * point_us * part},
+        }
+        for part in (0.97, 1.0, 1.02)
+    ]
+    latency = [{"rate_hz": 100.0, "stream_hz": 1000.0, "rounds": rounds}]
+    (folder / "latency.json").write_text(json.dumps({"latency": latency}))
+    stream = {"rate_hz": 1e3, "daemon_share": 0.06, "simulator_share": 0.03}
+    streams = {"bare_start_s": 0.1, "streams": [{**stream, "ready_s": 0.7}] * 3}
+    (folder / "streams.json").write_text(json.dumps(streams))
+    return folder
+
+
+def test_figures_are_ratios_to_peers_of_the_same_run(tmp_path):
+    found = headlines(written(tmp_path))
+    assert {name: round(one.median, 6) for name, one in found.items()} == {
+        "one pose: times faster": 4.0,
+        "100 points/s beside 1000 Hz, p50: times as long": 10.0,
+        "100 points/s beside 1000 Hz, p99: times as long": 15.0,
+        "1000 Hz: times the CPU": 2.0,
+        "start: times as long": 7.0,
+    }
+    assert found["one pose: times faster"].peer == "theirs"
+
+
+def test_what_got_worse_is_said_and_nothing_else(tmp_path):
+    before = headlines(written(tmp_path))
+    lines, n_worse = report(headlines(written(tmp_path)), before)
+    assert (n_worse, [line for line in lines if "WORSE" in line]) == (0, [])
+    now = headlines(written(tmp_path, point_us=2600.0, ours_s=1.5e-6))
+    lines, n_worse = report(now, before)
+    worse = [line for line in lines if "WORSE" in line]
+    assert n_worse == len(worse) == 3
+    assert "p50: times as long bare sockets: 13 (" in worse[0]
+    assert "was 10 (" in worse[0]
+    back, n_back = report(before, now)
+    assert n_back == 0
+    assert sum("better: " in line for line in back) == 3
+
+
+@pytest.mark.parametrize(("part", "is_worse"), [(1.09, False), (1.3, True)])
+def test_a_difference_within_the_spread_is_none(part, is_worse):
+    before = Figure("peer", 10.0, 8.0, 12.0)
+    narrow = Figure("peer", 10.0 * part, 12.1, 13.5)
+    assert narrow.is_worse_than(before) is is_worse
+    assert not replace(narrow, low=11.9).is_worse_than(before)
+
+
+def test_a_run_that_is_missing_is_said(tmp_path):
+    words = [sys.executable, "-m", "benchmarks.tools.compare", str(tmp_path)]
+    ran = subprocess.run(
+        words, cwd=CHECKOUT, capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 2
+    assert "kinematics.json: missing; run make bench first" in ran.stderr
+    stored = json.loads(STORED.read_text("utf-8"))["figures"]
+    assert all(Figure(**values).median > 0.0 for values in stored.values())
