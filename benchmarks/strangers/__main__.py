@@ -5,6 +5,8 @@ the nominal arm with its tool fitted, and beside plain least squares by scipy.
 """
 
 import argparse
+import json
+import subprocess
 import tempfile
 import time
 from pathlib import Path
@@ -22,8 +24,8 @@ from traverse.lab.identification.identify import IdentificationError, identify
 from traverse.lab.identification.prediction import placed, places_of, predict
 
 HEAD = (
-    "| set | poses used | kept aside | tool alone | scipy | Traverse | diagnosed "
-    "| the owners' figures |\n|---|---|---|---|---|---|---|---|"
+    "| set | poses used | kept aside | tool alone | scipy | pybotics | Traverse "
+    "| diagnosed | the owners' figures |\n|---|---|---|---|---|---|---|---|---|"
 )
 
 
@@ -35,14 +37,17 @@ def main() -> None:
     parser.add_argument(
         "--diagnose", action="store_true", help="also with the effects that are found"
     )
+    parser.add_argument(
+        "--pybotics", metavar="PYTHON", help="interpreter that has pybotics"
+    )
     asked = parser.parse_args()
     print("Distance of poses kept aside: mean, largest [mm].", HEAD, sep="\n\n")
     for measured in read_sets(asked.folder):
         if measured.name.startswith(asked.only or ""):
-            print(row(measured, with_diagnosis=asked.diagnose), flush=True)
+            print(row(measured, asked.pybotics, asked.diagnose), flush=True)
 
 
-def row(measured: Measured, *, with_diagnosis: bool) -> str:
+def row(measured: Measured, pybotics: str | None, with_diagnosis: bool) -> str:
     """Compute one row of the table."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -60,10 +65,36 @@ def row(measured: Measured, *, with_diagnosis: bool) -> str:
         f"{measured.held_by}: {len(judged.poses)}",
         figures(plain.held_out_mm(tool, measured)),
         figures(plain.held_out_mm(rival, measured)),
+        by_pybotics(measured, pybotics),
         *ours(given, judged, arm, measured.was_moved, with_diagnosis),
         measured.owners,
     ]
     return f"| {' | '.join(cells)} |"
+
+
+def by_pybotics(measured: Measured, python: str | None) -> str:
+    """What pybotics makes of a set that a tracker measured."""
+    if python is None or measured.places_mm is None:
+        return "-"
+    given = {
+        "rows": measured.classic_rows,
+        "tool_mm": measured.tool_mm,
+        "angles_rad": measured.angles_rad.tolist(),
+        "places_mm": measured.places_mm.tolist(),
+        "is_kept": measured.is_kept.tolist(),
+        "was_moved": measured.was_moved,
+    }
+    script = Path(__file__).parent / "by_pybotics.py"
+    ran = subprocess.run(
+        [python, script],
+        check=False,
+        input=json.dumps(given),
+        capture_output=True,
+        text=True,
+    )
+    if ran.returncode:
+        return ran.stderr.strip().splitlines()[-1]
+    return figures(np.array(json.loads(ran.stdout)["distances_mm"]))
 
 
 def ours(

@@ -53,6 +53,20 @@ class Measured:
     is_kept: Booleans
     was_moved: bool = False
 
+    @property
+    def classic_rows(self) -> list[list[float]]:
+        """Denavit-Hartenberg rows (a mm, d mm, alpha rad) of an arm from a table."""
+        return [
+            [float(cell) for cell in line.split(",")]
+            for line in self.arm[1].splitlines()[1:]
+        ]
+
+    @property
+    def tool_mm(self) -> list[float]:
+        """The maker's tool of such an arm."""
+        cells = self.arm[self.arm.index("--tool-xyz-mm") + 1].split(",")
+        return [float(cell) for cell in cells]
+
     def write(self, folder: Path, rows: Booleans) -> Path:
         """Write some of its poses as a campaign; where it is."""
         folder.mkdir(parents=True)
