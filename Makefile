@@ -99,8 +99,8 @@ $(PEERS)/.ready: benchmarks/peers.txt requirements.lock $(STAMP)
 	touch $@
 
 bench-kernel: $(PEERS)/.ready  ## kernel and measurement path beside others; takes two minutes
-	OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.kinematics $(FIGURES)/kinematics.json
-	OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.path $(FIGURES)/path.json
+	PYTHONPATH=src OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.kinematics $(FIGURES)/kinematics.json
+	PYTHONPATH=src OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.path $(FIGURES)/path.json
 
 bench: venv system bench-kernel  ## the figures of docs/performance.md; takes six minutes
 	$(BIN)/python -m benchmarks 6 $(FIGURES)

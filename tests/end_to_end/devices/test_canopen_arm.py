@@ -64,7 +64,7 @@ async def test_points_of_canopen_encoders_are_where_the_ball_was(
     rounding_mm = MatrixArm(bench.arm_file).resolution_mm()
     for point, edge in zip(points, truth, strict=True):
         off_mm = np.abs(np.array(point.xyz_mm) - edge["centre_mm"]).max()
-        assert off_mm < 2 * rounding_mm
+        assert off_mm < 2 * rounding_mm, (point, edge, truth)
         assert "incomplete" not in point.quality.flags
     counters = next(d.counters for d in health.devices if d.id == "base")
     assert counters["samples_complete"] > 100

@@ -318,6 +318,7 @@ def test_progress_rises():
     assert 0.0 < told[0] < told[-1] < 1.0
 
 
+@pytest.mark.slow
 def test_an_effect_that_no_machine_has_is_not_named():
     """3 mm of runout, where 0.01 mm is plausible."""
     table = {
