@@ -24,6 +24,7 @@ RUN: Final = {
     "docs/how-to/campaign-from-a-table.md": "tests/cli/identify/test_table.py",
     "docs/tutorial/circle-over-ippdme.md": "tests/docs/test_circle_tutorial.py",
     "docs/how-to/metrology-software.md": "tests/docs/test_bench_guides.py",
+    "docs/tutorial/arduino-to-calibrated-arm.md": "tests/docs/test_arduino_tutorial.py",
     "docs/tutorial/old-microscribe.md": "tests/docs/test_old_microscribe.py",
 }
 """Pages of which a test runs every command but those named below."""

@@ -40,8 +40,11 @@ _SET = float(np.log(100.0))
 _LEFT_OVER_LOG_P = float(np.log(0.02))
 _OVERTONES = (2, 3, 4)
 _OVERTONE_LOG_P = float(np.log(0.02))
-# Times the plausible size of an effect: no machine has as much.
-_NO_MACHINE = 100.0
+# What no arm has, not even one that somebody printed and glued: by the effect's key.
+_NO_MACHINE = {
+    **dict.fromkeys(("cos_mm", "sin_mm", "amplitude_mm", "radius_error_mm"), 2.0),
+    **dict.fromkeys(("cos_rad", "sin_rad", "half_width_rad"), 0.1),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,11 +106,12 @@ def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
 
 def _is_oversized(search: SearchState, added: AddedTerm) -> bool:
     """Return whether an effect as fitted is larger than that of any machine."""
-    row = EFFECT_KINDS[added.candidate.kind]
     estimates = estimates_of(search.stage.rows, added.index)
-    sizes = [np.ravel(estimates[key].value) for key in row.sizes if key in estimates]
-    largest = max((float(np.max(np.abs(one))) for one in sizes), default=0.0)
-    return largest > _NO_MACHINE * row.plausible_size(added.candidate.order)
+    return any(
+        bool(np.max(np.abs(estimates[key].value)) > most)
+        for key, most in _NO_MACHINE.items()
+        if key in estimates
+    )
 
 
 def own_choice(

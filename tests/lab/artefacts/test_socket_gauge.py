@@ -108,7 +108,7 @@ def test_what_cannot_be_printed_is_refused(tmp_path, words, told):
     assert not out.exists()
 
 
-def test_its_campaign_is_identified_with_and_collected_into(tmp_path):
+def test_its_campaign_is_checked_and_identified_with(tmp_path):
     arm = read_arm(ARM)
     poses = make_poses(arm, CampaignSpec(mix="seats", n_poses=160), seed=3)
     simulated = tmp_path / "simulated"

@@ -337,7 +337,7 @@ def test_an_effect_that_no_machine_has_is_not_named():
     for term in oversized:
         assert (term.status, term.accepted) == ("unknown", False)
     words = " ".join(summary_lines(found))
-    assert "more than 100 times as large as in any such machine" in words
+    assert "larger than in any such machine" in words
     assert [t["oversized"] for t in diagnosis_json(found)["terms"]].count(True)
 
 
