@@ -84,7 +84,7 @@ def by_pybotics(measured: Measured, python: str | None) -> str:
         "is_kept": measured.is_kept.tolist(),
         "was_moved": measured.was_moved,
     }
-    script = Path(__file__).parent / "by_pybotics.py"
+    script = Path(__file__).parent.parent / "peers" / "pybotics_fit.py"
     ran = subprocess.run(
         [python, script],
         check=False,

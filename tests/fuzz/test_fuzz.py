@@ -38,6 +38,7 @@ def test_no_target_breaks_under_atheris():
 
 
 @pytest.mark.slow
+@pytest.mark.needs("openssl")
 def test_damaged_files_are_refused_in_words():
     # One of every reader; `make fuzz-files` damages all files of all commands.
     names = ["check/daemon", "check/poses", "align/points", "points-list/outbox"]
