@@ -1,4 +1,4 @@
-"""`traverse artefact`: a gauge to be printed, and the campaign that goes with it."""
+"""`traverse artefact`: a gauge to be printed, and its campaign."""
 
 import json
 from pathlib import Path

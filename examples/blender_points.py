@@ -72,7 +72,7 @@ class Follower:
         self.meshes = {}
 
     def follow(self, idle_s: float) -> int:
-        """Draw what has come, until nothing comes for so long; say how much it was."""
+        """Draw the points received, until none comes for so long; their number."""
         new = list(self.arm.points(idle_timeout_s=idle_s))
         for point in new:
             self.standing.take(point)

@@ -184,12 +184,8 @@ def to_dh(
         if out is not None:
             as_toml = out.suffix.lower() == ".toml"
             write_atomically(out, arm_text(report["table"]) if as_toml else csv_text)
-    if as_json:
-        typer.echo(json.dumps(report, indent=1))
-    elif out is None:
-        typer.echo(csv_text, nl=False)
-    else:
-        typer.echo("\n".join([f"{out}: classic table", *remark_lines(report)]))
+    lines = [f"{out}: classic table", *remark_lines(report)]
+    _print_converted(report, csv_text if out is None else None, lines, as_json=as_json)
 
 
 @arm.command("to-urdf")
@@ -219,13 +215,20 @@ def to_urdf(
             refuse("arm", str(error))
         if out is not None:
             write_atomically(out, text)
+    lines = [_made(out, values), *urdf_remarks(report)]
+    _print_converted(report, text if out is None else None, lines, as_json=as_json)
+
+
+def _print_converted(
+    report: object, text: str | None, lines: list[str], *, as_json: bool
+) -> None:
+    """Print the report as JSON, or the text that is in no file, or lines for people."""
     if as_json:
         typer.echo(json.dumps(report, indent=1))
-    elif out is None:
+    elif text is not None:
         typer.echo(text, nl=False)
     else:
-        _print_made(out, values, as_json=False)
-        typer.echo("\n".join(urdf_remarks(report)))
+        typer.echo("\n".join(lines))
 
 
 def _print_made(file: Path, made: "Arm", *, as_json: bool) -> None:
@@ -234,4 +237,8 @@ def _print_made(file: Path, made: "Arm", *, as_json: bool) -> None:
         report = {"file": str(file), "arm": made.name, "joints": names}
         typer.echo(json.dumps(report, indent=1))
     else:
-        typer.echo(f"{file}: arm {made.name} with {counted(len(made.joints), 'joint')}")
+        typer.echo(_made(file, made))
+
+
+def _made(file: Path | None, made: "Arm") -> str:
+    return f"{file}: arm {made.name} with {counted(len(made.joints), 'joint')}"

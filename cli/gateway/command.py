@@ -12,8 +12,14 @@ from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.gateway.ippdme import ippdme
 from traverse.cli.gateway.keys import keys
 from traverse.cli.gateway.live import live
-from traverse.cli.gateway.running import host_port, report, run, until_signal
-from traverse.cli.gateway.sending import Kind, send
+from traverse.cli.gateway.running import (
+    Kind,
+    host_port,
+    report,
+    run,
+    send,
+    until_signal,
+)
 from traverse.cli.refusals import client_errors, refuse
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
-from traverse.cli.gateway.running import report, run
-from traverse.cli.gateway.sending import send
+from traverse.cli.gateway.running import report, run, send
 from traverse.cli.refusals import missing_library, refuse
 
 COMMAND = "gateway keys"

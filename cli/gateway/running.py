@@ -1,16 +1,23 @@
-"""What every gateway's command does alike: ports, ends, refusals, messages."""
+"""What commands of gateways do alike: begin, send, end, refuse, report."""
 
 import asyncio
 import contextlib
 import os
 import signal
 from collections.abc import Callable, Coroutine
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
 from traverse.cli.refusals import client_errors, refuse, system_refusal
+from traverse.plurals import counted
 from traverse.protocol.printable import printable
+
+if TYPE_CHECKING:
+    from traverse.client.arm import Arm
+    from traverse.client.gateways.lines import LineCounts, LineGateway
+
+Kind = Literal["points", "scans"]
 
 
 def run(
@@ -44,6 +51,25 @@ async def until_signal(work: Coroutine[Any, Any, None]) -> None:
         asyncio.get_running_loop().add_signal_handler(number, task.cancel)
     with contextlib.suppress(asyncio.CancelledError):
         await task
+
+
+async def send(arm: "Arm", kind: Kind, sender: "LineGateway") -> None:
+    """Send until SIGINT or SIGTERM; report the beginning, and the sums at the end."""
+    outlet = sender.outlet
+    async with outlet, arm:
+        report(f"{kind} of {arm.name} to {outlet.name}: {outlet.promise}")
+        work = sender.send_scans if kind == "scans" else sender.send_points
+        # What is being sent when this ends is not done: the next one sends it.
+        await until_signal(work(arm))
+    report(_sums(sender.counts))
+
+
+def _sums(counts: "LineCounts") -> str:
+    return (
+        f"{counted(counts.sent, 'line')} sent, "
+        f"{counted(counts.held_back, 'point')} held back, "
+        f"{counts.undone} taken back after they were sent, {counts.lost} lost"
+    )
 
 
 def host_port(text: str, option: str, host: str | None) -> tuple[str, int]:

@@ -295,6 +295,31 @@ def simulate(
     )
 
 
+def seen_places(angles_rad, centres_mm, **noise) -> Campaign:
+    """Places of the ball that a tracker saw, in its own system, as a campaign."""
+    n_poses = len(centres_mm)
+    names = tuple(f"P{at}" for at in range(n_poses))
+    table = {
+        "id": "tracker",
+        "kind": "points",
+        "frame": "own",
+        "points_mm": dict(zip(names, centres_mm.tolist(), strict=True)),
+    }
+    return Campaign(
+        artefacts=(artefact_from_table(table),),
+        feature_names=(names,),
+        joint_names=tuple(f"J{k + 1}" for k in range(angles_rad.shape[1])),
+        poses=Poses(
+            lines=np.arange(2, n_poses + 2),
+            time_s=np.arange(n_poses, dtype=float),
+            artefacts=np.zeros(n_poses, dtype=np.int64),
+            features=np.arange(n_poses),
+            angles_rad=angles_rad,
+        ),
+        **noise,
+    )
+
+
 def arm_value(arm: TrueArm, name="bench") -> Arm:
     """The arm as an arm file's value."""
     joints = "".join(

@@ -185,7 +185,7 @@ def _argument(text: str, place: int) -> tuple[Argument, int]:
 def _list(
     text: str, place: int, read: Callable[[str, int], tuple[T, int]]
 ) -> tuple[tuple[T, ...], int]:
-    """What stands between parentheses, and the place behind them."""
+    """Parse the arguments between parentheses; also the place after them."""
     found: list[T] = []
     end = _CLOSE.match(text, place)
     while end is None:

@@ -119,7 +119,7 @@ class IppServer:
     async def _serve(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
-        """One client; a second is told why it is not served."""
+        """Serve one client; a second one gets the reason why it is refused."""
         peer = "{}:{}".format(*writer.get_extra_info("peername"))
         if self._writer is not None:
             self._report(f"{peer} is refused: {self._peer} is connected")

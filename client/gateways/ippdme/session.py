@@ -368,7 +368,7 @@ class Session:
         self._details.clear()
 
     def _note_radius(self, radius_mm: float) -> None:
-        """Announce another radius than the client has been told."""
+        """Announce a radius that differs from the one sent before."""
         if self._tools.active == tools.NONE or self._new_tool:
             return
         before, self._radius_mm = self._radius_mm, radius_mm

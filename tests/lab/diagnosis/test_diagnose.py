@@ -15,8 +15,7 @@ from tests.lab.diagnosis.engine_campaigns import (
     poses,
 )
 from tests.lab.diagnosis.fitted_rows import measured
-from tests.lab.identification.test_prediction_of_others import tracked
-from tests.lab.simulated import arm_value, disturbed, seven_joints
+from tests.lab.simulated import arm_value, disturbed, seen_places, seven_joints
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.holdout.comparison import compare_on_holdout
@@ -346,7 +345,7 @@ def test_poses_that_could_show_nothing_are_not_called_clean():
     rng = np.random.default_rng(3)
     angles_rad = true.zeros_rad + rng.uniform(-0.7, 0.7, (14, 7))
     seen_mm = true.centres(angles_rad) + 3.0 * rng.normal(size=(14, 3))
-    campaign = tracked(angles_rad, seen_mm)
+    campaign = seen_places(angles_rad, seen_mm)
     found = diagnose(campaign, arm_value(seven_joints()), DECISION)
     assert not found.terms
     assert (found.blind, found.verdict) == (True, "unknown")

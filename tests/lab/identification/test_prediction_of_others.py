@@ -14,10 +14,9 @@ from tests.lab.simulated import (
     TrueArm,
     arm_value,
     disturbed,
+    seen_places,
     seven_joints,
 )
-from traverse.lab.artefacts import artefact_from_table
-from traverse.lab.campaign.campaign import Campaign, Poses
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.prediction import placed, places_of, predict
 from traverse.lab.identification.report.page import WORDS
@@ -39,33 +38,14 @@ def seen_by_a_tracker(true, n_poses, seed, *, travel_rad, noise, fault=None):
     return true.zeros_rad + turns, places_mm
 
 
-def tracked(angles_rad, places_mm):
-    n_poses = len(places_mm)
-    names = tuple(f"P{at}" for at in range(n_poses))
-    known = dict(zip(names, places_mm.tolist(), strict=True))
-    table = {"id": "tracker", "kind": "points", "frame": "own", "points_mm": known}
-    return Campaign(
-        artefacts=(artefact_from_table(table),),
-        feature_names=(names,),
-        joint_names=tuple(f"J{k + 1}" for k in range(7)),
-        poses=Poses(
-            lines=np.arange(2, n_poses + 2),
-            time_s=np.arange(n_poses, dtype=float),
-            artefacts=np.zeros(n_poses, dtype=np.int64),
-            features=np.arange(n_poses),
-            angles_rad=angles_rad,
-        ),
-    )
-
-
 def ours(angles_rad, places_mm, options=QUICK, true_mm=None):
     """The result, and rms distance of the judges [mm]; by true_mm they are placed."""
     used = slice(0, len(angles_rad) - N_JUDGES)
-    given = tracked(angles_rad[used], places_mm[used])
+    given = seen_places(angles_rad[used], places_mm[used])
     result = identify(given, arm_value(DESIGN), options)
-    judges = tracked(angles_rad[used.stop :], places_mm[used.stop :])
+    judges = seen_places(angles_rad[used.stop :], places_mm[used.stop :])
     if true_mm is not None:
-        given = tracked(angles_rad[used], true_mm[used])
+        given = seen_places(angles_rad[used], true_mm[used])
     found = predict(judges, result.arm, places_of(placed(given, result.arm)))
     return result, float(np.sqrt(np.mean(found.distances_mm**2)))
 

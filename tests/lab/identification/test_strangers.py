@@ -11,11 +11,10 @@ from tests.lab.simulated import (
     bar,
     cones,
     disturbed,
+    seen_places,
     seven_joints,
     simulate,
 )
-from traverse.lab.artefacts import artefact_from_table
-from traverse.lab.campaign.campaign import Campaign, Poses
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.report.page import WORDS
 
@@ -61,27 +60,7 @@ def tracked(seed, n_poses, travel_rad, noise):
     read_rad = angles_rad + rng.normal(size=angles_rad.shape) * noise.encoder_rad
     centres_mm = true.centres(read_rad)
     centres_mm += rng.normal(size=centres_mm.shape) * noise.contact_mm
-    names = tuple(f"P{at}" for at in range(n_poses))
-    table = {
-        "id": "tracker",
-        "kind": "points",
-        "frame": "own",
-        "points_mm": dict(zip(names, centres_mm.tolist(), strict=True)),
-    }
-    return Campaign(
-        artefacts=(artefact_from_table(table),),
-        feature_names=(names,),
-        joint_names=tuple(f"J{k + 1}" for k in range(7)),
-        poses=Poses(
-            lines=np.arange(2, n_poses + 2),
-            time_s=np.arange(n_poses, dtype=float),
-            artefacts=np.zeros(n_poses, dtype=np.int64),
-            features=np.arange(n_poses),
-            angles_rad=angles_rad,
-        ),
-        encoder_rad=1e-5,
-        contact_mm=0.02,
-    )
+    return seen_places(angles_rad, centres_mm, encoder_rad=1e-5, contact_mm=0.02)
 
 
 @pytest.mark.parametrize("seed", range(8))

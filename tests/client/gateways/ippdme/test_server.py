@@ -38,7 +38,7 @@ class Serving:
             await asyncio.sleep(0.02)
 
     async def says(self, text: str) -> None:
-        """Wait until it has told people something."""
+        """Wait until it has reported something."""
         await until(lambda: any(text in told for told in self.told))
 
     async def touch(self, *, quality: Quality = GOOD) -> None:
