@@ -162,15 +162,11 @@ export default {
       });
     },
 
-    remove_point(id) {
-      const mesh = this.points.get(id);
-      if (mesh) { this.scene.remove(mesh); this.points.delete(id); this.dirty = true; }
-    },
-
-    show_points(points) {
-      const kept = new Set(points.map(([id]) => id));
-      for (const id of [...this.points.keys()]) if (!kept.has(id)) this.remove_point(id);
-      this.add_points(points);
+    remove_points(ids) {
+      for (const id of ids) {
+        const mesh = this.points.get(id);
+        if (mesh) { this.scene.remove(mesh); this.points.delete(id); this.dirty = true; }
+      }
     },
 
     show_age(stale) {

@@ -1,6 +1,6 @@
 """The element that shows the arm in three dimensions; its drawing is in the browser."""
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 
 import numpy as np
 from nicegui import ui
@@ -26,6 +26,7 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
         super().__init__()
         self._props["cloudUrl"] = cloud_url
         self._shown: tuple[Floats, float] | None = None
+        self._drawn: set[str] = set()  # ids of points
 
     def show_pose(self, live: Live) -> None:
         """The arm is now like this.
@@ -45,21 +46,19 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
         self._shown = (places_mm, live.probe_radius_mm)
         self.run_method("pose", places_mm.tolist(), live.probe_radius_mm)
 
-    def forget_pose(self) -> None:
-        """The browser has been opened anew: draw the next pose in any case."""
-        self._shown = None
+    def forget(self) -> None:
+        """The browser has been opened anew, and shows nothing."""
+        self._shown, self._drawn = None, set()
 
-    def show_points(self, points: Iterable[Point]) -> None:
-        """Show these points, and no others."""
-        self.run_method("show_points", _rows(points))
-
-    def add_points(self, points: Iterable[Point]) -> None:
-        """Points were received."""
-        self.run_method("add_points", _rows(points))
-
-    def remove_point(self, point_id: str) -> None:
-        """A point was taken back."""
-        self.run_method("remove_point", point_id)
+    def show_points(self, points: Mapping[str, Point]) -> None:
+        """Show these points, by id, and no others; the browser gets what is new."""
+        if gone := self._drawn - points.keys():
+            self.run_method("remove_points", sorted(gone))
+        if new := [p for p in points.values() if p.id not in self._drawn]:
+            self.run_method(
+                "add_points", [[p.id, *p.xyz_mm, p.quality.ok] for p in new]
+            )
+        self._drawn = set(points)
 
     def show_cloud(self, version: int, n_kept: int, n_seen: int) -> None:
         """There is more of the cloud to be fetched."""
@@ -76,7 +75,3 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
     def show_age(self, *, is_stale: bool) -> None:
         """Grey the arm while its pose is not of now."""
         self.run_method("show_age", is_stale)
-
-
-def _rows(points: Iterable[Point]) -> list[list[object]]:
-    return [[p.id, *p.xyz_mm, p.quality.ok] for p in points]

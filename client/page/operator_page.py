@@ -136,10 +136,6 @@ class OperatorPage:
             self._show_verdict()
         if kind == "stored" or point is None:
             return  # late points, or those of another session: see `_fast`
-        if point.retracts is not None:
-            self._scene.remove_point(point.retracts)
-        elif not self._sight.shown_session:
-            self._scene.add_points([point])
         self._show_points(point.id)
         self._check.show()
 
@@ -166,7 +162,6 @@ class OperatorPage:
             self._was_stale = sight.is_stale
             self._scene.show_age(is_stale=sight.is_stale)
         if self._points_key() != self._seen_points:
-            self._scene.show_points(sight.points.values())
             self._show_points(None)
             self._check.show()
 
@@ -200,6 +195,7 @@ class OperatorPage:
 
     def _show_points(self, newest: str | None) -> None:
         self._seen_points = self._points_key()
+        self._scene.show_points(self._sight.points)
         self._points.show(self._sight, newest)
 
     def _points_key(self) -> tuple[object, ...]:
@@ -222,7 +218,7 @@ class OperatorPage:
     def _all_anew(self) -> None:
         """The browser has been opened, or opened anew."""
         self._scene.theme(dark=bool(self._dark.value))
-        self._scene.forget_pose()
+        self._scene.forget()
         self._seen_live, self._seen_cloud, self._was_stale = None, (-1, -1), None
         self._seen_points = None
 

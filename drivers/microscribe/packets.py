@@ -22,7 +22,8 @@ class TimerRate:
     """Bounds of a timer's rate, from the exchanges in which its ticks were latched.
 
     Between two latches at least one tick less, and at most one more, passed than their
-    counts differ by; their times are bounded by request and answer.
+    counts differ by; their times are bounded by request and answer. Each is compared
+    with an earlier one whose bounds are narrow: the first may have been held back.
 
     Args:
         rate_hz: as stated; the true one is within `MAX_TIMER_ERROR`.
@@ -34,7 +35,7 @@ class TimerRate:
 
     def __init__(self, rate_hz: float) -> None:
         self._stated_hz = rate_hz
-        self._first: tuple[int, TimedPacket] | None = None
+        self._narrow: tuple[int, TimedPacket] | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -42,16 +43,18 @@ class TimerRate:
         self.assumed_hz = self._stated_hz
         self.low_hz = self._stated_hz * (1.0 - MAX_TIMER_ERROR)
         self.high_hz = self._stated_hz * (1.0 + MAX_TIMER_ERROR)
-        self._first = None
+        self._narrow = None
 
     def add(self, ticks: int, heard: TimedPacket) -> bool:
         """Learn from a packet with its ticks, unwrapped; False where they jumped."""
-        if self._first is None:
-            self._first = ticks, heard
+        if self._narrow is None:
+            self._narrow = ticks, heard
         if self.high_hz - self.low_hz < RATE_KNOWN * self._stated_hz:
             return True
-        first_ticks, first = self._first
-        low_hz, high_hz = _rate_bounds(first, heard, ticks - first_ticks)
+        narrow_ticks, narrow = self._narrow
+        low_hz, high_hz = _rate_bounds(narrow, heard, ticks - narrow_ticks)
+        if 2 * _exchange_ns(heard) < _exchange_ns(narrow):
+            self._narrow = ticks, heard
         self.low_hz = max(self.low_hz, low_hz)
         self.high_hz = min(self.high_hz, high_hz)
         if not self.low_hz <= self.assumed_hz <= self.high_hz:
@@ -143,6 +146,11 @@ def timer_runs(heard: Sequence[TimedPacket], rate_hz: float, wrap: int) -> bool:
             and high_hz >= rate_hz * (1.0 - MAX_TIMER_ERROR)
         )
     return 2 * sum(possible) >= len(possible)
+
+
+def _exchange_ns(heard: TimedPacket) -> int:
+    """Within so long was it latched."""
+    return heard.begun_ns - heard.sent_ns
 
 
 def _rate_bounds(

@@ -29,7 +29,7 @@ async def invites_as_the_banner(page: Page) -> None:
     """The button that takes a point has the banner's colour."""
     colour = "n => getComputedStyle(document.querySelector(n)).backgroundColor"
     script = f"() => ({colour})('.take') === ({colour})('.banner')"
-    await page.wait_for_function(script)
+    await page.wait_for_function(script, polling=100)
 
 
 async def n_played(page: Page, kind: str) -> int:

@@ -26,7 +26,9 @@ def rows(page: Page) -> Locator:
 async def are_shown(page: Page, n: int) -> None:
     """So many points are in the list and in the view."""
     await expect(rows(page)).to_have_count(n)
-    await page.wait_for_function("n => traverse_scene.points.size === n", arg=n)
+    await page.wait_for_function(
+        "n => traverse_scene.points.size === n", arg=n, polling=100
+    )
 
 
 async def cells(page: Page, row: int) -> list[str]:
@@ -57,6 +59,17 @@ async def test_the_sessions_points_are_all_there_whatever_happens(
             await page.wait_for_function(
                 "traverse_sounds.played.filter(kind => kind === 'point').length === 1"
             )
+
+
+async def test_late_and_new_points_at_one_time_are_all_in_the_view(
+    posed: PosedDaemon, address: str, served_page: OpenPage
+) -> None:
+    async with posed.posing(), served_page(posed.arm, address) as page:
+        await are_shown(page, 0)
+        for n in range(10):
+            await posed.take(1, age_s=60.0)
+            await posed.touch(float(n), 0.0, 0.0)
+        await are_shown(page, 20)
 
 
 async def test_a_new_session_is_requested_and_the_earlier_one_can_be_shown(

@@ -18,7 +18,7 @@ pytestmark = [
 async def sounds(scene: Scene, kind: str) -> None:
     """Wait until a sound has been played."""
     await scene.page.wait_for_function(
-        "kind => traverse_sounds.played.includes(kind)", arg=kind
+        "kind => traverse_sounds.played.includes(kind)", arg=kind, polling=100
     )
 
 
@@ -37,13 +37,13 @@ async def test_a_morning_with_the_page(scene: Scene) -> None:
     value = page.locator(".axis .value").first
     await expect(value).to_have_text(re.compile(r"^-?\d+\.\d{3}$"))
     await expect(page.locator(".axis .around").first).to_contain_text("±")
-    await page.wait_for_function("traverse_scene.points.size === 4")
+    await page.wait_for_function("traverse_scene.points.size === 4", polling=100)
     assert await page.evaluate("traverse_scene.arm.children.length") == 15
 
     # It is taken back, by the button this time.
     await page.get_by_role("button", name="Undo").click()
     await expect(rows).to_have_count(3)
-    await page.wait_for_function("traverse_scene.points.size === 3")
+    await page.wait_for_function("traverse_scene.points.size === 3", polling=100)
     await sounds(scene, "retraction")
     await expect(page.get_by_role("status")).to_contain_text("undoes")
 
@@ -56,7 +56,7 @@ async def test_a_morning_with_the_page(scene: Scene) -> None:
     # A scan runs until it is stopped, and is drawn.
     await page.keyboard.press("s")
     await expect(page.get_by_role("button", name="Stop scan")).to_be_visible()
-    await page.wait_for_function("traverse_scene.drawn.n > 50")
+    await page.wait_for_function("traverse_scene.drawn.n > 50", polling=100)
     await expect(page.locator(".arm-scene-note")).to_contain_text("scanned points")
     await page.keyboard.press("s")
     await expect(page.get_by_role("button", name="Start scan")).to_be_visible()
@@ -79,7 +79,7 @@ async def test_points_are_labelled_and_saved(
     async with served_page(scene.bench.arm, broker) as later:
         await expect(later.locator("table.plain td:nth-child(7)")).to_have_count(4)
         await expect(later.get_by_text("Label: plate")).to_be_visible()
-        await later.wait_for_function("traverse_scene.points.size === 4")
+        await later.wait_for_function("traverse_scene.points.size === 4", polling=100)
     async with page.expect_download() as saving:
         await page.get_by_role("button", name="Save points as JSON").click()
     path = await (await saving.value).path()

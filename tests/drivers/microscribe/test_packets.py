@@ -82,6 +82,15 @@ def test_the_rate_of_a_timer_is_learned(true_hz):
     assert not clock.is_old(heard(begin_ns, ticks))
 
 
+def test_a_first_exchange_that_was_held_back_delays_nothing():
+    """One of 0.4 s alone would leave the rate open by 30 % after these 1.5 s."""
+    clock = PacketClock(1000.0, 16384, heard(0, 0).delay_ns)
+    for k in range(150):
+        clock.time_of(heard(10 * MS * k, 11 * k, 0 if k else 400 * MS))
+    assert clock.rate_hz == pytest.approx(1100.0, rel=5e-3)
+    assert clock.steps == 0
+
+
 def test_a_timer_that_jumps_is_learned_anew():
     clock = PacketClock(1000.0, 16384, REPLY_NS)
     for k in range(400):
