@@ -25,6 +25,7 @@ BINS = 64  # half a minute: long against jitter, short against temperature
 BINS_FOR_SLOPE = 10  # five seconds: before, a busy host's delays look like a rate
 MAX_RATE_ERROR = 1e-3  # a crystal is within 1e-4; beyond this it is not a clock
 MAX_EARLY_NS = 20_000_000  # more than jitter: received so long before its latch
+MAX_LAG_NS = 2_000_000  # shorter than any motion that matters
 
 
 class DeviceClock:
@@ -57,8 +58,17 @@ class DeviceClock:
 
     @property
     def is_uncertain(self) -> bool:
-        """Whether it has neither been tied nor learned for half a second."""
-        return not self._tied and not self._bins
+        """Whether times may be late because the first reads were.
+
+        Until it is tied, or has learned for half a second of the device and of the
+        host and has followed what it learned: a host that stood still reads all of a
+        while at once, and finds a smaller delay after that.
+        """
+        return not self._tied and (
+            not self._bins
+            or self._received_ns - self._anchor_ns < BIN_S * 1e9
+            or self._jump_ns * self._share_left(self._last or 0) > MAX_LAG_NS
+        )
 
     def tie(self) -> None:
         """Apply the current estimate at once: one delay is known to be small."""
@@ -93,7 +103,7 @@ class DeviceClock:
 
     def update(self, ticks: int, received_ns: int) -> None:
         """Learn from a latch at ``ticks`` (unwrapped) read at ``received_ns``."""
-        self._last = ticks
+        self._last, self._received_ns = ticks, received_ns
         if not self.running:
             self._restart(ticks, received_ns)
             self.running = True
@@ -110,19 +120,18 @@ class DeviceClock:
             self._bin_best = None
         if self._bin_best is None or offset_ns < self._bin_best[1]:
             self._bin_best = (elapsed, offset_ns)
-        if not self._bins and offset_ns < self._height_ns:
-            # The first half second uses the smallest delay so far.
+        if len(self._bins) < BINS_FOR_SLOPE and offset_ns < self._height_ns:
+            # The first seconds use the smallest delay so far.
             self._enter(ticks, self._slope, offset_ns)
 
     def to_ns(self, ticks: int) -> int:
         """`to_ns_array` for one tick count, to the nanosecond."""
         elapsed = ticks - self._anchor_ticks
         elapsed_ns = elapsed * self._ns_per_tick
-        left = 1.0 - (elapsed - self._fit_ticks) / self._bin_ticks
         correction_ns = (
             self._height_ns
             + self._slope * elapsed_ns
-            + self._jump_ns * min(1.0, max(0.0, left))
+            + self._jump_ns * self._share_left(ticks)
         )
         return self._anchor_ns + round(elapsed_ns + correction_ns)
 
@@ -136,8 +145,14 @@ class DeviceClock:
             correction_ns += self._jump_ns * np.minimum(1.0, np.maximum(0.0, left))
         return self._anchor_ns + np.rint(elapsed_ns + correction_ns).astype(np.int64)
 
+    def _share_left(self, ticks: int) -> float:
+        """Of the way to the present line, at a time."""
+        passed = ticks - self._anchor_ticks - self._fit_ticks
+        return min(1.0, max(0.0, 1.0 - passed / self._bin_ticks))
+
     def _restart(self, ticks: int, received_ns: int) -> None:
-        self._anchor_ticks, self._anchor_ns = ticks, received_ns
+        self._anchor_ticks = ticks
+        self._anchor_ns = self._received_ns = received_ns
         self._tied = False
         self._bins.clear()
         self._bin_index = 0
@@ -152,7 +167,9 @@ class DeviceClock:
             self._bins.append(self._bin_best)
         at, offsets_ns = np.array(self._bins, dtype=np.float64).T
         if len(self._bins) < BINS_FOR_SLOPE:
-            slope, height_ns = 0.0, float(offsets_ns[-1])
+            # No crystal drifts like the delays of a host that stands still for a bin.
+            drift_ns = MAX_RATE_ERROR * self._ns_per_tick * (at[-1] - at)
+            slope, height_ns = 0.0, float(np.min(offsets_ns + drift_ns))
         else:
             elapsed_ns = at * self._ns_per_tick
             slope = _slope_below(elapsed_ns.tolist(), offsets_ns.tolist())

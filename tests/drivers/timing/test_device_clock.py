@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
-from traverse.drivers.timing.device_clock import WRAP, DeviceClock
+from traverse.drivers.timing.device_clock import MAX_LAG_NS, WRAP, DeviceClock
 
 RATE_HZ = 1_000_000
 
@@ -119,3 +121,38 @@ def test_one_latch_has_the_time_of_a_block():
 
 def test_a_first_latch_alone_counts_from_itself():
     assert DeviceClock(RATE_HZ).unwrap_one(4_000_000_000) == 4_000_000_000
+
+
+PERIOD_NS = 20_000_000
+STALLS = st.lists(st.tuples(st.floats(0.0, 8.0), st.floats(0.05, 2.0)), max_size=4)
+
+
+def worst_while_certain_ns(stalls: list[tuple[float, float]]) -> float:
+    """Error of an untied clock whose host stands still now and then [s, s].
+
+    A device sends every 20 ms, and what was sent meanwhile is read at one time.
+    """
+    clock, worst_ns = DeviceClock(RATE_HZ), 0.0
+    for k in range(550):
+        read_ns = sent_ns = k * PERIOD_NS
+        for begin_s, length_s in sorted(stalls):
+            if begin_s * 1e9 <= read_ns < (begin_s + length_s) * 1e9:
+                read_ns = int((begin_s + length_s) * 1e9)
+        clock.update(sent_ns // 1000, read_ns + 100_000)
+        if not clock.is_uncertain:
+            worst_ns = max(worst_ns, abs(clock.to_ns(sent_ns // 1000) - sent_ns))
+    assert not clock.is_uncertain
+    return worst_ns
+
+
+@example([(1.0, 1.5)])  # soon after connecting: edges had been late by a second
+@example([(0.0, 0.519)])
+@given(STALLS)
+def test_times_after_reads_of_a_host_that_stood_still_are_uncertain(stalls):
+    """What is last read at the end of a standstill may be a period old, no more."""
+    assert worst_while_certain_ns(stalls) < PERIOD_NS + MAX_LAG_NS + 200_000
+
+
+@pytest.mark.parametrize("stall", [(0.0, 0.4), (1.0, 1.5), (5.0, 3.0)])
+def test_a_host_that_stands_still_moves_no_clock(stall):
+    assert worst_while_certain_ns([stall]) < MAX_LAG_NS + 200_000
