@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.options import Json, Operator, campaign_folder
+from traverse.cli.options import HoldoutBy, Json, Operator, campaign_folder
 from traverse.cli.refusals import check_results, refusals, refuse
 from traverse.plurals import counted
 
@@ -38,6 +38,7 @@ def diagnose(
         int,
         typer.Option(min=0, help="Seed of the held-out split and of the thresholds."),
     ] = 1,
+    holdout_by: HoldoutBy = "time",
     accept: Annotated[
         bool, typer.Option("--accept", help="Write the adapted arm to ARM itself.")
     ] = False,
@@ -88,7 +89,10 @@ def diagnose(
         from traverse.lab.diagnosis.model.result import DiagnosisOptions  # noqa: PLC0415
 
         options = DiagnosisOptions(
-            seed=seed, most_terms=max_terms, accept_tentative=accept_tentative
+            seed=seed,
+            holdout_by=holdout_by,
+            most_terms=max_terms,
+            accept_tentative=accept_tentative,
         )
         result, stream = _diagnosed(campaign, arm, options)
         from traverse.lab.report.provenance import campaign_provenance  # noqa: PLC0415
@@ -222,4 +226,5 @@ def _read(folder: Path, arm_file: Path) -> "tuple[Arm, Campaign]":
     from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
 
     arm = read_arm(arm_file)
-    return arm, read_campaign(folder, [joint.name for joint in arm.joints])
+    names = [joint.name for joint in arm.joints]
+    return arm, read_campaign(folder, names, several_tools=True)

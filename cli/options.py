@@ -4,7 +4,7 @@ import functools
 import inspect
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -17,6 +17,10 @@ Operator = Annotated[
     typer.Option(
         help="Who computes, for the report; else TRAVERSE_OPERATOR, else user@host."
     ),
+]
+HoldoutBy = Annotated[
+    Literal["time", "artefact"],
+    typer.Option(help="What is kept aside: groups of poses in time, or artefacts."),
 ]
 Command = Callable[..., None]
 

@@ -4,11 +4,11 @@ import json
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.options import Json, Operator, campaign_folder
+from traverse.cli.options import HoldoutBy, Json, Operator, campaign_folder
 from traverse.cli.refusals import check_results, refusals, refuse
 from traverse.plurals import counted
 
@@ -56,10 +56,7 @@ def identify(
             max=0.9,
         ),
     ] = None,
-    holdout_by: Annotated[
-        Literal["time", "artefact"],
-        typer.Option(help="What is kept aside: groups of poses in time, or artefacts."),
-    ] = "time",
+    holdout_by: HoldoutBy = "time",
     seed: Annotated[int, typer.Option(help="Of the choice of --holdout.", min=0)] = 0,
     strict: Annotated[
         bool,
@@ -168,10 +165,9 @@ def _split(
     campaign: "Campaign", part: float, by: str, seed: int
 ) -> "tuple[Campaign, Campaign]":
     """Divide a campaign into what is adjusted and what is kept aside."""
-    from traverse.lab.diagnosis.holdout.holdout import split, split_artefacts  # noqa: PLC0415
+    from traverse.lab.diagnosis.holdout.holdout import SPLITS  # noqa: PLC0415
 
-    choose = split if by == "time" else split_artefacts
-    chosen, held_out = choose(campaign, seed, part)
+    chosen, held_out = SPLITS[by](campaign, seed, part)
     if not held_out.any():
         refuse(
             "identify",

@@ -172,10 +172,16 @@ class Campaign:
             gravity_m_s2=None if gravity is None else np.array(gravity),
         )
 
-    def with_tools(self, vectors_mm: Mapping[str, Floats]) -> "Campaign":
-        """Hold tools at vectors, (3,), by their names."""
+    def with_tools(
+        self, vectors_mm: Mapping[str, Floats], *, held: bool = True
+    ) -> "Campaign":
+        """Hold tools at vectors, (3,), by their names; or only begin there."""
         tools = tuple(
-            Tool(name=tool.name, vector_mm=tuple(known.tolist()), held=True)
+            Tool(
+                name=tool.name,
+                vector_mm=tuple(known.tolist()),
+                held=held or tool.held,
+            )
             if (known := vectors_mm.get(tool.name)) is not None
             else tool
             for tool in self.tools
@@ -241,7 +247,9 @@ def read_campaign(
         tools = [tool.name for tool in file.tools]
         table = read_pose_table(poses, joint_names, features, tools)
         if table.tools is not None and not several_tools:
-            text = "only `traverse identify` and `traverse predict` take several tools"
+            text = (
+                "only `traverse identify`, `diagnose` and `predict` take several tools"
+            )
             what = f"{text}; take the poses of one, and leave the column out"
             raise FileError(str(poses), [Problem("tool", what)])
     return _campaign(path, file, table, tuple(joint_names))

@@ -12,9 +12,9 @@ from traverse.lab.diagnosis.holdout.comparison import (
     find_misfit,
     held_out_blunders,
 )
-from traverse.lab.diagnosis.holdout.holdout import split
+from traverse.lab.diagnosis.holdout.holdout import SPLITS
 from traverse.lab.diagnosis.model.candidate import BankName
-from traverse.lab.diagnosis.model.fit import Fit
+from traverse.lab.diagnosis.model.fit import Fit, with_tools_begun
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
@@ -37,6 +37,7 @@ from traverse.lab.diagnosis.outcome import (
 from traverse.lab.diagnosis.search.decision import Decision, decide
 from traverse.lab.diagnosis.search.forward_search import Progress, refitted
 from traverse.lab.diagnosis.search.naming import NamedTerm
+from traverse.lab.identification.identify import IdentificationError
 
 __all__ = ["DiagnosisOptions", "diagnose"]
 
@@ -62,7 +63,13 @@ def diagnose(
     options = options or DiagnosisOptions()
     told = progress or _ignore_progress
     clock = _Clock()
-    choosing, held_out = split(campaign, options.seed)
+    campaign = with_tools_begun(campaign, arm)
+    choosing, held_out = SPLITS[options.holdout_by](campaign, options.seed)
+    if options.holdout_by == "artefact" and not np.any(held_out):
+        raise IdentificationError(
+            f"no artefact of {len(campaign.artefacts)} can be kept aside; measure at "
+            "several, or keep groups of poses aside (--holdout-by time)"
+        )
     decision = decide(campaign, arm, choosing, options, told)
     search = decision.search
     clock.lap("decision")
@@ -124,6 +131,7 @@ def diagnose(
         leftovers=leftovers_of(search),
         detectable=seen,
         seed=options.seed,
+        holdout_by=options.holdout_by,
         seconds=clock.laps,
     )
 

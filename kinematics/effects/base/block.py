@@ -72,7 +72,7 @@ class Block:
         """The number of joints."""
         return int(self.angles_rad.shape[1])
 
-    def part(self, rows: slice) -> "Block":
+    def part(self, rows: slice | Integers) -> "Block":
         """Take some of the samples."""
         taken: dict[str, Any] = {}
         for field in fields(self):

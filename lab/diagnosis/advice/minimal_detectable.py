@@ -97,8 +97,11 @@ def is_vertical(rows: ObservationEquations, joint: str) -> bool:
 def probe_is_on_axis(rows: ObservationEquations, joint: str) -> bool:
     """Return whether a turn of a joint moves the probe in no pose."""
     campaign = rows.adjustment.network.campaign
-    geometry = rows.adjustment.state.arm.geometry
-    by_angles = probe_derivatives(geometry, rows.block.angles_rad).by_angles
+    by_angles = rows.each_tool(
+        lambda geometry, at: (
+            probe_derivatives(geometry, rows.block.angles_rad[at]).by_angles
+        )
+    )
     moved_mm = np.linalg.norm(
         by_angles[:, :, campaign.joint_names.index(joint)], axis=1
     )
@@ -186,8 +189,9 @@ def left_at_probe_mm(rows: ObservationEquations, changes: Floats) -> Floats:
     np.add.at(along, of_row, by_centre[:, :, np.newaxis] * off[touching, np.newaxis])
     inverses = np.linalg.pinv(squares, rcond=1e-9, hermitian=True)
     moves = (inverses @ along).reshape(3 * len(poses), -1)
-    geometry = rows.adjustment.state.arm.geometry
-    places_mm = probe_centre(geometry, rows.block.angles_rad[poses])
+    places_mm = rows.each_tool(
+        lambda geometry, at: probe_centre(geometry, rows.block.angles_rad[at])
+    )[poses]
     rigid = (inverses @ squares @ _rigid_motions(places_mm)).reshape(len(moves), 6)
     moves = moves - rigid @ np.linalg.lstsq(rigid, moves, rcond=1e-9)[0]
     found: Floats = np.sqrt(np.sum(moves**2, axis=0) / max(len(poses), 1))

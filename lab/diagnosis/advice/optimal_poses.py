@@ -19,7 +19,6 @@ from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.campaign.campaign import Poses
 from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
 from traverse.lab.diagnosis.candidates.library import library_bank
@@ -33,6 +32,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
 from traverse.lab.diagnosis.model.terms import rows_without
 from traverse.lab.identification.design.artefact_postures import postures_touching
 from traverse.lab.identification.equations.network import State, stations
+from traverse.lab.identification.equations.station_equations import station_centres
 from traverse.lab.identification.solve.adjustment import Adjustment, adjust
 
 
@@ -119,12 +119,14 @@ def _contacts(
         (angles_rad >= least_rad) & (angles_rad <= largest_rad), axis=1
     )
     poses = network.campaign.poses.part(part.poses)
+    if poses.tools is not None:  # advice is for the arm's own
+        poses = replace(poses, tools=np.zeros_like(poses.tools))
     poses = replace(poses, angles_rad=angles_rad)
     if poses.directions is not None and part.artefact.rows_per_pose == 1:
         normals = came.equations.by_centre[:, 0]
         before = station.artefact.equations(
             state.unknowns[at],
-            probe_centre(geometry, network.campaign.poses.angles_rad[station.poses]),
+            station_centres(network, station, state.arm),
             station.touches,
         ).by_centre[like, 0]
         along = np.sum(before * poses.directions, axis=1, keepdims=True)

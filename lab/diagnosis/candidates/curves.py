@@ -12,7 +12,7 @@ from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.readings.empirical import Empirical
 from traverse.kinematics.effects.readings.spline import spline_amounts
 from traverse.kinematics.model.derivatives import probe_derivatives
-from traverse.kinematics.model.geometry import across
+from traverse.kinematics.model.geometry import Geometry, across
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.covariates import (
     CovariateColumn,
@@ -129,14 +129,15 @@ def _by_carriers(rows: ObservationEquations) -> tuple[Floats, Floats]:
         Tilts about v and w across the axis, (n_rows, n_joints, 2), and shifts of the
         joint's origin along v, w and u, (n_rows, n_joints, 3).
     """
-    network, state = rows.adjustment.network, rows.adjustment.state
-    geometry, angles_rad = state.arm.geometry, rows.block.angles_rad
-    effects = network.parameters.effects
-    if effects is not None:
-        values = state.arm.amplitudes
-        angles_rad = angles_rad - effects.reading_corrections(
-            geometry, values, rows.block
-        )
+    both = rows.each_tool(
+        lambda geometry, at: _carried(geometry, rows.angles_rad(geometry, at))
+    )[rows.poses]
+    by_both = np.einsum("ri,rkdi->rkd", rows.by_centre, both)
+    return by_both[:, :, :2], by_both[:, :, 2:]
+
+
+def _carried(geometry: Geometry, angles_rad: Floats) -> Floats:
+    """How far such tilts and shifts move the ball [mm], (n_poses, n_joints, 5, 3)."""
     rotations = probe_derivatives(geometry, angles_rad).by_links
     links_mm = geometry.links_mm.copy()
     links_mm[-1] += geometry.probe_vector_mm
@@ -148,9 +149,7 @@ def _by_carriers(rows: ObservationEquations) -> tuple[Floats, Floats]:
     carried[:, 0] = frames[0]
     carried[:, 1:] = np.einsum("nikj,kdj->nkdi", rotations[:, :, :-1], frames[1:])
     tilts_mm = np.cross(carried[:, :, :2], reaches_mm[:, :, np.newaxis])
-    both = np.concatenate([tilts_mm, carried], axis=2)[rows.poses]
-    by_both = np.einsum("ri,rkdi->rkd", rows.by_centre, both)
-    return by_both[:, :, :2], by_both[:, :, 2:]
+    return np.concatenate([tilts_mm, carried], axis=2)
 
 
 def _candidate(

@@ -61,8 +61,14 @@ def library_bank(rows: ObservationEquations, arm: Arm) -> Bank:
     entries = [entry for entry in _entries(rows, arm) if entry.reason is None]
     geometry = rows.adjustment.state.arm.geometry
     moving = [e.correction for e in entries if e.candidate.artefact is None]
-    moves = columns(geometry, applied_effects(rows, arm), rows.block, moving)
-    by_values = rows.moved(moves)
+    applied = applied_effects(rows, arm)
+    by_values = rows.moved(
+        rows.each_tool(
+            lambda with_tool, at: columns(
+                with_tool, applied, rows.block.part(at), moving
+            )
+        )
+    )
     parts, at = [], 0
     for entry in entries:
         candidate, n_values = entry.candidate, len(entry.correction.values)

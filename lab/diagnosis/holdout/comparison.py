@@ -57,7 +57,7 @@ def with_noise(adjustment: Adjustment, noise: Noise) -> Adjustment:
     system = linearise(network, state)
     scale = np.empty((0, parameters.n_free))
     if not has_length(network):
-        scale = scale_direction(parameters, state.arm.geometry)
+        scale = scale_direction(parameters, state.arm.geometry, state.arm.tools_mm)
     n_determined = adjustment.split.n_determined
     parts = decide_rank(system.upper, parameters.free_tolerances, scale, n_determined)
     return replace(adjustment, network=network, system=system, split=parts)

@@ -78,6 +78,10 @@ def split_artefacts(
     return ~held_out, held_out
 
 
+SPLITS = {"time": split, "artefact": split_artefacts}
+"""How poses are held out, by the name of the way."""
+
+
 def _given_away(
     campaign: Campaign,
     index: int,

@@ -16,6 +16,7 @@ from traverse.lab.identification.solve.iterative_adjustment import (
     iterate,
 )
 from traverse.lab.identification.solve.reliability import PoseStatistics
+from traverse.lab.identification.solve.starting_values import with_tools_fitted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,6 +69,21 @@ def fitted(
     found = iterate(network, design, options, radius_mm, first=first)
     adapted = arm_of_adjustment(arm, found.adjustment)
     return Fit(adapted, found.adjustment, found.statistics, found.included)
+
+
+def with_tools_begun(campaign: Campaign, arm: Arm) -> Campaign:
+    """Begin with tools that fit to the arm as given.
+
+    Raises:
+        IdentificationError: Arm and campaign do not fit together.
+    """
+    if not campaign.tools:
+        return campaign
+    design, parameters = prepared(campaign, arm, Options())
+    fitted = with_tools_fitted(campaign, parameters, design, arm.probe.radius_mm)
+    names = [tool.name for tool in campaign.tools]
+    vectors_mm = dict(zip(names, fitted.tools_mm, strict=True))
+    return campaign.with_tools(vectors_mm, held=False)
 
 
 def free_effects(campaign: Campaign, arm: Arm) -> tuple[str, ...]:

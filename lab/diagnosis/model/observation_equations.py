@@ -9,6 +9,7 @@ lacks,
 cannot absorb (diagnosis by Baarda and Teunissen: everything is tested on P values).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,8 +21,9 @@ from scipy.linalg import (  # type: ignore[import-untyped] # scipy ships no type
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.model.derivatives import probe_derivatives
+from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.identification.equations.datum import scale_direction
-from traverse.lab.identification.equations.network import has_length
+from traverse.lab.identification.equations.network import each_tool, has_length
 from traverse.lab.identification.equations.station_equations import white_rows
 from traverse.lab.identification.solve.adjustment import Adjustment, certified
 
@@ -86,17 +88,30 @@ class ObservationEquations:
 
         What is made of it is still to be decorrelated.
         """
-        network, state = self.adjustment.network, self.adjustment.state
-        effects = network.parameters.effects
-        geometry, angles_rad = state.arm.geometry, self.block.angles_rad
-        if effects is not None:
-            values = state.arm.amplitudes
-            angles_rad = angles_rad - effects.reading_corrections(
-                geometry, values, self.block
+        by_angles = self.each_tool(
+            lambda geometry, at: (
+                probe_derivatives(geometry, self.angles_rad(geometry, at)).by_angles
             )
-        by_angles = probe_derivatives(geometry, angles_rad).by_angles
+        )
         found: Floats = -np.einsum("ri,rik->rk", self.by_centre, by_angles[self.poses])
         return found
+
+    def each_tool(self, compute: Callable[[Geometry, Integers], Floats]) -> Floats:
+        """As `network.each_tool`, of the fit's arm and all poses of the campaign."""
+        poses = self.adjustment.network.campaign.poses
+        return each_tool(poses, self.adjustment.state.arm, compute)
+
+    def angles_rad(self, geometry: Geometry, at: Integers) -> Floats:
+        """Compute the joints' angles of some poses by the fit, (n, n_joints)."""
+        network, block = self.adjustment.network, self.block.part(at)
+        effects = network.parameters.effects
+        if effects is None:
+            return block.angles_rad
+        values = self.adjustment.state.arm.amplitudes
+        angles_rad: Floats = block.angles_rad - effects.reading_corrections(
+            geometry, values, block
+        )
+        return angles_rad
 
     def moved(self, moves: Floats) -> Floats:
         """Turn moves of the model's centres into changes of values.
@@ -183,7 +198,7 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
     if not has_length(network):
         # The scale is undetermined, so the fit held it. Misclosures grow with
         # the arm, though: left in, the column would pass for them and absorb them.
-        stretch = scale_direction(parameters, state.arm.geometry)
+        stretch = scale_direction(parameters, state.arm.geometry, state.arm.tools_mm)
         columns[:, :n_free] -= columns[:, :n_free] @ stretch.T @ stretch
     return ObservationEquations(
         adjustment=adjustment,

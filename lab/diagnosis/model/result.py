@@ -255,6 +255,7 @@ class Diagnosis:
         leftovers: What remains in each bank.
         detectable: Minimal detectable sizes, and undetectable effects.
         seed: Of the split and the thresholds.
+        holdout_by: Name of the split.
         seconds: By stage of the work.
     """
 
@@ -279,6 +280,7 @@ class Diagnosis:
     leftovers: tuple[BankRemainder, ...]
     detectable: tuple[Detectable, ...]
     seed: int
+    holdout_by: str
     seconds: Mapping[str, float]
 
     @property
@@ -303,6 +305,7 @@ class DiagnosisOptions:
 
     Attributes:
         seed: Of the split into choosing and held-out poses, and of the thresholds.
+        holdout_by: Name of the split, as in `holdout.SPLITS`.
         most_terms: That are added at most.
         level: Probability that anything is found where nothing is missing.
         n_draws: Of noise, for the thresholds.
@@ -313,6 +316,7 @@ class DiagnosisOptions:
     """
 
     seed: int = 1
+    holdout_by: str = "time"
     most_terms: int = 4
     level: float = 0.01
     n_draws: int = 1000

@@ -122,7 +122,16 @@ def diagnosis_json(
             "contact_mm": dict(zip(ids, noise.contact_mm, strict=True)),
         },
         "seed": diagnosis.seed,
+        "holdout_by": diagnosis.holdout_by,
     }
+    if diagnosis.campaign.tools:
+        vectors_mm = diagnosis.after.state.arm.tools_mm
+        values["tools"] = {
+            tool.name: {"vector_mm": vector_mm.tolist()}
+            for tool, vector_mm in zip(
+                diagnosis.campaign.tools, vectors_mm, strict=True
+            )
+        }
     plain: dict[str, Any] = _plain(values)
     return plain
 

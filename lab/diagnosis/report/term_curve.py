@@ -5,6 +5,7 @@ ball along the way that the term moves it. What the data say with the term taken
 again is the discrepancy that is left plus the term's own amount.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,8 @@ from traverse.lab.diagnosis.model.result import Diagnosis, Term
 from traverse.lab.diagnosis.report.covariates import DrawnCovariate, covariate_of
 from traverse.lab.diagnosis.report.discrepancies import Discrepancies
 from traverse.lab.diagnosis.report.term_covariance import value_covariance
+from traverse.lab.identification.equations.network import each_tool
+from traverse.lab.identification.equations.parameters import ArmValues
 
 # A move smaller than this part of the largest has no direction worth naming.
 _LEAST_MOVE = 1e-3
@@ -55,16 +58,34 @@ class TermCurve:
 class _Scene:
     """The arm and the poses that effects are looked at in."""
 
-    geometry: Geometry
-    block: Block
+    arm: ArmValues
+    campaign: Campaign
+
+    def angles_rad(self, effects: ArmEffects) -> Floats:
+        """Compute what effects do to the readings, (n_poses, n_joints)."""
+        return self._each(
+            lambda geometry, block: angle_corrections(geometry, effects, block)
+        )
 
     def moves_mm(self, effects: ArmEffects) -> Floats:
         """Compute what effects do to the model's ball, (n_poses, 3)."""
         nothing = effects.with_values(np.zeros_like(effects.values))
-        with_them = corrected_pose(self.geometry, effects, self.block)[0]
-        without = corrected_pose(self.geometry, nothing, self.block)[0]
-        found: Floats = with_them - without
-        return found
+
+        def moved_mm(geometry: Geometry, block: Block) -> Floats:
+            with_them, without = (
+                corrected_pose(geometry, of, block)[0] for of in (effects, nothing)
+            )
+            return with_them - without
+
+        return self._each(moved_mm)
+
+    def _each(self, compute: Callable[[Geometry, Block], Floats]) -> Floats:
+        block = self.campaign.block()
+        return each_tool(
+            self.campaign.poses,
+            self.arm,
+            lambda geometry, at: compute(geometry, block.part(at)),
+        )
 
 
 def term_curve(
@@ -84,7 +105,8 @@ def term_curve(
     if term.effect is None or EFFECT_KINDS[term.candidate.kind].family is Family.LENGTH:
         return None
     effects = _effects(arm, term.effect, campaign)
-    scene = _Scene(geometry_from_arm(arm), campaign.block())
+    tools_mm = diagnosis.all_terms.state.arm.tools_mm
+    scene = _Scene(ArmValues(geometry_from_arm(arm), np.empty(0), tools_mm), campaign)
     covariance = value_covariance(diagnosis, term, effects)
     joint, reference_c = term.candidate.joint, arm.reference.temperature_c
     if EFFECT_KINDS[term.candidate.kind].acts_on == "angle" and joint is not None:
@@ -92,7 +114,7 @@ def term_curve(
 
         def amounts(of: ArmEffects) -> Floats:
             if of.readings:
-                return angle_corrections(scene.geometry, of, scene.block)[:, index]
+                return scene.angles_rad(of)[:, index]
             return after.as_reading_rad(index, scene.moves_mm(of))
 
         fitted = amounts(effects)

@@ -3,13 +3,15 @@
 The stochastic model: how well encoders read and how well contacts repeat.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from traverse.arrays import Booleans, Floats, Integers
+from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.artefacts.artefact import Artefact, Touches
-from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.campaign import Campaign, Poses
 from traverse.lab.identification.equations.parameters import ArmValues, Parameters
 
 DEFAULT_ENCODER_RAD = 5e-6
@@ -163,6 +165,28 @@ def network_of(
         noise or a_priori_noise(campaign),
         np.ones(len(campaign.poses)),
     )
+
+
+def each_tool(
+    poses: Poses, arm: ArmValues, compute: Callable[[Geometry, Integers], Floats]
+) -> Floats:
+    """Put together what is computed for the poses of each tool, (n_poses, ...).
+
+    Args:
+        poses: All of the campaign, or some.
+        arm: With the vectors of its tools.
+        compute: From the arm with a tool and the indices of its poses, (n,), to a row
+            a pose.
+    """
+    if poses.tools is None or not len(poses):
+        return compute(arm.geometry, np.arange(len(poses)))
+    order = np.argsort(poses.tools, kind="stable")
+    parts = [
+        compute(arm.with_tool(int(tool)).geometry, np.flatnonzero(poses.tools == tool))
+        for tool in np.unique(poses.tools)
+    ]
+    found: Floats = np.concatenate(parts)[np.argsort(order)]
+    return found
 
 
 def has_length(network: Network) -> bool:

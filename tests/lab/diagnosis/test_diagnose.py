@@ -6,7 +6,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from tests.lab.diagnosis.diagnosed import ECCENTRIC, clean, eccentric
+from tests.lab.diagnosis.diagnosed import (
+    ECCENTRIC,
+    clean,
+    eccentric,
+    eccentric_campaign,
+)
 from tests.lab.diagnosis.engine_campaigns import (
     DECISION,
     OPTIONS,
@@ -23,6 +28,7 @@ from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import with_effects
 from traverse.lab.diagnosis.report.files import diagnosis_json
 from traverse.lab.diagnosis.report.page import WORDS, summary_lines
+from traverse.lab.identification.identify import IdentificationError
 
 
 def decided(campaign, options=DECISION):
@@ -353,3 +359,18 @@ def test_poses_that_could_show_nothing_are_not_called_clean():
     words = " ".join(summary_lines(found))
     assert "No effect of the library could have been seen in 14 poses" in words
     assert "Clean" not in words
+
+
+def test_whole_artefacts_are_kept_aside_on_request():
+    options = replace(DECISION, holdout_by="artefact")
+    measurement = eccentric_campaign()
+    campaign, arm = measurement.campaign, measurement.arm
+    found = diagnose(campaign, arm, options)
+    touched = campaign.poses.artefacts
+    aside = np.unique(touched[found.held_out])
+    assert 0 < len(aside) < len(np.unique(touched))
+    assert np.array_equal(found.held_out, np.isin(touched, aside))
+    assert names(found) == names(eccentric())
+    assert found.gap.closed > 0.8
+    with pytest.raises(IdentificationError, match="no artefact of"):
+        diagnose(campaign.part(touched == aside[0]), arm, options)

@@ -19,6 +19,8 @@ from tests.lab.simulated import (
 )
 from traverse.cli.__main__ import app
 from traverse.lab.campaign.campaign_file import Tool
+from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.lab.diagnosis.report.files import write_diagnosis
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.prediction import placed, places_of, predict
 from traverse.strict_toml.writing import arm_text
@@ -154,6 +156,13 @@ def test_a_prediction_takes_the_tools_that_others_gave():
         assert found.distances_mm.max() < 1e-5
 
 
+def written_arm(folder):
+    path = folder / "design.toml"
+    text = arm_text(arm_value(TRUE).model_dump(by_alias=True, exclude_unset=True))
+    path.write_text(text)
+    return path
+
+
 def test_the_commands_take_several_tools_and_others_refuse_them(campaign, tmp_path):
     folder = written(campaign, tmp_path)
     text = (folder / "campaign.toml").read_text()
@@ -164,10 +173,7 @@ def test_the_commands_take_several_tools_and_others_refuse_them(campaign, tmp_pa
     cells = [names[tool] for tool in campaign.poses.tools]
     lines = [f"{header},tool", *map(",".join, zip(rows, cells, strict=True))]
     (folder / "poses.csv").write_text("\n".join(lines) + "\n")
-    arm = tmp_path / "arm.toml"
-    arm.write_text(
-        arm_text(arm_value(TRUE).model_dump(by_alias=True, exclude_unset=True))
-    )
+    arm = written_arm(tmp_path)
     words = [str(folder), "--arm", str(arm)]
     ended = CliRunner().invoke(app, ["identify", *words, "-o", str(tmp_path / "out")])
     assert ended.exit_code == 0, ended.output
@@ -176,6 +182,35 @@ def test_the_commands_take_several_tools_and_others_refuse_them(campaign, tmp_pa
     assert f"Tool far: vector_mm = [{vector_mm[0]:.4f}, " in ended.output
     ended = CliRunner().invoke(app, ["predict", *words, "--fit-on", str(folder)])
     assert ended.exit_code == 0, ended.output
-    ended = CliRunner().invoke(app, ["diagnose", *words, "-o", str(tmp_path / "out")])
+    ended = CliRunner().invoke(app, ["probe", "pivot", str(folder), "--arm", str(arm)])
     assert ended.exit_code == 2
-    assert "only `traverse identify` and `traverse predict`" in ended.output
+    assert "only `traverse identify`, `diagnose` and `predict`" in ended.output
+
+
+def eccentric(campaign, joint, size_rad):
+    readings_rad = campaign.poses.angles_rad.copy()
+    readings_rad[:, joint] += size_rad * np.sin(readings_rad[:, joint] + 0.7)
+    return replace(campaign, poses=replace(campaign.poses, angles_rad=readings_rad))
+
+
+@pytest.mark.parametrize("joint", [1, 5])
+def test_an_effect_is_named_from_poses_with_several_tools(joint, tmp_path):
+    campaign = eccentric(measured(["", "low", "far"], 60), joint, 1e-4)
+    found = diagnose(campaign, arm_value(TRUE))
+    (term,) = found.terms
+    assert term.status == "named"
+    assert (term.candidate.kind, term.candidate.joint) == (
+        "encoder_eccentricity",
+        f"J{joint + 1}",
+    )
+    cosine, sine = term.estimates.values()
+    size_rad = np.hypot(cosine.value, sine.value)
+    assert abs(size_rad - 1e-4) < 4 * max(cosine.std, sine.std)
+    assert found.gap.closed > 0.9
+    write_diagnosis(tmp_path, found, written_arm(tmp_path))
+    values = json.loads((tmp_path / "diagnosis.json").read_text())
+    vector_mm = values["tools"]["far"]["vector_mm"]
+    assert np.linalg.norm(vector_mm) == pytest.approx(
+        np.linalg.norm(OFFSETS_MM["far"]), abs=0.05
+    )
+    assert list(tmp_path.glob("term-*.png"))
