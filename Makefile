@@ -105,6 +105,7 @@ bench-kernel: $(PEERS)/.ready  ## kernel and measurement path beside others; tak
 bench: venv system bench-kernel  ## the figures of docs/performance.md; takes six minutes
 	$(BIN)/python -m benchmarks 6 $(FIGURES)
 	$(BIN)/python -m benchmarks.service.latency $(FIGURES)/latency.json
+	$(BIN)/python -m benchmarks.service.stages $(FIGURES)/press.json
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.effects 4 $(FIGURES)/effects.json
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.gil $(FIGURES)/gil.json
 	$(BIN)/python -m benchmarks.tools.plots $(FIGURES)

@@ -1,6 +1,7 @@
 """`python -m benchmarks.tools.plots FOLDER`: pictures of docs/performance.md.
 
-FOLDER holds what the benchmarks wrote: kinematics.json, path.json, latency.json.
+FOLDER holds what the benchmarks wrote: kinematics.json, path.json, latency.json,
+press.json.
 """
 
 import json
@@ -100,12 +101,30 @@ def latency(found: dict[str, list[dict[str, Any]]], path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
+def press(found: dict[str, list[dict[str, float]]], path: Path) -> None:
+    """Stages of one press, one after the other; medians of the rounds' medians."""
+    figure, axes = plt.subplots(figsize=(7.5, 2.6), layout="constrained")
+    names = [name for name in found["stages"][0] if name != "whole"]
+    begun_us = 0.0
+    for place, name in enumerate(names):
+        took_us = float(np.median([one[name] for one in found["stages"]]))
+        axes.barh(-place, took_us, left=begun_us, color=OURS)
+        begun_us += took_us
+        axes.text(begun_us + 10, -place, f"{took_us:.0f}", va="center", fontsize=8)
+    axes.set_yticks(-np.arange(len(names)), names, fontsize=8)
+    axes.set_xlabel("us since the last byte on the line", fontsize=8)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(path, dpi=110)
+
+
 def main(folder: Path) -> None:
     """Draw all that there is."""
     kernel(tables(folder / "kinematics.json"), DOCS / "performance-kernel.png")
     stages(tables(folder / "path.json"), DOCS / "performance-path.png")
     measured = json.loads((folder / "latency.json").read_text("utf-8"))
     latency(measured, DOCS / "performance-latency.png")
+    stages_of_one = json.loads((folder / "press.json").read_text("utf-8"))
+    press(stages_of_one, DOCS / "performance-press.png")
 
 
 if __name__ == "__main__":

@@ -133,15 +133,25 @@ def simulator(
 
 @contextlib.contextmanager
 def daemon(
-    folder: Path, port: int, more: str = ""
+    folder: Path,
+    port: int,
+    more: str = "",
+    run: tuple[str, ...] = ("traverse",),
 ) -> Iterator["subprocess.Popen[bytes]"]:
-    """The daemon on that board and a broker; ``more`` tables of its configuration."""
+    """The daemon on that board and a broker.
+
+    Args:
+        folder: of the board, for all files.
+        port: of the broker.
+        more: tables of its configuration.
+        run: module, and its arguments before the daemon's.
+    """
     shutil.copy(ARM, folder / "arm.toml")
     config = folder / "daemon.toml"
     config.write_text(DAEMON.format(folder=folder, port=port) + more)
-    run = (sys.executable, "-m", "traverse", "run", "--config", str(config))
     log = folder / "daemon.log"
-    with program(log, *run) as process:
+    command = (sys.executable, "-m", *run, "run", "--config", str(config))
+    with program(log, *command) as process:
         wait_for(lambda: b"arm demo-7" in log.read_bytes(), "the daemon measuring")
         yield process
 
