@@ -133,10 +133,11 @@ class MicroscribeLine:
         )
         return self._given(block, "its own table")
 
-    def still(self) -> None:
-        """Make the arm end what it sends by itself."""
+    def still(self) -> bytes:
+        """Make the arm end what it sends by itself; return what it had sent so far."""
         self.port.write(wire.END_MOTION)
-        self.read_until_quiet(END_MOTION_S)
+        data = self.read_until_quiet(END_MOTION_S)
+        return data.partition(wire.END_MOTION_REPLY)[0]
 
     def drop_stray(self) -> None:
         """Discard unexpected bytes."""

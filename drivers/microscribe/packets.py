@@ -49,12 +49,14 @@ class TimerRate:
         """Learn from a packet with its ticks, unwrapped; False where they jumped."""
         if self._narrow is None:
             self._narrow = ticks, heard
-        if self.high_hz - self.low_hz < RATE_KNOWN * self._stated_hz:
-            return True
         narrow_ticks, narrow = self._narrow
         low_hz, high_hz = _rate_bounds(narrow, heard, ticks - narrow_ticks)
         if 2 * _exchange_ns(heard) < _exchange_ns(narrow):
             self._narrow = ticks, heard
+        slack_hz = RATE_KNOWN * self._stated_hz
+        if self.high_hz - self.low_hz < slack_hz:
+            # Unless an answer to an earlier request has spoilt a bound before.
+            return low_hz < self.high_hz + slack_hz and high_hz > self.low_hz - slack_hz
         self.low_hz = max(self.low_hz, low_hz)
         self.high_hz = min(self.high_hz, high_hz)
         if not self.low_hz <= self.assumed_hz <= self.high_hz:

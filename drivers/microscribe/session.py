@@ -287,7 +287,8 @@ class MotionReport:
         """Stop its reports."""
         if self._running:
             self._running = False
-            self._line.still()
+            # The rest of a packet that has begun, too: it is not broken.
+            self._decoder.feed(self._without_echo(self._line.still()))
 
     def read(self, seconds: float) -> list[TimedPacket]:
         """The next packets, none after a time without any."""

@@ -30,6 +30,7 @@ END_SESSION = b"\xc5"
 CALL = b"IMMC"
 BEGIN = b"BEGIN"
 END_MOTION = b"\x00"
+END_MOTION_REPLY = b"\x80"  # and the buttons
 
 GEOMETRY, HOME, MAXES, MOTION = 0xC0, 0xC1, 0xC6, 0xCF
 TEXTS = {

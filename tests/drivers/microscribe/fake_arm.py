@@ -53,6 +53,8 @@ class FakeMicroscribe(PtyPeer):
         self.maxes = [7999] * n_joints + [0] * (self.n_encoders - n_joints)
         self.counts = [100 * (k + 1) for k in range(self.n_encoders)]
         self.home = [0] * 6
+        self.held_back = False  # the end of the next report, until reports end
+        self._rest = b""
         self.timer_rate_hz = 1000.0
         self.timer_max = 16383
         self.texts = dict(TEXTS)
@@ -116,7 +118,11 @@ class FakeMicroscribe(PtyPeer):
                 self._lock.notify_all()
                 if self._report is not None and self._changed:
                     self._changed = False
-                    self.say(self._packet(self._report))
+                    packet = self._packet(self._report)
+                    if self.held_back:
+                        self._rest, self.held_back = packet[-5:], False
+                        packet = packet[:-5]
+                    self.say(packet)
 
     def _baud(self) -> int:
         names = {getattr(termios, f"B{r}"): r for r in (9600, 19200, 38400, 57600)}
@@ -154,6 +160,8 @@ class FakeMicroscribe(PtyPeer):
         if first < 0x80:
             if first == 0:
                 self._report = None
+                self.say(self._rest)
+                self._rest = b""
             packet = self._packet(first)
             if self.n_lost:
                 self.n_lost -= 1

@@ -290,6 +290,25 @@ async def test_reports_of_motion_are_samples(tmp_path):
     assert taken.of(DeviceFault) == []
 
 
+async def test_a_report_that_is_cut_by_its_end_is_not_broken(tmp_path):
+    with FakeMicroscribe(tmp_path / "arm") as arm:
+        rig = MicroscribeRig(arm, report="motion")
+        with rig.driver:
+            taken = await up(rig, 100.0)
+            await taken.until(lambda: len(taken.seqs()) >= 1, "a sample")
+            arm.held_back = True
+            arm.move(0, 3)
+            await taken.until(
+                lambda: int(taken.of(CountSamples)[-1].counts[-1, 1]) == arm.counts[1],
+                "its counts, as it was asked after that",
+            )
+            await taken.until(
+                lambda: taken.of(DeviceCounters)[-1].values["packets_received"] >= 4,
+                "packets after it",
+            )
+    assert taken.of(DeviceFault) == []
+
+
 async def test_something_else_on_the_port_is_refused(tmp_path):
     with FakeMicroscribe(tmp_path / "arm") as arm:
         arm.maxes[0] = 0

@@ -91,6 +91,16 @@ def test_a_first_exchange_that_was_held_back_delays_nothing():
     assert clock.steps == 0
 
 
+@pytest.mark.parametrize("late_ms", [3, 5, 7, 9, 11, 13])
+def test_a_rate_learned_from_a_wrong_answer_is_learned_anew(late_ms):
+    """An answer to the request before looks like a slow timer; low bounds creep up."""
+    clock = PacketClock(1000.0, 16384, heard(0, 0).delay_ns)
+    for k in range(1200):
+        latch_ms = 10 * k - (late_ms if k == 40 else 0)
+        clock.time_of(heard(10 * MS * k, int(1.1 * latch_ms)))
+    assert clock.rate_hz == pytest.approx(1100.0, rel=2e-3)
+
+
 def test_a_timer_that_jumps_is_learned_anew():
     clock = PacketClock(1000.0, 16384, REPLY_NS)
     for k in range(400):
