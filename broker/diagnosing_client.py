@@ -43,7 +43,6 @@ class DiagnosingClient(aiomqtt.Client):
     """A connection to a broker; what kept it from coming about is the error's cause.
 
     Args:
-        arguments: of aiomqtt's client.
         options: of it, but for logger, time limit and options of the socket.
     """
 

@@ -79,7 +79,6 @@ class Sinks:
         write_point: sends a point to the disk; gives None if there is no room.
         offer_scan: takes a block of a scan; False if it is dropped. Calls its second
             argument where it is dropped later.
-        offer_live: takes a live pose.
         on_action: called with actions of buttons that are not about points.
         status_changed: called after a change of what a status message contains.
         latencies: by name, see `LATENCIES`.

@@ -53,16 +53,7 @@ def status_message(
     active: Sequence[Occurrence] = (),
     online: bool = True,
 ) -> Status:
-    """The state now, or that of a daemon which is not there any more.
-
-    Args:
-        measurement: that measures.
-        clock: the host's.
-        encoding: of all payloads.
-        keeps_points: points can be kept.
-        active: conditions that last now.
-        online: the daemon is there.
-    """
+    """The state now, or that of a daemon which is not there any more."""
     devices = measurement.devices.values()
     ready = keeps_points and all(device.state == "ready" for device in devices)
     return Status(
@@ -107,12 +98,7 @@ def _alarm(what: Occurrence, clock: HostClock) -> Alarm:
 
 
 class HealthReporter:
-    """Makes health messages; remembers the figures of the last one, for rates.
-
-    Args:
-        clock: the host's.
-        latencies: by name, cleared with each period.
-    """
+    """Makes health messages; remembers the figures of the last one, for rates."""
 
     def __init__(self, clock: HostClock, latencies: Mapping[str, Latencies]) -> None:
         self._clock = clock
@@ -134,17 +120,7 @@ class HealthReporter:
         counters: Mapping[str, int],
         anew: bool = True,
     ) -> Health:
-        """The figures since the last call with ``anew``.
-
-        Args:
-            measurement: that measures.
-            broker: the connection to it.
-            outbox: the points on disk.
-            spool: the scans on disk.
-            recording: recordings on disk.
-            counters: of everything but devices.
-            anew: begin another period with this call.
-        """
+        """The figures since the last call with ``anew``."""
         now_ns, cpu_s = self._clock.monotonic_ns(), time.process_time()
         elapsed_s = max(1e-3, (now_ns - self._last_ns) * 1e-9)
         devices = measurement.devices.values()

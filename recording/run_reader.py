@@ -20,7 +20,6 @@ class RunReader:
         path: An MCAP file that `traverse.recording.run_writer` has written.
 
     Attributes:
-        about: Its head.
         files: By name: those of the head, and those attached so far.
 
     Raises:

@@ -60,7 +60,6 @@ class RunWriter:
 
     Args:
         path: Written anew, for its owner alone.
-        head: Its head.
         chunk_bytes: Of a chunk before compression.
 
     Raises:

@@ -47,7 +47,6 @@ class TornRecords:
     """Goes through the records of a file; chunks are checked by their CRC.
 
     Args:
-        file: At its beginning.
         size: Of it, in bytes.
 
     Attributes:

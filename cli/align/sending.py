@@ -15,11 +15,6 @@ PATIENCE_S = 3.0
 def send_alignment(values: Mapping[str, Any], arm: str, broker: BrokerAddress) -> None:
     """Have the daemon use an alignment from now on.
 
-    Args:
-        values: As in alignment.json.
-        arm: Its name.
-        broker: Where it is to be found.
-
     Raises:
         ClientError: Daemon or broker cannot be reached, or it refused.
     """

@@ -33,7 +33,6 @@ class MicroscribeDescription:
     Attributes:
         name: of the arm, for people.
         source: where that was read, for messages.
-        kinematics: its table.
         maxes: greatest count of each encoder; 0 for one that is not there.
         home: counts at the home position, of as many encoders at least.
     """

@@ -11,12 +11,7 @@ WAITING_BATCH_NS = 20_000_000  # longer would noticeably delay points
 
 
 class JointDevices:
-    """Those of all devices that the arm file names.
-
-    Args:
-        model: the arm.
-        devices: all of the configuration.
-    """
+    """Those of all devices that the arm file names."""
 
     def __init__(self, model: ArmModel, devices: Sequence[Device]) -> None:
         by_id = {device.section.id: device for device in devices}

@@ -188,7 +188,6 @@ class JointStream:
         wait_ns: how long readings are waited for.
 
     Attributes:
-        history: its readings.
         period_ns: of its stream; 0 while unknown.
         jitter_ns: how far the instants of readings may be off.
         lost: nothing is to be waited for.

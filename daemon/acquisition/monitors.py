@@ -19,10 +19,7 @@ class DeviceStateTracker:
     """Track states of devices and report their changes.
 
     Args:
-        clock: the host's.
-        devices: that read the arm's joints.
         pipeline: restarted where turns are no longer known.
-        resampler: notified of connected devices.
         events: where all this is reported.
         changed: called when a device's state has changed.
     """
@@ -155,8 +152,6 @@ class LateReadingMonitor:
     """Report devices whose readings are late or missing: once when it begins and ends.
 
     Args:
-        resampler: whose counters.
-        clock: the host's.
         events: where it is reported.
     """
 
@@ -205,7 +200,6 @@ class TemperatureMonitor:
     """Report that effects of the arm lack the temperature that they need.
 
     Args:
-        clock: the host's.
         events: where it is reported.
     """
 

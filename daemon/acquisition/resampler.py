@@ -37,10 +37,6 @@ from traverse.drivers.base.values import (
 class Resampler:
     """Make samples of the whole arm, and its counts at single instants.
 
-    Args:
-        model: the arm.
-        settings: of the configuration.
-
     Attributes:
         late: per device, samples for which its last readings had to do.
         incomplete: per device, samples that lack readings of it.

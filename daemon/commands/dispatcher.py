@@ -45,13 +45,8 @@ class CommandDispatcher:
     """Takes commands in and sends answers out.
 
     Args:
-        arm: name of the arm.
-        encoding: of the answers.
-        offer: hands an answer to the outgoing queue.
         carry_out: what carries out each command that this daemon has, by name;
             called with the command's typed arguments.
-        events: receives floods and retained commands.
-        clock: the host's.
         response_topics: filters of topics that answers may go to; see [broker].
     """
 

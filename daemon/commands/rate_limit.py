@@ -45,7 +45,6 @@ class TokenBucket:
 
     Args:
         limit: the rate, and how many are saved at most.
-        clock: the host's.
     """
 
     def __init__(self, limit: Limit, clock: HostClock) -> None:
@@ -70,7 +69,6 @@ class CommandRateLimiter:
     """The buckets of all commands, and the counts of those beyond them.
 
     Args:
-        clock: the host's.
         tell: called when commands begin to be dropped (True), and when that is over
             (False), with how many have been.
         kinds: names of all commands that there are; others share one bucket.
@@ -133,11 +131,7 @@ class CommandRateLimiter:
 
 
 class RefusalLog:
-    """Writes so much that senders cannot fill the log at will.
-
-    Args:
-        clock: the host's.
-    """
+    """Writes so much that senders cannot fill the log at will."""
 
     def __init__(self, clock: HostClock) -> None:
         self._clock = clock

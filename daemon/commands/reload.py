@@ -26,13 +26,9 @@ class ConfigurationReloader:
     """Reads the inputs again and puts them into force.
 
     Args:
-        path: of the configuration.
         embedded: the daemon has its own broker.
-        inputs: those in force.
         measurement: what must be quiet for a change.
         use: puts new inputs into force, in one go.
-        events: receives the report.
-        notifier: notifies the service manager.
     """
 
     path: Path

@@ -19,7 +19,6 @@ class ResendCommands:
     """Execute the command.
 
     Args:
-        points: the outbox.
         scans: the store of scan blocks; it may not be open.
     """
 

@@ -17,11 +17,7 @@ MAX_WAITING_ACTIONS = 64
 
 
 class ScanCommands:
-    """Executes commands on the devices that read the arm's joints.
-
-    Args:
-        measurement: whose scans are started and stopped.
-    """
+    """Executes commands on the devices that read the arm's joints."""
 
     def __init__(self, measurement: Measurement) -> None:
         self._measurement = measurement

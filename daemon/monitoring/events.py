@@ -48,7 +48,6 @@ class EventLog:
     """Collects occurrences and passes them on.
 
     Args:
-        clock: the host's.
         publish: called with what is to be published, times monotonic.
         arm: whose events these are, for a log with fields.
         changed: called when the begin or end of a lasting condition was published.

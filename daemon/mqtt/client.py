@@ -31,11 +31,7 @@ HEAD_BYTES = 2_097_152  # of topic and properties: cut within, they cannot be re
 
 
 class CachedProperties(Properties):
-    """What every message in one encoding carries; packed once, since that is slow.
-
-    Args:
-        encoding: of the payloads.
-    """
+    """What every message in one encoding carries; packed once, since that is slow."""
 
     def __init__(self, encoding: Encoding) -> None:
         super().__init__(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]  # paho's is not typed

@@ -80,11 +80,9 @@ class BrokerConnection:
     """Keep a connection, send the queue, pass on what is received.
 
     Args:
-        address: of the broker.
         client_id: unique for the arm; two clients with one name fight.
         will: what the broker publishes when this client vanishes.
         encoding: of the payloads, announced as MQTT 5 content type.
-        queue: what is to be sent.
         subscriptions: topic filters, see `CommandSubscriber`.
         changed: called when the connection is up (True) or lost (False, reason).
         least_retry_s: tells how long to stay away after a loss, at least [s].

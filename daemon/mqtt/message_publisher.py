@@ -16,10 +16,7 @@ class MessagePublisher:
 
     Args:
         arm: name of the arm, second level of every topic.
-        encoding: of all payloads.
         queue: where they wait for the publisher.
-        clock: the host's.
-        listener: notified of what is queued.
     """
 
     def __init__(

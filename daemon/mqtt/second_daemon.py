@@ -28,9 +28,6 @@ class SecondDaemonWatch:
     """Compares every status of this arm with our own sessions.
 
     Args:
-        arm: its name.
-        encoding: of our payloads.
-        clock: the host's.
         events: where the other one is reported.
     """
 

@@ -28,7 +28,6 @@ class PublishLoop:
     none waits for the answer to another.
 
     Args:
-        queue: what is to be sent.
         properties: makes a message's properties of MQTT 5.
         changed: called when points are refused (False, reason) and taken again (True).
         broker: how it is called, for people.

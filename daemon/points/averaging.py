@@ -48,7 +48,6 @@ class SampleAverage:
         begin_ns: host monotonic; samples before it do not count.
         samples: so many; None: all of the time given by ``dwell_ns``.
         dwell_ns: for how long; None: as long as ``samples`` take.
-        limits: on what a mean is taken of.
 
     Attributes:
         n: how many there are so far.

@@ -36,10 +36,6 @@ class GestureDecision:
 class GestureDetector:
     """Follows one button.
 
-    Args:
-        meant: gestures that mean something.
-        times: distinguish gestures.
-
     Attributes:
         presses: how many there have been.
         held: the press that is a hold and continues; None where there is none.
@@ -134,7 +130,6 @@ class ButtonTracker:
 
     Args:
         meanings: per input, what its gestures do; others capture at each press.
-        times: distinguish gestures.
     """
 
     def __init__(

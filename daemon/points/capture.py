@@ -24,7 +24,6 @@ class Session:
 
     Args:
         begun_ns: when it began [UTC].
-        note: the user's note.
 
     Attributes:
         id: unique for ever.
@@ -121,13 +120,7 @@ class Capture:
     """Makes points; one that is refused, or not kept, uses up no number.
 
     Args:
-        clock: the host's.
         write: writes a point to the disk; None if there is no room for it.
-        part: the alignment in use.
-        active: the session in use.
-
-    Attributes:
-        label: of the next points.
     """
 
     def __init__(

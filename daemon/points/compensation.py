@@ -58,7 +58,6 @@ class TipCompensator:
     """Compensate for the ball as configured.
 
     Args:
-        settings: of the configuration.
         path: where the ball has been.
 
     Attributes:

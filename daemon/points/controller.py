@@ -32,11 +32,7 @@ log = logging.getLogger(__name__)
 
 
 class PointEventReporter:
-    """Report the results of requests.
-
-    Args:
-        events: receives the report.
-    """
+    """Report the results of requests."""
 
     def __init__(self, events: EventLog) -> None:
         self._events = events
@@ -108,11 +104,6 @@ class PointController:
     """Takes points, and all commands that must keep their order with points.
 
     Args:
-        stage: what they are made with.
-        capture: numbers them and hands them on.
-        triggers: what inputs are.
-        settings: what presses mean.
-        events: receives edges and refusals.
         latencies: where it is added how long it took.
         on_action: called with actions of buttons that are not about points.
 

@@ -51,11 +51,7 @@ class MeasurementContext:
 
 
 class PoseEvaluator:
-    """Sees the arm.
-
-    Args:
-        stage: what points are made with.
-    """
+    """Sees the arm."""
 
     def __init__(self, stage: MeasurementContext) -> None:
         self._stage = stage
@@ -155,8 +151,6 @@ class PointEvaluator:
     """Follows the stream for all requests that need more than their instant.
 
     Args:
-        stage: what points are made with.
-        settings: of the configuration.
         events: where it is reported that a direction is not known.
 
     Attributes:

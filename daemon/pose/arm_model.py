@@ -44,12 +44,6 @@ def read_parameter_covariance(
 ) -> ArmCovariance | None:
     """The covariance of the parameters that poses depend on.
 
-    Args:
-        path: of the arm file.
-        arm: the parsed arm file.
-        effects: all of it.
-        inline_effects: those of them that correct poses.
-
     Returns:
         None where the arm file names no such file.
 

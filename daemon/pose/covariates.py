@@ -22,7 +22,6 @@ class CovariateBuilder:
     """Makes blocks of readings with what the effects of one arm need.
 
     Args:
-        model: the arm.
         clock: gives UTC.
 
     Attributes:

@@ -22,7 +22,6 @@ class PoseLimits:
 
     Args:
         section: of the configuration; its joints are those of the arm.
-        model: the arm.
     """
 
     def __init__(self, section: QualitySection, model: ArmModel) -> None:

@@ -14,9 +14,7 @@ class LivePoseSampler:
     """Decides when a pose is shown and makes its message.
 
     Args:
-        clock: the host's.
         rate_hz: so many a second at most.
-        part: the alignment in use.
     """
 
     def __init__(

@@ -45,13 +45,7 @@ REMEDIES = {
 
 
 class PersistentFlags:
-    """Flags of every measurement: temperature, age of the identification, alarms.
-
-    Args:
-        section: of the configuration.
-        model: the arm.
-        clock: the host's.
-    """
+    """Flags of every measurement: temperature, age of the identification, alarms."""
 
     def __init__(
         self, section: QualitySection, model: ArmModel, clock: HostClock
@@ -157,9 +151,6 @@ class QualityMonitor:
     """Flags every pose.
 
     Args:
-        section: of the configuration.
-        model: the arm.
-        clock: the host's.
         events: where passed limits are reported.
         references: knows which positions are only assumed.
     """

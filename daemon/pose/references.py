@@ -193,10 +193,7 @@ class ReferenceMonitor:
 
     Args:
         section: of the configuration; its end stops limit how far joints turn.
-        model: the arm.
-        clock: the host's.
         events: where doubts are reported.
-        memory: outlives the daemon.
         reset_turns: called with joints, from 0, whose end stops tell their turn, and
             the time [ns] from which on it is to be taken from them.
     """

@@ -136,7 +136,6 @@ class Recorded:
     """What there is of a recording.
 
     Attributes:
-        path: of the file.
         n_bytes: how long the file is.
         messages: how many it has.
         seconds: how long it took.
@@ -157,8 +156,6 @@ class ManualRecording:
     Args:
         path: of the file; it must not be there yet.
         name: what it is called.
-        section: of the configuration.
-        head: its first record.
         before: the seconds before it was requested.
 
     Raises:

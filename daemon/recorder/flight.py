@@ -77,12 +77,10 @@ class FlightRecorder:
 
     Args:
         folder: of all recordings; made where it is missing.
-        section: of the configuration.
         about: values for the head of every file.
         notify: called when it fails, when it is tried again, and with kept files.
 
     Attributes:
-        is_enabled: it is configured.
         retry_s: when it is tried again after a failure; None: it works.
         kept, dropped: files kept after faults, and older ones dropped for them.
         n_bytes: written since the start.

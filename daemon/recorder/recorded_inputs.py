@@ -16,10 +16,6 @@ ARM, CONFIGURATION, PROBES = "arm.toml", "traverse.toml", "probes.toml"
 def recorded_files(path: Path, configuration: Configuration) -> dict[str, bytes]:
     """What a recording has to hold for a replay, by name.
 
-    Args:
-        path: of the configuration file.
-        configuration: parsed.
-
     Raises:
         OSError: a file cannot be read any more.
     """

@@ -66,11 +66,9 @@ class StepRecorder(StepListener):
     """Queues all steps and messages for the recorder thread, while it is on.
 
     Args:
-        clock: the host's.
         flight: the flight recorder is configured; else it is off at first.
 
     Attributes:
-        queue: to the thread.
         is_on: something is being recorded.
     """
 
@@ -186,12 +184,7 @@ class Recorder:
     """Writes recordings: the flight recorder's, and those with a name.
 
     Args:
-        section: of the configuration.
-        steps: queues what is to be recorded.
-        folder: of all recordings.
-        clock: that of the steps.
         about: values for the head of every file.
-        files: arm file, configuration and so on.
         events: where it is reported what happens to recordings.
     """
 

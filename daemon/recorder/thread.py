@@ -42,9 +42,6 @@ class RecorderThread:
     """Take items from the queue and write them to the open recordings.
 
     Args:
-        queue: what is to be recorded.
-        folder: of all recordings.
-        section: of the configuration.
         about: values for the head of every file.
         files: arm file, configuration and so on, as they are now.
         utc_offset_ns: what to add to host monotonic time.

@@ -126,7 +126,6 @@ class ScanComparison:
     """Match points of scans by scan and number.
 
     Attributes:
-        tally: of all of them.
         left_out: points of scans that are not here from their beginning on.
     """
 

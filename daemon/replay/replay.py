@@ -124,7 +124,6 @@ class Replay:
     """Replays one recording; needs a running event loop.
 
     Args:
-        reader: of the recording, at its beginning.
         block: blocks of samples are cut to so many, or joined up to so many; None:
             as they came.
         take_point: called with each point.

@@ -15,8 +15,6 @@ class ScanMessages:
 
     Args:
         clock: gives UTC.
-        plan: the scan.
-        session: it belongs to.
 
     Attributes:
         next: number after the last one.

@@ -38,11 +38,8 @@ class Scanner:
     """Collects the points of one running scan and hands them on block by block.
 
     Args:
-        clock: the host's.
-        offer: hands a block to the outgoing queue.
         block_s: time that a block spans.
         settings: filters, and the largest delay of a button's edge.
-        part: the alignment in use.
 
     Attributes:
         chain: the filters, with what each has held back.

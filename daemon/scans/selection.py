@@ -66,7 +66,6 @@ class ScanSelection:
     """Takes all instants of a scan, block after block.
 
     Args:
-        plan: the scan.
         chain: filters that its points must pass.
         gate: intervals in which buttons were held; None: all instants count.
 

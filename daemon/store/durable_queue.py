@@ -52,9 +52,7 @@ class QueueProfile:
     """What distinguishes one durable queue from another.
 
     Attributes:
-        thread: its name.
         kind: under which new messages wait in the outgoing queue.
-        source: of the events.
         failed, replaced, damaged: codes of the events.
         failed_text: of that event; "{}" is why the disk refuses.
         restored_text: of that event when it is over.
@@ -80,11 +78,7 @@ class DurableQueue:
     """Store messages and have them sent.
 
     Args:
-        path: of the database.
-        profile: what distinguishes this queue.
         publisher: of the arm; messages have its encoding, and wait in its queue.
-        events: receives troubles.
-        retention: what may be deleted.
         to_disk: receives how long messages took to the disk.
         to_broker: receives how long they took from there to the broker.
         ready_changed: called when messages can be stored again, or cannot any more.

@@ -32,11 +32,7 @@ MAX_RANGES = 32
 
 
 class AckBuffer:
-    """Collect numbers, as ranges: answers arrive nearly in order.
-
-    Args:
-        writer: marks them.
-    """
+    """Collect numbers, as ranges: answers arrive nearly in order."""
 
     def __init__(self, writer: StoreWriter) -> None:
         self._writer = writer
@@ -89,12 +85,8 @@ class UnsentFeeder:
     """Put all messages into the queue that the broker does not have, in order.
 
     Args:
-        queue: of what is to be published.
-        writer: reads them.
         acks: collects the number of each that the broker has.
-        clock: the host's.
         latency: receives how long the broker took for each.
-        kind: under which they wait in the queue.
         batch: so many are read at once, when no more than that wait.
 
     Attributes:
@@ -192,8 +184,6 @@ class RangeResender:
     """Send ranges again, one after the other.
 
     Args:
-        queue: of what is to be published.
-        writer: reads them.
         batch: so many messages are read at once, when no more than that wait.
     """
 

@@ -21,7 +21,6 @@ class LastStored:
 
     Attributes:
         number: of the message; see `StoredMessage`.
-        session, seq: of the message.
         unsent: so many of all messages the broker did not have.
     """
 
@@ -32,11 +31,7 @@ class LastStored:
 
 
 class LastStoredFile:
-    """The file; where it cannot be used, nothing is known.
-
-    Args:
-        database: path of the database.
-    """
+    """The file; where it cannot be used, nothing is known."""
 
     def __init__(self, database: Path) -> None:
         self._path = database.with_suffix(".last")

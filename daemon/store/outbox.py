@@ -54,10 +54,6 @@ class Outbox(DurableQueue):
     """Store an arm's points and have them sent.
 
     Args:
-        path: of the database.
-        publisher: of the arm.
-        events: receives troubles.
-        section: what may be deleted.
         limit: so many points may be on their way to the disk.
         latencies: receives how long points took to the disk, and from there to
             the broker.

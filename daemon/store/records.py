@@ -16,7 +16,6 @@ class StorableMessage:
         session: of the point; of a block, the scan.
         seq: number in it; of a block, that of its first point.
         time_ns: of the point [UTC].
-        encoding: of the payload.
     """
 
     session: str
@@ -76,7 +75,6 @@ class StoredSession:
 
     Attributes:
         begun_ns: when it began [UTC].
-        first_seq, last_seq: the numbers held.
     """
 
     session: str

@@ -154,7 +154,6 @@ class ResilientDatabase:
     """Store messages, or report why it cannot.
 
     Args:
-        path: of the database.
         notify: called when another database is used now, because one was damaged or
             lacks what had been stored, and when messages were set aside.
 

@@ -58,7 +58,6 @@ class ScanStore(DurableQueue):
     Args:
         path: of the database; made when the first scan needs it.
         publisher: of the arm; blocks that are not stored are sent by it.
-        events: receives troubles.
         section: how scans are delivered, and what of them is stored.
 
     Attributes:

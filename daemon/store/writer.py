@@ -52,10 +52,6 @@ class StoreWriter:
     """Work through jobs, and report the results to the loop.
 
     Args:
-        path: of the database.
-        name: of the thread.
-        clock: the host's.
-        retention: what may be deleted.
         notify: called on the loop with what has happened, in order.
 
     Attributes:

@@ -33,9 +33,6 @@ class JournalHandler(logging.Handler):
 
     What it does not take, because it is busy or absent, is written to standard error,
     with the priority in front as systemd reads it there.
-
-    Args:
-        path: of the journal's socket.
     """
 
     def __init__(self, path: Path = SOCKET) -> None:

@@ -153,10 +153,7 @@ class Watchdog:
     """Check all signs of life and feed the watchdog.
 
     Args:
-        notifier: to the service manager.
-        devices: all of the configuration.
         heartbeats: gives the signs of life of all other threads.
-        events: receives who is stuck.
     """
 
     def __init__(
