@@ -69,6 +69,7 @@ from traverse.drivers.base.values import (
 from traverse.protocol.messages import Label, Live
 
 MAX_TEMPERATURES = 1000  # in a snapshot
+REST_NS, REST_MM = 2_000_000_000, 0.1  # so long within so much of one place
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,6 +138,9 @@ class Measurement:
     latches: dict[int, tuple[PointFuture, str | None]] = field(default_factory=dict)
     latch_points: dict[int, PointFuture] = field(default_factory=dict)
     _keeps_readings: bool = False
+    _rest_mm: Floats = field(default_factory=lambda: np.full(3, np.nan))
+    _moved_ns: int = 0
+    _rests: bool = False
 
     def __post_init__(self) -> None:
         # Points are made from the stream where nothing latches all joints for them.
@@ -206,8 +210,18 @@ class Measurement:
 
     def _set_batch_window(self) -> None:
         self.joint_devices.set_batch_window(
-            self.configuration.capture, may_wait=self.may_wait
+            self.configuration.capture, may_wait=self.may_wait, rests=self._rests
         )
+
+    def _note_motion(self, poses: PoseBlock) -> None:
+        """Collect samples for longer while the arm rests and nothing measures."""
+        now_ns, xyz_mm = int(poses.sample_time_ns[-1]), poses.xyz_mm
+        moves = not np.abs(xyz_mm - self._rest_mm).max() < REST_MM  # also of NaN
+        if moves or not self.is_quiet:
+            self._rest_mm, self._moved_ns = xyz_mm[-1], now_ns
+        if self._rests != (now_ns - self._moved_ns > REST_NS):
+            self._rests = not self._rests
+            self._set_batch_window()
 
     # -- snapshots ------------------------------------------------------------
 
@@ -373,6 +387,7 @@ class Measurement:
         taken_ns = self.clock.running.monotonic_ns() - samples.received_ns
         self.sinks.latencies["sample_to_pose"].add(taken_ns)
         self.trajectory.add(poses)
+        self._note_motion(poses)
         self.points.follow(poses)
         self.scanner.take(model, poses)
         session = self.capture.session.id
@@ -432,6 +447,8 @@ class Measurement:
             self.resampler.set_rate(started.device, started.rate_hz)
         if started.device == self.resampler.clock:
             self.rate_hz = started.rate_hz
+            self._rests = False  # perhaps a scan begins
+            self._set_batch_window()
             self.scanner.follow(started.stream, started.rate_hz)
 
 

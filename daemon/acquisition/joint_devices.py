@@ -8,6 +8,7 @@ from traverse.daemon.pose.arm_model import ArmModel
 from traverse.drivers.base.delivery_queue import BATCH_WINDOW_NS
 
 WAITING_BATCH_NS = 20_000_000  # longer would noticeably delay points
+BLOCKS_AT_REST = 4  # in one: a block costs more than its samples
 
 
 class JointDevices:
@@ -50,18 +51,25 @@ class JointDevices:
         temperatures_c = (device.temperature_c for device in self.devices)
         return next((c for c in temperatures_c if c is not None), None)
 
-    def set_batch_window(self, settings: CaptureSection, *, may_wait: bool) -> None:
+    def set_batch_window(
+        self, settings: CaptureSection, *, may_wait: bool, rests: bool = False
+    ) -> None:
         """Set the batch window: collect samples as long as no consumer waits.
 
         Args:
             settings: intervals of scan blocks and live poses.
             may_wait: points wait for samples.
+            rests: the arm does not move, and nothing measures.
         """
         # A little longer, or a block that lacks a sample would wait for as much again.
         gather_s = 1.04 * min(settings.scan_block_s, 1.0 / settings.live_rate_hz)
-        longest_ns = WAITING_BATCH_NS if may_wait else BATCH_WINDOW_NS
+        window_ns = min(BATCH_WINDOW_NS, int(gather_s * 1e9))
+        if may_wait:
+            window_ns = min(window_ns, WAITING_BATCH_NS)
+        elif rests:
+            window_ns *= BLOCKS_AT_REST
         for device in self.devices:
-            device.delivery_queue.batch_window_ns = min(longest_ns, int(gather_s * 1e9))
+            device.delivery_queue.batch_window_ns = window_ns
 
     def request_stream(self, rate_hz: float) -> None:
         """Read all of them at a rate, or each as fast as possible."""

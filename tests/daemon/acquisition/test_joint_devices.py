@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from tests.daemon.board_harness import BOARD
+from tests.daemon.values import MODULI, count_samples
 from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.config.schema import CaptureSection
-from traverse.drivers.base.values import DeviceUp
+from traverse.drivers.base.values import DeviceUp, StreamStarted
 
 
 @pytest.mark.parametrize(
@@ -32,3 +34,24 @@ async def test_an_arm_that_cannot_latch_is_taken_up_sooner(bench):
     assert bench.device.delivery_queue.batch_window_ns == 52_000_000
     bench.take(DeviceUp("base", replace(BOARD, latches=False), False))
     assert bench.device.delivery_queue.batch_window_ns == 20_000_000
+
+
+async def test_an_arm_at_rest_wakes_the_loop_less_often(bench):
+    """Until it moves or something is measured; a point's edge wakes it in any case."""
+    queue = bench.device.delivery_queue
+    still = np.tile(np.array([500, 600, 700], np.uint32)[: len(MODULI)], (10, 1))
+
+    def taken(first, counts):
+        bench.take(count_samples(counts, first=first))
+        return queue.batch_window_ns
+
+    bench.take(StreamStarted("base", 1, 100.0))
+    windows_ns = [taken(first, still) for first in range(0, 400, 10)]
+    assert windows_ns[:20] == [52_000_000] * 20
+    assert windows_ns[-15:] == [208_000_000] * 15
+    assert taken(400, still + 40_000) == 52_000_000
+    for first in range(410, 700, 10):
+        taken(first, still)
+    assert queue.batch_window_ns == 208_000_000
+    bench.take(StreamStarted("base", 2, 100.0))  # as for a scan
+    assert queue.batch_window_ns == 52_000_000

@@ -51,6 +51,7 @@ async def test_an_arm_is_commanded_from_a_terminal(resting: Workbench) -> None:
         assert "point     1" in output
         assert output.endswith(" mm")
         assert (await told(resting, "undo"))[0] == 0
+        await listener.n_points(3)
         assert [p.retracts for p in listener.points] == [
             None,
             None,
