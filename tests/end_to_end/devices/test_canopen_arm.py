@@ -1,17 +1,11 @@
 """Seven CANopen encoders behind an slcan adapter, the button on a board of its own."""
 
-import asyncio
-import random
-import signal
-
 import numpy as np
 import pytest
 
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import SPHERE, Workbench
-from traverse.client.cancel_tasks import cancel_tasks
 from traverse.protocol.messages import PointArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
@@ -75,34 +69,3 @@ async def test_points_of_canopen_encoders_are_where_the_ball_was(
         assert "incomplete" not in point.quality.flags
     counters = next(d.counters for d in health.devices if d.id == "base")
     assert counters["samples_complete"] > 100
-
-
-@pytest.mark.parametrize("longest_s", [0.06, 0.5])
-async def test_no_point_is_wrong_unmarked_where_programs_stand_still(
-    bench: Workbench, longest_s: float
-) -> None:
-    """As on a computer with too much to do: daemon and devices stop again and again."""
-    rest = '[[motion]]\nkind = "rest"\nduration_s = 1.0'
-    bench.write_simulator(rest, SPHERE.format(points=6), rest, board=ENCODERS)
-    write_daemon(bench)
-    async with measuring(bench) as (listener, simulator, daemon):
-        stopping = asyncio.create_task(_stop_often([simulator, daemon], longest_s))
-        await listener.n_points(6)
-        await cancel_tasks([stopping])
-    points = {point.id: point for point in listener.points}
-    rounding_mm = MatrixArm(bench.arm_file).resolution_mm()
-    for point, edge in zip(points.values(), bench.presses(), strict=True):
-        off_mm = np.abs(np.array(point.xyz_mm) - edge["centre_mm"]).max()
-        assert off_mm < 2 * rounding_mm or not point.quality.ok, (point, edge)
-
-
-async def _stop_often(programs: list[Program], longest_s: float) -> None:
-    rng = random.Random(4)
-    while True:
-        process = rng.choice(programs).process
-        await asyncio.sleep(rng.uniform(0.05, 0.4))
-        process.send_signal(signal.SIGSTOP)
-        try:
-            await asyncio.sleep(rng.uniform(0.02, longest_s))
-        finally:
-            process.send_signal(signal.SIGCONT)

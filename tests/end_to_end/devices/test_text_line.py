@@ -25,9 +25,7 @@ probability = 0.02
 """
 
 
-async def test_points_of_a_printing_board_are_where_the_ball_was(
-    bench: Workbench,
-) -> None:
+def write_daemon(bench: Workbench) -> None:
     bench.write_daemon(capture="tracking_rate_hz = 100.0")
     path = bench.folder / "daemon.toml"
     text = path.read_text("utf-8")
@@ -42,6 +40,12 @@ async def test_points_of_a_printing_board_are_where_the_ball_was(
     ]
     keys = READ_BY.format(pty=bench.pty, joints=joints, counts=counts)
     path.write_text(text.replace(board, keys), "utf-8")
+
+
+async def test_points_of_a_printing_board_are_where_the_ball_was(
+    bench: Workbench,
+) -> None:
+    write_daemon(bench)
     rest = '[[motion]]\nkind = "rest"\nduration_s = 3.0'
     bench.write_simulator(
         rest, SPHERE.format(points=4), REST, board=BOARD, faults=FAULTS

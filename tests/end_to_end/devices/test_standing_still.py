@@ -1,0 +1,98 @@
+"""No point is wrong unmarked where daemon and devices stand still again and again.
+
+As on a computer with too much to do, or one that is suspended. What they cost is
+marked, refused or lost with an event, whatever reads the encoders.
+"""
+
+import asyncio
+import contextlib
+import os
+import random
+import signal
+
+import numpy as np
+import pytest
+
+from tests.end_to_end.arm_matrices import MatrixArm
+from tests.end_to_end.devices import test_amt21_arm as amt21
+from tests.end_to_end.devices import test_canopen_arm as canopen
+from tests.end_to_end.devices import test_text_line as text_line
+from tests.end_to_end.devices import test_two_makes as two_makes
+from tests.end_to_end.measuring import measuring
+from tests.end_to_end.programs import Program
+from tests.end_to_end.workbench import REST, SPHERE, Workbench
+from traverse.client.cancel_tasks import cancel_tasks
+
+pytestmark = [pytest.mark.needs("mosquitto"), pytest.mark.slow]
+
+line, arm = amt21.line, two_makes.arm  # fixtures
+LONGEST_S = pytest.mark.parametrize("longest_s", [0.06, 0.5, 1.8])
+TRIED_S = 12.0
+SCENE = ('[[motion]]\nkind = "rest"\nduration_s = 1.0', SPHERE.format(points=6), REST)
+
+
+async def stand_still(programs: list[Program], longest_s: float) -> None:
+    rng = random.Random(4)
+    while True:
+        process = rng.choice(programs).process
+        await asyncio.sleep(rng.uniform(0.05, 0.4))
+        process.send_signal(signal.SIGSTOP)
+        try:
+            await asyncio.sleep(rng.uniform(0.02, longest_s))
+        finally:
+            process.send_signal(signal.SIGCONT)
+
+
+async def all_are_right_or_marked(bench: Workbench, longest_s: float) -> None:
+    async with measuring(bench) as (listener, simulator, daemon):
+        stopping = asyncio.create_task(stand_still([simulator, daemon], longest_s))
+        with contextlib.suppress(AssertionError):  # some may be refused
+            await listener.n_points(6, TRIED_S)
+        await cancel_tasks([stopping])
+        assert listener.points
+    rounding_mm = MatrixArm(bench.arm_file).resolution_mm()
+    truth_mm = np.array([edge["centre_mm"] for edge in bench.presses()])
+    for point in listener.points:
+        off_mm = np.abs(truth_mm - np.array(point.xyz_mm)).max(axis=1).min()
+        assert off_mm < 2 * rounding_mm or not point.quality.ok, point
+
+
+@LONGEST_S
+async def test_a_latching_board(bench: Workbench, longest_s: float) -> None:
+    bench.write_simulator(*SCENE)
+    bench.write_daemon()
+    await all_are_right_or_marked(bench, longest_s)
+
+
+@LONGEST_S
+async def test_canopen_and_the_button_on_a_board(
+    bench: Workbench, longest_s: float
+) -> None:
+    bench.write_simulator(*SCENE, board=canopen.ENCODERS)
+    canopen.write_daemon(bench)
+    await all_are_right_or_marked(bench, longest_s)
+
+
+@LONGEST_S
+async def test_amt21_and_the_button_on_a_board(
+    line: Workbench, longest_s: float
+) -> None:
+    line.write_simulator(*SCENE, board=amt21.ENCODERS)
+    pedal = os.open(line.folder / "pedal", os.O_RDWR)
+    await all_are_right_or_marked(line, longest_s)
+    os.close(pedal)
+
+
+@LONGEST_S
+async def test_rls_modbus_and_the_button_on_a_board(
+    arm: Workbench, longest_s: float
+) -> None:
+    two_makes.write_files(arm)
+    await all_are_right_or_marked(arm, longest_s)
+
+
+@LONGEST_S
+async def test_a_printing_board(bench: Workbench, longest_s: float) -> None:
+    bench.write_simulator(*SCENE, board=text_line.BOARD)
+    text_line.write_daemon(bench)
+    await all_are_right_or_marked(bench, longest_s)
