@@ -66,7 +66,6 @@ NOT_RUN: Final = {
     r"cat /sys/bus/usb-serial/": "no adapter here",
     r"(sudo|journalctl|systemctl|chown|cp deploy|install -m|ip -details) ": _ROOT,
     r"make test$": "runs this",
-    r"\.venv/bin/(ruff|mypy|lint-imports|pytest)": "what .ci/run does",
     r"python3 -m venv ~/traverse ": "the reader's folder",
     r"TRAVERSE_ARM=": "needs FreeCAD or Blender; the page says how it was tried",
     r"openssl rand ": "a random number",
