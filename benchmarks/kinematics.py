@@ -16,11 +16,11 @@ from benchmarks.peers.installed import check_agreement, installed_peers
 from benchmarks.peers.peer import Peer
 from benchmarks.tools.rounds import Table, Task, load, one_core, timed, write
 from traverse.arrays import Floats
-from traverse.kinematics.kernel.choice import KERNELS
-from traverse.kinematics.kernel.single_pose import PlainChain
 from traverse.kinematics.model.derivatives import numpy_derivatives
 from traverse.kinematics.model.forward import numpy_centre, numpy_pose
 from traverse.kinematics.model.geometry import Geometry, unit_vectors
+from traverse.kinematics.model.kernel_choice import KERNELS
+from traverse.kinematics.model.single_pose import PlainChain
 
 # Not built, it is not there, and KERNELS has only NumPy then.
 with contextlib.suppress(ImportError):

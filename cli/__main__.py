@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperGroup
 
 try:  # before everything else that computes
-    from traverse.kinematics.kernel.choice import KERNEL
+    from traverse.kinematics.model.kernel_choice import KERNEL
 except ValueError as error:
     sys.stderr.write(f"traverse: {error}\n")
     sys.exit(2)

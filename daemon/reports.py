@@ -17,7 +17,7 @@ from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.connection import BrokerConnection
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.store.scan_store import ScanStore
-from traverse.kinematics.kernel.choice import KERNEL
+from traverse.kinematics.model.kernel_choice import KERNEL
 from traverse.protocol.encoding import Encoding
 from traverse.protocol.messages import (
     Alarm,

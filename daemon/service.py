@@ -68,7 +68,7 @@ from traverse.daemon.system.realtime import prepare
 from traverse.daemon.system.systemd import Notifier, StatusLine, Watchdog
 from traverse.drivers.base.driver import CLOSE_S
 from traverse.drivers.base.heartbeat import Heartbeat
-from traverse.kinematics.kernel.choice import KERNEL
+from traverse.kinematics.model.kernel_choice import KERNEL
 from traverse.protocol import topics
 from traverse.protocol.messages import Health, Status
 

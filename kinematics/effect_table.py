@@ -1,9 +1,9 @@
 """The table of effects: one row per kind, with all its properties.
 
-What a kind corrects stands in its own file in `traverse.kinematics.effects`. This table
-says how it is written down, where it can be applied, and what the laboratory has to
-know of it: how large it plausibly is, what it resembles, over what it is drawn, what it
-is called. A new effect needs its file, its row, and the simulator's own law.
+What a kind corrects stands in its own class in `traverse.kinematics.effects`. This
+table says how it is written down, where it can be applied, and what the laboratory has
+to know of it: how large it plausibly is, what it resembles, over what it is drawn, what
+it is called. A new effect needs its class, its row, and the simulator's own law.
 """
 
 from collections.abc import Mapping
@@ -48,13 +48,13 @@ class EffectKind:
 
     Attributes:
         family: What it resembles.
+        keys: The kind's own keys and their types, all required.
+        size: Plausible size of each parameter, in the unit of its key.
+        label: For people; may have {often}, {component}, {artefact}.
         effect_class: L: in-line in the daemon; D: where the direction of the
             surface is known; A: bound to time, has `epoch_utc`; O: off-line only.
         joint: Whether the effect names a joint.
-        keys: The kind's own keys and their types, all required.
         acts_on: What it changes; "shift" and "tilt" are of the joint's axis.
-        size: Plausible size of each parameter, in the unit of its key.
-        label: For people; may have {often}, {component}, {artefact}.
         minimum_order: Least order, where there is an order.
         components: Varieties and the least order of each.
         most: Largest values of keys that are above 0.
@@ -75,12 +75,12 @@ class EffectKind:
     """
 
     family: Family
-    effect_class: EffectClass
-    joint: JointUse
     keys: Mapping[str, Any]
-    acts_on: ActsOn
     size: float
     label: str
+    effect_class: EffectClass = "L"
+    joint: JointUse = "required"
+    acts_on: ActsOn = "angle"
     minimum_order: int = 1
     components: Mapping[str, int] = field(default_factory=dict)
     most: Mapping[str, float] = field(default_factory=dict)
@@ -199,21 +199,15 @@ EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
     {
         "encoder_eccentricity": EffectKind(
             family=Family.OWN_ANGLE,
-            effect_class="L",
-            joint="required",
             keys={"cos_rad": float, "sin_rad": float},
-            acts_on="angle",
             size=3e-5,
             covariates=("{}_rad",),
             label="encoder eccentricity",
         ),
         "encoder_harmonic": EffectKind(
             family=Family.OWN_ANGLE,
-            effect_class="L",
-            joint="required",
             keys=_HARMONIC,
             minimum_order=2,
-            acts_on="angle",
             size=5e-6,  # of sub-division errors
             size_by_order={2: 2e-5, 3: 1e-5, 4: 1e-5},
             log_prior=-1.0,
@@ -224,11 +218,8 @@ EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
         ),
         "transmission_error": EffectKind(
             family=Family.OWN_ANGLE,
-            effect_class="L",
-            joint="required",
             keys={"cycles": float, "cos_rad": float, "sin_rad": float},
             most={"cycles": 400.0},
-            acts_on="angle",
             size=2e-5,
             log_prior=-1.0,
             covariates=("{}_rad",),
@@ -237,20 +228,14 @@ EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
         ),
         "encoder_scale": EffectKind(
             family=Family.OWN_ANGLE,
-            effect_class="L",
-            joint="required",
             keys={"scale_ppm": float},
-            acts_on="angle",
             size=20.0,
             covariates=("{}_rad",),
             label="encoder scale",
         ),
         "encoder_temperature": EffectKind(
             family=Family.WARM,
-            effect_class="L",
-            joint="required",
             keys={"rate_rad_c": float},
-            acts_on="angle",
             size=1e-5,
             log_prior=-0.5,
             covariates=_TEMPERATURES,
@@ -259,9 +244,7 @@ EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
         "encoder_drift": EffectKind(
             family=Family.SLOW,
             effect_class="A",
-            joint="required",
             keys={"rate_rad_s": float},
-            acts_on="angle",
             size=3e-5,
             is_size_of_campaign=True,
             covariates=("time_s",),
@@ -270,9 +253,7 @@ EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
         "count_slip": EffectKind(
             family=Family.SLOW,
             effect_class="A",
-            joint="required",
             keys={"at_s": float, "step_rad": float},
-            acts_on="angle",
             size=5e-5,
             covariates=("time_s",),
             bank="steps",
@@ -280,10 +261,8 @@ EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
         ),
         "encoder_latency": EffectKind(
             family=Family.MOVING,
-            effect_class="L",
             joint="optional",
             keys={"latency_s": float},
-            acts_on="angle",
             size=1e-4,
             log_prior_of_joint=-0.7,
             covariates=("{}_speed_rad_s",),
@@ -292,10 +271,7 @@ EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
         ),
         "backlash": EffectKind(
             family=Family.MOVING,
-            effect_class="L",
-            joint="required",
             keys={"half_width_rad": float},
-            acts_on="angle",
             size=1e-5,
             covariates=("{}_approach",),
             absorbed_by="the zero of {joint}: approach it from both sides",
@@ -303,17 +279,12 @@ EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
         ),
         "joint_compliance": EffectKind(
             family=Family.GRAVITY,
-            effect_class="L",
-            joint="required",
             keys=_COMPLIANCE,
-            acts_on="angle",
             size=1e-5,
             label="torsion under gravity",
         ),
         "bearing_compliance": EffectKind(
             family=Family.GRAVITY,
-            effect_class="L",
-            joint="required",
             keys=_COMPLIANCE,
             acts_on="tilt",
             size=1e-5,
@@ -322,7 +293,6 @@ EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
         ),
         "mount_compliance": EffectKind(
             family=Family.GRAVITY,
-            effect_class="L",
             joint="absent",
             keys=_COMPLIANCE,
             acts_on="base",
@@ -331,7 +301,6 @@ EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
         ),
         "thermal_expansion": EffectKind(
             family=Family.WARM,
-            effect_class="L",
             joint="optional",
             keys={"expansion_per_c": float},
             acts_on="length",
@@ -343,8 +312,6 @@ EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
         ),
         "axis_wobble": EffectKind(
             family=Family.AXIS_MOTION,
-            effect_class="L",
-            joint="required",
             keys=_WOBBLE,
             minimum_order=2,
             acts_on="tilt",
@@ -357,8 +324,6 @@ EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
         ),
         "axis_runout": EffectKind(
             family=Family.AXIS_MOTION,
-            effect_class="L",
-            joint="required",
             keys=_RUNOUT,
             components={"radial": 2, "axial": 1},
             acts_on="shift",
@@ -432,10 +397,7 @@ EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
         ),
         "empirical": EffectKind(
             family=Family.CURVE,
-            effect_class="L",
-            joint="required",
             keys=_SPLINE,
-            acts_on="angle",
             size=1e-5,
             bank="curves",
             label="something over {covariate}",

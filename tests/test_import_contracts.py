@@ -108,7 +108,7 @@ PLANTED = {
     "folders of kinematics": [
         ("kinematics/arm_file/arm.py", "traverse.kinematics.model.forward"),
         ("kinematics/effect_table.py", "traverse.kinematics.effects"),
-        ("kinematics/kernel/choice.py", "traverse.kinematics.model.geometry"),
+        ("kinematics/kernel/terms.py", "traverse.kinematics.model.geometry"),
     ],
     "folders of the effects": [
         (

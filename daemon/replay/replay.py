@@ -28,7 +28,7 @@ from traverse.drivers.base.delivery_maps import delivery_from_map
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import CountSamples, Delivery
-from traverse.kinematics.kernel.choice import KERNEL
+from traverse.kinematics.model.kernel_choice import KERNEL
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Point, Scan
 from traverse.recording.maps import bytes_to_map

@@ -1,4 +1,4 @@
-"""Physical effects beyond the geometry, one file each; `EFFECTS` finds them by kind."""
+"""Physical effects beyond the geometry, a class each; `EFFECTS` finds them by kind."""
 
 import pkgutil
 from collections.abc import Iterator, Mapping

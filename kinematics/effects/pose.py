@@ -28,10 +28,14 @@ from traverse.kinematics.effects.base.contact import contact_seen
 from traverse.kinematics.effects.base.correction import FlagName
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.effects.deflection import Deflection, deflection, totals
-from traverse.kinematics.kernel.choice import KERNEL, aligned_floats, compiled_chain
 from traverse.kinematics.model.batched_quaternions import rotated
 from traverse.kinematics.model.forward import numpy_pose, probe_pose
 from traverse.kinematics.model.geometry import Geometry
+from traverse.kinematics.model.kernel_choice import (
+    KERNEL,
+    aligned_floats,
+    compiled_chain,
+)
 
 if KERNEL != "numpy":
     from traverse.kinematics.kernel.compiled import DeflectedChain

@@ -1,1 +1,1 @@
-"""The kernel: forward kinematics and derivatives in C, where it could be built."""
+"""The kernel in C, and effects as it takes them; `model.kernel_choice` chooses it."""

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.kinematics.kernel.arrays import ArmArrays, BlockArrays
+from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.kernel.terms import Term
+from traverse.kinematics.model.geometry import Geometry
 
 Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -16,7 +17,7 @@ LARGEST_N_JOINTS: int
 def runnable_variants() -> tuple[str, ...]: ...
 
 class Chain:
-    def __init__(self, geometry: ArmArrays, variant: str) -> None: ...
+    def __init__(self, geometry: Geometry, variant: str) -> None: ...
     @property
     def variant(self) -> str: ...
     def poses(
@@ -44,7 +45,7 @@ class Chain:
 class DeflectedChain:
     def __init__(
         self,
-        geometry: ArmArrays,
+        geometry: Geometry,
         variant: str,
         terms: Sequence[Term],
         levers_kg_m: Floats,
@@ -53,7 +54,7 @@ class DeflectedChain:
     def variant(self) -> str: ...
     def poses(
         self,
-        block: BlockArrays,
+        block: Block,
         gravity_m_s2: Sequence[float],
         centres_mm: Floats | None = None,
         directions: Floats | None = None,

@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.kernel.choice import aligned_floats, compiled_chain
 from traverse.kinematics.model.geometry import Geometry
+from traverse.kinematics.model.kernel_choice import aligned_floats, compiled_chain
 from traverse.kinematics.model.quaternion import multiply, rotate, turn
 
 # Samples computed at a time: 1.3 kB each for seven joints.

@@ -15,12 +15,12 @@ with P_k as quaternions.
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.kernel.choice import aligned_floats, compiled_chain
 from traverse.kinematics.model.backward_recursion import (
     BackwardRecursion,
     JointRotations,
 )
 from traverse.kinematics.model.geometry import Geometry
+from traverse.kinematics.model.kernel_choice import aligned_floats, compiled_chain
 from traverse.kinematics.model.quaternion import multiply, rotate, turn
 
 # Samples computed at a time: so many that calling NumPy costs less than its arithmetic,

@@ -47,12 +47,7 @@ class ArmCovariance:
 def parameter_names(
     joint_names: Sequence[str], effects: Sequence[str]
 ) -> tuple[str, ...]:
-    """Name all parameters in the order of `parameter_columns`.
-
-    Args:
-        joint_names: From the base outwards.
-        effects: Names of the effects' parameters.
-    """
+    """Name all parameters in the order of `parameter_columns`."""
     geometry = [
         f"{joint}.{part}.{component}"
         for part in ("axis", "link")

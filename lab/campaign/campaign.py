@@ -193,13 +193,7 @@ class Campaign:
         return replace(self, poses=self.poses.part(rows))
 
     def touches(self, index: int, rows: Integers, radius_mm: float) -> Touches:
-        """Return how an artefact was touched in some poses.
-
-        Args:
-            index: Of the artefact.
-            rows: Indices of poses.
-            radius_mm: Of the probe's ball.
-        """
+        """Return how an artefact was touched in some poses."""
         per_c, reference_c = self.artefacts[index].expansion
         growths = np.zeros(len(rows))
         if self.poses.temperature_c is not None and per_c != 0.0:

@@ -9,7 +9,7 @@ import typer.main
 from typer.testing import CliRunner
 
 from traverse.cli.__main__ import app
-from traverse.kinematics.kernel.choice import KERNEL
+from traverse.kinematics.model.kernel_choice import KERNEL
 
 COMMANDS = ("demo", "run", "simulate", "watch", "check")
 

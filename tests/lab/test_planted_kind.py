@@ -21,7 +21,7 @@ LAW = f'''"""d_alpha = cos_rad cos(alpha / 2) + sin_rad sin(alpha / 2)."""
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from traverse.kinematics.effects.readings.encoder_harmonic import EncoderHarmonic
+from traverse.kinematics.effects.readings.harmonics import EncoderHarmonic
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.correction import BodyCorrection
+from traverse.kinematics.effects.base.correction import BodyCorrection, Target
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.kernel.terms import Form, Term
 from traverse.kinematics.model.geometry import Geometry, across
@@ -78,3 +78,21 @@ class AxisMotion(BodyCorrection):
     def _waves(self, posture: Posture) -> tuple[Floats, Floats]:
         phases_rad = self.order * posture.turns_rad[self.joints.start]
         return np.cos(phases_rad), np.sin(phases_rad)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisRunout(AxisMotion):
+    """Radial or axial: the joint's origin shifts by it, and everything beyond."""
+
+    kind: ClassVar[str] = "axis_runout"
+    target: ClassVar[Target] = Target.SHIFT
+    form: ClassVar[Form] = Form.SHIFT_WAVE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisWobble(AxisMotion):
+    """Tilt: the body carried by the joint turns by it about the joint's origin."""
+
+    kind: ClassVar[str] = "axis_wobble"
+    target: ClassVar[Target] = Target.TILT
+    form: ClassVar[Form] = Form.TILT_WAVE

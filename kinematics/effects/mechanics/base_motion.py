@@ -11,7 +11,7 @@ from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import BodyCorrection, FlagName, Target
 from traverse.kinematics.effects.base.covariate import Covariate, Need
-from traverse.kinematics.effects.base.epochs import EffectTime
+from traverse.kinematics.effects.base.epochs import DriftTime, EffectTime, StepTime
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.kernel.terms import Form, Term
 
@@ -55,3 +55,27 @@ class BaseMotion(BodyCorrection):
         """One vector."""
         of = self.time.quantity
         return (Term(form=Form.BASE_RATE, values=self.values, of=of),)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BaseDrift(BaseMotion):
+    """A base that creeps: x_0 moves by rate_mm_s (t - epoch).
+
+    Outside the campaign it keeps the place of the campaign's nearer end, and the sample
+    is flagged `stale_effect`.
+    """
+
+    kind: ClassVar[str] = "base_drift"
+    clock: ClassVar[type[EffectTime]] = DriftTime
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BaseStep(BaseMotion):
+    """A knocked mount: x_0 jumps by step_mm at epoch + at_s and stays there.
+
+    The moment is not a parameter: nothing can be differentiated for it. It is scanned.
+    The mount may be knocked again.
+    """
+
+    kind: ClassVar[str] = "base_step"
+    clock: ClassVar[type[EffectTime]] = StepTime

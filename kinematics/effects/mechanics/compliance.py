@@ -1,9 +1,15 @@
-"""Base of the compliances under gravity: one value, in rad per N m."""
+"""Compliances under gravity: one value, in rad per N m.
+
+M_k is the moment about the joint's origin of all weights beyond it, a_k the axis.
+"""
 
 from dataclasses import dataclass
 from typing import ClassVar
 
-from traverse.kinematics.effects.base.correction import BodyCorrection
+from traverse.arrays import Floats
+from traverse.kinematics.effects.base.bodies import dot
+from traverse.kinematics.effects.base.correction import BodyCorrection, Target
+from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.kernel.terms import Form, Term
 
 
@@ -18,3 +24,57 @@ class Compliance(BodyCorrection):
     def terms(self) -> tuple[Term, ...]:
         """One; that of the mount names no joint."""
         return (Term(form=self.form, joint=self.joints.start, values=self.values),)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointCompliance(Compliance):
+    """Torsion between a joint's encoder and what the joint carries.
+
+    theta_k grows by compliance_rad_nm (a_k . M_k)
+    """
+
+    kind: ClassVar[str] = "joint_compliance"
+    target: ClassVar[Target] = Target.TURN
+    form: ClassVar[Form] = Form.TURN_MOMENT
+
+    def unit_amounts(self, posture: Posture) -> Floats:
+        """The torque about the axis in N m, (1, 1, n_samples)."""
+        axes, moments_nm = posture.axes, posture.moments_nm
+        return dot(axes[:, self.joints], moments_nm[:, self.joints])[None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BearingCompliance(Compliance):
+    """A bearing that tilts, or a link that bends at its root.
+
+    The body carried by the joint turns about the joint's origin by
+    w = compliance_rad_nm (M_k - a_k (a_k . M_k)).
+    """
+
+    kind: ClassVar[str] = "bearing_compliance"
+    target: ClassVar[Target] = Target.TILT
+    form: ClassVar[Form] = Form.TILT_MOMENT
+
+    def unit_amounts(self, posture: Posture) -> Floats:
+        """The moment across the axis in N m, (1, 3, 1, n_samples)."""
+        joint = self.joints.start
+        axis, moment_nm = posture.axes[:, joint], posture.moments_nm[:, joint]
+        across_nm = moment_nm - axis * dot(axis, moment_nm)
+        return posture.in_carrier(across_nm, joint)[None, :, None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MountCompliance(Compliance):
+    """A stand, a table or a magnet that yields: all turns by w about `origin_mm`.
+
+    w = compliance_rad_nm M_1. The moment of weights is a cross product with gravity: it
+    has no part along it, and all of it counts as across.
+    """
+
+    kind: ClassVar[str] = "mount_compliance"
+    target: ClassVar[Target] = Target.MOUNT
+    form: ClassVar[Form] = Form.MOUNT_MOMENT
+
+    def unit_amounts(self, posture: Posture) -> Floats:
+        """The overturning moment in N m, (1, 3, n_samples)."""
+        return posture.moments_nm[None, :, 0]

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family
-from traverse.kinematics.effects.contacts.probe_radius import ProbeRadius
-from traverse.kinematics.effects.contacts.stylus_bending import StylusBending
-from traverse.kinematics.effects.mechanics.axis_runout import AxisRunout
-from traverse.kinematics.effects.mechanics.axis_wobble import AxisWobble
-from traverse.kinematics.effects.mechanics.bearing_compliance import BearingCompliance
-from traverse.kinematics.effects.mechanics.mount_compliance import MountCompliance
+from traverse.kinematics.effects.contacts.touching import ProbeRadius, StylusBending
+from traverse.kinematics.effects.mechanics.axis_motion import AxisRunout, AxisWobble
+from traverse.kinematics.effects.mechanics.compliance import (
+    BearingCompliance,
+    MountCompliance,
+)
 from traverse.kinematics.effects.mechanics.thermal_expansion import ThermalExpansion
 from traverse.lab.diagnosis.advice.minimal_detectable import (
     is_vertical,

@@ -7,10 +7,10 @@ too; their likeness shows this.
 import numpy as np
 
 from traverse.kinematics.effect_table import EFFECT_KINDS
-from traverse.kinematics.effects.readings.encoder_eccentricity import (
+from traverse.kinematics.effects.readings.harmonics import (
     EncoderEccentricity,
+    EncoderHarmonic,
 )
-from traverse.kinematics.effects.readings.encoder_harmonic import EncoderHarmonic
 from traverse.lab.diagnosis.candidates.effect_factory import candidate_of_kind
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations

@@ -12,7 +12,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS
-from traverse.kinematics.effects.readings.transmission_error import TransmissionError
+from traverse.kinematics.effects.readings.harmonics import TransmissionError
 from traverse.lab.diagnosis.candidates.effect_factory import candidate_of_kind
 from traverse.lab.diagnosis.candidates.harmonics import HIGHEST_ORDER as MOST_HARMONICS
 from traverse.lab.diagnosis.candidates.library import HIGHEST_ORDER

@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -94,16 +95,7 @@ def identification_json(
             "noise_estimated": result.global_test.noise_estimated,
         },
         "rms_mm": {"before": result.rms_before_mm, "after": result.rms_after_mm},
-        "parameters": [
-            {
-                "name": entry.name,
-                "value": entry.value,
-                "unit": entry.unit,
-                "std": entry.std,
-                "controllability": entry.controllability,
-            }
-            for entry in result.parameters
-        ],
+        "parameters": [asdict(entry) for entry in result.parameters],
         "undetermined": [
             {
                 "direction": entry.direction,
@@ -112,15 +104,7 @@ def identification_json(
             }
             for entry, effect_mm in zip(result.undetermined, effects_mm, strict=True)
         ],
-        "weak": [
-            {
-                "direction": entry.direction,
-                "std": entry.std,
-                "probe_mm": entry.probe_mm,
-                "why": entry.why,
-            }
-            for entry in result.weak
-        ],
+        "weak": [asdict(entry) for entry in result.weak],
         "artefacts": {entry.id: _artefact(entry) for entry in result.artefacts},
         "tools": result.tools,
         # Of an artefact that lost all poses none can be tested.

@@ -91,12 +91,7 @@ def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
 
 
 def weak_directions(adjustment: Adjustment, factor: float) -> tuple[Weak, ...]:
-    """Name the determined directions with large uncertainty, the worst first.
-
-    Args:
-        adjustment: The last one.
-        factor: By what cofactors are multiplied.
-    """
+    """Name the determined directions with large uncertainty, the worst first."""
     network, parts = adjustment.network, adjustment.split
     geometry = adjustment.state.arm.geometry
     sigma0 = float(np.sqrt(factor))

@@ -55,12 +55,6 @@ def with_tools_fitted(
     """Begin where the vectors of free tools fit to the arm as given.
 
     Else a tool far from the probe would look like as many blunders.
-
-    Args:
-        campaign: What was measured.
-        parameters: Which are free to be estimated.
-        design: The arm as given.
-        radius_mm: Of the probe's ball.
     """
     network = _coarse_network(campaign, parameters, radius_mm)
     tools = slice(5 * parameters.n_joints + 6, parameters.n_geometric)

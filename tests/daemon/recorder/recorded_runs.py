@@ -30,7 +30,7 @@ from traverse.drivers.base.values import (
     LatchedCounts,
     StreamStarted,
 )
-from traverse.kinematics.kernel.choice import KERNEL
+from traverse.kinematics.model.kernel_choice import KERNEL
 from traverse.recording.run_reader import RunReader
 
 CONFIGURATION = """\

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.kernel.arrays import ArmArrays
+from traverse.kinematics.model.geometry import Geometry
 
 try:
     from traverse.kinematics.kernel.compiled import (
@@ -48,7 +48,7 @@ def chosen_kernel(wanted: str | None, kernels: tuple[str, ...]) -> str:
 KERNEL = chosen_kernel(os.environ.get(VARIABLE), KERNELS)
 
 
-def compiled_chain(geometry: ArmArrays) -> "Chain | None":
+def compiled_chain(geometry: Geometry) -> "Chain | None":
     """Pass the arm to the kernel in C; None where NumPy is to compute."""
     if KERNEL == "numpy" or len(geometry.axes) > LARGEST_N_JOINTS:
         return None
@@ -63,5 +63,5 @@ def aligned_floats(angles_rad: Floats) -> Floats:
 
 # A geometry never changes, and most calls are for the same one.
 @lru_cache(maxsize=8)
-def _chain(geometry: ArmArrays) -> "Chain":
+def _chain(geometry: Geometry) -> "Chain":
     return Chain(geometry, KERNEL)

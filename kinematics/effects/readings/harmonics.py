@@ -1,4 +1,4 @@
-"""Harmonics of an encoder: disc tilt, ellipticity, sub-division error.
+"""Waves of a reading: errors of an encoder, of a gear or a belt.
 
 d_alpha = cos_rad cos(order alpha) + sin_rad sin(order alpha)
 """
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncoderHarmonic(ReadingCorrection):
-    """So many periods a turn of the reading."""
+    """So many periods a turn: disc tilt, ellipticity, sub-division error."""
 
     order: float  # periods a turn
 
@@ -48,3 +48,23 @@ class EncoderHarmonic(ReadingCorrection):
             Term(form=wave, joint=joint, order=self.order, values=self.values)
             for joint in self.affected
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EncoderEccentricity(EncoderHarmonic):
+    """Order 1: a disc or ring that does not turn about its centre."""
+
+    kind: ClassVar[str] = "encoder_eccentricity"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TransmissionError(EncoderHarmonic):
+    """A wave between motor and joint; `cycles` is its order, seldom a whole number.
+
+    The readings count on over turns: cycles that are not whole have another phase on
+    the next one. Cycles are no parameter here: they are searched, like the moment of a
+    step.
+    """
+
+    kind: ClassVar[str] = "transmission_error"
+    key: ClassVar[str] = "cycles"

@@ -14,13 +14,6 @@ from hypothesis import given, settings
 
 from tests.kinematics.arms import geometries, random_geometry, seeds, size_mm
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.kernel.choice import (
-    KERNEL,
-    KERNELS,
-    chosen_kernel,
-    compiled_chain,
-)
-from traverse.kinematics.kernel.single_pose import PlainChain, pose_function
 from traverse.kinematics.kernel.terms import Form, Term
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.forward import (
@@ -30,6 +23,13 @@ from traverse.kinematics.model.forward import (
     probe_pose,
 )
 from traverse.kinematics.model.geometry import Coupling
+from traverse.kinematics.model.kernel_choice import (
+    KERNEL,
+    KERNELS,
+    chosen_kernel,
+    compiled_chain,
+)
+from traverse.kinematics.model.single_pose import PlainChain, pose_function
 
 if KERNEL != "numpy":
     from traverse.kinematics.kernel.compiled import DeflectedChain
@@ -62,7 +62,7 @@ def test_environment_names_the_kernel(kernel):
     run = run_python(
         kernel,
         "-c",
-        "from traverse.kinematics.kernel.choice import KERNEL; print(KERNEL)",
+        "from traverse.kinematics.model.kernel_choice import KERNEL; print(KERNEL)",
     )
     assert (run.stdout.strip(), run.returncode) == (kernel, 0), run.stderr
 

@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from math import cos, nan, sin
 
 from traverse.arrays import Floats
-from traverse.kinematics.kernel.arrays import ArmArrays
-from traverse.kinematics.kernel.choice import compiled_chain
+from traverse.kinematics.model.geometry import Geometry
+from traverse.kinematics.model.kernel_choice import compiled_chain
 
 Vector = tuple[float, float, float]
 Pose = tuple[Vector, Vector]
@@ -17,12 +17,9 @@ _NOWHERE: Vector = (nan, nan, nan)
 
 
 def pose_function(
-    geometry: ArmArrays,
+    geometry: Geometry,
 ) -> Callable[[Sequence[float] | Floats], Pose]:
     """Make the function that turns one sample's readings into centre and direction.
-
-    Args:
-        geometry: The arm.
 
     Returns:
         Takes n_joints readings in rad, best as a list; gives the ball's centre in mm
@@ -46,7 +43,7 @@ def pose_function(
 class PlainChain:
     """An arm for one sample at a time, in plain floats."""
 
-    def __init__(self, geometry: ArmArrays) -> None:
+    def __init__(self, geometry: Geometry) -> None:
         links_mm = geometry.links_mm.copy()
         links_mm[-1] += geometry.probe_vector_mm
         # From the tip inwards, as `pose` does.

@@ -1,0 +1,208 @@
+"""Reading corrections of one parameter: d_alpha is it times some regressor."""
+
+from abc import abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from traverse.arrays import Booleans, Floats
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.context import EffectContext
+from traverse.kinematics.effects.base.correction import FlagName, ReadingCorrection
+from traverse.kinematics.effects.base.covariate import Covariate, Need, needs_of
+from traverse.kinematics.effects.base.epochs import DriftTime, EffectTime, StepTime
+from traverse.kinematics.kernel.terms import Form, Quantity, Source, Term
+from traverse.kinematics.model.geometry import Geometry
+
+if TYPE_CHECKING:
+    from traverse.kinematics.arm_file.arm import Effect
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SingleRate(ReadingCorrection):
+    """One value, the same for every joint that it belongs to."""
+
+    per_value: ClassVar[float] = 1.0  # regressor over quantity
+
+    @abstractmethod
+    def regressor(self, geometry: Geometry, block: Block) -> Floats:
+        """d_alpha for the value 1, (n_chosen, n_samples)."""
+
+    def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
+        """The regressor alone, (1, n_chosen, n_samples)."""
+        return self.regressor(geometry, block)[np.newaxis]
+
+    @abstractmethod
+    def quantity(self, joint: int) -> Quantity:
+        """Factor of a joint's value, besides `per_value`."""
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """One for every joint."""
+        values = (self.per_value * self.values[0],)
+        form = Form.READING_RATE
+        return tuple(
+            Term(form=form, joint=joint, values=values, of=self.quantity(joint))
+            for joint in self.affected
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EncoderScale(SingleRate):
+    """A graduation that is too long or too short, as of a tape, a belt or a gear.
+
+    d_alpha = 1e-6 scale_ppm (alpha - zero)
+    """
+
+    kind: ClassVar[str] = "encoder_scale"
+    per_value: ClassVar[float] = 1e-6
+
+    def regressor(self, geometry: Geometry, block: Block) -> Floats:
+        """A millionth of the turn since the base posture, (1, n_samples) rad/ppm."""
+        zeros_rad = geometry.zeros_rad[self.joints, np.newaxis]
+        return 1e-6 * (block.rows("angles_rad", self.joints) - zeros_rad)
+
+    def quantity(self, joint: int) -> Quantity:
+        """The turn since the base posture."""
+        return Quantity(Source.TURN, joint)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EncoderLatency(SingleRate):
+    """Readings that are older than their time says: d_alpha = -latency_s d(alpha)/dt.
+
+    Without a joint it is the same for all of them: a clock, not a filter.
+    """
+
+    kind: ClassVar[str] = "encoder_latency"
+    per_value: ClassVar[float] = -1.0
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        """The speeds of its joints."""
+        return needs_of(Covariate.SPEED, self.joints, self.joints.stop)
+
+    def regressor(self, geometry: Geometry, block: Block) -> Floats:
+        """-d(alpha)/dt, (n_chosen, n_samples) rad/s."""
+        del geometry
+        return -block.rows("speeds_rad_s", self.joints)
+
+    def quantity(self, joint: int) -> Quantity:
+        """d(alpha)/dt."""
+        return Quantity(Source.SPEED, joint)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Backlash(SingleRate):
+    """Play between the joint and its encoder: two-valued by the sense of approach.
+
+    d_alpha = half_width_rad sign(direction of approach); an approach of 0, a joint that
+    did not move, is corrected by nothing.
+    """
+
+    kind: ClassVar[str] = "backlash"
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        """The joint's sense of approach."""
+        return (Need(Covariate.APPROACH, self.joints.start),)
+
+    def regressor(self, geometry: Geometry, block: Block) -> Floats:
+        """-1, 0 or +1, (1, n_samples)."""
+        del geometry
+        return np.sign(block.rows("approaches", self.joints))
+
+    def quantity(self, joint: int) -> Quantity:
+        """-1, 0 or +1."""
+        return Quantity(Source.SENSE, joint)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EncoderTemperature(SingleRate):
+    """A reading that follows the temperature: d_alpha = rate_rad_c (T - T_ref).
+
+    T is the joint's own temperature where it is known, else the arm's.
+    """
+
+    reference_c: float
+
+    kind: ClassVar[str] = "encoder_temperature"
+
+    @classmethod
+    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
+        """Take the reference temperature."""
+        del effect
+        return {"reference_c": setting.reference_temperature_c}
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        """The joint's temperature."""
+        return (Need(Covariate.TEMPERATURE, self.joints.start),)
+
+    def regressor(self, geometry: Geometry, block: Block) -> Floats:
+        """T - T_ref, (1, n_samples)."""
+        del geometry
+        return block.temperatures_c(self.joints) - self.reference_c
+
+    def quantity(self, joint: int) -> Quantity:
+        """T - T_ref."""
+        return Quantity(Source.TEMPERATURE, joint, self.reference_c)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimedReading(SingleRate):
+    """One reading that changes with time alone."""
+
+    time: EffectTime
+
+    clock: ClassVar[type[EffectTime]]
+
+    @classmethod
+    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
+        """Take the time."""
+        return {"time": cls.clock.from_file(effect, setting)}
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        """The time."""
+        return (Need(Covariate.UTC),)
+
+    def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
+        """Those of the time."""
+        return self.time.flags(block)
+
+    def regressor(self, geometry: Geometry, block: Block) -> Floats:
+        """Factor of the time, (1, n_samples)."""
+        del geometry
+        return self.time.amounts(block)[None]
+
+    def quantity(self, joint: int) -> Quantity:
+        """Factor of the time."""
+        del joint
+        return self.time.quantity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EncoderDrift(TimedReading):
+    """A reading that drifts with time: d_alpha = rate_rad_s (t - epoch).
+
+    Outside the campaign it keeps the value of the campaign's nearer end, and the sample
+    is flagged `stale_effect`.
+    """
+
+    kind: ClassVar[str] = "encoder_drift"
+    clock: ClassVar[type[EffectTime]] = DriftTime
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CountSlip(TimedReading):
+    """Counts lost, or a new reference: d_alpha = step_rad for t >= epoch + at_s.
+
+    The moment is not a parameter: nothing can be differentiated for it. It is scanned.
+    A joint may slip again.
+    """
+
+    kind: ClassVar[str] = "count_slip"
+    clock: ClassVar[type[EffectTime]] = StepTime
