@@ -49,14 +49,7 @@ _WAYS = (
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step of the plan.
-
-    Attributes:
-        artefact: Its id.
-        feature: Of the artefact.
-        touches: How many points.
-        say: What to do, in a sentence.
-    """
+    """One step of the plan."""
 
     artefact: str
     feature: str
@@ -70,7 +63,6 @@ class Plan:
 
     Attributes:
         artefacts: Tables of `campaign.toml`, by id.
-        steps: In order.
         shoulder_mm: Middle of the working volume.
         reach_mm: Its radius.
     """

@@ -27,20 +27,12 @@ WORDS = Words("alignment/words.jinja", **_FILTERS)
 
 
 def alignment_lines(values: Mapping[str, Any]) -> list[str]:
-    """Describe an alignment in lines.
-
-    Args:
-        values: As in alignment.json.
-    """
+    """Describe an alignment in lines."""
     return WORDS.lines("summary", values)
 
 
 def alignment_page(values: Mapping[str, Any]) -> str:
-    """Make the page; the text is complete in itself.
-
-    Args:
-        values: As in alignment.json.
-    """
+    """Make the page; the text is complete in itself."""
     return page(
         "alignment/page.jinja",
         _FILTERS,

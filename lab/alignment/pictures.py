@@ -18,11 +18,7 @@ _N_AROUND = 60
 def alignment_paintings(
     values: Mapping[str, Any],
 ) -> Iterator[tuple[str, float, Paint]]:
-    """List the pictures to paint: title, height in mm, and how.
-
-    Args:
-        values: As in alignment.json.
-    """
+    """List the pictures to paint: title, height in mm, and how."""
     if any(point["nominal_mm"] is not None for point in values["points"]):
         yield "Residuals", 65.0, lambda figure: _residuals(values, figure)
     if values["quality"]["places"]:

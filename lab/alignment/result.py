@@ -102,8 +102,6 @@ class AlignmentWarning:
     """A warning to be read before the alignment is used.
 
     Attributes:
-        code: For programs.
-        text: For people.
         direction: In the system that it leads to, (3,); None where there is none.
     """
 
@@ -117,12 +115,10 @@ class PointResult:
     """A common point, or a touch of a feature.
 
     Attributes:
-        name: As labelled.
         measured_mm: In the arm's system, (3,).
         nominal_mm: In the system that it leads to, (3,); None of touches on features.
         residual_mm: Nominal less transformed, (3,).
         touches: How many it is the mean of.
-        spread_mm: Of these.
         redundancy: Of each coordinate, (3,).
         detectable_mm: Least error that is found, in the best and in the worst
             direction; None where it cannot be found, however large.
@@ -153,17 +149,12 @@ class AlignmentResult:
 
     Attributes:
         method: `best-fit`, `3-2-1` or `leapfrog`.
-        transformation: From the arm's system.
         centre_mm: Reference point of the covariance, (3,).
         covariance: Of xi, (p, p); None where the errors are unknown.
         is_stated: Whether errors are stated; else they are estimated from residuals.
-        points: In their order.
         test: Of sigma0; None without redundancy.
         volume: Where it is used, in the system it leads to.
-        volume_source: Source of the volume.
         index: Of the points' disposition for that volume.
-        flags: Warnings.
-        remarks: What else is to be said.
     """
 
     method: str

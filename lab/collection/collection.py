@@ -84,11 +84,8 @@ class Collection:
     """Collected touches of a campaign.
 
     Args:
-        file: the campaign.
-        folder: where it is.
         joint_names: of the arm, from the base outwards.
         targets: required touches, in order; a feature may recur, counted up.
-        plan: that they are of, or None.
 
     Attributes:
         touches: by id, in the order of time.

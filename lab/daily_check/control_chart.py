@@ -103,7 +103,6 @@ class ChartPoint:
     """One value on its chart; in units of its own standard deviation where it says so.
 
     Attributes:
-        value: As measured.
         q: How unusual beside those before it; None where there were too few.
         moving_range: |q - q before|; None without either.
         ewma: Exponentially weighted mean of q so far.

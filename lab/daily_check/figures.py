@@ -30,10 +30,6 @@ class FigureKind:
     """One of the figures.
 
     Attributes:
-        key: In files.
-        name: For people.
-        definition: How it is computed.
-        positive: It cannot be negative.
         plausible_mm: Beyond it not the arm is off, but something else was touched.
         like: Key of the figure of an acceptance test that it is beside.
     """

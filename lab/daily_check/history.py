@@ -46,11 +46,8 @@ class Check:
 
     Attributes:
         time_utc: ISO 8601, to the second, with Z.
-        arm: Its name.
-        arm_digest: Of the arm file.
         data_digest: Of the poses, so that none counts twice.
         begins: Why a new base begins with this check; empty where none does.
-        figures: What it gave.
     """
 
     time_utc: str

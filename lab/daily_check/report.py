@@ -23,7 +23,6 @@ class FigureChart:
     """The chart of one figure.
 
     Attributes:
-        kind: Which.
         points: Since the base began.
         limit_mm: Permitted; None where nothing says so.
         accepted_mm: Of the last acceptance; None without.
@@ -58,7 +57,6 @@ class DailyCheckReport:
         checks: Since the base began.
         charts: In the order of `KINDS`.
         acceptance: Date and standard of the certificate compared with, or None.
-        remarks: What is not as it should be.
     """
 
     checks: tuple[Check, ...]

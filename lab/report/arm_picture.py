@@ -34,7 +34,6 @@ class _View:
     """A direction to look in: which way x and y of the paper point in the arm's system.
 
     Attributes:
-        title: What is shown.
         right: Component of the arm's system that grows to the right.
         up: Component that grows upwards.
         away: Component along the look, with its sign: 1 if it grows away from the eye.

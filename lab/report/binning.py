@@ -17,8 +17,6 @@ class Bins:
     """Means over parts of a range, each (n_bins,).
 
     Attributes:
-        centres: Of the covariate.
-        means: Of the values.
         errors: Standard errors of the means.
     """
 

@@ -40,7 +40,6 @@ class ReportProvenance:
         date_utc: Of the computation, ISO 8601 to the second, with Z.
         computed_by: A name, or user@host.
         versions: Of Traverse, Python and numpy, by name.
-        campaign: What was measured.
     """
 
     date_utc: str

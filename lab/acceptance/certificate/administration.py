@@ -14,11 +14,8 @@ class StandardUsed:
     """A calibrated standard; None where the campaign does not state it.
 
     Attributes:
-        kind: Of the artefact.
         artefacts: Ids of the places where it was touched.
-        serial_number: Of the standard.
         calibration_date: ISO 8601.
-        certificate_number: Of its calibration.
     """
 
     kind: str
@@ -33,17 +30,12 @@ class Administration:
     """The administrative data of a certificate; None where something is not stated.
 
     Attributes:
-        operator: Who measured.
-        place: Where.
         measured_from_utc: First touch, ISO 8601 with Z.
         measured_to_utc: Last touch.
         temperature_least_c: Lowest temperature of a touch.
         temperature_mean_c: Mean over the touches.
         temperature_largest_c: Highest.
-        arm_name: Of the arm file.
-        arm_serial_number: Of the arm file.
         arm_calibration_date: When the arm was identified.
-        standards: That were touched.
     """
 
     operator: str | None

@@ -16,11 +16,7 @@ _MOST_PLACES = 3
 
 
 def figure_lines(values: Mapping[str, Any]) -> list[str]:
-    """Describe a certificate in lines.
-
-    Args:
-        values: The certificate.
-    """
+    """Describe a certificate in lines."""
     return WORDS.lines("summary", values)
 
 

@@ -26,11 +26,7 @@ _MARKS = ("o", "s", "^", "D", "v", "P", "X")
 
 
 def paintings(values: Mapping[str, Any]) -> Iterator[tuple[str, float, Paint]]:
-    """List the pictures to paint: title, height in mm, and how.
-
-    Args:
-        values: The certificate.
-    """
+    """List the pictures to paint: title, height in mm, and how."""
     decided = [f for f in values["figures"] if f["limit_mm"]]
     if decided:
         height_mm = 25.0 + 9.0 * len(decided)

@@ -21,12 +21,9 @@ class SealedCertificate:
     """A verification with everything that it was made of.
 
     Attributes:
-        verification: The figures.
-        arm: As read.
         limits: As read, or none.
         files: Contents of the files, by the names that they get in the folder `data`.
         administration: Who measured, where, when, with which standards.
-        provenance: Of the computation.
     """
 
     verification: Verification
@@ -88,12 +85,7 @@ def administration_values(administration: Administration) -> dict[str, Any]:
 def digest_values(
     result: Mapping[str, Any], files: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return the digests of files and result, and the one over both.
-
-    Args:
-        result: The certificate without its digest.
-        files: Digests by name.
-    """
+    """Return the digests of files and result, and the one over both."""
     of_result = hashlib.sha256(canonical(result)).hexdigest()
     both = {"files": dict(files), "result": of_result}
     whole = hashlib.sha256(canonical(both)).hexdigest()

@@ -34,10 +34,8 @@ class Decision:
 
     Attributes:
         verdict: accept, reject, neither, or undecided for want of an uncertainty.
-        limit_mm: The maximum permissible error.
         guard_mm: Width of the guard band; 0 with simple acceptance, None where the
             uncertainty is not stated.
-        rule: In words.
     """
 
     verdict: Verdict
@@ -96,7 +94,6 @@ class Contribution:
     """One line of a budget.
 
     Attributes:
-        name: Its source.
         formula: With the numbers in it; or where to state it.
         standard_mm: Standard uncertainty of the test value from it; None where it is
             required and not stated.
@@ -233,11 +230,9 @@ class Figure:
 
     Attributes:
         key: In files, for example `p_size`.
-        name: As the standard calls it.
         definition: How it was computed, in words.
         source: Source of the definition; general knowledge is to be confirmed.
         value_mm: Signed where the definition is.
-        budget: Of its uncertainty.
         decision: None where the limits give no limit.
         parts: Further figures that it is made of, in mm by name.
         remarks: Deviations from the standard.
@@ -264,7 +259,6 @@ class Missing:
     """A figure that cannot be computed.
 
     Attributes:
-        name: Of the figure.
         what: What is missing or too much, one line each.
     """
 
@@ -277,7 +271,6 @@ class LengthError:
     """One measured length of a set, for tables and plots.
 
     Attributes:
-        artefact: Its id.
         repeat: From 1.
         length_mm: Certified.
         error_mm: Measured less certified, at the temperature of the measurement.
@@ -300,7 +293,6 @@ class Scatter:
     """Distances of touched points from a fitted shape, for plots.
 
     Attributes:
-        name: What was touched.
         deviations_mm: In the order of the touches.
     """
 
@@ -313,17 +305,7 @@ Part = Figure | Missing | LengthError | Scatter
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verification:
-    """Everything that a standard requires.
-
-    Attributes:
-        standard: Its name in commands.
-        title: Its full name.
-        figures: That could be computed.
-        missing: That could not.
-        lengths: Every measured length.
-        scatters: Of the probing tests.
-        remarks: About the whole.
-    """
+    """Everything that a standard requires."""
 
     standard: str
     title: str

@@ -98,8 +98,6 @@ class Limits(StrictModel):
         coverage_factor: Of the expanded uncertainties that are reported.
         measuring_range_mm: Diameter of the volume; else twice the reach of the arm.
         l_dia_radius: Whether the spheres of L_DIA are fitted with their radius free.
-        mpe: Maximum permissible errors.
-        standards: Further data of the material standards.
     """
 
     schema_: Literal["traverse/acceptance-limits/1"] = Field(alias="schema")

@@ -29,8 +29,6 @@ class KnownPair:
     """Two effects that are hard to separate.
 
     Attributes:
-        why: What they have in common.
-        experiment: What separates them.
         is_structural: No poses of the kinds that the campaign has would.
     """
 

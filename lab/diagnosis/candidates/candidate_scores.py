@@ -31,7 +31,6 @@ class CandidateScores:
     """A fit with everything judged on it.
 
     Attributes:
-        rows: Of the fit.
         banks: Candidates with their columns.
         findings: All of them, judged; steps at their best moments.
         scans: Of steps, at every moment.

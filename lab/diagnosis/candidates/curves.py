@@ -41,9 +41,6 @@ def generic_bank(rows: ObservationEquations) -> Bank:
     knots. Two tilts of its axis and three shifts of its origin are curved over its own
     reading, time and temperature; the base over time and temperature.
 
-    Args:
-        rows: Of the fit.
-
     Returns:
         Columns in units of 1e-5 rad or 0.01 mm at a knot, less their mean over the
         poses that take part, whitened, (n_rows, n_columns).

@@ -21,9 +21,6 @@ HIGHEST_ORDER = 60
 def harmonic_bank(rows: ObservationEquations) -> Bank:
     """Compute cos and sin of order times the reading, for every joint and order.
 
-    Args:
-        rows: Of the fit.
-
     Returns:
         Two columns a candidate in units of plausible amplitudes, whitened, (n_rows,
         2 * HIGHEST_ORDER * n_joints): joint by joint, from order 1, which is the

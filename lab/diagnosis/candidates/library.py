@@ -37,7 +37,6 @@ class _Entry:
     """A candidate with the effect that makes its columns.
 
     Attributes:
-        candidate: As it is offered.
         correction: Of unit size where sizes do not enter linearly, else of none.
         reason: Why the campaign says nothing about it; None where it does.
     """
@@ -87,10 +86,6 @@ def absent_candidates(
     rows: ObservationEquations, arm: Arm
 ) -> tuple[tuple[Candidate, str], ...]:
     """List the effects that the campaign or the arm file says nothing about.
-
-    Args:
-        rows: Of the fit.
-        arm: As for `library_bank`.
 
     Returns:
         Each with the reason.

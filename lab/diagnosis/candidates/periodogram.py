@@ -41,7 +41,6 @@ class Periodogram:
     """The waves of one joint.
 
     Attributes:
-        joint: Its name.
         cycles: That were looked at, rising, (n_cycles,).
         statistics: T of each, (n_cycles,).
         evidences: Log Bayes factor of each, (n_cycles,).
@@ -61,11 +60,7 @@ class Periodogram:
 
 
 def periodograms(rows: ObservationEquations) -> tuple[Periodogram, ...]:
-    """Compute the waves of every joint that has travelled far enough.
-
-    Args:
-        rows: Of the fit.
-    """
+    """Compute the waves of every joint that has travelled far enough."""
     found = []
     used = used_poses(rows)
     for joint, name in enumerate(rows.adjustment.network.campaign.joint_names):

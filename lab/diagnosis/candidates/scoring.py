@@ -34,7 +34,6 @@ class ProjectedCandidate:
     """Columns of a candidate after projection on the complement of the unknowns.
 
     Attributes:
-        candidate: Which.
         directions: U, orthonormal, (n_rows, n_visible).
         singular_values: S, (n_visible,).
         combinations: W, in units of the scales, (n_columns, n_visible).
@@ -65,7 +64,6 @@ class BankScores:
     """All candidates of a bank, judged.
 
     Attributes:
-        projected: Each candidate.
         statistics: T, (n_candidates,).
         degrees: q, the number of visible directions, (n_candidates,).
         log_p: Natural logarithm of the p-values, (n_candidates,).

@@ -221,9 +221,6 @@ class StepScan:
 def scan_steps(rows: ObservationEquations) -> tuple[StepScan, ...]:
     """Test a slip of every encoder, and a step of the base, at every gap.
 
-    Args:
-        rows: Of the fit.
-
     Returns:
         One scan a joint, with one column each, and one of the base, with three; none
         where no two poses differ in time.

@@ -30,9 +30,7 @@ class Candidate:
     """A possibly missing effect.
 
     Attributes:
-        bank: Its source.
         kind: Of the arm file's effects; "empirical" in the generic bank.
-        joint: Its name, or None for the whole arm.
         order: Of a harmonic or an error motion, or None.
         component: "radial", "axial" of a runout; the direction in which a spline
             moves the joint ("angle", "tilt", "shift") in the generic bank; or None.
@@ -96,7 +94,6 @@ class Bank:
     """Candidates with their columns.
 
     Attributes:
-        candidates: Of the bank.
         columns: C of all candidates side by side, in units of their scales, before
             projection, (n_rows, n_columns).
     """

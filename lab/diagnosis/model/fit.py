@@ -25,7 +25,6 @@ class Fit:
 
     Attributes:
         arm: As estimated, effects included.
-        adjustment: How.
         statistics: Of all poses; of those that took no part: as predicted.
         included: Poses that took part, (n_poses,).
     """

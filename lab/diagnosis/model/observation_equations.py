@@ -37,7 +37,6 @@ class ObservationEquations:
     """All equations of a fit.
 
     Attributes:
-        adjustment: The fit.
         poses: The campaign's pose of every row; -1: a certificate, (n_rows,).
         values: Less the whitened misclosures, (n_rows,).
         by_centre: How rows change with the model's ball centre [1/mm], (n_rows, 3);

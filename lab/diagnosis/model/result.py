@@ -22,7 +22,6 @@ class Estimate:
     Attributes:
         value: A number, or a vector's components, or a spline's values.
         std: Of the same shape.
-        unit: Of both.
     """
 
     value: float | tuple[float, ...]
@@ -35,7 +34,6 @@ class Alternative:
     """Another name that the data cannot exclude.
 
     Attributes:
-        candidate: The other name.
         log_bayes_factor: Natural logarithm, against nothing missing.
         correlation: Of this finding with the other block, 0 to 1.
         alias: No poses of this kind can separate the two.
@@ -58,8 +56,6 @@ class HoldoutMisfit:
             measured volume.
         log_p: Natural logarithm of the probability of such an S by chance.
         n_contradicting: Poses that contradict the model one by one.
-        n_contradicting_there: At that artefact.
-        n_poses_there: Likewise.
     """
 
     artefact: str
@@ -76,7 +72,6 @@ class Term:
     """Something that the model lacked.
 
     Attributes:
-        status: How sure the name is.
         candidate: The name; of an unknown one, where the discrepancy lives.
         effect: As an entry of the arm file; None: a curve that has no form there.
         estimates: By key of the effect.
@@ -117,12 +112,10 @@ class Detectable:
     """Minimal detectable size of an effect.
 
     Attributes:
-        candidate: The effect.
         key: Key in the arm file to which the size belongs.
         minimum: In the unit of the key, in its worst direction; None: it cannot be
             seen at all.
         best: In its best direction.
-        unit: Of both.
         probe_mm: What the undetected minimum does to the probe (root mean square).
         why: Reason where it is undetectable, else empty.
     """
@@ -143,9 +136,7 @@ class HoldoutResult:
     Attributes:
         rms_mm: Of their misclosures.
         chi2: S, their mean square over the predictive covariance.
-        n: How many equations.
         mean_distance_mm: To known points, if any.
-        n_poses: How many poses.
         largest_mm: The largest misclosure of a pose; NaN without poses.
         without_blunders: The same without poses that contradict their neighbours;
             None: there are none.
@@ -165,8 +156,6 @@ class HoldoutComparison:
     """Two models compared on held-out poses.
 
     Attributes:
-        before: Without what was added.
-        after: With it.
         closed: Part of the gap that was closed, or None: too little to say.
         closed_without_blunders: The same without blunders; None also where there
             are none.
@@ -217,9 +206,6 @@ class BankRemainder:
     """The largest finding of a bank when nothing more was added.
 
     Attributes:
-        bank: Which.
-        candidate: Its most significant candidate.
-        log10_p: Of that.
         threshold_log10_p: What it would have needed.
     """
 
@@ -238,9 +224,7 @@ class Diagnosis:
         n_library: How many effects the library has for this arm.
         n_visible: How many of them the poses could have shown in some size.
         terms: What was found, in the order of finding.
-        arm: As given.
         adapted: With the accepted terms, everything estimated together.
-        campaign: As given.
         before: Fit of the geometry to the choosing poses, without terms.
         after: Fit with the terms of the arm that is written.
         all_terms: Fit with all terms, accepted or not.
@@ -251,12 +235,8 @@ class Diagnosis:
         gap: On all poses kept aside, by the arm that is written.
         ledger: The same figures after every term, accepted or not.
         vetoed: Whether held-out poses got worse, so that nothing was accepted.
-        noise: As found.
         leftovers: What remains in each bank.
         detectable: Minimal detectable sizes, and undetectable effects.
-        seed: Of the split and the thresholds.
-        holdout_by: Name of the split.
-        seconds: By stage of the work.
     """
 
     verdict: Verdict
@@ -306,9 +286,7 @@ class DiagnosisOptions:
     Attributes:
         seed: Of the split into choosing and held-out poses, and of the thresholds.
         holdout_by: Name of the split, as in `holdout.SPLITS`.
-        most_terms: That are added at most.
         level: Probability that anything is found where nothing is missing.
-        n_draws: Of noise, for the thresholds.
         details: Whether to compute detectable sizes, the final estimates
             from all poses, and the ledger's steps between the first and the last; a
             decision alone needs none of it.

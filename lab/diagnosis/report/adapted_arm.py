@@ -28,12 +28,7 @@ def terms_without_epoch(diagnosis: Diagnosis) -> tuple[Term, ...]:
 
 
 def arm_with_provenance(diagnosis: Diagnosis, when: datetime | None = None) -> Arm:
-    """Make the arm that is written.
-
-    Args:
-        diagnosis: With the adapted arm.
-        when: Date of the diagnosis; default now.
-    """
+    """Make the arm that is written."""
     arm, campaign = diagnosis.adapted, diagnosis.campaign
     effects = arm.effects
     if campaign.start_utc is None:

@@ -32,7 +32,6 @@ class Discrepancies:
     """Measurement against one model, an entry a pose of the campaign.
 
     Attributes:
-        campaign: What was measured.
         misclosures_mm: (n_poses, 3); NaN where there is none: surfaces have only the
             first.
         whitened: In standard deviations of noise, zero where there is none,

@@ -81,12 +81,7 @@ def write_diagnosis(
 def diagnosis_json(
     diagnosis: Diagnosis, provenance: ReportProvenance | None = None
 ) -> dict[str, Any]:
-    """Put a diagnosis into the plain values of `diagnosis.json`.
-
-    Args:
-        diagnosis: The result.
-        provenance: Of the computation; default this user, now.
-    """
+    """Put a diagnosis into the plain values of `diagnosis.json`."""
     lines = sorted(diagnosis.campaign.poses.lines[diagnosis.excluded].tolist())
     noise, ids = diagnosis.noise, [one.id for one in diagnosis.campaign.artefacts]
     unwritten = terms_without_epoch(diagnosis)

@@ -66,13 +66,7 @@ def summary_lines(diagnosis: Diagnosis) -> list[str]:
 def report_page(
     diagnosis: Diagnosis, plots: Plots, provenance: ReportProvenance | None = None
 ) -> str:
-    """Make the page; the text is complete in itself.
-
-    Args:
-        diagnosis: The result.
-        plots: Its pictures.
-        provenance: Of the computation; default this user, now.
-    """
+    """Make the page; the text is complete in itself."""
     joint_names = list(diagnosis.campaign.joint_names)
     return page(
         "diagnosis/report/page.jinja",

@@ -13,11 +13,6 @@ def value_covariance(diagnosis: Diagnosis, term: Term, effects: ArmEffects) -> F
     From the final fit, scaled to the standard deviations reported for the term;
     of a term that is not in it, those alone.
 
-    Args:
-        diagnosis: With the fit.
-        term: One of its terms.
-        effects: The term as the only effect.
-
     Returns:
         (n_values, n_values), in the order of the effect's values.
     """

@@ -34,7 +34,6 @@ class TermCurve:
     """A term and the data over a covariate, an entry a pose.
 
     Attributes:
-        covariate: What it is drawn over.
         unit: Of the amounts, "rad" or "mm".
         what: The amounts, in words.
         before: What the data said without any term, (n_poses,).

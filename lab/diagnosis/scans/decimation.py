@@ -75,7 +75,6 @@ class Decimation:
     Attributes:
         poses: Indices of those, rising, (n_kept,).
         n_samples: Of the stream, in which something is touched.
-        rate_hz: Of the stream.
         lasting_s: For how long noise lasts on each artefact; NaN: never touched.
         apart_s: How far apart the poses on each artefact are.
     """

@@ -45,8 +45,6 @@ class HarmonicFinding:
     """A harmonic as estimated from a whole stream.
 
     Attributes:
-        candidate: Joint and order.
-        amplitudes_rad: Of cosine and sine.
         std_rad: Of both together, root mean square, noise as it was found.
         statistic: T over what noise has too much: chi-square of two degrees.
     """
@@ -66,11 +64,6 @@ def stream_harmonics(
     rows: ObservationEquations, campaign: Campaign, radius_mm: float
 ) -> tuple[HarmonicFinding, ...]:
     """Test all harmonics on all samples.
-
-    Args:
-        rows: Of a fit of some of the samples.
-        campaign: All of them.
-        radius_mm: Of the probe's ball.
 
     Returns:
         All detectable ones, the most significant first.

@@ -38,13 +38,7 @@ _MOST_REVISIONS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decision:
-    """Outcome of a decision.
-
-    Attributes:
-        search: Where the search ended, revised.
-        names: Of its terms.
-        start: The fit without terms.
-    """
+    """Outcome of a decision."""
 
     search: SearchState
     names: tuple[NamedTerm, ...]

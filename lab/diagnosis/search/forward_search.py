@@ -49,11 +49,7 @@ class SearchState:
     """Where a search ended.
 
     Attributes:
-        fit: With all terms.
-        stage: Judged there.
-        terms: That were added.
         thresholds: log p of each bank.
-        first: The stage without terms.
         n_given: Effects that the arm had before.
         serial: The noise that was assumed.
         stuck: A curve that explains what is left, but has no form in an arm file.

@@ -52,9 +52,7 @@ class NamedTerm:
     """A term with its name.
 
     Attributes:
-        added: The term.
         own: What speaks for it, all other terms in the model.
-        status: How sure the name is.
         harmonic: Periods a turn of a periodic discrepancy without a name, or None.
         alternatives: What else it may be, the best first.
         best: The best name of all, which may be another.

@@ -92,7 +92,6 @@ class ScoredCandidate:
         evidence: Log Bayes factor.
         score: With the preference for its kind.
         log_p: Of its test.
-        bank: Its source.
         residuals: That it was judged on, (n_rows,).
     """
 
