@@ -7,11 +7,7 @@ from typing import Any
 
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.acceptance.certificate.administration import administration_of
-from traverse.lab.acceptance.certificate.values import (
-    SCHEMA,
-    administration_values,
-    digest_values,
-)
+from traverse.lab.acceptance.certificate.values import SCHEMA, digest_values
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
 from traverse.lab.acceptance.standards import STANDARDS, verified
 from traverse.lab.measured_points.reading import read_measured
@@ -91,7 +87,7 @@ def _figure_problems(values: Mapping[str, Any], folder: Path) -> Iterator[str]:
     data = folder if has_campaign or not recordings else recordings[0]
     arm = read_arm(folder / ARM)
     measured = read_measured(data, arm)
-    administration = administration_values(administration_of(measured, arm))
+    administration = administration_of(measured, arm)
     if values.get("administration", administration) != administration:
         yield "operator, dates, temperature or standards are not those of the data"
     again = verified(

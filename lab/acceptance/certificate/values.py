@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from traverse.kinematics.arm_file.arm import Arm, arm_digest
-from traverse.lab.acceptance.certificate.administration import Administration
 from traverse.lab.acceptance.conformity.figure import Figure, Verification
 from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.report.provenance import ReportProvenance
@@ -23,14 +22,14 @@ class SealedCertificate:
     Attributes:
         limits: As read, or none.
         files: Contents of the files, by the names that they get in the folder `data`.
-        administration: Who measured, where, when, with which standards.
+        administration: Who measured, where, when, with which standards, as values.
     """
 
     verification: Verification
     arm: Arm
     limits: Limits
     files: Mapping[str, bytes]
-    administration: Administration
+    administration: Mapping[str, Any]
     provenance: ReportProvenance
 
     @property
@@ -53,7 +52,7 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
         "title": found.title,
         "date_utc": certificate.provenance.date_utc,
         "provenance": certificate.provenance.values,
-        "administration": administration_values(certificate.administration),
+        "administration": dict(certificate.administration),
         "arm": {"name": certificate.arm.name, "digest": arm_digest(certificate.arm)},
         "verdict": found.verdict,
         "complete": not found.missing,
@@ -74,12 +73,6 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
         ],
         "remarks": list(found.remarks),
     }
-
-
-def administration_values(administration: Administration) -> dict[str, Any]:
-    """Put the administrative data into plain values."""
-    values: dict[str, Any] = json.loads(json.dumps(asdict(administration)))
-    return values
 
 
 def digest_values(

@@ -254,6 +254,38 @@ class Figure:
         return "" if self.source == "published" else CONFIRM
 
 
+def judged_figure(
+    limits: Limits,
+    key: str,
+    name: str,
+    definition: str,
+    value_mm: float,
+    *,
+    budget: Budget,
+    length_mm: float = 0.0,
+    source: Source = "general knowledge",
+    parts: Iterable[tuple[str, float]] = (),
+    remarks: Iterable[str] = (),
+) -> Figure:
+    """Make a figure, decided on where it has a limit, for a length where that grows."""
+    limit = limits.mpe.of(key)
+    decision = None
+    if limit is not None:
+        limit_mm = limit.at(length_mm)
+        decision = decision_of(value_mm, limit_mm, budget.standard_mm, limits)
+    return Figure(
+        key,
+        name,
+        definition,
+        source,
+        value_mm,
+        budget,
+        decision,
+        tuple(parts),
+        tuple(remarks),
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class Missing:
     """A figure that cannot be computed.

@@ -5,20 +5,17 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from traverse.lab.acceptance.conformity.figure import (
-    Figure,
     LengthError,
     Missing,
     Part,
     Scatter,
     fixture_budget,
+    judged_figure,
 )
 from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.acceptance.procedures.lengths import largest_of, length_sets
 from traverse.lab.acceptance.procedures.point_distribution import direction_remarks
-from traverse.lab.acceptance.procedures.probing import (
-    figure_decision,
-    refuse_another_count,
-)
+from traverse.lab.acceptance.procedures.probing import refuse_another_count
 from traverse.lab.measured_points.measurement import (
     IncompleteError,
     Measurement,
@@ -82,17 +79,15 @@ def articulation(measured: Measurement, limits: Limits) -> Iterator[Part]:
         ("spat_max", "SPAT, largest", "max delta_i", largest, spans),
         ("spat_2s", "SPAT, 2 s", "2 s, s = sqrt(sum delta_i^2/(n - 1))", two_s, []),
     ):
-        value_mm = max(values.values())
-        yield Figure(
+        yield judged_figure(
+            limits,
             key,
             name,
             f"{_ARTICULATION}; {formula}",
-            "general knowledge",
-            value_mm,
-            budget,
-            figure_decision(limits, key, value_mm, budget.standard_mm),
-            (*values.items(), *parts),
-            tuple(remarks),
+            max(values.values()),
+            budget=budget,
+            parts=(*values.items(), *parts),
+            remarks=remarks,
         )
 
 
@@ -113,30 +108,26 @@ def volumetric(measured: Measurement, limits: Limits) -> Iterator[Part]:
     yield from found
     values = np.array([error.error_mm for error in found])
     worst, budget = largest_of(found, measured, limits)
-    two_rms_mm, twice = 2.0 * float(np.sqrt(np.mean(values**2))), budget.times(2.0)
-    remarks = tuple(_bar_remarks(measured, found))
-    yield Figure(
+    yield judged_figure(
+        limits,
         "volumetric_max",
         "volumetric, largest",
         f"{_VOLUME}; the D with the largest size",
-        "general knowledge",
         worst.error_mm,
-        budget,
-        figure_decision(limits, "volumetric_max", worst.error_mm, budget.standard_mm),
-        (
+        budget=budget,
+        parts=(
             ("mean", float(values.mean())),
             ("twice the standard deviation", 2.0 * float(values.std(ddof=1))),
         ),
-        remarks,
+        remarks=_bar_remarks(measured, found),
     )
-    yield Figure(
+    yield judged_figure(
+        limits,
         "volumetric_2rms",
         "volumetric, 2 RMS",
         f"{_VOLUME}; 2 sqrt(sum D^2/20)",
-        "general knowledge",
-        two_rms_mm,
-        twice,
-        figure_decision(limits, "volumetric_2rms", two_rms_mm, twice.standard_mm),
+        2.0 * float(np.sqrt(np.mean(values**2))),
+        budget=budget.times(2.0),
     )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from traverse.lab.acceptance.conformity.figure import Figure, Missing, Part, decision_of
+from traverse.lab.acceptance.conformity.figure import Missing, Part, judged_figure
 from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.acceptance.procedures.lengths import SET, largest_of, length_sets
 from traverse.lab.acceptance.procedures.point_distribution import direction_remarks
@@ -33,25 +33,19 @@ def interim_test(measured: Measurement, limits: Limits) -> Iterator[Part]:
     yield from found
     values = np.array([error.error_mm for error in found])
     worst, budget = largest_of(found, measured, limits)
-    limit = limits.mpe.of(KEY)
-    decision = None
-    if limit is not None:
-        decision = decision_of(
-            worst.error_mm, limit.at(worst.length_mm), budget.standard_mm, limits
-        )
     within = [float(np.ptp([e.error_mm for e in errors])) for errors in sets]
-    yield Figure(
+    yield judged_figure(
+        limits,
         KEY,
         "interim check of length",
         _DEFINITION,
-        "general knowledge",
         worst.error_mm,
-        budget,
-        decision,
-        (
+        budget=budget,
+        length_mm=worst.length_mm,
+        parts=(
             ("mean error", float(values.mean())),
             ("range of all errors", float(np.ptp(values))),
             ("largest range within a position", max(within)),
         ),
-        tuple(direction_remarks(measured, check_names())),
+        remarks=direction_remarks(measured, check_names()),
     )

@@ -102,7 +102,7 @@ def _judged(
     sets: Sequence[list[LengthError]], limits: Limits
 ) -> tuple[Verdict | None, list[str]]:
     """Apply the rule for repeats to sets of 3, or 3 and ten again."""
-    outside: list[tuple[LengthError, Verdict, bool]] = []
+    outside: list[tuple[list[LengthError], Verdict, bool]] = []
     remarks: list[str] = []
     too_many = False
     for found in sets:
@@ -117,18 +117,17 @@ def _judged(
         too_many = too_many or len(bad) > 1
         verdict = worst([v for v in verdicts if v is not None])
         if bad:
-            outside.append((found[bad[0]], verdict, cured))
+            outside.append((found, verdict, cured))
     if not outside:
         return "accept", remarks
     open_ = [entry for entry in outside if not entry[2]]
     if not open_ and len(outside) <= MOST_SETS:
-        names = ", ".join(error.artefact for error, _, _ in outside)
+        names = ", ".join(found[0].artefact for found, _, _ in outside)
         remarks.append(f"one error outside in {names}: measured ten times again, good")
         return "accept", remarks
     may = not too_many and len(outside) <= MOST_SETS
-    first_time = [entry for entry in open_ if _is_first(entry[0], sets)]
-    if may and first_time and len(first_time) == len(open_):
-        names = ", ".join(error.artefact for error, _, _ in open_)
+    if may and open_ and all(len(found) == SET for found, _, _ in open_):
+        names = ", ".join(found[0].artefact for found, _, _ in open_)
         remarks.append(
             f"one error outside in {names}: measure each ten times again in the same "
             "place; until then nothing is decided"
@@ -136,13 +135,6 @@ def _judged(
         return "neither", remarks
     remarks.append(f"errors outside in {len(outside)} of {len(sets)} sets")
     return worst([verdict for _, verdict, _ in outside]), remarks
-
-
-def _is_first(error: LengthError, sets: Sequence[list[LengthError]]) -> bool:
-    """Return whether its set was not measured again yet."""
-    return any(
-        found[0].artefact == error.artefact and len(found) == SET for found in sets
-    )
 
 
 def _verdict(error: LengthError, limits: Limits) -> Verdict | None:

@@ -10,17 +10,17 @@ import numpy as np
 
 from traverse.kinematics.fits import enclosing_sphere
 from traverse.lab.acceptance.conformity.figure import (
-    Decision,
-    Figure,
+    Budget,
     Missing,
     Part,
     Scatter,
-    decision_of,
     form_budget,
+    judged_figure,
     length_budget,
 )
 from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.acceptance.procedures.point_distribution import half_sphere_remarks
+from traverse.lab.artefacts.sphere import Sphere
 from traverse.lab.measured_points.measurement import (
     ArtefactTouches,
     IncompleteError,
@@ -72,14 +72,17 @@ def refuse_another_count(touched: ArtefactTouches, wanted: int, what: str) -> No
         )
 
 
-def figure_decision(
-    limits: Limits, key: str, error_mm: float, standard_mm: float | None
-) -> Decision | None:
-    """Decide on a figure, where it has a limit that does not depend on a length."""
-    limit = limits.mpe.of(key)
-    if limit is None:
-        return None
-    return decision_of(error_mm, limit.constant_mm, standard_mm, limits)
+def _diameter_budget(
+    sphere: Sphere, touched: ArtefactTouches, limits: Limits
+) -> Budget:
+    """Draw up the budget of a diameter."""
+    return length_budget(
+        2.0 * float(sphere.radius_mm or 0.0),
+        2.0 * (sphere.radius_std_mm or 0.0),
+        limits.standards,
+        sphere.expansion[0],
+        warmer_c(sphere, touched),
+    )
 
 
 def size_and_form(
@@ -108,34 +111,26 @@ def size_and_form(
         return
     worst = max(sizes_mm, key=lambda name: abs(sizes_mm[name]))
     sphere = certified_sphere(measured.artefacts.get(worst), worst)
-    budget = length_budget(
-        2.0 * float(sphere.radius_mm or 0.0),
-        2.0 * (sphere.radius_std_mm or 0.0),
-        limits.standards,
-        sphere.expansion[0],
-        warmer_c(sphere, measured.of(worst)),
-    )
-    yield Figure(
+    yield judged_figure(
+        limits,
         "p_size",
         "P_SIZE",
         SIZE,
-        "published",
         sizes_mm[worst],
-        budget,
-        figure_decision(limits, "p_size", sizes_mm[worst], budget.standard_mm),
-        tuple(sizes_mm.items()),
-        (*remarks, *_location_remarks(measured, names)),
+        budget=_diameter_budget(sphere, measured.of(worst), limits),
+        source="published",
+        parts=sizes_mm.items(),
+        remarks=(*remarks, *_location_remarks(measured, names)),
     )
-    form_mm, budget = max(forms_mm.values()), form_budget(limits.standards)
-    yield Figure(
+    yield judged_figure(
+        limits,
         "p_form",
         "P_FORM",
         FORM,
-        "published",
-        form_mm,
-        budget,
-        figure_decision(limits, "p_form", form_mm, budget.standard_mm),
-        tuple(forms_mm.items()),
+        max(forms_mm.values()),
+        budget=form_budget(limits.standards),
+        source="published",
+        parts=forms_mm.items(),
     )
 
 
@@ -185,19 +180,17 @@ def location(measured: Measurement, name: str, limits: Limits) -> Iterator[Part]
         yield Missing("L_DIA", (str(error),))
         return
     around = enclosing_sphere(np.array(centres_mm))
-    value_mm, budget = 2.0 * around.radius_mm, form_budget(limits.standards)
     away_mm = np.linalg.norm(np.array(centres_mm) - around.centre_mm, axis=1)
     held = ", ".join(groups[index] for index in around.supports)
-    yield Figure(
+    yield judged_figure(
+        limits,
         "l_dia",
         "L_DIA (5x5)",
         f"{LOCATION}. Radius of the five spheres: {limits.l_dia_radius}. Groups that "
         f"hold the sphere: {held}",
-        "general knowledge",
-        value_mm,
-        budget,
-        figure_decision(limits, "l_dia", value_mm, budget.standard_mm),
-        tuple(
+        2.0 * around.radius_mm,
+        budget=form_budget(limits.standards),
+        parts=(
             (f"{group} from the middle", float(away))
             for group, away in zip(groups, away_mm, strict=True)
         ),
@@ -218,25 +211,16 @@ def effective_diameter(
             refuse_another_count(part, 9, f"{name} repeat {repeat}")
             found = fitted_sphere(sphere, part, f"{name} repeat {repeat}")
             errors_mm[repeat] = found.size_mm
-        warm_c = warmer_c(sphere, touched)
+        budget = _diameter_budget(sphere, touched, limits)
     except IncompleteError as error:
         yield Missing("effective diameter", (str(error),))
         return
-    value_mm = max(map(abs, errors_mm.values()))
-    budget = length_budget(
-        2.0 * float(sphere.radius_mm or 0.0),
-        2.0 * (sphere.radius_std_mm or 0.0),
-        limits.standards,
-        sphere.expansion[0],
-        warm_c,
-    )
-    yield Figure(
+    yield judged_figure(
+        limits,
         "effective_diameter",
         "effective diameter",
         DIAMETER,
-        "general knowledge",
-        value_mm,
-        budget,
-        figure_decision(limits, "effective_diameter", value_mm, budget.standard_mm),
-        tuple((f"repeat {name}", error) for name, error in errors_mm.items()),
+        max(map(abs, errors_mm.values())),
+        budget=budget,
+        parts=((f"repeat {name}", error) for name, error in errors_mm.items()),
     )
