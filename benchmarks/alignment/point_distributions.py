@@ -7,7 +7,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.helmert.adjustment import HelmertError
 from traverse.kinematics.helmert.transformation import Helmert, rotation_matrix
-from traverse.kinematics.helmert.volume import Box, disposition_index
+from traverse.kinematics.helmert.volume import Box, disposition_index, volume_error
 from traverse.lab.alignment.best_fit import best_fit_alignment
 from traverse.lab.alignment.nominal import fixed_volume
 from traverse.lab.alignment.touches import CommonPoints, Place
@@ -124,9 +124,10 @@ def outcome(seed: int) -> Outcome:
             str(error), (), *nothing, index.rms_mm, true_mm, fit_mm, straightness
         )
     # The prediction is compared before any test influences it.
-    test, predicted = found.test, found.predicted
-    if test is None or predicted is None:
+    test, covariance = found.test, found.covariance
+    if test is None or covariance is None:
         raise AssertionError("three points on no line always have redundancy")
+    predicted = volume_error(found.volume, found.centre_mm, covariance)
     factor = 1.0 if test.passed else test.sigma0
     residuals = np.array([point.residual_mm for point in found.points])
     return Outcome(

@@ -105,15 +105,6 @@ def _tests(standard: str, reach_mm: float, bidirectional: bool) -> Iterator[_Tes
         yield from _checks(reach_mm)
 
 
-def nominal_lengths_mm(reach_mm: float) -> list[float]:
-    """Return five lengths, evenly spread up to 70 % of the measuring range."""
-    longest_mm = LONGEST_SHARE * 2.0 * reach_mm
-    return [
-        float(np.ceil(longest_mm * number / LENGTHS / 10.0) * 10.0)
-        for number in range(1, LENGTHS + 1)
-    ]
-
-
 def _spheres(reach_mm: float) -> Iterator[_Test]:
     where = (f"{0.3 * reach_mm:.0f} mm", f"{0.7 * reach_mm:.0f} mm")
     for name, far in zip(PROBING, where, strict=True):
@@ -136,7 +127,11 @@ def _spheres(reach_mm: float) -> Iterator[_Test]:
 
 
 def _lengths(reach_mm: float, prefix: str) -> Iterator[_Test]:
-    lengths_mm = nominal_lengths_mm(reach_mm)
+    longest_mm = LONGEST_SHARE * 2.0 * reach_mm
+    lengths_mm = [
+        float(np.ceil(longest_mm * number / LENGTHS / 10.0) * 10.0)
+        for number in range(1, LENGTHS + 1)
+    ]
     for position in range(1, POSITIONS + 1):
         for number, length_mm in enumerate(lengths_mm, 1):
             name = f"{prefix}-{position}-{number}"

@@ -108,8 +108,10 @@ class NominalVolume(StrictModel):
         missing = [sum(value is None for value in pair) for pair in (box, ball)]
         if sorted(missing) != [0, 2]:
             raise ValueError("give min_mm and max_mm, or centre_mm and radius_mm")
-        if self.min_mm and self.max_mm and not _is_box(self.min_mm, self.max_mm):
-            raise ValueError("max_mm is not above min_mm")
+        if self.min_mm and self.max_mm:
+            sides_mm = np.subtract(self.max_mm, self.min_mm)
+            if sides_mm.min() < 0.0 or sides_mm.max() <= 0.0:
+                raise ValueError("max_mm is not above min_mm")
         return self
 
     def volume(self) -> Volume:
@@ -119,32 +121,23 @@ class NominalVolume(StrictModel):
         return Ball(np.array(self.centre_mm), float(self.radius_mm or 0.0))
 
 
-def _is_box(low: Vector, high: Vector) -> bool:
-    sides = [b - a for a, b in zip(low, high, strict=True)]
-    return min(sides) >= 0.0 and max(sides) > 0.0
-
-
-class NominalPlane(StrictModel):
-    """The plane of 3-2-1: touches lie on it; the normal points out of the part."""
-
-    feature: str
-    point_mm: Vector
-    normal: Vector
-
-
-class NominalLine(StrictModel):
-    """The line of 3-2-1; touches of the feature go from its start to its end."""
-
-    feature: str
-    point_mm: Vector
-    direction: Vector
-
-
 class NominalStop(StrictModel):
     """The point of 3-2-1."""
 
     feature: str
     point_mm: Vector
+
+
+class NominalPlane(NominalStop):
+    """The plane of 3-2-1: touches lie on it; the normal points out of the part."""
+
+    normal: Vector
+
+
+class NominalLine(NominalStop):
+    """The line of 3-2-1; touches of the feature go from its start to its end."""
+
+    direction: Vector
 
 
 class Nominal(StrictModel):
@@ -172,11 +165,9 @@ class Nominal(StrictModel):
                 raise ValueError(f"{what} has no length")
         if self.plane and self.line:
             across = np.cross(self.plane.normal, self.line.direction)
-            sizes = (
-                np.linalg.norm(self.plane.normal),
-                np.linalg.norm(self.line.direction),
-            )
-            if not np.linalg.norm(across) > _PARALLEL * sizes[0] * sizes[1]:
+            vectors = (self.plane.normal, self.line.direction)
+            sizes = np.prod(np.linalg.norm(vectors, axis=1))
+            if not np.linalg.norm(across) > _PARALLEL * sizes:
                 raise ValueError("line.direction is along plane.normal")
         return self
 

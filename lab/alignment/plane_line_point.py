@@ -8,7 +8,7 @@ import numpy as np
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.helmert.shape import direction_text, shape_of
-from traverse.kinematics.helmert.volume import Volume, VolumeError, mean_motions
+from traverse.kinematics.helmert.volume import VolumeError, mean_motions
 from traverse.kinematics.helmert.volume import volume_error as error_in
 from traverse.lab.alignment.flags import (
     POOR_INDEX,
@@ -41,61 +41,8 @@ from traverse.plurals import counted
 _AXES = ("along the line", "across the line", "off the plane")
 
 
-def touch_results(
-    *,
-    names: Sequence[str],
-    touched: PlaneLinePointTouches,
-    axes: Floats,
-    axis: Integers,
-    residuals_mm: Floats,
-    shares: Floats,
-    stds_mm: Floats,
-    in_volume: Floats,
-    is_stated: bool,
-) -> Iterator[PointResult]:
-    """Compute for every touch the effect of an undetected error, and test it.
-
-    Args:
-        names: Of the features, (n,).
-        touched: The touches, n in all.
-        axes: Of the nominal frame, as columns.
-        axis: Which of these counts, (n,).
-        residuals_mm: Along it, (n,).
-        shares: Redundancy numbers, (n,).
-        stds_mm: Of the touches along it, (n,).
-        in_volume: What an error of 1 mm does to the volume, (n,).
-        is_stated: Whether errors are stated.
-    """
-    for row, name in enumerate(names):
-        way, share = axes[:, axis[row]], float(shares[row])
-        least_mm = FOUND * float(stds_mm[row]) / np.sqrt(share) if share else None
-        hidden_mm = None if least_mm is None else least_mm * float(in_volume[row])
-        statistic = (residuals_mm[row] / stds_mm[row]) ** 2 / share if share else 0.0
-        yield PointResult(
-            name=name,
-            measured_mm=touched.all_mm[row],
-            nominal_mm=None,
-            residual_mm=residuals_mm[row] * way,
-            touches=1,
-            spread_mm=None,
-            redundancy=share * way**2,
-            detectable_mm=(least_mm, least_mm),
-            worst_direction=way,
-            hidden_mm=hidden_mm,
-            hidden_ratio=float(in_volume[row]),
-            p_value=point_p_value(float(statistic), int(share > 0.0))
-            if is_stated
-            else None,
-        )
-
-
-def plane_flags(index: VolumeError, on_plane_mm: Floats) -> Iterator[AlignmentWarning]:
-    """Flag what the disposition of the touches leaves weak.
-
-    Args:
-        index: Of their disposition.
-        on_plane_mm: Touches of the plane in the part's system, (n, 3).
-    """
+def _plane_flags(index: VolumeError, on_plane_mm: Floats) -> Iterator[AlignmentWarning]:
+    """Flag what the touches of the plane, (n, 3), leave weak."""
     shape = shape_of(on_plane_mm)
     if shape.straightness < STRAIGHT:
         yield AlignmentWarning(
@@ -115,7 +62,7 @@ def plane_flags(index: VolumeError, on_plane_mm: Floats) -> Iterator[AlignmentWa
         )
 
 
-def centre_flags(touches: Sequence[Touch]) -> Iterator[AlignmentWarning]:
+def _centre_flags(touches: Sequence[Touch]) -> Iterator[AlignmentWarning]:
     """Flag places that are not on the surfaces of the nominal file."""
     off_mm = max((touch.off_mm or 0.0 for touch in touches), default=0.0)
     if off_mm > 0.0:
@@ -127,7 +74,7 @@ def centre_flags(touches: Sequence[Touch]) -> Iterator[AlignmentWarning]:
         )
 
 
-def feature_values(
+def _feature_values(
     nominal: Nominal, axis: Integers, heights_mm: Floats
 ) -> Iterator[dict[str, Any]]:
     """Return how the features fit."""
@@ -200,25 +147,29 @@ def align_plane_line_point(
         if problem is not None:
             raise ValueError(problem.replace("common points", "touches of the plane"))
     volume = volume_of(transformation)
-    index = _index(volume, goal, moves)
+    found = error_in(volume, goal.origin_mm, moves @ moves.T)
+    per_touch = np.sqrt(3.0)  # errors of a touch count along one axis of three
+    index = VolumeError(
+        found.rms_mm / per_touch, found.max_mm / per_touch, found.max_at_mm
+    )
     unit = 1.0 if is_stated else (test.sigma0 if test is not None else 0.0)
-    names = [touch.names[0] for touch in everything]
+    mean = mean_motions(volume, goal.origin_mm, 6)
+    in_volume = np.sqrt(np.einsum("pn,pq,qn->n", moves, mean, moves))
     points = tuple(
-        touch_results(
-            names=names,
-            touched=touched,
-            axes=goal.axes,
-            axis=axis,
-            residuals_mm=-heights_mm,
-            shares=shares,
-            stds_mm=unit * stds_mm,
-            in_volume=_in_volume(volume, goal, moves),
+        _point(
+            touch,
+            goal.axes[:, axis[row]],
+            residual_mm=-heights_mm[row],
+            share=float(shares[row]),
+            std_mm=unit * stds_mm[row],
+            in_volume=float(in_volume[row]),
             is_stated=is_stated,
         )
+        for row, touch in enumerate(everything)
     )
     flags = [
-        *plane_flags(index, on_plane_mm),
-        *centre_flags(everything),
+        *_plane_flags(index, on_plane_mm),
+        *_centre_flags(everything),
         *revealed_flags(test, points, is_stated=is_stated),
     ]
     return AlignmentResult(
@@ -237,7 +188,38 @@ def align_plane_line_point(
             "each touch counts in one direction only: off the plane, across the line, "
             "along the line; errors in the others change nothing",
         ),
-        features=tuple(feature_values(nominal, axis, heights_mm)),
+        features=tuple(_feature_values(nominal, axis, heights_mm)),
+    )
+
+
+def _point(
+    touch: Touch,
+    way: Floats,
+    *,
+    residual_mm: float,
+    share: float,
+    std_mm: float,
+    in_volume: float,
+    is_stated: bool,
+) -> PointResult:
+    """Compute the effect of an undetected error of a touch along its way; test it."""
+    least_mm = FOUND * float(std_mm) / np.sqrt(share) if share else None
+    statistic = (residual_mm / std_mm) ** 2 / share if share else 0.0
+    return PointResult(
+        name=touch.names[0],
+        measured_mm=touch.place_mm,
+        nominal_mm=None,
+        residual_mm=residual_mm * way,
+        touches=1,
+        spread_mm=None,
+        redundancy=share * way**2,
+        detectable_mm=(least_mm, least_mm),
+        worst_direction=way,
+        hidden_mm=None if least_mm is None else least_mm * in_volume,
+        hidden_ratio=in_volume,
+        p_value=point_p_value(float(statistic), int(share > 0.0))
+        if is_stated
+        else None,
     )
 
 
@@ -304,17 +286,3 @@ def _upwards(
         "give points with the direction of the shank (i, j, k, across the plane), or a "
         "line or point that is nominally more than 1 mm beside the plane"
     )
-
-
-def _index(volume: Volume, goal: PartFrame, moves: Floats) -> VolumeError:
-    """Judge the touches: errors in the volume per error of a touch."""
-    found = error_in(volume, goal.origin_mm, moves @ moves.T)
-    unit = np.sqrt(3.0)
-    return VolumeError(found.rms_mm / unit, found.max_mm / unit, found.max_at_mm)
-
-
-def _in_volume(volume: Volume, goal: PartFrame, moves: Floats) -> Floats:
-    """Return what the errors of touches do to the volume, per mm, (n,)."""
-    mean = mean_motions(volume, goal.origin_mm, 6)
-    sizes_mm: Floats = np.sqrt(np.einsum("pn,pq,qn->n", moves, mean, moves))
-    return sizes_mm

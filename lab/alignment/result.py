@@ -3,7 +3,7 @@
 Words and page are made of these values, schema traverse/alignment/1.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -66,12 +66,9 @@ class AlignmentTest(GlobalTest):
 def global_test(
     sum_of_squares: float, redundancy: int, *, is_stated: bool
 ) -> AlignmentTest | None:
-    """Test whether the sum of squares is chi-squared; None without redundancy.
+    """Test whether a weighted sum of squares is chi-squared; None without redundancy.
 
-    Args:
-        sum_of_squares: Weighted.
-        redundancy: Its degrees of freedom.
-        is_stated: Whether the weights are stated errors, not just ratios.
+    There is no p-value where the weights are just ratios, not stated errors.
     """
     if redundancy <= 0:
         return None
@@ -169,14 +166,7 @@ class AlignmentResult:
     index: VolumeError
     flags: tuple[AlignmentWarning, ...]
     remarks: tuple[str, ...]
-    features: tuple[dict[str, Any], ...] = field(default=())
-
-    @property
-    def predicted(self) -> VolumeError | None:
-        """Errors of position in the volume; None where the errors are unknown."""
-        if self.covariance is None:
-            return None
-        return volume_error(self.volume, self.centre_mm, self.covariance)
+    features: tuple[dict[str, Any], ...] = ()
 
     @property
     def is_good(self) -> bool:
@@ -205,16 +195,7 @@ def alignment_values(
     nominal: str,
     provenance: ReportProvenance | None = None,
 ) -> dict[str, Any]:
-    """Put everything into plain values.
-
-    Args:
-        found: The alignment.
-        name: What it is called.
-        arm: Name of the arm; None if unknown.
-        measured: Source of the touches.
-        nominal: Source of the nominal places.
-        provenance: Of the computation; default this user, now.
-    """
+    """Put everything into plain values; computed by this user now if not said."""
     origin = provenance or report_provenance(ReportSource(measured, ""))
     transformation, test = found.transformation, found.test
     return {
@@ -244,7 +225,11 @@ def alignment_values(
         "redundancy": 0 if test is None else test.redundancy,
         "global_test": None if test is None else test.values(),
         "point_test": {"level": POINT_LEVEL, "power": POWER},
-        "quality": _quality(found),
+        "quality": {
+            "volume": volume_values(found.volume, found.volume_source),
+            "index": error_values(found.index),
+            **predicted_values(found.volume, found.centre_mm, found.covariance),
+        },
         "points": [_point(point) for point in found.points],
         "features": list(found.features),
         "flags": [
@@ -267,14 +252,6 @@ def covariance_values(covariance: Floats, centre_mm: Floats) -> dict[str, Any]:
         "centre_mm": centre_mm.tolist(),
         "matrix": covariance.tolist(),
         "std": np.sqrt(variances).tolist(),
-    }
-
-
-def _quality(found: AlignmentResult) -> dict[str, Any]:
-    return {
-        "volume": volume_values(found.volume, found.volume_source),
-        "index": error_values(found.index),
-        **predicted_values(found.volume, found.centre_mm, found.covariance),
     }
 
 

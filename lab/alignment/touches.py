@@ -4,7 +4,7 @@ The touches of one name become a common point: one place with its covariance.
 """
 
 import csv
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -52,11 +52,6 @@ class Touch:
     arm: str | None = None
     flags: tuple[str, ...] = ()
     off_mm: float | None = None
-
-    def name_among(self, known: Iterable[str]) -> str | None:
-        """Return the first of its names that is defined; None without any."""
-        there = set(known)
-        return next((name for name in self.names if name in there), None)
 
 
 def names_of(artefact: str | None, feature: str | None) -> tuple[str, ...]:
@@ -251,8 +246,8 @@ def places_by_name(
     groups: dict[str, list[Touch]] = {}
     nameless = unknown = 0
     for touch in touches:
-        among = touch.names if known is None else known
-        name = touch.name_among(among)
+        names = (name for name in touch.names if known is None or name in known)
+        name = next(names, None)
         if name is None:
             nameless += not touch.names
             unknown += bool(touch.names)

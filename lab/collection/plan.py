@@ -1,6 +1,6 @@
 """Targets of a collection: a number of touches for every feature, or a plan's steps."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -103,7 +103,11 @@ class Target:
 
 def targets_of(file: CampaignFile, wanted: int) -> tuple[Target, ...]:
     """Targets of a campaign: each feature so many times."""
-    return tuple(_targets(file, wanted))
+    return tuple(
+        Target(artefact.id, feature, artefact.kind, wanted)
+        for artefact in file.artefacts
+        for feature in artefact.features or ("",)
+    )
 
 
 def planned_targets(
@@ -133,10 +137,3 @@ def planned_targets(
     if problems:
         raise FileError(source, problems)
     return tuple(targets)
-
-
-def _targets(file: CampaignFile, wanted: int) -> Iterator[Target]:
-    for artefact in file.artefacts:
-        features = artefact.features or ("",)
-        for feature in features:
-            yield Target(artefact.id, feature, artefact.kind, wanted)

@@ -1,5 +1,6 @@
 """Control charts as pictures: PNG and HTML, and as characters for a terminal."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -30,14 +31,11 @@ def _paint_charts(figure: Figure, report: DailyCheckReport) -> None:
     for row, chart in zip(axes, report.charts, strict=True):
         numbers = np.arange(1, len(chart.points) + 1)
         _paint_values(row[0], chart, numbers)
-        _paint(row[1], numbers, [p.moving_range for p in chart.points], chart)
+        ranges = [p.moving_range for p in chart.points]
+        _paint(row[1], numbers, ranges, chart.points)
         row[1].set_title("moving range / sigma")
-        _paint(
-            row[2],
-            numbers,
-            [p.ewma if p.q is not None else None for p in chart.points],
-            chart,
-        )
+        weighted = [p.ewma if p.q is not None else None for p in chart.points]
+        _paint(row[2], numbers, weighted, chart.points)
         row[2].axhline(EWMA_LIMIT, color=VERMILION, linewidth=0.8)
         if not chart.kind.positive:
             row[2].axhline(-EWMA_LIMIT, color=VERMILION, linewidth=0.8)
@@ -90,16 +88,10 @@ def chart_lines(chart: FigureChart, width: int = SHOWN) -> list[str]:
 def _paint_values(cell: Axes, chart: FigureChart, numbers: Integers) -> None:
     points = chart.points
     values = [_UM * p.value for p in points]
-    cell.plot(numbers, values, color=GREY, linewidth=0.8)
+    _paint(cell, numbers, values, points)
     for name, style in (("centre", "-"), ("low", "--"), ("high", "--")):
-        cell.plot(
-            numbers,
-            [_or_nan(getattr(p, name)) * _UM for p in points],
-            style,
-            color=BLUE,
-            linewidth=0.8,
-        )
-    _mark(cell, numbers, values, points)
+        ends_mm = np.array([getattr(p, name) for p in points], dtype=float)
+        cell.plot(numbers, ends_mm * _UM, style, color=BLUE, linewidth=0.8)
     if chart.limit_mm is not None:
         cell.axhline(_UM * chart.limit_mm, color=VERMILION, linewidth=1.0)
     if chart.accepted_mm is not None:
@@ -116,23 +108,11 @@ def _paint_values(cell: Axes, chart: FigureChart, numbers: Integers) -> None:
 def _paint(
     cell: Axes,
     numbers: Integers,
-    values: list[float | None],
-    chart: FigureChart,
-) -> None:
-    shown = [_or_nan(value) for value in values]
-    cell.plot(numbers, shown, color=GREY, linewidth=0.8)
-    _mark(cell, numbers, shown, chart.points)
-
-
-def _mark(
-    cell: Axes,
-    numbers: Integers,
-    values: list[float],
+    values: Sequence[float | None],
     points: tuple[ChartPoint, ...],
 ) -> None:
+    """Draw values, and mark those that broke a rule."""
+    shown = np.array(values, dtype=float)
+    cell.plot(numbers, shown, color=GREY, linewidth=0.8)
     colours = [VERMILION if p.alarms else BLUE for p in points]
-    cell.scatter(numbers, values, c=colours, s=9, zorder=3)
-
-
-def _or_nan(value: float | None) -> float:
-    return float("nan") if value is None else value
+    cell.scatter(numbers, shown, c=colours, s=9, zorder=3)

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Protocol, overload
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -101,17 +101,9 @@ def campaign_provenance(
     return report_provenance(source, computed_by, when)
 
 
-@overload
-def utc_text(moment: datetime) -> str: ...
-
-
-@overload
-def utc_text(moment: None) -> None: ...
-
-
-def utc_text(moment: datetime | None) -> str | None:
+def utc_text(moment: datetime) -> str:
     """Write a time as ISO 8601 in UTC, to the second, with Z."""
-    return None if moment is None else f"{moment.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}"
+    return f"{moment.astimezone(UTC):%Y-%m-%dT%H:%M:%SZ}"
 
 
 def digest_of_files(paths: Iterable[Path]) -> str:

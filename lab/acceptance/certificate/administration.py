@@ -16,6 +16,7 @@ def administration_of(measured: Measurement, arm: Arm) -> dict[str, Any]:
     of all touches. None stands where something is not stated.
     """
     occasion, warm_c = measured.occasion, measured.temperature_c
+    first, last = occasion.first_utc, occasion.last_utc
     known = bool(len(warm_c))
     identified = arm.identification and arm.identification.date
     touched = {
@@ -26,8 +27,8 @@ def administration_of(measured: Measurement, arm: Arm) -> dict[str, Any]:
     return {
         "operator": occasion.operator,
         "place": occasion.place,
-        "measured_from_utc": utc_text(occasion.first_utc),
-        "measured_to_utc": utc_text(occasion.last_utc),
+        "measured_from_utc": first and utc_text(first),
+        "measured_to_utc": last and utc_text(last),
         "temperature_least_c": float(warm_c.min()) if known else None,
         "temperature_mean_c": float(warm_c.mean()) if known else None,
         "temperature_largest_c": float(warm_c.max()) if known else None,

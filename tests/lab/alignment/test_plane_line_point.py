@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tests.lab.alignment.aligned import told
 from traverse.kinematics.helmert.transformation import Helmert
 from traverse.lab.alignment.nominal import Nominal, volume_from_text
 from traverse.lab.alignment.plane_line_point import align_plane_line_point
@@ -106,7 +107,8 @@ def test_the_covariance_is_the_scatter_of_many_alignments():
     observed = np.mean(
         [np.mean(np.sum((e[:3] + np.cross(e[3:], away)) ** 2, axis=1)) for e in errors]
     )
-    predicted = aligned(touches(true), std_mm).predicted.rms_mm
+    quality = told(aligned(touches(true), std_mm))["quality"]
+    predicted = quality["predicted_error_mm"]["rms"]
     assert np.sqrt(observed) == pytest.approx(predicted, rel=0.1)
 
 
