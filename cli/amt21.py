@@ -1,22 +1,21 @@
 """`traverse amt21`: encoders on an RS-485 line, looked for and set up by hand."""
 
-import json
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.cli.options import Json, with_options
+from traverse.cli.options import Json, Yes, with_options
+from traverse.cli.refusals import device_errors, print_report, refuse
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
     from traverse.drivers.amt21.line import Amt21Line
 
-UNREACHABLE = 3
 ADDRESSES = range(4, 253, 4)
 TRIES = 3  # for each address of a scan
 
@@ -29,7 +28,6 @@ amt21 = typer.Typer(
 Address = Annotated[
     str, typer.Option("--address", help="Address of the encoder, as 0x54 or 84.")
 ]
-Yes = Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,19 +47,15 @@ class LineOptions:
     def opened(self) -> Iterator["Amt21Line"]:
         """The line; ends the command where a device cannot be reached."""
         from traverse.drivers.amt21.line import Amt21Line  # noqa: PLC0415
-        from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
         from traverse.drivers.io.serial_port import SerialPort  # noqa: PLC0415
 
         wake_read, wake_write = os.pipe2(os.O_NONBLOCK)
         try:
-            serial = SerialPort(self.port, self.baud_rate, wake_read)
-            try:
+            with (
+                device_errors(),
+                closing(SerialPort(self.port, self.baud_rate, wake_read)) as serial,
+            ):
                 yield Amt21Line(serial, time.monotonic_ns, self.timeout)
-            finally:
-                serial.close()
-        except DeviceError as error:
-            typer.echo(f"{error}; {error.remedy}", err=True)
-            raise typer.Exit(UNREACHABLE) from error
         finally:
             os.close(wake_read)
             os.close(wake_write)
@@ -80,15 +74,16 @@ def scan(
     """
     with line.opened() as opened:
         found = _answering(opened, ADDRESSES)
-    if as_json:
-        report = {"port": line.port, "echo": opened.echoed, "encoders": found}
-        typer.echo(json.dumps(report, indent=1))
-        return
+    lines = []
     for encoder in found:
         turns = "" if encoder["turns"] is None else f", turns {encoder['turns']}"
-        typer.echo(f"0x{encoder['address']:02X}: position {encoder['position']}{turns}")
+        lines.append(
+            f"0x{encoder['address']:02X}: position {encoder['position']}{turns}"
+        )
     echo = "echoes what is sent" if opened.echoed else "does not echo"
-    typer.echo(f"{counted(len(found), 'encoder')}; the adapter {echo}")
+    lines.append(f"{counted(len(found), 'encoder')}; the adapter {echo}")
+    report = {"port": line.port, "echo": opened.echoed, "encoders": found}
+    print_report(report, lines, as_json=as_json)
 
 
 @amt21.command()
@@ -147,11 +142,9 @@ def _command(
         line.command(request(number))
         time.sleep(2 * START_UP_S)
         after = _present(line, number)
-    if as_json:
-        report = {"address": number, "before": before["position"]}
-        typer.echo(json.dumps(report | {"after": after["position"]}))
-    else:
-        typer.echo(f"{number:#04x} is at {after['position']}")
+    now = after["position"]
+    report = {"address": number, "before": before["position"], "after": now}
+    print_report(report, [f"{number:#04x} is at {now}"], as_json=as_json)
 
 
 def _address(name: str, text: str) -> int:
@@ -162,12 +155,10 @@ def _address(name: str, text: str) -> int:
     except ValueError:
         number = -1
     if not is_address(number):
-        typer.echo(
-            f"traverse amt21 {name}: --address {text} is none; expected a multiple "
-            "of 4, from 0x04 to 0xFC",
-            err=True,
+        refuse(
+            f"amt21 {name}",
+            f"--address {text} is none; expected a multiple of 4, from 0x04 to 0xFC",
         )
-        raise typer.Exit(2)
     return number
 
 

@@ -1,13 +1,12 @@
 """`traverse artefact`: a gauge to be printed, and its campaign."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from traverse.cli.options import Force, Json
-from traverse.cli.refusals import check_target, refusals, refuse
+from traverse.cli.refusals import check_target, print_report, refusals, refuse
 
 COMMAND = "artefact"
 
@@ -52,14 +51,14 @@ def artefact(
             check_target(COMMAND, path, force=force)
         mesh.write_bytes(gauge.stl())
         write_atomically(campaign, gauge.campaign(places, distance_std_mm))
-    if as_json:
-        report = {
-            "files": [str(mesh), str(campaign)],
-            "distance_mm": distance_mm,
-            "size_mm": gauge.size_mm,
-        }
-        typer.echo(json.dumps(report, indent=1))
-        return
+    report = {
+        "files": [str(mesh), str(campaign)],
+        "distance_mm": distance_mm,
+        "size_mm": gauge.size_mm,
+    }
     length_mm, width_mm, height_mm = gauge.size_mm
-    typer.echo(f"{mesh}: {length_mm:.1f} x {width_mm:.1f} x {height_mm:.1f} mm")
-    typer.echo(f"{campaign}: {places} places of the gauge, 2 sockets each")
+    lines = (
+        f"{mesh}: {length_mm:.1f} x {width_mm:.1f} x {height_mm:.1f} mm",
+        f"{campaign}: {places} places of the gauge, 2 sockets each",
+    )
+    print_report(report, lines, as_json=as_json)

@@ -1,6 +1,5 @@
 """`traverse can`: who is on a CAN bus, and presets of encoders by hand."""
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -8,13 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.cli.options import Json, with_options
-from traverse.cli.refusals import (
-    REFUSED,
-    UNREACHABLE,
-    missing_library,
-    refuse,
-)
+from traverse.cli.options import Json, Yes, with_options
+from traverse.cli.refusals import device_errors, print_report, refusals, refuse
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
@@ -61,12 +55,8 @@ def scan(
     with _opened(bus) as tool:
         found = [_report(one) for one in tool.scan()]
         name = tool.name
-    if as_json:
-        typer.echo(json.dumps({"bus": name, "nodes": found}, indent=1))
-        return
-    for one in found:
-        typer.echo(_line(one))
-    typer.echo(f"{counted(len(found), 'node')} on {name}")
+    lines = [*map(_line, found), f"{counted(len(found), 'node')} on {name}"]
+    print_report({"bus": name, "nodes": found}, lines, as_json=as_json)
 
 
 @can.command()
@@ -81,9 +71,7 @@ def preset(
     store: Annotated[
         bool, typer.Option("--store", help="Store it in the encoder permanently.")
     ] = False,
-    yes: Annotated[
-        bool, typer.Option("--yes", help="Do not ask for confirmation.")
-    ] = False,
+    yes: Yes = False,
     as_json: Json = False,
 ) -> None:
     """Make the present position of an encoder a number; the shaft must rest.
@@ -108,31 +96,19 @@ def preset(
             text = f"preset this encoder to {value}{kept}?"
             typer.confirm(text, abort=True, err=as_json)
         position = tool.preset(node, value, store)
-    if as_json:
-        report = {"node": node, "before": facts.position, "after": position}
-        typer.echo(json.dumps(report | {"stored": store}))
-    else:
-        typer.echo(f"node {node} is at {position}{', stored' if store else ''}")
+    report = {"node": node, "before": facts.position, "after": position}
+    text = f"node {node} is at {position}{', stored' if store else ''}"
+    print_report(report | {"stored": store}, [text], as_json=as_json)
 
 
 @contextmanager
 def _opened(bus: BusOptions) -> Iterator["Commissioning"]:
     """The bus, opened; ends the command where a device cannot be reached."""
-    try:
+    with refusals("can"):
         from traverse.drivers.canopen.commissioning import Commissioning  # noqa: PLC0415 - an extra; quick help
-    except ModuleNotFoundError as error:
-        typer.echo(missing_library("can", error) or str(error), err=True)
-        raise typer.Exit(REFUSED) from error
-    from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
-
-    try:
-        with Commissioning(
-            bus.interface, bus.channel, bus.bitrate, bus.timeout
-        ) as tool:
-            yield tool
-    except DeviceError as error:
-        typer.echo(f"{error}; {error.remedy}", err=True)
-        raise typer.Exit(UNREACHABLE) from error
+    where = bus.interface, bus.channel, bus.bitrate, bus.timeout
+    with device_errors(), Commissioning(*where) as tool:
+        yield tool
 
 
 def _report(found: "FoundNode") -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.options import Json
 from traverse.cli.refusals import client_errors, refuse
 
 if TYPE_CHECKING:
@@ -17,12 +18,11 @@ if TYPE_CHECKING:
     from traverse.protocol.messages.scan import ScanMode
 
 FIND_S = 2.0
-CONNECT_S = 2.0  # a user waits for it at a terminal
+CONNECT_S = 3.0  # a user waits for it at a terminal
 
 ArmName = Annotated[
     str | None, typer.Option("--arm", help="Name of the arm; else the only one.")
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Report as JSON.")]
 
 
 @with_broker
@@ -35,7 +35,7 @@ def point(
     seconds: Annotated[
         float | None, typer.Option(min=0.001, help="Average all samples of this time.")
     ] = None,
-    as_json: AsJson = False,
+    as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
     """Take a point now.
@@ -45,20 +45,20 @@ def point(
     """
     if samples is not None and seconds is not None:
         refuse("point", "--samples or --seconds, not both")
-    taken = _send("point", arm, broker, lambda it: it.capture(samples, seconds))
+    taken = send_command("point", arm, broker, lambda it: it.capture(samples, seconds))
     _show_point(taken, as_json=as_json)
     raise typer.Exit(0 if taken.quality.ok else 1)
 
 
 @with_broker
-def undo(
-    *, arm: ArmName = None, as_json: AsJson = False, broker: BrokerOptions
-) -> None:
+def undo(*, arm: ArmName = None, as_json: Json = False, broker: BrokerOptions) -> None:
     """Take the last point back.
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
-    _show_point(_send("undo", arm, broker, lambda it: it.undo()), as_json=as_json)
+    _show_point(
+        send_command("undo", arm, broker, lambda it: it.undo()), as_json=as_json
+    )
 
 
 @with_broker
@@ -73,7 +73,7 @@ def scan(
         float | None,
         typer.Option(min=1e-6, help="A point after each such distance [mm] instead."),
     ] = None,
-    as_json: AsJson = False,
+    as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
     """Start a scan, or stop the running one.
@@ -83,11 +83,11 @@ def scan(
     if rate_hz is not None and spacing_mm is not None:
         refuse("scan", "--rate-hz or --spacing-mm, not both")
     if action == "stop":
-        _send("scan", arm, broker, lambda it: it.stop_scan())
+        send_command("scan", arm, broker, lambda it: it.stop_scan())
         _show({"scan": None}, "no scan is running", as_json=as_json)
     elif action == "start":
         mode: ScanMode = "time" if spacing_mm is None else "distance"
-        started = _send(
+        started = send_command(
             "scan",
             arm,
             broker,
@@ -110,14 +110,14 @@ def label(
     ] = None,
     *,
     arm: ArmName = None,
-    as_json: AsJson = False,
+    as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
     """Set the label of the next points.
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
-    _send("label", arm, broker, lambda it: it.label(artefact, feature))
+    send_command("label", arm, broker, lambda it: it.label(artefact, feature))
     names = " ".join(filter(None, (artefact, feature)))
     told = f"label: {names}" if names else "points have no label"
     _show({"artefact": artefact, "feature": feature}, told, as_json=as_json)
@@ -128,14 +128,14 @@ def session(
     *,
     arm: ArmName = None,
     note: Annotated[str | None, typer.Option(help="Note for the session.")] = None,
-    as_json: AsJson = False,
+    as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
     """Begin a new session: points are numbered from 0 again.
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
-    begun = _send("session", arm, broker, lambda it: it.new_session(note))
+    begun = send_command("session", arm, broker, lambda it: it.new_session(note))
     _show({"session": begun}, begun, as_json=as_json)
 
 
@@ -144,27 +144,27 @@ def use_probe(
     name: Annotated[str, typer.Argument(help="Name in the arm's probe library.")],
     *,
     arm: ArmName = None,
-    as_json: AsJson = False,
+    as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
     """Measure with another probe of the library.
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
-    model = _send("probe use", arm, broker, lambda it: it.probe(name))
+    model = send_command("probe use", arm, broker, lambda it: it.probe(name))
     told = f"probe {name}, model {model[:12]}"
     _show({"probe": name, "model": model}, told, as_json=as_json)
 
 
 @with_broker
 def reload(
-    *, arm: ArmName = None, as_json: AsJson = False, broker: BrokerOptions
+    *, arm: ArmName = None, as_json: Json = False, broker: BrokerOptions
 ) -> None:
     """Have the daemon read arm file and configuration again.
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
-    model = _send("reload", arm, broker, lambda it: it.reload())
+    model = send_command("reload", arm, broker, lambda it: it.reload())
     _show({"model": model}, f"model {model[:12]}", as_json=as_json)
 
 
@@ -179,7 +179,7 @@ def confirm(
     tolerance_mm: Annotated[
         float, typer.Option(min=1e-6, help="How far from there it may be [mm].")
     ] = 1.0,
-    as_json: AsJson = False,
+    as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
     """Accept the positions of the encoders after a loss of power.
@@ -190,20 +190,14 @@ def confirm(
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
     known_mm = None if at is None else _place(at)
-    devices = _send(
+    devices = send_command(
         "confirm", arm, broker, lambda it: it.confirm_reference(known_mm, tolerance_mm)
     )
     told = f"confirmed: {', '.join(devices)}" if devices else "nothing was in doubt"
     _show({"confirmed": devices}, told, as_json=as_json)
 
 
-def clear_alignment(arm: str | None, broker: BrokerOptions) -> None:
-    """Have points without part coordinates; for `traverse align --clear`."""
-    _send("align", arm, broker, lambda it: it.clear_alignment())
-    typer.echo("points have no part coordinates")
-
-
-def _send(
+def send_command(
     command: str,
     name: str | None,
     broker: BrokerOptions,

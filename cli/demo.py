@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.cli.refusals import UNREACHABLE, end
 from traverse.installation import missing
 
 if TYPE_CHECKING:
@@ -72,8 +73,7 @@ def demo(
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--broker") from error
     except DemoError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(3) from error
+        end(UNREACHABLE, str(error))
     except asyncio.CancelledError as error:
         raise typer.Exit(INTERRUPTED) from error
 

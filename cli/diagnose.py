@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.options import HoldoutBy, Json, Operator, campaign_folder
-from traverse.cli.refusals import check_results, refusals, refuse
+from traverse.cli.refusals import (
+    FAILED,
+    check_results,
+    end,
+    print_report,
+    refusals,
+    refuse,
+)
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
@@ -17,8 +24,6 @@ if TYPE_CHECKING:
     from traverse.lab.diagnosis.model.result import Diagnosis, DiagnosisOptions
     from traverse.lab.diagnosis.scans.scan_diagnosis import StreamDiagnosis
     from traverse.lab.report.provenance import ReportProvenance
-
-NO = 1
 
 
 def diagnose(
@@ -101,14 +106,11 @@ def diagnose(
         lines = _written(result, arm, out, provenance, accept=accept)
         if stream is not None:
             lines = _with_stream(stream, lines, out)
-    if as_json:
-        from traverse.lab.diagnosis.report.files import diagnosis_json  # noqa: PLC0415
+    from traverse.lab.diagnosis.report.files import diagnosis_json  # noqa: PLC0415
 
-        typer.echo(json.dumps(diagnosis_json(result, provenance), indent=1))
-    else:
-        typer.echo("\n".join(lines))
+    print_report(diagnosis_json(result, provenance), lines, as_json=as_json)
     if strict and result.verdict != "clean":
-        raise typer.Exit(NO)
+        raise typer.Exit(FAILED)
 
 
 def _diagnosed(
@@ -133,13 +135,12 @@ def _diagnosed(
     except IdentificationError as error:
         refuse("diagnose", str(error))
     except np.linalg.LinAlgError as error:
-        typer.echo(
+        end(
+            FAILED,
             f"{folder}: the adjustment broke down ({error}); check units, signs and "
             "zeros of the arm file, and the features of the poses; see "
             "`traverse identify`",
-            err=True,
         )
-        raise typer.Exit(NO) from error
     finally:
         if progress is not None:
             progress.close()
@@ -211,14 +212,12 @@ def _plan(folder: Path, arm_file: Path, *, as_json: bool) -> None:
         found = planned(campaign, arm)
     except IdentificationError as error:
         refuse("diagnose", str(error))
-    if as_json:
-        typer.echo(json.dumps({"detectable": detectable_json(found)}, indent=1))
-        return
-    typer.echo(
+    head = (
         f"{arm.name}: what {counted(len(campaign.poses), 'pose')} could show, with a "
         "probability of 95 %, in the worst phase or direction"
     )
-    typer.echo("\n".join(detectable_lines(found)))
+    lines = [head, *detectable_lines(found)]
+    print_report({"detectable": detectable_json(found)}, lines, as_json=as_json)
 
 
 def _read(folder: Path, arm_file: Path) -> "tuple[Arm, Campaign]":

@@ -11,6 +11,7 @@ import typer
 Json = Annotated[
     bool, typer.Option("--json", help="Report as JSON on standard output.")
 ]
+Yes = Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace a file that exists.")]
 Operator = Annotated[
     str | None,

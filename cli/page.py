@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
-from traverse.cli.refusals import missing_library, refuse
+from traverse.cli.refusals import REFUSED, UNREACHABLE, end, refusals, refuse
 
 if TYPE_CHECKING:
     from traverse.client.display.arm_state import Change
@@ -48,16 +48,12 @@ def page(
     refuses to start without. Exit status 2: an option was refused; 3: the broker could
     not be reached, or no arm was found there.
     """
-    try:
-        # Imported when needed: keeps --help quick.
+    with refusals("page"):  # imported when needed: keeps --help quick
         from traverse.broker.credential import credential_file  # noqa: PLC0415
         from traverse.client.display.follower import Follower  # noqa: PLC0415
         from traverse.client.exports.formats import points_as  # noqa: PLC0415
         from traverse.client.page.access import read_token  # noqa: PLC0415
         from traverse.client.page.server import serve  # noqa: PLC0415
-    except ModuleNotFoundError as error:
-        typer.echo(missing_library("page", error) or str(error), err=True)
-        raise typer.Exit(2) from error
     beyond = host not in LOOPBACK
     if beyond and None in (token_file, certificate, key):
         raise typer.BadParameter(
@@ -119,10 +115,9 @@ def _only_arm(address: "BrokerAddress") -> str:
     try:
         arms = asyncio.run(find_arms(address, FIND_S))
     except BrokerUnreachableError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(3) from error
+        end(UNREACHABLE, str(error))
     if len(arms) != 1:
         told = f"there are {', '.join(arms)}" if arms else "there is none yet"
-        typer.echo(f"which arm? {told} on {address}; name it with --arm", err=True)
-        raise typer.Exit(2 if arms else 3)
+        status = REFUSED if arms else UNREACHABLE
+        end(status, f"which arm? {told} on {address}; name it with --arm")
     return arms[0]

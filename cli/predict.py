@@ -1,14 +1,13 @@
 """`traverse predict`: how well an arm fits poses that it has not seen."""
 
 import csv
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from traverse.cli.options import Json
-from traverse.cli.refusals import refusals, refuse
+from traverse.cli.refusals import print_report, refusals, refuse
 
 if TYPE_CHECKING:
     from traverse.lab.campaign.campaign import Campaign
@@ -78,10 +77,7 @@ def predict(
         "distance_mm": result.figures(),
         "artefacts": result.by_artefact(),
     }
-    if as_json:
-        typer.echo(json.dumps(values, indent=1))
-        return
-    typer.echo("\n".join(_lines(values, out)))
+    print_report(values, _lines(values, out), as_json=as_json)
 
 
 def _lines(values: dict[str, Any], out: Path | None) -> list[str]:

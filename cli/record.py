@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.options import Json
 from traverse.cli.refusals import client_errors
 from traverse.plurals import counted
 
@@ -26,9 +27,7 @@ def record(
         typer.Option(min=0.1, help="Duration; else until Ctrl-C."),
     ] = None,
     note: Annotated[str, typer.Option(help="Note for the recording.")] = "",
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Report as JSON at the end.")
-    ] = False,
+    as_json: Json = False,
 ) -> None:
     """Record what an arm does, as an MCAP file on the daemon's disk.
 

@@ -1,17 +1,18 @@
 """How commands refuse: exit status 2 and a sentence."""
 
+import json
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import typer
 
 from traverse.installation import EXTRAS, missing
 
-REFUSED, UNREACHABLE = 2, 3
+FAILED, REFUSED, UNREACHABLE = 1, 2, 3
 
 _OF_THE_LAB = (
     "align",
@@ -40,10 +41,20 @@ def missing_library(command: str, error: ModuleNotFoundError) -> str | None:
     return missing(f"traverse {command}", package, extra)
 
 
+def end(status: int, text: str) -> NoReturn:
+    """End a command with a sentence on standard error."""
+    typer.echo(text, err=True)
+    raise typer.Exit(status)
+
+
 def refuse(command: str, text: str) -> NoReturn:
     """End a command with a sentence about what was wrong."""
-    typer.echo(f"traverse {command}: {text}", err=True)
-    raise typer.Exit(REFUSED)
+    end(REFUSED, f"traverse {command}: {text}")
+
+
+def print_report(values: Any, lines: Iterable[str], *, as_json: bool) -> None:  # noqa: ANN401 - for json
+    """Print values as JSON, or lines for people."""
+    typer.echo(json.dumps(values, indent=1) if as_json else "\n".join(lines))
 
 
 def system_refusal(error: OSError) -> str:
@@ -88,8 +99,18 @@ def client_errors(command: str) -> Iterator[None]:
     except (CommandRefused, ValueError) as error:
         refuse(command, str(error))
     except ClientError as error:
-        typer.echo(f"traverse {command}: {error}", err=True)
-        raise typer.Exit(UNREACHABLE) from error
+        end(UNREACHABLE, f"traverse {command}: {error}")
+
+
+@contextmanager
+def device_errors() -> Iterator[None]:
+    """End with exit status 3 where a device cannot be reached."""
+    from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
+
+    try:
+        yield
+    except DeviceError as error:
+        end(UNREACHABLE, f"{error}; {error.remedy}")
 
 
 @contextmanager
@@ -100,14 +121,11 @@ def refusals(command: str) -> Iterator[None]:
     try:
         yield
     except FileError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(REFUSED) from error
+        end(REFUSED, str(error))
     except ModuleNotFoundError as error:
         told = missing_library(command, error)
         if told is None:
             raise
-        typer.echo(told, err=True)
-        raise typer.Exit(REFUSED) from error
+        end(REFUSED, told)
     except OSError as error:
-        typer.echo(system_refusal(error), err=True)
-        raise typer.Exit(REFUSED) from error
+        end(REFUSED, system_refusal(error))

@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from traverse.cli.options import Json, Operator, campaign_folder
-from traverse.cli.refusals import refusals, refuse
+from traverse.cli.refusals import FAILED, print_report, refusals, refuse
 from traverse.strict_toml.files import bytes_of
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
     from traverse.lab.acceptance.certificate.values import SealedCertificate
-
-NO = 1
 
 
 def verify(
@@ -67,7 +65,9 @@ def verify(
         if plan is not None:
             known = _known(plan, "--plan")
             report = _planned(known, arm, out, bidirectional=bidirectional)
-            _print_plan(report, as_json=as_json)
+            from traverse.lab.acceptance.plan import plan_words  # noqa: PLC0415
+
+            print_report(report, plan_words(report), as_json=as_json)
             return
         missing = [
             name
@@ -95,7 +95,7 @@ def verify(
         if out is not None:
             typer.echo(f"wrote {out}: certificate.json, .html, .pdf, data")
     if not certificate.verification.is_good:
-        raise typer.Exit(NO)
+        raise typer.Exit(FAILED)
 
 
 def _known(standard: str, option: str) -> str:
@@ -175,24 +175,16 @@ def _planned(
     return write_plan(found, standard, out)
 
 
-def _print_plan(report: dict[str, Any], *, as_json: bool) -> None:
-    from traverse.lab.acceptance.plan import plan_words  # noqa: PLC0415
-
-    words = "\n".join(plan_words(report))
-    typer.echo(json.dumps(report, indent=1) if as_json else words)
-
-
 def _checked(path: Path, *, as_json: bool) -> None:
     from traverse.lab.acceptance.certificate.check import (  # noqa: PLC0415
         certificate_problems,
     )
 
     problems = certificate_problems(path)
-    if as_json:
-        typer.echo(json.dumps({"certificate": str(path), "problems": problems}))
-    elif problems:
-        typer.echo("\n".join(f"{path}: {problem}" for problem in problems))
-    else:
-        typer.echo(f"{path}: digests agree, and the figures follow from the data")
+    lines = [f"{path}: {problem}" for problem in problems] or [
+        f"{path}: digests agree, and the figures follow from the data"
+    ]
+    report = {"certificate": str(path), "problems": problems}
+    print_report(report, lines, as_json=as_json)
     if problems:
-        raise typer.Exit(NO)
+        raise typer.Exit(FAILED)

@@ -2,20 +2,16 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from traverse.cli.align.options import AlignmentOptions, with_alignment
 from traverse.cli.broker_options import BrokerOptions, with_broker
-from traverse.cli.control import clear_alignment
+from traverse.cli.control import send_command
 from traverse.cli.options import Json
-from traverse.cli.refusals import client_errors, refusals, refuse
+from traverse.cli.refusals import FAILED, refusals, refuse
 
-if TYPE_CHECKING:
-    from traverse.client.mqtt.address import BrokerAddress
-
-NO = 1
 COMMAND = "align"
 
 
@@ -56,7 +52,8 @@ def align(
     the points do not determine it; 3: daemon or broker could not be reached.
     """
     if clear:
-        clear_alignment(arm_name, broker)
+        send_command(COMMAND, arm_name, broker, lambda arm: arm.clear_alignment())
+        typer.echo("points have no part coordinates")
         return
     if points is None:
         refuse(COMMAND, "name the points to be aligned, or give --clear")
@@ -73,13 +70,15 @@ def align(
             write_alignment(values, out)
     _print_result(values, out, as_json=as_json)
     if not values["passed"] or (strict and values["flags"]):
-        raise typer.Exit(NO)
+        raise typer.Exit(FAILED)
     if send:
         to = arm_name or values["arm"]
         if to is None:
             refuse(COMMAND, "the points do not name their arm; give --arm-name")
-        address = broker.address(COMMAND)
-        _send(values, to, address)
+        from traverse.lab.alignment.files import align_args  # noqa: PLC0415
+
+        send_command(COMMAND, to, broker, lambda arm: arm.execute(align_args(values)))
+        typer.echo(f"{to} uses it from now on", err=True)
 
 
 def _read(file: Path, *, send: bool) -> dict[str, Any]:
@@ -112,11 +111,3 @@ def _print_result(values: dict[str, Any], out: Path | None, *, as_json: bool) ->
     typer.echo("\n".join(alignment_lines(values)))
     if out is not None:
         typer.echo(f"wrote {out}: alignment.json, alignment.html")
-
-
-def _send(values: dict[str, Any], arm: str, broker: "BrokerAddress") -> None:
-    from traverse.cli.align.sending import send_alignment  # noqa: PLC0415
-
-    with client_errors(COMMAND):
-        send_alignment(values, arm, broker)
-    typer.echo(f"{arm} uses it from now on", err=True)

@@ -1,6 +1,5 @@
 """`traverse arm`: arm files shown, made of tables and descriptions, and back."""
 
-import json
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,7 +8,7 @@ import typer
 
 from traverse.cli.arm.options import ArmOptions, Out
 from traverse.cli.options import Force, Json, with_options
-from traverse.cli.refusals import check_target, refusals, refuse
+from traverse.cli.refusals import check_target, print_report, refusals, refuse
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
@@ -68,10 +67,7 @@ def show(
 
             draw_base_posture(values, png)
     summary = arm_summary(values)
-    if as_json:
-        typer.echo(json.dumps(summary, indent=1, default=str))
-    else:
-        typer.echo("\n".join(summary_lines(summary)))
+    print_report(summary, summary_lines(summary), as_json=as_json)
 
 
 @arm.command("from-dh")
@@ -223,21 +219,16 @@ def _print_converted(
     report: object, text: str | None, lines: list[str], *, as_json: bool
 ) -> None:
     """Print the report as JSON, or the text that is in no file, or lines for people."""
-    if as_json:
-        typer.echo(json.dumps(report, indent=1))
-    elif text is not None:
+    if text is not None and not as_json:
         typer.echo(text, nl=False)
     else:
-        typer.echo("\n".join(lines))
+        print_report(report, lines, as_json=as_json)
 
 
 def _print_made(file: Path, made: "Arm", *, as_json: bool) -> None:
-    if as_json:
-        names = [joint.name for joint in made.joints]
-        report = {"file": str(file), "arm": made.name, "joints": names}
-        typer.echo(json.dumps(report, indent=1))
-    else:
-        typer.echo(_made(file, made))
+    names = [joint.name for joint in made.joints]
+    report = {"file": str(file), "arm": made.name, "joints": names}
+    print_report(report, [_made(file, made)], as_json=as_json)
 
 
 def _made(file: Path | None, made: "Arm") -> str:

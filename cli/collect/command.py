@@ -10,9 +10,8 @@ from typing import Annotated
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
-from traverse.cli.refusals import refusals, refuse
-
-INCOMPLETE, UNREACHABLE = 1, 3
+from traverse.cli.options import Json
+from traverse.cli.refusals import FAILED, UNREACHABLE, refusals, refuse
 
 
 @with_broker
@@ -32,9 +31,7 @@ def collect(
         str, typer.Option(help="Quality flags that a point may have, with commas.")
     ] = "surface_unknown,empirical",
     broker: BrokerOptions,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Report as JSON at the end.")
-    ] = False,
+    as_json: Json = False,
 ) -> None:
     """Collect the poses of a campaign, guided.
 
@@ -117,4 +114,4 @@ def collect(
     if as_json:
         typer.echo(json.dumps(collection_report(collection), indent=1))
     if collection.unfinished():
-        raise typer.Exit(INCOMPLETE)
+        raise typer.Exit(FAILED)

@@ -1,7 +1,6 @@
 """`traverse daily-check`: the daily two-minute check with a cone and a sphere."""
 
 import asyncio
-import json
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +9,15 @@ import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.options import Json
-from traverse.cli.refusals import REFUSED, refusals, refuse
+from traverse.cli.refusals import (
+    FAILED,
+    REFUSED,
+    UNREACHABLE,
+    end,
+    print_report,
+    refusals,
+    refuse,
+)
 from traverse.installation import missing
 
 if TYPE_CHECKING:
@@ -19,7 +26,6 @@ if TYPE_CHECKING:
     from traverse.lab.daily_check.history import Check
     from traverse.lab.daily_check.report import DailyCheckReport
 
-NO, UNREACHABLE = 1, 3
 HISTORY = "interim.db"
 ALLOWED = frozenset({"surface_unknown", "empirical"})
 LIBRARIES = ("scipy", "matplotlib", "jinja2", "mcap")  # that figures and charts need
@@ -90,8 +96,7 @@ def daily_check(
 
         lacking = _lacking()
         if lacking is not None and (show or campaign is not None):
-            typer.echo(lacking, err=True)
-            raise typer.Exit(REFUSED)
+            end(REFUSED, lacking)
         address = broker.address("daily-check")
         model = read_arm(arm)
         path = _history(config, history)
@@ -134,9 +139,12 @@ def daily_check(
             )
 
             write_charts(report, out)
-    _print_report(report, as_json=as_json)
+    from traverse.cli.daily_check.view import report_lines  # noqa: PLC0415 - quick help
+    from traverse.lab.daily_check.report import report_values  # noqa: PLC0415
+
+    print_report(report_values(report), report_lines(report), as_json=as_json)
     if not report.is_in_control:
-        raise typer.Exit(NO)
+        raise typer.Exit(FAILED)
 
 
 def _lacking() -> str | None:
@@ -212,13 +220,12 @@ def _collected(
     if not reached:
         raise typer.Exit(UNREACHABLE)
     if unfinished := collection.unfinished():
-        typer.echo(
+        end(
+            FAILED,
             f"touches are missing: {', '.join(map(str, unfinished))}; "
             "nothing is added to the history. To go on: traverse collect "
             f"{folder / CAMPAIGN} --arm ARM; then: {again} {folder}",
-            err=True,
         )
-        raise typer.Exit(NO)
     return folder
 
 
@@ -235,8 +242,7 @@ def _checked(folder: Path, arm: "Arm", begins: str) -> "Check":
     try:
         figures = daily_check_figures(read_measured(folder, arm))
     except IncompleteError as error:
-        typer.echo(f"traverse daily-check: {folder}: {error}", err=True)
-        raise typer.Exit(NO) from error
+        end(FAILED, f"traverse daily-check: {folder}: {error}")
     start = read_campaign_file(folder / "campaign.toml").start_utc
     when = (start or datetime.now(UTC)).astimezone(UTC).replace(microsecond=0)
     return Check(
@@ -263,14 +269,3 @@ def _report(
     if acceptance is not None:
         beside = read_certificate(acceptance, arm)
     return report_of(checks, permitted, beside)
-
-
-def _print_report(report: "DailyCheckReport", *, as_json: bool) -> None:
-    if as_json:
-        from traverse.lab.daily_check.report import report_values  # noqa: PLC0415
-
-        typer.echo(json.dumps(report_values(report), indent=1))
-        return
-    from traverse.cli.daily_check.view import report_lines  # noqa: PLC0415 - quick help
-
-    typer.echo("\n".join(report_lines(report)))

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.options import HoldoutBy, Json, Operator, campaign_folder
-from traverse.cli.refusals import check_results, refusals, refuse
+from traverse.cli.refusals import (
+    FAILED,
+    check_results,
+    end,
+    print_report,
+    refusals,
+    refuse,
+)
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
@@ -19,8 +26,6 @@ if TYPE_CHECKING:
     from traverse.lab.identification.results.result import Identification
     from traverse.lab.identification.solve.adjustment import Iteration
     from traverse.lab.report.provenance import ReportProvenance
-
-NO = 1
 
 
 def identify(
@@ -97,16 +102,12 @@ def identify(
         result = _identified(campaign, arm, options, kept_aside)
         provenance = campaign_provenance(result.campaign, operator)
         lines = _written(result, out, provenance)
-    undetermined = bool(result.undetermined)
-    if as_json:
-        from traverse.lab.identification.results.files import identification_json  # noqa: PLC0415
+    from traverse.lab.identification.results.files import identification_json  # noqa: PLC0415
 
-        typer.echo(json.dumps(identification_json(result, provenance), indent=1))
-    else:
-        typer.echo("\n".join(lines))
+    print_report(identification_json(result, provenance), lines, as_json=as_json)
     fine = result.converged and not result.contradictions
-    if not fine or (strict and undetermined):
-        raise typer.Exit(NO)
+    if not fine or (strict and result.undetermined):
+        raise typer.Exit(FAILED)
 
 
 def _options(hold: list[str], free: list[str], masks: Path | None) -> "Options":
@@ -153,12 +154,11 @@ def _identified(
     except IdentificationError as error:
         refuse("identify", str(error))
     except np.linalg.LinAlgError as error:
-        typer.echo(
+        end(
+            FAILED,
             f"{folder}: the adjustment broke down ({error}); check units, signs and "
             "zeros of the arm file, and the features of the poses",
-            err=True,
         )
-        raise typer.Exit(NO) from error
 
 
 def _split(
@@ -249,12 +249,9 @@ def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -
     except ComparisonError as error:
         refuse("identify", str(error))
     values = comparison_values(files, arms, found)
-    if as_json:
-        typer.echo(json.dumps(values, indent=1))
-        return
     from traverse.lab.identification.report.page import comparison_lines  # noqa: PLC0415
 
-    typer.echo("\n".join(comparison_lines(values)))
+    print_report(values, comparison_lines(values), as_json=as_json)
 
 
 def _campaign(folder: Path, arm: "Arm") -> "Campaign":

@@ -8,10 +8,15 @@ from typing import Annotated
 import typer
 
 from traverse.cli.options import Force, Json
-from traverse.cli.refusals import check_target, refusals, refuse
+from traverse.cli.refusals import (
+    check_target,
+    device_errors,
+    print_report,
+    refusals,
+    refuse,
+)
 from traverse.plurals import counted
 
-UNREACHABLE = 3
 CONFIGURATION = """\
 # Made by `traverse microscribe arm-file` of {name}. Measure with
 #     traverse run --config {file} --embedded-broker
@@ -77,18 +82,13 @@ def arm_file(
     """
     from traverse.cli.microscribe.arm_values import arm_from_microscribe  # noqa: PLC0415
     from traverse.cli.microscribe.inquiry import query_microscribe  # noqa: PLC0415
-    from traverse.drivers.base.values import DeviceError  # noqa: PLC0415 - keeps --help quick
     from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415
     from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
 
     config = out.with_name("traverse.toml")
     _check_names(out, config, baud_rate, device, force=force)
-    with refusals("microscribe arm-file"):
-        try:
-            said, told = query_microscribe(port, baud_rate, name)
-        except DeviceError as error:
-            typer.echo(f"{error}; {error.remedy}", err=True)
-            raise typer.Exit(UNREACHABLE) from error
+    with refusals("microscribe arm-file"), device_errors():
+        said, told = query_microscribe(port, baud_rate, name)
         arm = arm_from_microscribe(told, device, radius_mm)
         text = CONFIGURATION.format(
             name=said.name,
@@ -117,13 +117,13 @@ def arm_file(
         "counts_per_turn": list(said.moduli),
         "beta_rad": told.kinematics.beta_rad,
     }
-    if as_json:
-        typer.echo(json.dumps(report, indent=1))
-        return
-    typer.echo(f"{said.name}, {said.framing.name} at {said.baud_rate} baud")
-    typer.echo(f"{out}: arm {arm.name} with {counted(len(arm.joints), 'joint')}")
-    typer.echo(f"{config}: measure with")
-    typer.echo(f"    traverse run --config {config} --embedded-broker")
+    lines = (
+        f"{said.name}, {said.framing.name} at {said.baud_rate} baud",
+        f"{out}: arm {arm.name} with {counted(len(arm.joints), 'joint')}",
+        f"{config}: measure with",
+        f"    traverse run --config {config} --embedded-broker",
+    )
+    print_report(report, lines, as_json=as_json)
 
 
 def _check_names(

@@ -1,21 +1,16 @@
 """`traverse points resend`: have a daemon publish points again."""
 
-import asyncio
 import json
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
-from traverse.cli.refusals import client_errors, refuse
+from traverse.cli.control import send_command
+from traverse.cli.options import Json
+from traverse.cli.refusals import FAILED, refuse
 from traverse.plurals import counted
 
-if TYPE_CHECKING:
-    from traverse.client.mqtt.address import BrokerAddress
-    from traverse.protocol.messages import ResendArgs
-
-NO = 1
-PATIENCE_S = 3.0
 LAST = 2**53 - 1
 COMMAND = "points resend"
 
@@ -39,9 +34,7 @@ def resend(
     broker: BrokerOptions,
     from_seq: FromOption = 0,
     to_seq: ToOption = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="The daemon's answer, as JSON.")
-    ] = False,
+    as_json: Json = False,
 ) -> None:
     """Have the daemon publish points again, with the same ids, to all who listen.
 
@@ -60,22 +53,11 @@ def resend(
             f"--to {to_seq} is below --from {from_seq}, --scan is given beside a "
             "session, or an option is invalid",
         )
-    address = broker.address(COMMAND)
-    with client_errors(COMMAND):
-        answer = asyncio.run(_answer(address, arm, args))
+    answer = send_command(COMMAND, arm, broker, lambda there: there.execute(args))
     typer.echo(json.dumps(answer) if as_json else "\n".join(_lines(answer)))
     asked = "points" if session is not None else "blocks" if scan is not None else ""
     if asked and not answer[asked]:
-        raise typer.Exit(NO)
-
-
-async def _answer(
-    address: "BrokerAddress", arm: str, args: "ResendArgs"
-) -> dict[str, Any]:
-    from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
-
-    async with Arm(arm, address, connect_timeout_s=PATIENCE_S) as there:
-        return dict(await there.execute(args))
+        raise typer.Exit(FAILED)
 
 
 def _lines(answer: dict[str, Any]) -> list[str]:

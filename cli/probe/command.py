@@ -1,6 +1,5 @@
 """`traverse probe`: probes of the library, checked."""
 
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,12 +8,11 @@ import typer
 
 from traverse.cli.control import use_probe
 from traverse.cli.options import Json, campaign_folder
-from traverse.cli.refusals import refusals, refuse
+from traverse.cli.refusals import FAILED, print_report, refusals, refuse
 
 if TYPE_CHECKING:
     from traverse.daemon.pose.probe_library import LibraryProbe, ProbeLibrary
 
-NO = 1
 COMMAND = "probe pivot"
 
 probe = typer.Typer(help="Probes of the library.", no_args_is_help=True)
@@ -71,12 +69,9 @@ def pivot(
             if type(error) is not ValueError:
                 raise
             refuse(COMMAND, str(error))
-        if as_json:
-            typer.echo(json.dumps(check.report(), indent=1))
-        else:
-            typer.echo("\n".join(check.lines()))
+        print_report(check.report(), check.lines(), as_json=as_json)
         if check.off_mm > limit_mm and not yes and not _confirmed(limit_mm, write):
-            raise typer.Exit(NO)
+            raise typer.Exit(FAILED)
         if write and library is not None and probes is not None and chosen is not None:
             write_vector(library, probes, chosen.name, check.pivot)
             typer.echo(f"{library}: {chosen.name} has the vector found", err=True)

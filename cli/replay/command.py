@@ -9,8 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
-from traverse.cli.options import Force
-from traverse.cli.refusals import UNREACHABLE, check_target, refusals, refuse
+from traverse.cli.options import Force, Json
+from traverse.cli.refusals import (
+    FAILED,
+    UNREACHABLE,
+    check_target,
+    end,
+    refusals,
+    refuse,
+)
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
@@ -20,8 +27,6 @@ if TYPE_CHECKING:
     from traverse.daemon.replay.result import ReplayResult
     from traverse.protocol.messages import Point
     from traverse.recording.run_reader import RunReader
-
-DIFFERENT = 1
 
 
 @with_broker
@@ -45,7 +50,7 @@ def replay(
     ] = False,
     broker: BrokerOptions,
     force: Force = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Report as JSON.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Compute the points of a recording again, and compare.
 
@@ -81,7 +86,7 @@ def replay(
     if publish:
         _publish(points, address)
     if not result.holds:
-        raise typer.Exit(DIFFERENT)
+        raise typer.Exit(FAILED)
 
 
 async def _replayed(
@@ -104,6 +109,5 @@ def _publish(points: "list[Point]", broker: "BrokerAddress") -> None:
     try:
         n = asyncio.run(published(points, broker))
     except OSError as error:
-        typer.echo(f"traverse replay: broker {broker}: {error}", err=True)
-        raise typer.Exit(UNREACHABLE) from error
+        end(UNREACHABLE, f"traverse replay: broker {broker}: {error}")
     typer.echo(f"{counted(n, 'point')} published", err=True)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.refusals import UNREACHABLE, end
 
 if TYPE_CHECKING:
     from traverse.client.mqtt.address import BrokerAddress
@@ -67,8 +68,7 @@ def _only_arm(broker: "BrokerAddress") -> str | None:
     try:
         arms = asyncio.run(find_arms(broker, FIND_S))
     except BrokerUnreachableError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(3) from error
+        end(UNREACHABLE, str(error))
     return arms[0] if len(arms) == 1 else None
 
 
@@ -140,5 +140,5 @@ async def _write(
         except (aiomqtt.MqttError, OSError) as error:
             typer.echo(f"broker {broker}: {error}", err=True)
             if not reached:
-                raise typer.Exit(3) from error
+                raise typer.Exit(UNREACHABLE) from error
             await asyncio.sleep(1.0)
