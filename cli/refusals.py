@@ -53,8 +53,9 @@ def refuse(command: str, text: str) -> NoReturn:
 
 
 def print_report(values: Any, lines: Iterable[str], *, as_json: bool) -> None:  # noqa: ANN401 - for json
-    """Print values as JSON, or lines for people."""
-    typer.echo(json.dumps(values, indent=1) if as_json else "\n".join(lines))
+    """Print values as JSON, dates as texts, or lines for people."""
+    text = json.dumps(values, indent=1, default=str) if as_json else "\n".join(lines)
+    typer.echo(text)
 
 
 def system_refusal(error: OSError) -> str:

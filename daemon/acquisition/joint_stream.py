@@ -4,7 +4,7 @@ Readings are kept over all turns; the buffer is bounded.
 """
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -178,6 +178,7 @@ class JointColumns:
     error_bounds_counts: Floats
 
 
+@dataclass(eq=False)
 class JointStream:
     """Interpolate the joints on one device.
 
@@ -193,40 +194,36 @@ class JointStream:
         lost: nothing is to be waited for.
     """
 
-    def __init__(
-        self,
-        joints: Indices,
-        channels: Indices,
-        wraps_counts: Integers,
-        wait_ns: int,
-    ) -> None:
-        self.joints = joints
-        self.history = ReadingBuffer(channels, wraps_counts)
+    joints: Indices
+    channels: Indices
+    wraps_counts: InitVar[Integers]
+    wait_ns: int
+
+    def __post_init__(self, wraps_counts: Integers) -> None:
+        self.history = ReadingBuffer(self.channels, wraps_counts)
         self.period_ns = 0
         self.jitter_ns = 0
         self.lost = False
-        self._channels = channels
-        self._wait_ns = wait_ns
 
     def latched(self, latch: LatchedCounts) -> JointColumns:
         """What the device latched, one instant."""
-        counts = np.array([latch.counts], np.int64)[:, self._channels]
-        status = np.array([latch.status], np.uint8)[:, self._channels]
+        counts = np.array([latch.counts], np.int64)[:, self.channels]
+        status = np.array([latch.status], np.uint8)[:, self.channels]
         return _exact(counts, status)
 
     def at_own_instants(self, block: CountSamples) -> JointColumns:
         """The device's own samples at their own instants."""
-        status = block.status[:, self._channels]
+        status = block.status[:, self.channels]
         if block.skew_ns is None and are_valid(status).all():
             # What `at` would find, at once.
-            return _exact(block.counts[:, self._channels].astype(np.int64), status)
+            return _exact(block.counts[:, self.channels].astype(np.int64), status)
         return self.at(block.sample_time_ns)
 
     def at(self, instants_ns: Integers) -> JointColumns:
         """The readings interpolated at any instants (n,)."""
-        max_gap_ns = max(MAX_GAP_PERIODS * self.period_ns, self._wait_ns)
+        max_gap_ns = max(MAX_GAP_PERIODS * self.period_ns, self.wait_ns)
         limits = InterpolationLimits(
-            max_gap_ns, 0 if self.lost else self._wait_ns, self.jitter_ns
+            max_gap_ns, 0 if self.lost else self.wait_ns, self.jitter_ns
         )
         around = self.history.readings_around(int(instants_ns[0]), max_gap_ns)
         found = [interpolate(readings, instants_ns, limits) for readings in around]

@@ -9,6 +9,7 @@ import asyncio
 import logging
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from dataclasses import InitVar, dataclass
 from typing import Any
 
 from traverse.daemon.clock import HostClock
@@ -41,6 +42,7 @@ CommandHandler = Callable[[Any], Awaitable[Result]]
 Answer = asyncio.Future[bytes]
 
 
+@dataclass(eq=False, kw_only=True)
 class CommandDispatcher:
     """Takes commands in and sends answers out.
 
@@ -50,24 +52,16 @@ class CommandDispatcher:
         response_topics: filters of topics that answers may go to; see [broker].
     """
 
-    def __init__(
-        self,
-        *,
-        arm: str,
-        encoding: Encoding,
-        offer: Callable[[OutgoingMessage], bool],
-        carry_out: Mapping[str, CommandHandler],
-        events: EventLog,
-        clock: HostClock,
-        response_topics: tuple[str, ...] = (),
-    ) -> None:
-        self._arm = arm
-        self._encoding = encoding
-        self._offer = offer
-        self._carry_out = carry_out
-        self._events = events
-        self._response_topics = response_topics
-        self._limits = CommandRateLimiter(clock, self._tell_flood, carry_out)
+    arm: str
+    encoding: Encoding
+    offer: Callable[[OutgoingMessage], bool]
+    carry_out: Mapping[str, CommandHandler]
+    events: EventLog
+    clock: InitVar[HostClock]
+    response_topics: tuple[str, ...] = ()
+
+    def __post_init__(self, clock: HostClock) -> None:
+        self._limits = CommandRateLimiter(clock, self._tell_flood, self.carry_out)
         self._refusals = RefusalLog(clock)
         self._answers = ReplyCache()
         self._running: set[asyncio.Task[None]] = set()
@@ -106,7 +100,7 @@ class CommandDispatcher:
     def remember(self, name: str, request: str, result: Result) -> None:
         """Answer a request of an earlier run with its result, if it is repeated."""
         reply = Reply(request=request, ok=True, result=dict(result))
-        self._answers.remember(name, request, encode(reply, self._encoding))
+        self._answers.remember(name, request, encode(reply, self.encoding))
 
     async def close(self) -> None:
         """Abandon what is still running."""
@@ -131,9 +125,9 @@ class CommandDispatcher:
         problem = self._problem_of_the_way_back(incoming)
         if problem is not None:
             payload = self._refusal(name, command.request, problem)
-            self._send(payload, reply_topic(self._arm, name), None)
+            self._send(payload, reply_topic(self.arm, name), None)
             return
-        topic = incoming.response_topic or reply_topic(self._arm, name)
+        topic = incoming.response_topic or reply_topic(self.arm, name)
         task = self._answers.find(name, command.request)
         if task is None:
             if (problem := self._problem_of_rate(name)) is not None:
@@ -146,17 +140,17 @@ class CommandDispatcher:
         self._send(await asyncio.shield(task), topic, incoming.correlation)
 
     def _send(self, payload: bytes, topic: str, correlation: bytes | None) -> None:
-        self._offer(OutgoingMessage(topic, payload, qos=1, correlation=correlation))
+        self.offer(OutgoingMessage(topic, payload, qos=1, correlation=correlation))
 
     async def _reply(self, name: str, command: Command) -> bytes:
         CURRENT_REQUEST.set(command.request)  # of this task
         try:
-            carry_out = self._carry_out.get(name)
+            carry_out = self.carry_out.get(name)
             if carry_out is None:
-                raise _not_available(name, sorted(self._carry_out))
+                raise _not_available(name, sorted(self.carry_out))
             result = await carry_out(parse_args(name, command.args))
             reply = Reply(request=command.request, ok=True, result=dict(result))
-            return encode(reply, self._encoding)
+            return encode(reply, self.encoding)
         except MessageError as error:
             problem = RequestRefusedError(
                 "command.bad_args", str(error), "correct the arguments and send again"
@@ -177,7 +171,7 @@ class CommandDispatcher:
         error = ReplyError(
             code=problem.code, text=str(problem)[:2000], remedy=problem.remedy
         )
-        return encode(Reply(request=request, ok=False, error=error), self._encoding)
+        return encode(Reply(request=request, ok=False, error=error), self.encoding)
 
     def _problem_of_the_way_back(
         self, incoming: IncomingCommand
@@ -185,12 +179,12 @@ class CommandDispatcher:
         """Why the answer cannot be sent to the requested topic."""
         topic, correlation = incoming.response_topic, incoming.correlation
         if topic is not None and not is_response_topic(
-            topic, self._arm, self._response_topics
+            topic, self.arm, self.response_topics
         ):
             return RequestRefusedError(
                 "command.bad_response",
                 f"answers do not go to {topic[:200]!r}; the command was not carried "
-                f"out. Expected: a topic below traverse/{self._arm}/reply/",
+                f"out. Expected: a topic below traverse/{self.arm}/reply/",
                 "leave the response topic out, or have it allowed by response_topics "
                 "in [broker] of the daemon's configuration",
             )
@@ -220,7 +214,7 @@ class CommandDispatcher:
 
     def _tell_retained(self, topic: str) -> None:
         self.refused += 1
-        self._events.report(
+        self.events.report(
             "warning",
             "commands.retained",
             f"the broker keeps an old command on {single_line(topic)}; ignored",
@@ -230,7 +224,7 @@ class CommandDispatcher:
 
     def _tell_too_long(self, topic: str) -> None:
         self.refused += 1
-        self._events.report(
+        self.events.report(
             "warning",
             "commands.too_long",
             f"a command on {single_line(topic)} has more than {MAX_COMMAND_BYTES} "
@@ -240,7 +234,7 @@ class CommandDispatcher:
         )
 
     def _tell_flood(self, begins: bool, dropped: int) -> None:
-        self._events.change(
+        self.events.change(
             begins,
             "warning",
             "commands.flood",

@@ -44,6 +44,7 @@ class Occurrence:
     data: Mapping[str, int | float | str]
 
 
+@dataclass(eq=False)
 class EventLog:
     """Collects occurrences and passes them on.
 
@@ -53,17 +54,12 @@ class EventLog:
         changed: called when the begin or end of a lasting condition was published.
     """
 
-    def __init__(
-        self,
-        clock: HostClock,
-        publish: Callable[[Occurrence], None],
-        arm: str = "",
-        changed: Callable[[], None] = lambda: None,
-    ) -> None:
-        self._clock = clock
-        self._publish = publish
-        self._arm = arm
-        self._has_changed = changed
+    clock: HostClock
+    publish: Callable[[Occurrence], None]
+    arm: str = ""
+    changed: Callable[[], None] = lambda: None
+
+    def __post_init__(self) -> None:
         self._held: dict[tuple[str, str], Occurrence] = {}
         self._told_ns: dict[tuple[str, str], int] = {}
         self._distinct: dict[tuple[str, str], tuple[int, int]] = {}
@@ -94,7 +90,7 @@ class EventLog:
         there are too many; the other arguments are those of the message.
         """
         text, remedy = printable(text), printable(remedy)
-        now_ns = first_ns = self._clock.monotonic_ns()
+        now_ns = first_ns = self.clock.monotonic_ns()
         key = (code, source)
         if distinct:
             is_told = self._is_one_of_few(
@@ -144,7 +140,7 @@ class EventLog:
         if active and len(self._active) >= MAX_KINDS:
             self.report(severity, code, text, source=source, remedy=remedy, data=data)
             return
-        now_ns = self._clock.monotonic_ns()
+        now_ns = self.clock.monotonic_ns()
         level: Severity = severity if active else "info"
         change = Occurrence(
             *(level, code, printable(text), printable(remedy), source, active),
@@ -169,7 +165,7 @@ class EventLog:
         Args:
             at_once: whatever was held back for however short, as the daemon ends.
         """
-        now_ns = self._clock.monotonic_ns()
+        now_ns = self.clock.monotonic_ns()
         for waiting in (self._held, self._flapping):
             for key, held in list(waiting.items()):
                 if at_once or now_ns - self._told_ns.get(key, 0) >= QUIET_NS:
@@ -208,14 +204,14 @@ class EventLog:
             remedy,
             extra={"fields": self._fields(occurrence)},
         )
-        self._publish(occurrence)
+        self.publish(occurrence)
         if occurrence.active is not None:
-            self._has_changed()
+            self.changed()
 
     def _fields(self, occurrence: Occurrence) -> dict[str, str | int]:
         """What a log with fields keeps beside the text."""
         return {
-            "arm": self._arm,
+            "arm": self.arm,
             "device": occurrence.source.partition("/")[0],
             "source": occurrence.source,
             "code": occurrence.code,

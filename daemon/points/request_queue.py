@@ -104,6 +104,7 @@ class PointRequest:
             self.answer.set_result(outcome)
 
 
+@dataclass(eq=False)
 class PointRequestQueue:
     """Deals with requests one after the other.
 
@@ -116,13 +117,10 @@ class PointRequestQueue:
         some: set while there are requests that wait.
     """
 
-    def __init__(
-        self,
-        look: Callable[[PointRequest], None],
-        try_one: Callable[[PointRequest, bool], bool],
-    ) -> None:
-        self._look = look
-        self._try_one = try_one
+    look: Callable[[PointRequest], None]
+    try_one: Callable[[PointRequest, bool], bool]
+
+    def __post_init__(self) -> None:
         self._requests: deque[PointRequest] = deque()
         self.some = asyncio.Event()
 
@@ -145,19 +143,19 @@ class PointRequestQueue:
             if request.may_capture:
                 request.seen = None
                 request.is_evaluated = False
-                self._look(request)
+                self.look(request)
 
     def settle(self, now_ns: int | None = None) -> None:
         """Deal with what can be dealt with, or has waited long enough by some time."""
         for request in self._requests:
             if request.may_capture and not request.is_evaluated:
-                self._look(request)
+                self.look(request)
         while self._requests:
             request = self._requests[0]
             is_last_chance = len(self._requests) > MAX_PENDING or (
                 now_ns is not None and now_ns >= request.deadline_ns
             )
-            if not self._try_one(request, is_last_chance):
+            if not self.try_one(request, is_last_chance):
                 break
             self._requests.popleft()
         if self._requests:

@@ -12,7 +12,7 @@ may have made half a turn more than its encoder counts, its turn is in doubt too
 
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, InitVar, dataclass
 from typing import Any
 
 import numpy as np
@@ -85,6 +85,7 @@ class Outage:
     has_turned: bool
 
 
+@dataclass(eq=False)
 class OutageMonitor:
     """Finds joints of a device that may have turned too far while they were not read.
 
@@ -95,21 +96,17 @@ class OutageMonitor:
         max_speed_rad_s: no joint turns faster.
     """
 
-    def __init__(
-        self,
-        channels: Indices,
-        half_wraps_rad: Floats,
-        counts_per_turn: Integers,
-        max_speed_rad_s: float,
-    ) -> None:
-        self._channels = channels
-        self._half_wraps_rad = half_wraps_rad
-        self._counts_per_turn = counts_per_turn
-        self._excluded_ns = half_wraps_rad / max_speed_rad_s * 1e9
+    channels: Indices
+    half_wraps_rad: Floats
+    counts_per_turn: Integers
+    max_speed_rad_s: InitVar[float]
+
+    def __post_init__(self, max_speed_rad_s: float) -> None:
+        self._excluded_ns = self.half_wraps_rad / max_speed_rad_s * 1e9
         self._shortest_ns = int(self._excluded_ns.min())
         # Of the last valid readings: times, numbers, and of which stream all were.
-        self._last_ns = np.full(len(channels), LONG_AGO_NS)
-        self._last_seq = np.zeros(len(channels), np.int64)
+        self._last_ns = np.full(len(self.channels), LONG_AGO_NS)
+        self._last_seq = np.zeros(len(self.channels), np.int64)
         self._all_read_ns, self._stream = LONG_AGO_NS, -1
         self._recent: deque[CountSamples] = deque(maxlen=3)  # without an outage
 
@@ -125,7 +122,7 @@ class OutageMonitor:
             self._last_seq.fill(samples.seq[-1])
             self._all_read_ns = until_ns
         else:
-            places = range(len(self._channels))
+            places = range(len(self.channels))
             outages = [self._outage(samples, place) for place in places]
             found = [outage for outage in outages if outage is not None]
             self._all_read_ns = int(self._last_ns.min())
@@ -161,14 +158,14 @@ class OutageMonitor:
         ]
         fastest_rad_s = max((s for s in speeds if s is not None), default=np.inf)
         turned_rad = SPEED_RISE * fastest_rad_s * gap_ns * 1e-9
-        has_turned = bool(turned_rad >= self._half_wraps_rad[place])
+        has_turned = bool(turned_rad >= self.half_wraps_rad[place])
         return Outage(place, gap_ns * 1e-9, after_ns, has_turned)
 
     def _readings(
         self, block: CountSamples, place: int
     ) -> tuple[Integers, Integers, Integers]:
         """Times, counts and numbers of the valid readings of one joint in a block."""
-        channel = self._channels[place]
+        channel = self.channels[place]
         times_ns = block.sample_time_ns
         if block.skew_ns is not None:
             times_ns = times_ns + block.skew_ns[:, channel]
@@ -182,12 +179,13 @@ class OutageMonitor:
         """Mean speed over readings closer than half a turn; None of less than two."""
         if len(times_ns) < 2 or times_ns[-1] <= times_ns[0]:
             return None
-        turn = int(self._counts_per_turn[place])
+        turn = int(self.counts_per_turn[place])
         step = (int(counts[-1] - counts[0]) + turn // 2) % turn - turn // 2
         elapsed_s = int(times_ns[-1] - times_ns[0]) * 1e-9
         return abs(step) / turn * 2.0 * np.pi / elapsed_s
 
 
+@dataclass(eq=False)
 class ReferenceMonitor:
     """Knows which devices may count from another place, until the operator confirms.
 
@@ -198,21 +196,16 @@ class ReferenceMonitor:
             the time [ns] from which on it is to be taken from them.
     """
 
-    def __init__(
-        self,
-        section: QualitySection,
-        model: ArmModel,
-        clock: HostClock,
-        events: EventLog,
-        memory: ReferenceMemory,
-        *,
-        reset_turns: Callable[[Sequence[int], int], None] = lambda joints, ns: None,
-    ) -> None:
-        self._clock = clock
-        self._reset_turns = reset_turns
+    section: InitVar[QualitySection]
+    model: InitVar[ArmModel]
+    clock: HostClock
+    events: EventLog
+    memory: ReferenceMemory
+    _: KW_ONLY
+    reset_turns: Callable[[Sequence[int], int], None] = lambda joints, ns: None
+
+    def __post_init__(self, section: QualitySection, model: ArmModel) -> None:
         self._outages: dict[str, OutageMonitor] = {}
-        self._events = events
-        self._memory = memory
         self._boots: dict[str, str] = {}
         self._moduli: dict[str, tuple[int, ...]] = {}
         self._doubts: dict[str, str] = {}
@@ -221,7 +214,7 @@ class ReferenceMonitor:
     def _follow(self, section: QualitySection, model: ArmModel) -> None:
         self._model = model
         self._one_turn = one_turn_joints(section, model)
-        self._turning = turn_dependent_joints(section, model, self._clock)
+        self._turning = turn_dependent_joints(section, model, self.clock)
 
     @property
     def bits(self) -> int:
@@ -231,13 +224,13 @@ class ReferenceMonitor:
     @property
     def state(self) -> dict[str, object]:
         """What `resume` needs."""
-        confirmed = dict(self._memory.confirmed)
+        confirmed = dict(self.memory.confirmed)
         return {"doubts": dict(self._doubts), "confirmed": confirmed}
 
     def resume(self, state: Mapping[str, Any]) -> None:
         """Continue from the `state` of another time."""
         self._doubts = dict(state["doubts"])
-        self._memory = ReferenceMemory(state["confirmed"])
+        self.memory = ReferenceMemory(state["confirmed"])
 
     def use(self, section: QualitySection, model: ArmModel) -> None:
         """Follow another arm file or other end stops."""
@@ -263,12 +256,12 @@ class ReferenceMonitor:
         is_first = device not in self._boots
         self._boots[device] = boot
         is_absolute = [self._is_absolute(joint, up.identity) for joint in joints]
-        was_off, confirmed = up.restarted, self._memory.confirmed.get(device)
+        was_off, confirmed = up.restarted, self.memory.confirmed.get(device)
         if is_first:
             is_other = bool(boot and confirmed) and boot != confirmed
             is_unknown = not boot or confirmed is None
             was_off |= is_other or (is_unknown and False in is_absolute)
-            was_off |= self._memory.is_lost
+            was_off |= self.memory.is_lost
         if was_off and not all(is_absolute):
             self._doubt(device, PLACE)
             return
@@ -292,7 +285,7 @@ class ReferenceMonitor:
         for outage in found:
             joint = joints[outage.place]
             if joint in self._one_turn:
-                self._reset_turns([joint], outage.after_ns)
+                self.reset_turns([joint], outage.after_ns)
             elif outage.has_turned or joint in self._turning:
                 # Elsewhere only an angle may be off, by whole turns, if it turned.
                 doubtful.append((joint, outage.seconds))
@@ -320,21 +313,21 @@ class ReferenceMonitor:
         self._doubts.clear()
         for device in devices:
             text = f"the positions of {device} have been confirmed"
-            self._events.change(False, "error", CODE, text, source=device)
+            self.events.change(False, "error", CODE, text, source=device)
         self._remember(devices)
         return devices
 
     def _remember(self, devices: Iterable[str]) -> None:
         boots = {d: self._boots[d] for d in devices if self._boots.get(d)}
         if boots:
-            self._memory.add(boots)
+            self.memory.add(boots)
 
     def _doubt(self, device: str, kind: str, text: str = "", named: str = "") -> None:
         known = self._doubts.get(device)
         if known in (kind, PLACE):
             return
         if known is not None:  # the alarm has more details from now on
-            self._events.change(False, "error", CODE, "more is in doubt", source=device)
+            self.events.change(False, "error", CODE, "more is in doubt", source=device)
         self._doubts[device] = kind
         names = self._model.effects.joint_names
         joints = self._joints_of(device)
@@ -360,7 +353,7 @@ class ReferenceMonitor:
                 f"or touch a point that you know and {CONFIRM}; for a joint that turns "
                 "less, write its end stops in [[quality.end_stops]]"
             )
-        self._events.change(True, "error", CODE, text, source=device, remedy=remedy)
+        self.events.change(True, "error", CODE, text, source=device, remedy=remedy)
 
     def _joints_of(self, device: str) -> list[int]:
         return [j for j, d in enumerate(self._model.joint_devices) if d == device]

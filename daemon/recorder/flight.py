@@ -69,6 +69,7 @@ def _guarded(
     return guarded
 
 
+@dataclass(eq=False)
 class FlightRecorder:
     """Writes segments, and drops the oldest beyond a time and a size.
 
@@ -86,20 +87,15 @@ class FlightRecorder:
         n_bytes: written since the start.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        section: RecordingSection,
-        about: Mapping[str, str],
-        notify: Callable[[RecorderNotification], None],
-    ) -> None:
-        self.notify = notify
-        self.is_enabled = section.flight
+    folder: Path
+    section: RecordingSection
+    about: Mapping[str, str]
+    notify: Callable[[RecorderNotification], None]
+
+    def __post_init__(self) -> None:
+        self.is_enabled = self.section.flight
         self.retry_s: float | None = None
-        self._folder = folder
-        self._segments = folder / FOLDER
-        self._section = section
-        self._about = about
+        self._segments = self.folder / FOLDER
         self._writer: RunWriter | None = None
         self._begun_ns = 0
         self.kept = 0
@@ -125,7 +121,7 @@ class FlightRecorder:
             return
         self._close()
         path = self._segments / f"segment-{utc_ns:020d}.mcap"
-        head = RunHead({**self._about, "cause": "flight"}, files)
+        head = RunHead({**self.about, "cause": "flight"}, files)
         self._writer, self._begun_ns = RunWriter(path, head), at_ns
         self._delete_old(utc_ns)
 
@@ -149,7 +145,7 @@ class FlightRecorder:
     @_guarded
     def flush(self) -> None:
         """Hand all to the operating system, or to the disk."""
-        check_room(self._folder, self._section)
+        check_room(self.folder, self.section)
         self._flush()
 
     @_guarded
@@ -177,27 +173,27 @@ class FlightRecorder:
 
     def _flush(self) -> None:
         if self._writer is not None:
-            self._writer.flush(sync=self._section.sync)
+            self._writer.flush(sync=self.section.sync)
 
     def _close(self) -> None:
         if self._writer is not None:
             writer, self._writer = self._writer, None
-            writer.close(sync=self._section.sync)
+            writer.close(sync=self.section.sync)
 
     def _keep(self, why: str) -> None:
         segments = self._found()
         if not segments:
             return
         now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%f")
-        path = self._folder / f"flight-{now}Z-{why}.mcap"
+        path = self.folder / f"flight-{now}Z-{why}.mcap"
         part = path.with_suffix(".part")
         try:
-            _join(segments, part, {**self._about, "cause": why})
+            _join(segments, part, {**self.about, "cause": why})
             part.rename(path)
         finally:
             part.unlink(missing_ok=True)
         self.kept += 1
-        for old in sorted(self._folder.glob(KEPT))[: -self._section.kept]:
+        for old in sorted(self.folder.glob(KEPT))[: -self.section.kept]:
             old.unlink(missing_ok=True)
             self.dropped += 1
         self.notify(RecorderNotification(kept=path))
@@ -208,8 +204,8 @@ class FlightRecorder:
     def _delete_old(self, utc_ns: int) -> None:
         """Drop segments beyond the configured time or size."""
         *older, newest = self._found()
-        oldest_ns = utc_ns - int(self._section.flight_s * 1e9)
-        room = (self._section.flight_mb << 20) - newest.stat().st_size
+        oldest_ns = utc_ns - int(self.section.flight_s * 1e9)
+        room = (self.section.flight_mb << 20) - newest.stat().st_size
         for index in range(len(older) - 1, -1, -1):
             segment = older[index]
             follower = older[index + 1] if index + 1 < len(older) else newest

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from dataclasses import KW_ONLY, InitVar, dataclass
 from operator import methodcaller
 from pathlib import Path
 from typing import TypeVar
@@ -38,6 +39,7 @@ MAX_SLICE_S, YIELD_S = 0.0005, 0.0001
 T = TypeVar("T")
 
 
+@dataclass(eq=False)
 class RecorderThread:
     """Take items from the queue and write them to the open recordings.
 
@@ -51,27 +53,23 @@ class RecorderThread:
         heartbeat: the thread's signs of life.
     """
 
-    def __init__(
-        self,
-        queue: RecorderQueue,
-        *,
-        folder: Path,
-        section: RecordingSection,
-        about: Mapping[str, str],
-        files: Mapping[str, bytes],
-        utc_offset_ns: int,
-        notify: Callable[[RecorderNotification], None],
-    ) -> None:
-        self._queue = queue
-        self._folder = folder
-        self._section = section
-        self._about = about
+    queue: RecorderQueue
+    _: KW_ONLY
+    folder: Path
+    section: RecordingSection
+    about: Mapping[str, str]
+    files: InitVar[Mapping[str, bytes]]
+    utc_offset_ns: InitVar[int]
+    notify: Callable[[RecorderNotification], None]
+
+    def __post_init__(self, files: Mapping[str, bytes], utc_offset_ns: int) -> None:
         self._files = dict(files)
         self._encoder = RecordingEncoder(utc_offset_ns)
-        self._on_notification = notify
         self._loop = asyncio.get_running_loop()
         self._ring = PreTriggerBuffer()
-        self._flight = FlightRecorder(folder, section, about, self._notify)
+        self._flight = FlightRecorder(
+            self.folder, self.section, self.about, self._notify
+        )
         self._manual: ManualRecording | None = None
         self._flushed_s = 0.0
         self._ended = False
@@ -103,8 +101,8 @@ class RecorderThread:
 
     def submit(self, job: Callable[[], object]) -> None:
         """Have the thread call this, behind everything that is queued already."""
-        self._queue.put(RecorderItem("job", 0, value=job))
-        self._queue.wake()
+        self.queue.put(RecorderItem("job", 0, value=job))
+        self.queue.wake()
 
     async def call(self, job: Callable[[], T]) -> T:
         """Have the thread call this; return its result, or raise its exception."""
@@ -129,9 +127,9 @@ class RecorderThread:
         Raises:
             OSError: it cannot be written.
         """
-        path = self._folder / f"{name}.mcap"
-        head = recording_head(self._about, self._files, name=name, note=note)
-        self._manual = ManualRecording(path, name, self._section, head, self._ring)
+        path = self.folder / f"{name}.mcap"
+        head = recording_head(self.about, self._files, name=name, note=note)
+        self._manual = ManualRecording(path, name, self.section, head, self._ring)
         return path
 
     def finish(self) -> Recorded:
@@ -160,7 +158,7 @@ class RecorderThread:
             self._flight.recover_crashed()
             while not self._ended:
                 self.heartbeat.beat(TURN_S)
-                items = self._queue.take()
+                items = self.queue.take()
                 begun_s = time.monotonic()
                 for item in items:
                     self._take(item)
@@ -168,7 +166,7 @@ class RecorderThread:
                         time.sleep(YIELD_S)
                         begun_s = time.monotonic()
                 now_s = time.monotonic()
-                if now_s - self._flushed_s >= self._section.flush_s:
+                if now_s - self._flushed_s >= self.section.flush_s:
                     self._flushed_s = now_s
                     self._flight.retry(now_s)
                     self._flight.flush()
@@ -259,9 +257,9 @@ class RecorderThread:
     def _refuse_rest(self) -> None:
         """After a fault: no requester must wait for ever."""
         while not self._ended:
-            for item in self._queue.take():
+            for item in self.queue.take():
                 self._execute(item)
 
     def _notify(self, notification: RecorderNotification) -> None:
         with contextlib.suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(self._on_notification, notification)
+            self._loop.call_soon_threadsafe(self.notify, notification)

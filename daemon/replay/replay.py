@@ -6,6 +6,7 @@ else. Blocks of samples may be cut, or joined where nothing lies between.
 
 import asyncio
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -120,6 +121,7 @@ def close_drivers(measurement: Measurement) -> None:
         device.driver.close()
 
 
+@dataclass(eq=False)
 class Replay:
     """Replays one recording; needs a running event loop.
 
@@ -130,18 +132,13 @@ class Replay:
         take_scan: called with each block of a scan.
     """
 
-    def __init__(
-        self,
-        reader: RunReader,
-        block: int | None = None,
-        *,
-        take_point: Callable[[Point], object] = lambda point: None,
-        take_scan: Callable[[Scan], object] = lambda scan: None,
-    ) -> None:
-        self._reader = reader
-        self._block = block
-        self._take_point = take_point
-        self._take_scan = take_scan
+    reader: RunReader
+    block: int | None = None
+    _: KW_ONLY
+    take_point: Callable[[Point], object] = lambda point: None
+    take_scan: Callable[[Scan], object] = lambda scan: None
+
+    def __post_init__(self) -> None:
         self._clock = ReplayClock()
         self._measurement: Measurement | None = None
         self._points: PointComparison | None = None
@@ -159,12 +156,12 @@ class Replay:
             OSError: it cannot be read.
         """
         try:
-            for entry in self._reader:
+            for entry in self.reader:
                 self._take(entry)
             self._flush()
         except (KeyError, TypeError, AttributeError, IndexError, MessageError) as error:
             raise ValueError(
-                f"{self._reader.path}: a step makes no sense: {error!r}; was it "
+                f"{self.reader.path}: a step makes no sense: {error!r}; was it "
                 "recorded by this version?"
             ) from error
         finally:
@@ -172,8 +169,8 @@ class Replay:
                 close_drivers(self._measurement)
         points, scans = self._points, self._scans
         if points is None or scans is None:
-            tear = f" ({self._reader.tear})" if self._reader.tear else ""
-            raise ValueError(f"{self._reader.path}: no state to begin with{tear}")
+            tear = f" ({self.reader.tear})" if self.reader.tear else ""
+            raise ValueError(f"{self.reader.path}: no state to begin with{tear}")
         missing_scan = scans.settle()
         return ReplayResult(
             points=points.sure,
@@ -187,10 +184,10 @@ class Replay:
             excused=points.excused,
             samples=self._samples,
             gaps=self._gaps,
-            kernel_then=self._reader.about.get("kernel", "?"),
+            kernel_then=self.reader.about.get("kernel", "?"),
             kernel_now=KERNEL,
             tolerance_mm=points.tolerance_mm,
-            tear=self._reader.tear,
+            tear=self.reader.tear,
         )
 
     def _take(self, entry: Entry) -> None:
@@ -223,7 +220,7 @@ class Replay:
             return
         self._set_clock(entry, table)
         state = table["value"]
-        configuration, model = read_recorded_inputs(self._reader.files, state["probe"])
+        configuration, model = read_recorded_inputs(self.reader.files, state["probe"])
         measurement = replay_measurement(
             configuration,
             model,
@@ -239,7 +236,7 @@ class Replay:
                 np.linalg.norm(model.geometry.links_mm, axis=1).sum()
                 + np.abs(model.geometry.origin_mm).max()
             )
-            is_recut = self._block is not None
+            is_recut = self.block is not None
             self._points = PointComparison(reach_mm, is_recut=is_recut)
             self._scans = ScanComparison(self._points.tolerance_mm)
 
@@ -257,7 +254,7 @@ class Replay:
                 ignore_result(execute(measurement, command))
             case "files":
                 measurement.apply_settings(
-                    *read_recorded_inputs(self._reader.files, table["value"]["probe"])
+                    *read_recorded_inputs(self.reader.files, table["value"]["probe"])
                 )
             case "gap":
                 self._gaps += 1
@@ -283,7 +280,7 @@ class Replay:
         self, entry: Entry, table: Mapping[str, Any], samples: CountSamples
     ) -> None:
         """Take samples now, or with those that follow."""
-        measurement, block = self._measurement, self._block
+        measurement, block = self._measurement, self.block
         if measurement is None:
             return
         if block is None or len(measurement.model.devices) > 1:
@@ -309,19 +306,19 @@ class Replay:
         waiting, self._joined = self._joined, []
         if waiting and self._measurement is not None:
             joined = CountSamples.joined([samples for _, samples in waiting])
-            for part in _cut(joined, self._block):
+            for part in _cut(joined, self.block):
                 deliver(self._measurement, part)
 
     def _take_new(self, point: Point) -> None:
         if self._points is not None:
             now_ns = point.time_ns - self._clock.offset_ns
             self._points.is_now(point, early=now_ns < self._sure_ns)
-        self._take_point(point)
+        self.take_point(point)
 
     def _take_new_scan(self, scan: Scan) -> None:
         if self._scans is not None:
             self._scans.is_now(scan)
-        self._take_scan(scan)
+        self.take_scan(scan)
 
 
 def _cut(samples: CountSamples, block: int | None) -> Iterator[CountSamples]:

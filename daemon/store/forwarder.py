@@ -11,6 +11,7 @@ all after it only then: a broker that accepts nothing is not kept busy.
 import logging
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import KW_ONLY, dataclass
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.errors import RequestRefusedError
@@ -81,6 +82,7 @@ def outgoing(
     )
 
 
+@dataclass(eq=False)
 class UnsentFeeder:
     """Put all messages into the queue that the broker does not have, in order.
 
@@ -93,24 +95,16 @@ class UnsentFeeder:
         has_backlog: messages wait on the disk, or may.
     """
 
-    def __init__(
-        self,
-        queue: OutgoingQueue,
-        writer: StoreWriter,
-        acks: AckBuffer,
-        clock: HostClock,
-        latency: Latencies,
-        *,
-        kind: str = "point",
-        batch: int = BATCH,
-    ) -> None:
-        self._queue = queue
-        self._writer = writer
-        self._acks = acks
-        self._clock = clock
-        self._latency = latency
-        self._kind = kind
-        self._batch = batch
+    queue: OutgoingQueue
+    writer: StoreWriter
+    acks: AckBuffer
+    clock: HostClock
+    latency: Latencies
+    _: KW_ONLY
+    kind: str = "point"
+    batch: int = BATCH
+
+    def __post_init__(self) -> None:
         self._last_number = 0  # of those that are, or were, in the queue
         self.has_backlog = True  # at the start: an earlier run may have left some
         self._is_reading = False
@@ -127,22 +121,22 @@ class UnsentFeeder:
         if (
             not self.has_backlog
             or self._is_reading
-            or self._queue.waiting(self._kind) > self._batch
+            or self.queue.waiting(self.kind) > self.batch
             or not self._may_resume()
         ):
             return
         self._is_reading = True
         after = self._last_number
-        self._writer.query(
-            lambda store: store.read(read_unsent, after, self._batch), self._read
+        self.writer.query(
+            lambda store: store.read(read_unsent, after, self.batch), self._read
         )
 
     def _may_resume(self) -> bool:
         """Nothing was refused, or that is long ago: then it is read once more."""
         if self._refused is None:
             return True
-        is_due = self._clock.monotonic_ns() >= self._resumes_ns
-        if not is_due or self._queue.waiting(self._kind):
+        is_due = self.clock.monotonic_ns() >= self._resumes_ns
+        if not is_due or self.queue.waiting(self.kind):
             return False
         self._last_number, self._refused = self._refused - 1, None
         return True
@@ -154,32 +148,33 @@ class UnsentFeeder:
         if not isinstance(found, Sequence):
             return  # it cannot be read now; `refill` is called again
         # What was committed after this was read is added after it: nothing is missed.
-        self.has_backlog = len(found) == self._batch
+        self.has_backlog = len(found) == self.batch
         for message in found:
             if not self._offer(message.number, message):
                 self.has_backlog = True
                 return
 
     def _offer(self, number: int, message: StorableMessage) -> bool:
-        begun_ns = self._clock.monotonic_ns()
+        begun_ns = self.clock.monotonic_ns()
 
         def sent() -> None:
-            self._latency.add(self._clock.monotonic_ns() - begun_ns)
-            self._acks.add(number)
+            self.latency.add(self.clock.monotonic_ns() - begun_ns)
+            self.acks.add(number)
             self.refill()
 
         def refused() -> None:
             self.has_backlog = True
             first = number if self._refused is None else self._refused
             self._refused = min(first, number)
-            self._resumes_ns = self._clock.monotonic_ns() + REFUSED_NS
+            self._resumes_ns = self.clock.monotonic_ns() + REFUSED_NS
 
-        is_queued = self._queue.offer(self._kind, outgoing(message, sent, refused))
+        is_queued = self.queue.offer(self.kind, outgoing(message, sent, refused))
         if is_queued:
             self._last_number = number
         return is_queued
 
 
+@dataclass(eq=False)
 class RangeResender:
     """Send ranges again, one after the other.
 
@@ -187,12 +182,11 @@ class RangeResender:
         batch: so many messages are read at once, when no more than that wait.
     """
 
-    def __init__(
-        self, queue: OutgoingQueue, writer: StoreWriter, batch: int = RESEND_BATCH
-    ) -> None:
-        self._queue = queue
-        self._writer = writer
-        self._batch = batch
+    queue: OutgoingQueue
+    writer: StoreWriter
+    batch: int = RESEND_BATCH
+
+    def __post_init__(self) -> None:
         self._ranges: deque[tuple[str, int, int]] = deque()
         self._is_reading = False
 
@@ -219,13 +213,13 @@ class RangeResender:
         if (
             not self._ranges
             or self._is_reading
-            or self._queue.waiting("resend") > self._batch
+            or self.queue.waiting("resend") > self.batch
         ):
             return
         self._is_reading = True
         ends = self._ranges[0]
-        self._writer.query(
-            lambda store: store.read(read_messages, *ends, self._batch),
+        self.writer.query(
+            lambda store: store.read(read_messages, *ends, self.batch),
             self._read,
         )
 
@@ -236,7 +230,7 @@ class RangeResender:
             log.warning("session %s is not sent again: %s", session, found)
             return  # the consumer sees a gap, and requests again
         for message in found:
-            self._queue.offer("resend", outgoing(message, self.refill))
-        if len(found) == self._batch and found[-1].seq < to_seq:
+            self.queue.offer("resend", outgoing(message, self.refill))
+        if len(found) == self.batch and found[-1].seq < to_seq:
             self._ranges.appendleft((session, found[-1].seq + 1, to_seq))
         self.refill()

@@ -15,6 +15,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import InitVar, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,7 @@ Job = NewMessage | Callable[[], None] | None
 """Store a message; or do something; or, None, end."""
 
 
+@dataclass(eq=False)
 class StoreWriter:
     """Work through jobs, and report the results to the loop.
 
@@ -59,18 +61,16 @@ class StoreWriter:
         heartbeat: the thread's signs of life.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        name: str,
-        clock: HostClock,
-        retention: RetentionRules,
-        notify: Callable[[Notification], None],
-    ) -> None:
-        self._clock = clock
-        self.retention = retention
-        self._notify = notify
-        self._database = ResilientDatabase(path, lambda what: self._post(notify, what))
+    path: InitVar[Path]
+    name: InitVar[str]
+    clock: HostClock
+    retention: RetentionRules
+    notify: Callable[[Notification], None]
+
+    def __post_init__(self, path: Path, name: str) -> None:
+        self._database = ResilientDatabase(
+            path, lambda what: self._post(self.notify, what)
+        )
         self._jobs: queue.SimpleQueue[Job] = queue.SimpleQueue()
         self._loop = asyncio.get_running_loop()
         self._status = StoreStatus()
@@ -189,10 +189,10 @@ class StoreWriter:
         except Exception as error:  # noqa: BLE001 - reported as a trouble
             self._has_failed = True
             trouble = self._database.trouble or StorageError(repr(error), "")
-            self._post(self._notify, WriteFailed(trouble))
+            self._post(self.notify, WriteFailed(trouble))
         else:
             self._running = messages[-1].session
-            self._post(self._notify, Committed(numbers))
+            self._post(self.notify, Committed(numbers))
         self._report_status()
 
     def _delete_old(self) -> None:
@@ -200,7 +200,7 @@ class StoreWriter:
         if self._database.trouble is not None:
             return
         rules = self.retention
-        now_ns = self._clock.to_utc_ns(self._clock.monotonic_ns())
+        now_ns = self.clock.to_utc_ns(self.clock.monotonic_ns())
 
         def step(store: MessageDatabase) -> int:
             n = store.delete_old(
@@ -229,7 +229,7 @@ class StoreWriter:
         status, self._status_s = self._database.status(), now_s
         if status != self._status:
             self._status = status
-            self._post(self._notify, status)
+            self._post(self.notify, status)
 
     def _post(self, act: Callable[..., object], value: object) -> None:
         try:

@@ -15,6 +15,7 @@ import os
 import socket
 import time
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import InitVar, dataclass
 
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.monitoring.events import EventLog
@@ -149,6 +150,7 @@ ALONE_S = 20.0  # where no service manager watches
 CHECK_S = 5.0
 
 
+@dataclass(eq=False)
 class Watchdog:
     """Check all signs of life and feed the watchdog.
 
@@ -156,20 +158,16 @@ class Watchdog:
         heartbeats: gives the signs of life of all other threads.
     """
 
-    def __init__(
-        self,
-        notifier: Notifier,
-        devices: Iterable[Device],
-        heartbeats: Callable[[], Iterable[Heartbeat]],
-        events: EventLog,
-    ) -> None:
-        self._notifier = notifier
+    notifier: Notifier
+    devices: InitVar[Iterable[Device]]
+    heartbeats: Callable[[], Iterable[Heartbeat]]
+    events: EventLog
+
+    def __post_init__(self, devices: Iterable[Device]) -> None:
         self._devices = list(devices)
-        self._heartbeats = heartbeats
-        self._events = events
         self._last_taken: dict[str, int | None] = {}
         self._stuck: set[str] = set()
-        watchdog_s = notifier.watchdog_s
+        watchdog_s = self.notifier.watchdog_s
         self._limit_s = max(MIN_TURN_S, SHARE * watchdog_s) if watchdog_s else ALONE_S
         self._period_s = watchdog_s / FEEDS if watchdog_s else CHECK_S
 
@@ -188,13 +186,13 @@ class Watchdog:
             self._report(name, text, active=True)
         self._stuck = set(found)
         if not found:
-            self._notifier.feed()
+            self.notifier.feed()
         return not found
 
     def _found(self) -> Iterable[tuple[str, str]]:
         for heartbeat in (
             *(d.driver.heartbeat for d in self._devices),
-            *self._heartbeats(),
+            *self.heartbeats(),
         ):
             silent_s = heartbeat.overdue_s(self._limit_s)
             if silent_s is not None:
@@ -212,14 +210,14 @@ class Watchdog:
                     yield f"taker of {name}", text
 
     def _report(self, name: str, text: str, *, active: bool) -> None:
-        self._events.change(
+        self.events.change(
             active,
             "error",
             "watchdog.stuck",
             text,
             source=name.replace(" ", "-"),
             remedy="systemd starts the daemon anew; report it with the log"
-            if active and self._notifier.watchdog_s
+            if active and self.notifier.watchdog_s
             else "start the daemon anew; report it with the log"
             if active
             else "",
