@@ -284,7 +284,7 @@ class Measurement:
         if state["alignment"] is not None:
             self.alignment.alignment = Alignment(**state["alignment"])
         if state["air_mm"] is not None:
-            self.points.tip.set_air_point(np.array(state["air_mm"]))
+            self.points.tip.air_mm = np.array(state["air_mm"])
         self.quality.persistent.resume(state["temperatures"])
         # Recordings of earlier versions know nothing of references.
         nothing: dict[str, Any] = {"doubts": {}, "confirmed": {}}

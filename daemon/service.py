@@ -259,7 +259,6 @@ def compose(
             "error",
             "broker.lost",
             text,
-            source="broker",
             remedy="" if connected else "start or correct the broker; points are kept",
         )
 

@@ -111,12 +111,11 @@ def _leapfrog(
     arm: Arm | None,
 ) -> AlignmentResult:
     before = read_touches(from_file, options.coordinates, arm)
-    given = {"std_mm": options.std}
     first, first_remarks = places_by_name(
-        before, None, spheres=options.spheres, **given
+        before, None, std_mm=options.std, spheres=options.spheres
     )
     second, remarks = places_by_name(
-        touches, list(first), spheres=options.spheres, **given
+        touches, list(first), std_mm=options.std, spheres=options.spheres
     )
     if options.volume is None:
         places_mm = np.array([touch.place_mm for touch in before])

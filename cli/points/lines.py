@@ -1,6 +1,7 @@
 """Sessions and points of an outbox as lines of text or JSON."""
 
 import json
+from dataclasses import asdict
 from datetime import UTC, datetime
 
 from traverse.daemon.store.records import StoredMessage, StoredSession
@@ -15,17 +16,8 @@ def session_line(
 ) -> str:
     """One session, with how many points there are and the broker lacks."""
     if as_json:
-        return json.dumps(
-            {
-                "session": session.session,
-                "begun_ns": str(session.begun_ns),
-                "note": session.note,
-                "first_seq": session.first_seq,
-                "last_seq": session.last_seq,
-                "points": points,
-                "unsent": unsent,
-            }
-        )
+        told = {**asdict(session), "begun_ns": str(session.begun_ns)}
+        return json.dumps({**told, "points": points, "unsent": unsent})
     begun = datetime.fromtimestamp(session.begun_ns // 10**9, UTC)
     left = f", {unsent} not sent yet" if unsent else ""
     note = f"  {session.note}" if session.note else ""

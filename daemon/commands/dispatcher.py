@@ -218,7 +218,6 @@ class CommandDispatcher:
             "warning",
             "commands.retained",
             f"the broker keeps an old command on {single_line(topic)}; ignored",
-            source="commands",
             remedy="clear it: publish an empty retained message there",
         )
 
@@ -229,7 +228,6 @@ class CommandDispatcher:
             "commands.too_long",
             f"a command on {single_line(topic)} has more than {MAX_COMMAND_BYTES} "
             "bytes; dropped without an answer",
-            source="commands",
             remedy="find its sender; see max_packet_size of the broker",
         )
 
@@ -241,7 +239,6 @@ class CommandDispatcher:
             "commands arrive faster than they are processed; the rest is dropped"
             if begins
             else f"commands arrive at a normal rate again; {dropped} were dropped",
-            source="commands",
             remedy="find their sender; see the broker's access list" if begins else "",
             data={} if begins else {"dropped": dropped},
         )

@@ -11,37 +11,29 @@ async def record(recorder: Recorder, args: RecordArgs) -> Result:
     Raises:
         RequestRefusedError: it cannot be written, another one runs, or none does.
     """
+    if args.action == "start" and recorder.name_in_use is not None:
+        raise RequestRefusedError(
+            "recording.busy",
+            f"{recorder.name_in_use!r} is being recorded",
+            "stop it first; there is one recording at a time",
+        )
+    if args.action == "stop" and recorder.name_in_use is None:
+        raise RequestRefusedError(
+            "recording.none",
+            "nothing is being recorded",
+            "it may have ended by itself: see the events recording.stopped",
+        )
     try:
-        if args.action == "stop":
-            return await _stop(recorder)
-        return await _start(recorder, args.name or "", args.note or "")
+        if args.action == "start":
+            path = await recorder.begin(args.name or "", args.note or "")
+            return {"name": args.name or "", "file": str(path)}
+        recorded = await recorder.finish()
     except OSError as error:
         raise RequestRefusedError(
             "recording.failed",
             f"the recording cannot be written: {error.strerror or error}",
             "make room on the daemon's disk, or use another name",
         ) from error
-
-
-async def _start(recorder: Recorder, name: str, note: str) -> Result:
-    if recorder.name_in_use is not None:
-        raise RequestRefusedError(
-            "recording.busy",
-            f"{recorder.name_in_use!r} is being recorded",
-            "stop it first; there is one recording at a time",
-        )
-    path = await recorder.begin(name, note)
-    return {"name": name, "file": str(path)}
-
-
-async def _stop(recorder: Recorder) -> Result:
-    if recorder.name_in_use is None:
-        raise RequestRefusedError(
-            "recording.none",
-            "nothing is being recorded",
-            "it may have ended by itself: see the events recording.stopped",
-        )
-    recorded = await recorder.finish()
     return {
         "name": recorded.name,
         "file": str(recorded.path),

@@ -54,13 +54,7 @@ class ConfigurationReloader:
             try:
                 changed = await self._reload()
             except RequestRefusedError as error:
-                self.events.report(
-                    "error",
-                    error.code,
-                    str(error),
-                    source="reload",
-                    remedy=error.remedy,
-                )
+                self.events.report("error", error.code, str(error), remedy=error.remedy)
                 raise
             finally:
                 self.notifier.ready()  # with the new one or with the old one
@@ -69,7 +63,6 @@ class ConfigurationReloader:
             "info",
             "reload.done",
             f"changed: {', '.join(changed) or 'nothing'}; model {model.digest[:12]}",
-            source="reload",
             distinct=True,
         )
         return {"model": model.digest, "changed": changed}

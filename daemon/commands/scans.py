@@ -113,4 +113,4 @@ class ButtonScans:
                 self._refuse(str(error), error.remedy)
 
     def _refuse(self, text: str, remedy: str) -> None:
-        self._events.report("error", "scan.refused", text, source="scan", remedy=remedy)
+        self._events.report("error", "scan.refused", text, remedy=remedy)

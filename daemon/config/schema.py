@@ -15,7 +15,13 @@ from traverse.daemon.config.filters import AnyFilter, flag_bits
 from traverse.protocol import topics
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages.point import Compensation
-from traverse.strict_toml.problems import FileError, Problem, toml_table, toml_text
+from traverse.strict_toml.problems import (
+    FileError,
+    Problem,
+    tables_in,
+    toml_table,
+    toml_text,
+)
 from traverse.strict_toml.reader import StrictModel, parse_strict
 
 TLS_PORT = 8883
@@ -68,7 +74,7 @@ def broker_table_problems(raw: object) -> Iterator[Problem]:
             yield Problem(f"broker.{other}", text)
     if "password_file" in raw and "username" not in raw:
         text = "is missing; password_file is given, and a password needs a name"
-        yield Problem(".".join(("broker", "username")), text)
+        yield Problem("broker.username", text)
     yield from _filter_problems(raw.get("response_topics"))
 
 
@@ -318,7 +324,7 @@ def read_configuration(path: Path) -> Configuration:
 
 def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
     ids: dict[str, int] = {}
-    for index, device in enumerate(_tables(raw, "device")):
+    for index, device in enumerate(tables_in(raw.get("device"))):
         name = device.get("id")
         if not isinstance(name, str):
             continue
@@ -334,10 +340,10 @@ def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
         method = capture.get("compensation")
         if method in ("inside", "outside") and "middle_mm" not in capture:
             text = f"is missing; compensation {method!r} needs a point in the middle"
-            yield Problem(".".join(("capture", "middle_mm")), text)
+            yield Problem("capture.middle_mm", text)
     seen: set[str] = set()
-    inputs = _tables(capture, "inputs") if isinstance(capture, Mapping) else []
-    for index, table in enumerate(inputs):
+    inputs = capture.get("inputs") if isinstance(capture, Mapping) else None
+    for index, table in enumerate(tables_in(inputs)):
         source = table.get("source")
         if not isinstance(source, str):
             continue
@@ -361,10 +367,3 @@ def _gesture_problems(index: int, table: Mapping[str, Any]) -> Iterator[Problem]
         for name in {"double", "hold", "long"} & set(table):
             text = "is a gesture of a hand; a switching probe has click alone"
             yield Problem(f"{where}.{name}", text)
-
-
-def _tables(raw: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
-    value = raw.get(key)
-    if not isinstance(value, list):
-        return []
-    return [item if isinstance(item, Mapping) else {} for item in value]

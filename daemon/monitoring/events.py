@@ -48,6 +48,8 @@ class Occurrence:
 class EventLog:
     """Collects occurrences and passes them on.
 
+    What they happen to is their source: the first word of the code unless given.
+
     Args:
         publish: called with what is to be published, times monotonic.
         arm: whose events these are, for a log with fields.
@@ -78,7 +80,7 @@ class EventLog:
         code: str,
         text: str,
         *,
-        source: str,
+        source: str = "",
         remedy: str = "",
         count: int = 1,
         data: Mapping[str, int | float | str] | None = None,
@@ -91,6 +93,7 @@ class EventLog:
         """
         text, remedy = printable(text), printable(remedy)
         now_ns = first_ns = self.clock.monotonic_ns()
+        source = source or code.partition(".")[0]
         key = (code, source)
         if distinct:
             is_told = self._is_one_of_few(
@@ -126,7 +129,7 @@ class EventLog:
         code: str,
         text: str,
         *,
-        source: str,
+        source: str = "",
         remedy: str = "",
         data: Mapping[str, int | float | str] | None = None,
     ) -> None:
@@ -134,6 +137,7 @@ class EventLog:
 
         With too many conditions it is reported as a momentary one.
         """
+        source = source or code.partition(".")[0]
         key = (code, source)
         if active == (key in self._active):
             return

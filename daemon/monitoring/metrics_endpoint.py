@@ -107,7 +107,6 @@ async def metrics_endpoint(
             "warning",
             "metrics.refused",
             f"{section.host}:{section.port} cannot be listened on: {error.strerror}",
-            source="metrics",
             remedy="correct [metrics], or end what listens there; start anew",
         )
         yield

@@ -3,7 +3,7 @@
 Base units, totals since the start; docs/reference/metrics.md explains each.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.protocol.messages import Health
@@ -13,25 +13,56 @@ CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 STATES = ("starting", "ready", "lost", "failed", "stopped")
 CONNECTION = ("connecting", "connected", "lost")
 OUTBOX = ("ready", "failed")
-SPOOL = {
-    "blocks": "blocks of scans kept on the disk",
-    "unsent": "blocks on the disk that the broker does not have yet",
-    "bytes": "size of the spool",
-}
 RECORDING = ("off", "flight", "recording", "failed")
 BOUNDS_S = [bound_us / 1e6 for bound_us in LATENCY_BOUNDS_US]
+HELP = {
+    "info": "the daemon; always 1",
+    "uptime_seconds": "time since the daemon's start",
+    "cpu_seconds_total": "CPU time that the daemon has used",
+    "resident_memory_bytes": "resident memory of the daemon",
+    "temperature_celsius": "temperatures used by the corrections",
+    "skew_meters": "largest error of position that reading the joints at different "
+    "instants may have left since the previous health message",
+    "broker_state": "1 for the state that the connection to the broker is in",
+    "broker_reconnects_total": "reconnections to the broker",
+    "messages_queued": "messages that wait to be published",
+    "messages_unacknowledged": "messages published that the broker has not "
+    "acknowledged",
+    "messages_dropped_total": "messages dropped because the queue was full",
+    "outbox_state": "1 for the state that the outbox is in",
+    "outbox_points": "points kept on the disk, retractions included",
+    "outbox_points_unsent": "points on the disk that the broker does not have yet",
+    "outbox_bytes": "size of the outbox",
+    "outbox_oldest_unsent_seconds": "age of the first point that the broker does not "
+    "have yet",
+    "spool_state": "1 for the state that the spool of scans is in; none while it is "
+    "not used",
+    "spool_blocks": "blocks of scans kept on the disk",
+    "spool_unsent": "blocks on the disk that the broker does not have yet",
+    "spool_bytes": "size of the spool",
+    "recording_state": "1 for the state that the recorder is in",
+    "recording_queued": "items that wait to be recorded",
+    "recording_dropped_total": "items not recorded because the queue was full",
+    "device_state": "1 for the state that the device is in",
+    "device_silence_seconds": "time since the device last sent anything",
+    "device_samples_queued": "samples that wait between the reader thread and the "
+    "pipeline",
+    "device_temperature_celsius": "the device's own sensors",
+    "device_counters_total": "counters of the device and its driver since it was "
+    "opened, by name",
+    **{f"{name}_total": text for name, text in COUNTERS.items()},
+}
+"""Help texts, by name without prefix."""
+HELP_OF_FILTERS = "points of scans held back by this filter"
 
 Labels = Mapping[str, str]
 Samples = list[tuple[Labels, float]]
-Row = tuple[str, str, float | Samples | None]
-"""Name without prefix, help text, and the samples, one value, or nothing."""
+Values = dict[str, float | Samples | None]
+"""By name without prefix: the samples, one value, or nothing."""
 
 
 def exposition(
-    health: Health,
-    latencies: Mapping[str, Latencies],
-    cpu_s: float,
-    version: str,
+    health: Health, latencies: Mapping[str, Latencies], cpu_s: float, version: str
 ) -> str:
     """Format the page that a scrape gets.
 
@@ -41,155 +72,89 @@ def exposition(
         cpu_s: CPU time that the process has used.
         version: of the daemon.
     """
-    rows = (*_process(health, cpu_s, version), *_queues(health), *_devices(health))
-    return "".join(
-        (
-            *(family(f"traverse_{name}", text, value) for name, text, value in rows),
-            histogram(
-                "traverse_latency_seconds",
-                "; ".join(f"{name}: {text}" for name, text in LATENCIES.items()),
-                BOUNDS_S,
-                [
-                    ({"of": name}, each.total_counts, each.total_ns * 1e-9)
-                    for name, each in latencies.items()
-                ],
-            ),
-        )
-    )
+    values = _process(health, cpu_s, version) | _queues(health) | _devices(health)
+    families = [
+        family(f"traverse_{name}", HELP.get(name, HELP_OF_FILTERS), value)
+        for name, value in values.items()
+    ]
+    text = "; ".join(f"{name}: {text}" for name, text in LATENCIES.items())
+    durations = [
+        ({"of": name}, each.total_counts, each.total_ns * 1e-9)
+        for name, each in latencies.items()
+    ]
+    families.append(histogram("traverse_latency_seconds", text, BOUNDS_S, durations))
+    return "".join(families)
 
 
-def _process(health: Health, cpu_s: float, version: str) -> Iterator[Row]:
+def _process(health: Health, cpu_s: float, version: str) -> Values:
     about = {"arm": health.arm, "version": version, "kernel": health.kernel}
-    yield "info", "the daemon; always 1", [(about, 1)]
-    yield "uptime_seconds", "time since the daemon's start", health.uptime_s
-    yield "cpu_seconds_total", "CPU time that the daemon has used", cpu_s
-    yield "resident_memory_bytes", "resident memory of the daemon", health.rss_bytes
-    yield (
-        "temperature_celsius",
-        "temperatures used by the corrections",
-        [({"of": name}, c) for name, c in health.temperatures_c.items()],
-    )
-    yield (
-        "skew_meters",
-        "largest error of position that reading the joints at different "
-        "instants may have left since the previous health message",
-        None if health.skew_mm is None else health.skew_mm / 1000,
-    )
-    for name, value in sorted(health.counters.items()):
-        text = COUNTERS.get(name, "points of scans held back by this filter")
-        yield f"{name}_total", text, value
+    return {
+        "info": [(about, 1)],
+        "uptime_seconds": health.uptime_s,
+        "cpu_seconds_total": cpu_s,
+        "resident_memory_bytes": health.rss_bytes,
+        "temperature_celsius": [
+            ({"of": name}, c) for name, c in health.temperatures_c.items()
+        ],
+        "skew_meters": None if health.skew_mm is None else health.skew_mm / 1000,
+        **{f"{name}_total": n for name, n in sorted(health.counters.items())},
+    }
 
 
-def _queues(health: Health) -> Iterator[Row]:
+def _queues(health: Health) -> Values:
     """What is on its way to the broker and to the disk."""
     broker, outbox, spool = health.broker, health.outbox, health.spool
-    yield (
-        "broker_state",
-        "1 for the state that the connection to the broker is in",
-        _states(CONNECTION, broker.state),
-    )
-    yield (
-        "broker_reconnects_total",
-        "reconnections to the broker",
-        broker.reconnects,
-    )
-    yield "messages_queued", "messages that wait to be published", broker.queued
-    yield (
-        "messages_unacknowledged",
-        "messages published that the broker has not acknowledged",
-        broker.unacknowledged,
-    )
-    yield (
-        "messages_dropped_total",
-        "messages dropped because the queue was full",
-        broker.dropped,
-    )
-    yield (
-        "outbox_state",
-        "1 for the state that the outbox is in",
-        _states(OUTBOX, outbox.state),
-    )
-    yield (
-        "outbox_points",
-        "points kept on the disk, retractions included",
-        outbox.points,
-    )
-    yield (
-        "outbox_points_unsent",
-        "points on the disk that the broker does not have yet",
-        outbox.unsent,
-    )
-    yield "outbox_bytes", "size of the outbox", outbox.bytes
-    oldest_ns = outbox.oldest_unsent_ns
-    yield (
-        "outbox_oldest_unsent_seconds",
-        "age of the first point that the broker does not have yet",
-        None if oldest_ns is None else (health.time_ns - oldest_ns) * 1e-9,
-    )
-    yield (
-        "spool_state",
-        "1 for the state that the spool of scans is in; none while it is not used",
-        None if spool is None else _states(OUTBOX, spool.state),
-    )
-    for name, text in SPOOL.items():
-        yield f"spool_{name}", text, None if spool is None else getattr(spool, name)
-    recording = health.recording
-    yield (
-        "recording_state",
-        "1 for the state that the recorder is in",
-        _states(RECORDING, recording.state),
-    )
-    yield "recording_queued", "items that wait to be recorded", recording.queued
-    yield (
-        "recording_dropped_total",
-        "items not recorded because the queue was full",
-        recording.dropped,
-    )
+    recording, oldest_ns = health.recording, outbox.oldest_unsent_ns
+    return {
+        "broker_state": _states(CONNECTION, broker.state),
+        "broker_reconnects_total": broker.reconnects,
+        "messages_queued": broker.queued,
+        "messages_unacknowledged": broker.unacknowledged,
+        "messages_dropped_total": broker.dropped,
+        "outbox_state": _states(OUTBOX, outbox.state),
+        "outbox_points": outbox.points,
+        "outbox_points_unsent": outbox.unsent,
+        "outbox_bytes": outbox.bytes,
+        "outbox_oldest_unsent_seconds": None
+        if oldest_ns is None
+        else (health.time_ns - oldest_ns) * 1e-9,
+        "spool_state": None if spool is None else _states(OUTBOX, spool.state),
+        "spool_blocks": None if spool is None else spool.blocks,
+        "spool_unsent": None if spool is None else spool.unsent,
+        "spool_bytes": None if spool is None else spool.bytes,
+        "recording_state": _states(RECORDING, recording.state),
+        "recording_queued": recording.queued,
+        "recording_dropped_total": recording.dropped,
+    }
 
 
-def _devices(health: Health) -> Iterator[Row]:
+def _devices(health: Health) -> Values:
     devices = [({"device": device.id}, device) for device in health.devices]
-    yield (
-        "device_state",
-        "1 for the state that the device is in",
-        [
+    return {
+        "device_state": [
             ({**labels, **state}, value)
             for labels, device in devices
             for state, value in _states(STATES, device.state)
         ],
-    )
-    yield (
-        "device_silence_seconds",
-        "time since the device last sent anything",
-        [
+        "device_silence_seconds": [
             (labels, device.age_s)
             for labels, device in devices
             if device.age_s is not None
         ],
-    )
-    yield (
-        "device_samples_queued",
-        "samples that wait between the reader thread and the pipeline",
-        [(labels, device.queued) for labels, device in devices],
-    )
-    yield (
-        "device_temperature_celsius",
-        "the device's own sensors",
-        [
+        "device_samples_queued": [
+            (labels, device.queued) for labels, device in devices
+        ],
+        "device_temperature_celsius": [
             ({**labels, "sensor": sensor}, value)
             for labels, device in devices
             for sensor, value in device.temperatures_c.items()
         ],
-    )
-    yield (
-        "device_counters_total",
-        "counters of the device and its driver since it was opened, by name",
-        [
+        "device_counters_total": [
             ({**labels, "counter": name}, value)
             for labels, device in devices
             for name, value in sorted(device.counters.items())
         ],
-    )
+    }
 
 
 def _states(states: Iterable[str], current: str) -> Samples:

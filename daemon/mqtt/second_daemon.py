@@ -78,7 +78,6 @@ class SecondDaemonWatch:
             CODE,
             f"another daemon reports as arm {self._arm} at this broker (session "
             f"{self._other}, version {status.version}); each throws the other out",
-            source="broker",
             remedy="end one of the two, or give its arm another name in the arm file",
         )
 
@@ -106,11 +105,10 @@ class SecondDaemonWatch:
                 UNREAD,
                 f"the broker does not let this daemon read {topic}: a second daemon of "
                 "this arm would not be noticed",
-                source="broker",
                 remedy=f"allow the daemon's account to read and write {topic} in the "
                 "broker's access list, as deploy/mosquitto/acl does",
             )
         if self._other and now_ns - self._seen_ns > OVER_NS:
             self._other, self._retained = "", 0
             text = f"no other daemon reports as arm {self._arm} any more"
-            self._events.change(False, "error", CODE, text, source="broker")
+            self._events.change(False, "error", CODE, text)

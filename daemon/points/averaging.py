@@ -5,7 +5,7 @@ more memory than a moment. The speed is the slope of the best straight line thro
 samples; a tremble about one place has none, but a spread.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -223,8 +223,3 @@ class SampleAverage:
                 "arrived",
                 "see the device's events; average fewer samples, or for a shorter time",
             )
-
-
-def mean_pose(average: SampleAverage, block: Block) -> LatchedPose:
-    """The mean with what the effects need."""
-    return replace(average.pose(), block=block)

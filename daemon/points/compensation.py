@@ -77,10 +77,6 @@ class TipCompensator:
         """Whether the place before the touch matters."""
         return self._method == "pretouch" and self.air_mm is None
 
-    def set_air_point(self, place_mm: Floats) -> None:
-        """A place in the air, from which the next point will be touched."""
-        self.air_mm = place_mm
-
     def before(self, time_ns: int, place_mm: Floats) -> Floats | None:
         """Where the probe was before a place, (3,); None where it does not matter."""
         if self._method != "pretouch":

@@ -43,7 +43,6 @@ class PointEventReporter:
             "error",
             "capture.refused",
             str(error),
-            source="capture",
             remedy=error.remedy,
         )
 
@@ -90,9 +89,7 @@ class PointEventReporter:
             self._events.report("info", code, text, source=source, distinct=True)
 
     def _tell(self, code: str, text: str, data: dict[str, str] | None = None) -> None:
-        self._events.report(
-            "info", code, text, source="capture", data=data, distinct=True
-        )
+        self._events.report("info", code, text, data=data, distinct=True)
 
 
 PointFuture = asyncio.Future[Point]

@@ -10,7 +10,7 @@ from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import CaptureSection
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.points.averaging import AverageLimits, SampleAverage, mean_pose
+from traverse.daemon.points.averaging import AverageLimits, SampleAverage
 from traverse.daemon.points.capture import PointMeasurement
 from traverse.daemon.points.compensation import (
     RetractDetector,
@@ -89,7 +89,7 @@ class PoseEvaluator:
         )
         at_rest = np.zeros(len(pose.angles_rad))
         measured = self._measured(
-            mean_pose(average, block),
+            replace(pose, block=block),
             CovarianceInput(block, at_rest, samples=average.n),
             temperature_c,
         )
@@ -228,7 +228,7 @@ class PointEvaluator:
             if is_last_chance:
                 raise CaptureRefusedError(*self._poses.missing_reason(request))
             return False
-        self.tip.set_air_point(request.seen.pose.xyz_mm)
+        self.tip.air_mm = request.seen.pose.xyz_mm
         return True
 
     def measured(
@@ -264,7 +264,6 @@ class PointEvaluator:
                 "warning",
                 "capture.no_direction",
                 str(error),
-                source="capture",
                 remedy="take the point again with a known direction",
             )
             return without_direction(seen)

@@ -47,10 +47,6 @@ class CovariateBuilder:
             np.maximum(APPROACH_BAND_RAD, APPROACH_BAND_COUNTS * per_count_rad)
         )
 
-    def forget(self) -> None:
-        """The device has been away: of its motion nothing is known."""
-        self.motion_tracker.forget()
-
     def block(
         self,
         times_ns: Integers,

@@ -116,7 +116,7 @@ class Pipeline:
         joints = np.array(self.model.joint_devices) == device
         if joints.any():
             self._unwrapper.reset(joints)
-            self._covariates.forget()
+            self._covariates.motion_tracker.forget()
 
     def poses(
         self, samples: CountSamples, temperature_c: float | None = None

@@ -12,7 +12,12 @@ from pydantic import Field
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Moment, Probe
-from traverse.strict_toml.problems import Problem
+from traverse.strict_toml.problems import (
+    Problem,
+    numbers_in,
+    tables_in,
+    vector_in,
+)
 from traverse.strict_toml.reader import StrictModel, read_strict
 
 Vector = tuple[float, float, float]
@@ -79,21 +84,18 @@ def with_probe(arm: Arm, chosen: LibraryProbe) -> Arm:
 def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
     """Duplicate names, invalid directions and covariances."""
     seen: set[str] = set()
-    probes = raw.get("probes")
-    for index, probe in enumerate(probes if isinstance(probes, list) else []):
-        if not isinstance(probe, Mapping):
-            continue
+    for index, probe in enumerate(tables_in(raw.get("probes"))):
         where, name = f"probes[{index}]", probe.get("name")
         if isinstance(name, str):
             if name in seen:
                 text = f"{name!r} occurs twice; names are unique"
                 yield Problem(f"{where}.name", text)
             seen.add(name)
-        direction = _numbers(probe.get("direction"), 3)
+        direction = vector_in(probe.get("direction"))
         if direction is not None and not any(direction):
             yield Problem(f"{where}.direction", "has no length; expected one above 0")
-        six = _numbers(probe.get("vector_covariance_mm2"), 6)
-        if six is not None:
+        six = numbers_in(probe.get("vector_covariance_mm2"))
+        if six is not None and len(six) == 6:
             full = full_covariance(six)
             largest = max(*np.abs(np.diag(full)).tolist(), 1e-12)
             if np.linalg.eigvalsh(full).min() < -1e-9 * largest:
@@ -105,10 +107,3 @@ def full_covariance(six: Sequence[float]) -> Floats:
     """The matrix of xx, xy, xz, yy, yz, zz, (3, 3)."""
     xx, xy, xz, yy, yz, zz = six
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
-def _numbers(value: object, n: int) -> list[float] | None:
-    """So many numbers; None where there are not, which is reported elsewhere."""
-    if not isinstance(value, list) or len(value) != n:
-        return None
-    return value if all(isinstance(one, int | float) for one in value) else None

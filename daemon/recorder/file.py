@@ -4,7 +4,7 @@ import errno
 import shutil
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -243,10 +243,3 @@ def check_room(folder: Path, section: RecordingSection) -> None:
             f"only {free_mb} MB are free; min_free_mb of [recording] is "
             f"{section.min_free_mb}",
         )
-
-
-def recording_head(
-    about: Mapping[str, str], files: Mapping[str, bytes], **more: str
-) -> RunHead:
-    """Content of the beginning of a named recording."""
-    return RunHead({**about, **more, "cause": "asked"}, files)

@@ -27,7 +27,6 @@ from traverse.drivers.base.values import Delivery
 from traverse.protocol.messages import Event, Message, Point
 from traverse.protocol.messages.health import RecordingHealth
 
-SOURCE = "recording"
 STATE_NS = 6_000_000_000
 PATIENCE_NS = 3_000_000_000  # a snapshot is taken at a quiet moment, if there is one
 AFTERMATH_NS = 2_000_000_000  # what follows a fault is kept with it
@@ -250,7 +249,7 @@ class Recorder:
             self._steps.is_on = True
             self._steps.request_state()
         text = f"{path} is being recorded"
-        self._events.report("info", "recording.started", text, source=SOURCE)
+        self._events.report("info", "recording.started", text)
         return path
 
     async def finish(self) -> Recorded:
@@ -296,7 +295,6 @@ class Recorder:
                 "recording.overflow",
                 "the disk does not keep up with what is to be recorded; a part of it "
                 "is left out",
-                source=SOURCE,
                 remedy="record to a faster disk, or at a lower rate",
                 count=n_dropped - self._n_dropped,
             )
@@ -314,14 +312,11 @@ class Recorder:
                 f"the flight recorder cannot write: {reason}"
                 if reason
                 else "the flight recorder tries again",
-                source=SOURCE,
                 remedy="free space on the disk; measuring continues without it",
             )
         if notification.kept is not None:
             text = f"the last minutes are kept in {notification.kept}"
-            self._events.report(
-                "info", "recording.kept", text, source=SOURCE, distinct=True
-            )
+            self._events.report("info", "recording.kept", text, distinct=True)
         if notification.stopped is not None:
             self._steps.is_on = self._section.flight
             self._report_stopped(*notification.stopped, by_itself=True)
@@ -335,7 +330,6 @@ class Recorder:
             "error" if by_itself else "info",
             "recording.stopped",
             f"{what} has ended: {why}",
-            source=SOURCE,
             remedy=remedy if by_itself else "",
             distinct=True,
         )

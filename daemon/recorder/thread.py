@@ -18,7 +18,6 @@ from traverse.daemon.recorder.file import (
     PreTriggerBuffer,
     Recorded,
     RecordingEncoder,
-    recording_head,
 )
 from traverse.daemon.recorder.flight import (
     FlightRecorder,
@@ -28,7 +27,7 @@ from traverse.daemon.recorder.flight import (
 from traverse.daemon.recorder.item_queue import RecorderItem, RecorderQueue
 from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.protocol.messages import Scan
-from traverse.recording.run_writer import Entry
+from traverse.recording.run_writer import Entry, RunHead
 
 log = logging.getLogger("traverse.daemon.recorder")
 
@@ -51,6 +50,7 @@ class RecorderThread:
 
     Attributes:
         heartbeat: the thread's signs of life.
+        flight: the flight recorder, for its figures.
     """
 
     queue: RecorderQueue
@@ -67,7 +67,7 @@ class RecorderThread:
         self._encoder = RecordingEncoder(utc_offset_ns)
         self._loop = asyncio.get_running_loop()
         self._ring = PreTriggerBuffer()
-        self._flight = FlightRecorder(
+        self.flight = FlightRecorder(
             self.folder, self.section, self.about, self._notify
         )
         self._manual: ManualRecording | None = None
@@ -84,11 +84,6 @@ class RecorderThread:
             return None if manual is None else manual.recorded
         except OSError:
             return None
-
-    @property
-    def flight(self) -> FlightRecorder:
-        """The flight recorder, for its figures."""
-        return self._flight
 
     def start(self) -> None:
         """Begin."""
@@ -128,7 +123,8 @@ class RecorderThread:
             OSError: it cannot be written.
         """
         path = self.folder / f"{name}.mcap"
-        head = recording_head(self.about, self._files, name=name, note=note)
+        about = {**self.about, "name": name, "note": note, "cause": "asked"}
+        head = RunHead(about, self._files)
         self._manual = ManualRecording(path, name, self.section, head, self._ring)
         return path
 
@@ -155,7 +151,7 @@ class RecorderThread:
 
     def _run(self) -> None:
         try:
-            self._flight.recover_crashed()
+            self.flight.recover_crashed()
             while not self._ended:
                 self.heartbeat.beat(TURN_S)
                 items = self.queue.take()
@@ -168,13 +164,13 @@ class RecorderThread:
                 now_s = time.monotonic()
                 if now_s - self._flushed_s >= self.section.flush_s:
                     self._flushed_s = now_s
-                    self._flight.retry(now_s)
-                    self._flight.flush()
+                    self.flight.retry(now_s)
+                    self.flight.flush()
                     self._in_manual(ManualRecording.flush)
             self._close()
         except Exception as error:
             log.exception("fault in the recorder")
-            self._flight.abandon()
+            self.flight.abandon()
             self._notify(
                 RecorderNotification(flight_failed=f"fault in the recorder: {error!r}")
             )
@@ -189,7 +185,7 @@ class RecorderThread:
         if item.kind == "job":
             item.value()
         elif item.kind == "keep":
-            self._flight.keep(item.what)
+            self.flight.keep(item.what)
         else:
             return False
         return True
@@ -200,7 +196,7 @@ class RecorderThread:
         if item.kind == "state":
             self._ring.begin_segment(item.at_ns)
             utc_ns = item.at_ns + self._encoder.utc_offset_ns
-            self._flight.begin_segment(item.at_ns, utc_ns, self._files)
+            self.flight.begin_segment(item.at_ns, utc_ns, self._files)
         elif isinstance(item.value, Scan) and self._manual is None:
             return  # as a cloud it is for recordings with a name only
         elif item.kind == "gap":
@@ -219,13 +215,13 @@ class RecorderThread:
         self._files = dict(files)
         self._ring.clear()  # what is in it was made with other files
         for name, content in files.items():
-            self._flight.attach(name, content)
+            self.flight.attach(name, content)
             self._in_manual(methodcaller("attach", name, content))
-        self._flight.end_segment()
+        self.flight.end_segment()
 
     def _record(self, entry: Entry) -> None:
         self._ring.add(entry)
-        self._flight.add(entry)
+        self.flight.add(entry)
         self._in_manual(lambda manual: manual.add(entry))
 
     def _in_manual(self, act: Callable[[ManualRecording], object]) -> None:
@@ -244,7 +240,7 @@ class RecorderThread:
         self._notify(RecorderNotification(stopped=(recorded, reason_of(error))))
 
     def _close(self) -> None:
-        self._flight.close()
+        self.flight.close()
         if self._manual is not None:
             try:
                 recorded: Recorded | None = self.finish()

@@ -137,6 +137,7 @@ class MessageDatabase:
         n_missing: so many messages that had been stored were not here when it was
             opened, the last ones.
         known: what was known then of those that had been stored.
+        connection: for what only reads; see `traverse.daemon.store.queries`.
 
     Raises:
         StoreRefusedError: it is not an outbox, or a newer one.
@@ -156,13 +157,13 @@ class MessageDatabase:
             with contextlib.suppress(OSError):  # SQLite says what is wrong
                 path.touch(OWNER_ONLY)
         with contextlib.ExitStack() as stack:
-            self._connection = stack.enter_context(
+            self.connection = stack.enter_context(
                 contextlib.closing(
                     sqlite3.connect(path, timeout=BUSY_S, isolation_level=None)
                 )
             )
-            self._connection.text_factory = read_as_text
-            version = check_version(self._connection, str(path))
+            self.connection.text_factory = read_as_text
+            version = check_version(self.connection, str(path))
             self._last_stored = stack.enter_context(
                 contextlib.closing(LastStoredFile(path))
             )
@@ -170,7 +171,7 @@ class MessageDatabase:
             self._open = stack.pop_all()
 
     def _begin(self, version: int, last_number: int) -> None:
-        connection = self._connection
+        connection = self.connection
         execute = connection.execute
         if not version:
             execute("PRAGMA auto_vacuum = INCREMENTAL")
@@ -253,7 +254,7 @@ class MessageDatabase:
 
     def _size(self) -> tuple[int, int]:
         """Bytes of the database, and how many of them are in use."""
-        ((pages, free, page_bytes),) = self._connection.execute(
+        ((pages, free, page_bytes),) = self.connection.execute(
             "SELECT page_count, freelist_count, page_size "
             "FROM pragma_page_count, pragma_freelist_count, pragma_page_size"
         )
@@ -295,7 +296,7 @@ class MessageDatabase:
             [
                 entry
                 for entry in entries
-                if not self._connection.execute(
+                if not self.connection.execute(
                     held, (entry.id, entry.session, entry.seq)
                 ).fetchone()
             ]
@@ -331,7 +332,7 @@ class MessageDatabase:
             at_most: so many are removed in this call.
         """
         used_bytes = self.statistics().used_bytes
-        oldest = self._connection.execute(
+        oldest = self.connection.execute(
             "SELECT number, session, time_ns FROM messages WHERE number < coalesce("
             "(SELECT number FROM messages INDEXED BY unsent WHERE sent = 0 "
             "ORDER BY number LIMIT 1), ?) AND sent <> ? ORDER BY number LIMIT ?",
@@ -357,11 +358,11 @@ class MessageDatabase:
 
     def trim_file(self) -> None:
         """Return some free pages to the file system, and empty the log."""
-        execute = self._connection.execute
+        execute = self.connection.execute
         with self._unsynced():
             if execute("PRAGMA freelist_count").fetchone()[0] >= VACUUM_PAGES:
                 # `execute` would stop after the first page.
-                self._connection.executescript(
+                self.connection.executescript(
                     f"PRAGMA incremental_vacuum({VACUUM_PAGES})"
                 )
             execute("PRAGMA wal_checkpoint(PASSIVE)").fetchall()
@@ -392,11 +393,6 @@ class MessageDatabase:
 
     # -- reading --------------------------------------------------------------
 
-    @property
-    def connection(self) -> sqlite3.Connection:
-        """For what only reads; see `traverse.daemon.store.queries`."""
-        return self._connection
-
     def read(
         self,
         query: Callable[Concatenate[sqlite3.Connection, P], list[StoredMessage]],
@@ -406,7 +402,7 @@ class MessageDatabase:
         """What a query gives that leaves out what is set aside; damaged ones are."""
         seen: set[int] = set()
         while True:
-            found = query(self._connection, *arguments, **options)
+            found = query(self.connection, *arguments, **options)
             damaged = [message for message in found if not message.is_whole]
             if not damaged:
                 return found
@@ -419,7 +415,7 @@ class MessageDatabase:
 
     def statistics(self) -> StoreStatistics:
         """How the database is now."""
-        oldest = self._connection.execute(
+        oldest = self.connection.execute(
             "SELECT time_ns FROM messages INDEXED BY unsent WHERE sent = 0 "
             "ORDER BY number LIMIT 1"
         ).fetchone()
@@ -435,16 +431,16 @@ class MessageDatabase:
     @contextlib.contextmanager
     def _unsynced(self) -> Iterator[None]:
         """What is written may be lost by a power cut; later `add`s sync it, too."""
-        self._connection.execute("PRAGMA synchronous = NORMAL")
+        self.connection.execute("PRAGMA synchronous = NORMAL")
         try:
             yield
         finally:
-            self._connection.execute("PRAGMA synchronous = FULL")
+            self.connection.execute("PRAGMA synchronous = FULL")
 
     @contextlib.contextmanager
     def _transaction(self) -> Iterator[Callable[..., sqlite3.Cursor]]:
         """All of it, or nothing."""
-        connection = self._connection
+        connection = self.connection
         connection.execute("BEGIN IMMEDIATE")
         try:
             yield connection.execute

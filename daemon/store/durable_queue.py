@@ -182,10 +182,6 @@ class DurableQueue:
         """Messages wait on the disk, or may."""
         return self._feeder.has_backlog
 
-    def set_retention(self, rules: RetentionRules) -> None:
-        """Apply other rules of what may be deleted."""
-        self._writer.retention = rules
-
     def put(self, message: NewMessage, write: PendingWrite) -> None:
         """Send a message to the disk; settles ``write`` when it is there, or never."""
         self._unreported_bytes += len(message.payload)

@@ -97,7 +97,7 @@ class Outbox(DurableQueue):
 
     def use(self, section: OutboxSection) -> None:
         """Apply other rules of what may be deleted."""
-        self.set_retention(RetentionRules(section.keep_days, section.keep_mb))
+        self._writer.retention = RetentionRules(section.keep_days, section.keep_mb)
 
     def put_point(self, point: Point, begun_ns: int, note: str) -> PendingPoint | None:
         """Write a point to the disk; None where too many wait for that.

@@ -100,7 +100,7 @@ class ScanStore(DurableQueue):
     def use(self, section: ScanSection) -> None:
         """Go by other settings; a running scan is delivered as it began."""
         self._section = section
-        self.set_retention(_retention(section))
+        self._writer.retention = _retention(section)
 
     def offer(
         self, block: Scan, on_dropped: Callable[[], object] = lambda: None
@@ -175,7 +175,6 @@ class ScanStore(DurableQueue):
             "broker lacks; further blocks are dropped"
             if is_full
             else "there is room for scans again",
-            source="scan",
             remedy="restore the broker, or raise spool_mb of [scan]" if is_full else "",
         )
 

@@ -48,7 +48,6 @@ def prepare(
             "warning",
             "realtime.refused",
             f"the system refuses: {'; '.join(text for text, _ in refused)}",
-            source="realtime",
             remedy="; ".join(dict.fromkeys(remedy for _, remedy in refused))
             + "; or take it out of [realtime]",
         )

@@ -52,7 +52,7 @@ def path_of(model, places_mm, first):
 def touched(model, method, path=None, other=None, quality=0, **changes):
     tip = TipCompensator(settings(method, **changes), path or TrajectoryBuffer())
     if other is not None:
-        tip.set_air_point(np.array(other))
+        tip.air_mm = np.array(other)
     found = PointMeasurement(model, pose(quality), None)
     found = replace(found, before_mm=tip.before(START_NS, AT_MM))
     return tip.compensated(found, tip.pull(START_NS, AT_MM))
@@ -82,7 +82,7 @@ def test_the_last_place_off_the_surface_tells_where_the_probe_came_from(model):
 def test_a_place_in_the_air_that_was_pressed_counts_once_and_before_the_path(model):
     path = path_of(model, [AT_MM + np.array([0.0, 9.0, 0.0])], -5)
     tip = TipCompensator(settings("pretouch"), path)
-    tip.set_air_point(AT_MM + np.array([4.0, 0.0, 0.0]))
+    tip.air_mm = AT_MM + np.array([4.0, 0.0, 0.0])
     found = replace(
         PointMeasurement(model, pose(), None), before_mm=tip.before(START_NS, AT_MM)
     )
