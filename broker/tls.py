@@ -21,8 +21,7 @@ class _Line(ssl.SSLSocket):
 def tls_context(ca_file: Path | None) -> ssl.SSLContext:
     """How the line to a broker is encrypted; without a certificate of our own.
 
-    Args:
-        ca_file: CA certificates that signed the broker's; None: the system's.
+    Its certificate is signed by one of ``ca_file``, or by the system's.
 
     Raises:
         OSError: the file cannot be read, or holds no certificate.
@@ -44,13 +43,9 @@ def load_pair(
     key: Path | None,
     passphrase: Callable[[], str] = str,
 ) -> None:
-    """Use a certificate and its key, which may be in the same file.
+    """Use a certificate and its key, PEM, which may be in the same file.
 
-    Args:
-        context: of the line.
-        certificate: PEM.
-        key: PEM; None: in the file of the certificate.
-        passphrase: asked for an encrypted key; OpenSSL would prompt at the terminal.
+    The passphrase is asked for an encrypted key; OpenSSL would prompt at the terminal.
 
     Raises:
         OSError: a file cannot be read, or they are no pair.

@@ -17,16 +17,10 @@ log = logging.getLogger(__name__)
 async def run_service(
     path: Path, *, embedded: bool, embedded_port: int = 1883, keep_trying: bool = False
 ) -> int:
-    """Run the daemon until SIGTERM or SIGINT.
+    """Run the daemon until SIGTERM or SIGINT; gives the exit status.
 
-    Args:
-        path: configuration file.
-        embedded: start an own broker on loopback.
-        embedded_port: its port; 0 takes a free one.
-        keep_trying: begin without a device or broker that cannot be reached.
-
-    Returns:
-        The exit status.
+    With ``embedded`` it starts an own broker on loopback, at a free port for 0; with
+    ``keep_trying`` it begins without a device or broker that cannot be reached.
     """
     limit_malloc_arenas()
     try:

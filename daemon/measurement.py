@@ -462,17 +462,7 @@ def build_measurement(
     devices: Sequence[Device],
     session: ActiveSession | None = None,
 ) -> Measurement:
-    """Compose the measuring path.
-
-    Args:
-        configuration: in force.
-        model: the arm.
-        sinks: where results go.
-        clock: the time of each step.
-        listener: notified of each step.
-        devices: all of the configuration.
-        session: that points belong to; a new one unless given.
-    """
+    """Compose the measuring path, with a new session unless one is given."""
     settings, capture_settings = configuration.assembly, configuration.capture
     events = sinks.events
     joint_devices = JointDevices(model, devices)

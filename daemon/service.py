@@ -166,12 +166,6 @@ def compose(
 ) -> Service:
     """Build all parts; needs a running event loop.
 
-    Args:
-        inputs: configuration and arm.
-        broker: as configured, or the embedded one.
-        path: of the configuration.
-        embedded: the daemon has its own broker.
-
     Raises:
         StartupError: a file has gone since it was read.
     """
@@ -360,9 +354,7 @@ def _files_to_record(path: Path, configuration: Configuration) -> Mapping[str, b
 async def run(service: Service, *, keep_trying: bool) -> None:
     """Start, measure until SIGTERM or SIGINT, end in order.
 
-    Args:
-        service: all parts.
-        keep_trying: begin without a device or broker that cannot be reached.
+    With ``keep_trying`` also without a device or broker that cannot be reached.
 
     Raises:
         StartupError: a device or the broker could not be reached.

@@ -32,13 +32,7 @@ async def check_startup(
     *,
     keep_trying: bool,
 ) -> None:
-    """Wait for all devices and the broker.
-
-    Args:
-        devices: all of the configuration, their drivers started.
-        connection: to the broker.
-        events: where an absence is reported.
-        keep_trying: begin without what cannot be reached.
+    """Wait for all devices and the broker, or only report those that are absent.
 
     Raises:
         StartupError: something is missing, or does not match; lists all.

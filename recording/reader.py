@@ -85,11 +85,9 @@ class _Parts:
 
 
 def read_recording(path: str | Path) -> Recording:
-    """Read a recording.
+    """Read a recording, an MCAP file; chunks are checked by their CRC.
 
-    Args:
-        path: An MCAP file. What is torn off at its end is missing in the result, and
-            `tear` is the place; chunks are checked by their CRC.
+    What is torn off at its end is missing in the result, and `tear` is the place.
 
     Raises:
         FileError: It is no recording, or breaks a rule of its own.

@@ -139,11 +139,9 @@ def unknown_name_message(what: str, name: str, known: Collection[str]) -> str:
 
 
 def problem_from_error(error: Mapping[str, Any], known: Collection[str]) -> Problem:
-    """Put one validation error into our words.
+    """Put a validation error (type, loc, msg, input, perhaps ctx) into our words.
 
-    Args:
-        error: Type, loc, msg, input and optionally ctx of the error.
-        known: The valid keys of the table with the error.
+    ``known`` are the valid keys of the table with the error.
     """
     location: tuple[str | int, ...] = error["loc"]
     kind: str = error["type"]

@@ -106,14 +106,7 @@ def _model_problems(
     errors: Iterable[Mapping[str, Any]],
     reported: Iterable[Problem],
 ) -> Iterator[Problem]:
-    """Yield one problem a key.
-
-    Args:
-        model: Class of the whole file.
-        raw: Parsed values of the whole file.
-        errors: What validation found: mappings of type, loc, msg, input and ctx.
-        reported: Problems that are known already; their keys are left out.
-    """
+    """Yield one problem a key, but for keys with a reported one."""
     keys = {problem.where for problem in reported}
     for error in errors:
         location = _location_in_file(error["loc"], raw)
@@ -164,11 +157,8 @@ def _known_keys(
 ) -> frozenset[str]:
     """List the keys that exist in the table at a place of the file.
 
-    Args:
-        model: Class of the whole file. In an annotation any class with `model_fields`
-            and `variant` may say where the keys of a kind are.
-        raw: Parsed values of the whole file.
-        location: Of the table.
+    In an annotation of the file's class any class with `model_fields` and `variant` may
+    say where the keys of a kind are.
     """
     for step in location:
         if isinstance(raw, Mapping) and isinstance(step, str):

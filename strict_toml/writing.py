@@ -19,10 +19,7 @@ from tomlkit.items import AoT, Item
 def arm_text(values: Mapping[str, Any], before: str | None = None) -> str:
     """Write the values of an arm as TOML; keys that are None are left out.
 
-    Args:
-        values: Plain values: tables, sequences, numbers, texts.
-        before: Text of the file that this one replaces: its comments stay, and so does
-            every line whose value does not change.
+    Comments of the text before stay, and so does every line whose value stays.
     """
     document = tomlkit.document() if before is None else tomlkit.parse(before)
     _fill(document, values)

@@ -20,13 +20,10 @@ from traverse.strict_toml.problems import FileError, Problem
 def read_touches(
     source: Path, coordinates: Literal["centre", "surface"], arm: Arm | None
 ) -> list[Touch]:
-    """Read touches with names.
+    """Read touches with names, of the ball's centre or of the touched place.
 
-    Args:
-        source: Points in JSON lines, a recording, an outbox, a table in CSV, or the
-            folder of a campaign.
-        coordinates: Of the ball's centre, or of the touched place.
-        arm: With which a campaign was measured.
+    The source is points in JSON lines, a recording, an outbox, a table in CSV, or the
+    folder of a campaign that was measured with an arm.
 
     Raises:
         FileError: A file was refused.

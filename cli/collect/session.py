@@ -41,8 +41,7 @@ async def collected(
 ) -> bool:
     """Collect until the operator quits, or all is done and there is no terminal.
 
-    Returns:
-        False where the broker could not be reached at the start.
+    False where the broker could not be reached at the start.
     """
     session = _Session(collection, allowed)
     with session.picture():

@@ -17,14 +17,9 @@ from traverse.strict_toml.writing import write_atomically
 def export_campaign(
     source: Path, arm: Path, campaign: Path, folder: Path, session: str | None
 ) -> dict[str, Any]:
-    """Write a campaign's folder; return its summary.
+    """Write a campaign of points with labels, to a new or empty folder; sum it up.
 
-    Args:
-        source: of points with labels.
-        arm: file of the arm that took them.
-        campaign: campaign.toml with the artefacts; labels must name them.
-        folder: to be made, or empty.
-        session: only points of it, or None.
+    The labels must name artefacts of the campaign.
 
     Raises:
         ValueError: a file was refused, or a label names nothing of the campaign.

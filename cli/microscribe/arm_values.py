@@ -47,12 +47,7 @@ class MicroscribeDescription:
 def arm_from_microscribe(
     told: MicroscribeDescription, device: str, radius_mm: float
 ) -> Arm:
-    """Make an arm of a MicroScribe's report.
-
-    Args:
-        told: reported by the arm.
-        device: id that it will have in the daemon's configuration.
-        radius_mm: of the ball, 0 for a pointed stylus.
+    """Make an arm of what a MicroScribe reports; the radius is 0 for a pointed stylus.
 
     Raises:
         FileError: it cannot be such an arm.
@@ -72,12 +67,7 @@ def arm_from_microscribe(
 
 
 def geometry_of(kinematics: Kinematics, base_posture_rad: Floats) -> Geometry:
-    """Write the arm's table in a base posture.
-
-    Args:
-        kinematics: The table.
-        base_posture_rad: Readings of the joints that have an encoder, (n_joints,).
-    """
+    """Write the arm's table in a base posture, (n_joints,) with an encoder."""
     n = len(base_posture_rad)
     bare = _table(kinematics, 0, n)
     geometry = geometry_from_dh(

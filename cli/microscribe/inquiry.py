@@ -23,10 +23,7 @@ def query_microscribe(
 ) -> tuple[MicroscribeIdentification, MicroscribeDescription]:
     """The properties that an arm reports, with its geometry.
 
-    Args:
-        port: of the arm.
-        baud_rate: to try; None for all.
-        name: for the arm; None for the reported one.
+    Without a baud rate all are tried; without a name it has the reported one.
 
     Raises:
         DeviceError: no MicroScribe answers.

@@ -54,12 +54,9 @@ class JointDevices:
     def set_batch_window(
         self, settings: CaptureSection, *, may_wait: bool, rests: bool = False
     ) -> None:
-        """Set the batch window: collect samples as long as no consumer waits.
+        """Collect samples as long as no consumer, nor a waiting point, needs them.
 
-        Args:
-            settings: intervals of scan blocks and live poses.
-            may_wait: points wait for samples.
-            rests: the arm does not move, and nothing measures.
+        Longer while the arm rests: it does not move, and nothing measures.
         """
         # A little longer, or a block that lacks a sample would wait for as much again.
         gather_s = 1.04 * min(settings.scan_block_s, 1.0 / settings.live_rate_hz)

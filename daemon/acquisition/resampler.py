@@ -126,11 +126,9 @@ class Resampler:
     def at(
         self, instant_ns: int, latch: LatchedCounts | None
     ) -> ResampledCounts | None:
-        """The arm at one instant; None while readings after it are missing.
+        """The arm at a host monotonic time; None while readings after it are missing.
 
-        Args:
-            instant_ns: host monotonic time.
-            latch: what one device has latched at that very instant.
+        The latch is what one device has latched at that very instant.
         """
         found = {}
         instants_ns = np.array([instant_ns])

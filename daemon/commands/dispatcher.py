@@ -71,8 +71,7 @@ class CommandDispatcher:
     def receive(self, incoming: IncomingCommand) -> float:
         """A command has arrived; its answer follows when there is one.
 
-        Returns:
-            For how long the broker is to keep further commands: mostly 0. [s]
+        Gives for how long the broker is to keep further commands [s]: mostly 0.
         """
         self.received += 1
         if not self._limits.admit():

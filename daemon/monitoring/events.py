@@ -164,11 +164,7 @@ class EventLog:
             self._flapping[key] = change
 
     def flush(self, *, at_once: bool = False) -> None:
-        """Report what was held back for a second; call a few times a second.
-
-        Args:
-            at_once: whatever was held back for however short, as the daemon ends.
-        """
+        """Report what was held back, a second or less; call it a few times a second."""
         now_ns = self.clock.monotonic_ns()
         for waiting in (self._held, self._flapping):
             for key, held in list(waiting.items()):

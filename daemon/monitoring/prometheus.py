@@ -64,14 +64,7 @@ Values = dict[str, float | Samples | None]
 def exposition(
     health: Health, latencies: Mapping[str, Latencies], cpu_s: float, version: str
 ) -> str:
-    """Format the page that a scrape gets.
-
-    Args:
-        health: the current figures.
-        latencies: all since the start, by name.
-        cpu_s: CPU time that the process has used.
-        version: of the daemon.
-    """
+    """Format the page that a scrape gets; latencies are those since the start."""
     values = _process(health, cpu_s, version) | _queues(health) | _devices(health)
     families = [
         family(f"traverse_{name}", HELP.get(name, HELP_OF_FILTERS), value)
@@ -162,12 +155,9 @@ def _states(states: Iterable[str], current: str) -> Samples:
 
 
 def family(name: str, text: str, value: float | Samples | None) -> str:
-    """One family; empty without samples.
+    """One family of a value, or of labels and value each; empty without samples.
 
-    Args:
-        name: with its unit; a counter, which only grows, ends in `_total`.
-        text: what it is, for people.
-        value: of its one sample; or labels and value of each.
+    The name has its unit; that of a counter, which only grows, ends in `_total`.
     """
     if value is None or value == []:
         return ""
@@ -183,13 +173,10 @@ def histogram(
     bounds: Sequence[float],
     samples: Iterable[tuple[Labels, Sequence[int], float]],
 ) -> str:
-    """One family of histograms.
+    """One family of histograms; the name has its unit.
 
-    Args:
-        name: with its unit.
-        text: what it is, for people.
-        bounds: upper bounds of the bins but the last.
-        samples: labels, how many lie in each bin, and the sum of all.
+    Samples are labels, how many lie in each bin (bounds are the upper ones of all but
+    the last), and the sum of all.
     """
     lines = []
     for labels, counts, total in samples:

@@ -115,10 +115,7 @@ class BrokerClient(DiagnosingClient):
         return self._client.want_write()
 
     def send(self, message: OutgoingMessage, properties: Properties | None) -> int:
-        """Write a message now.
-
-        Returns:
-            Its number, with which the broker answers if its quality of service is 1.
+        """Write a message now; gives its number, by which a broker answers at QoS 1.
 
         Raises:
             aiomqtt.MqttError: there is no connection any more.

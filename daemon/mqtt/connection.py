@@ -130,8 +130,7 @@ class BrokerConnection:
     async def run(self, receive: Callable[[IncomingCommand], float | None]) -> None:
         """Connect, send and receive; reconnect after every loss; until cancelled.
 
-        Args:
-            receive: called with each command; see `CommandSubscriber`.
+        ``receive`` is called with each command; see `CommandSubscriber`.
         """
         subscriber = CommandSubscriber(self.subscriptions, receive)
         retry_s = FIRST_RETRY_S
@@ -219,9 +218,7 @@ class BrokerConnection:
     ) -> AsyncIterator[BrokerClient]:
         """A connection in the newest version that the broker speaks.
 
-        Args:
-            handlers: of `BrokerClient`; None for a connection without a will only to
-                try the broker.
+        Without handlers of `BrokerClient` it has no will, only to try the broker.
         """
         async with contextlib.AsyncExitStack() as stack:
             try:

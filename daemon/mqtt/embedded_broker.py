@@ -28,10 +28,7 @@ class BrokerStartError(Exception):
 
 @contextlib.asynccontextmanager
 async def embedded_broker(port: int) -> AsyncIterator[int]:
-    """Run a broker on loopback; gives its port.
-
-    Args:
-        port: to listen on; 0 takes a free one.
+    """Run a broker on loopback, at a free port for 0; gives its port.
 
     Raises:
         BrokerStartError: the port is taken, or the extra `demo` is not installed.

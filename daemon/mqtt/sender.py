@@ -48,10 +48,7 @@ class PublishLoop:
         self._failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
     async def run(self, client: BrokerClient) -> None:
-        """Send until the connection fails.
-
-        Args:
-            client: connected; it calls `on_acknowledged` and `send`.
+        """Send until the connection fails; it calls `on_acknowledged` and `send`.
 
         Raises:
             aiomqtt.MqttError: it did, or the broker does not answer.

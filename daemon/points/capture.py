@@ -179,11 +179,7 @@ class Capture:
         return self._submit(point)
 
     def undo(self, trigger: Trigger, point_id: str | None = None) -> PendingPoint:
-        """Retract the last point that is not retracted; return the pending retraction.
-
-        Args:
-            trigger: its cause.
-            point_id: if given, it must be that point.
+        """Retract the last point that is not retracted, or only if it is that of an id.
 
         Raises:
             CaptureRefusedError: there is none, it is another, or there is no room.

@@ -199,12 +199,7 @@ class PointEvaluator:
     def start_average(
         self, request: PointRequest, average: SampleAverage | None = None
     ) -> None:
-        """Average samples from the instant of a request on.
-
-        Args:
-            request: receives the result.
-            average: requested mean; None: as buttons do.
-        """
+        """Average samples from the instant of a request on; else as buttons do."""
         begin_ns, path = request.instant_ns, self._stage.path
         if average is None:
             average = SampleAverage(begin_ns, None, self._dwell_ns, self._limits)

@@ -42,10 +42,7 @@ _NEVER_KNOWN = {
 def read_parameter_covariance(
     path: Path, arm: Arm, effects: ArmEffects, inline_effects: ArmEffects
 ) -> ArmCovariance | None:
-    """The covariance of the parameters that poses depend on.
-
-    Returns:
-        None where the arm file names no such file.
+    """The covariance of the parameters that poses depend on; None without its file.
 
     Raises:
         ValueError: the file is missing, damaged, or of another arm.
@@ -71,14 +68,8 @@ def covariance_with_probe(
 ) -> ArmCovariance | None:
     """What is known with a probe that was not identified together with the arm.
 
-    Args:
-        known: with the probe before.
-        arm: the arm.
-        inline_effects: its effects.
-        covariance_mm2: of the probe's vector, (3, 3), by itself; None: not known.
-
-    Returns:
-        None where nothing is known.
+    ``known`` is with the probe before, ``covariance_mm2`` of the new probe's vector,
+    (3, 3), by itself; None: nothing is.
     """
     if known is None and covariance_mm2 is None:
         return None
@@ -212,8 +203,7 @@ class ArmModel:
     def wraps_counts(self, moduli: Mapping[str, Sequence[int]]) -> Integers:
         """Where the counts of each joint wrap to 0, (n_joints,).
 
-        Args:
-            moduli: of devices, by channel; without one counts wrap after a turn.
+        Without a modulus of its device and channel that is after a turn.
         """
         wraps = self.encoders.counts_per_turn.copy()
         for joint, channel in enumerate(self.channels.tolist()):

@@ -78,17 +78,7 @@ class CovariateBuilder:
         temperature_c: float | None,
         quality: Bits,
     ) -> tuple[Block, Bits]:
-        """One latch beside the stream, which it leaves where it is.
-
-        Args:
-            time_ns: host monotonic time.
-            angles_rad: readings, (n_joints,).
-            temperature_c: as for `block`.
-            quality: as for `block`, (1,).
-
-        Returns:
-            As for `block`.
-        """
+        """One latch, (n_joints,), as `block`; it leaves the stream where it is."""
         motion = None
         if self._wants_motion:
             motion = self.motion_tracker.at_instant(time_ns, angles_rad)

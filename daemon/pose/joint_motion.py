@@ -98,12 +98,9 @@ class JointMotionTracker:
     def add(
         self, times_ns: Integers, angles_rad: Floats, are_valid: Booleans
     ) -> Motion:
-        """Continue by a block.
+        """Continue by a block, not empty.
 
-        Args:
-            times_ns: of the latches, (n_samples,), not empty.
-            angles_rad: readings, (n_samples, n_joints).
-            are_valid: whether all readings of a sample are, (n_samples,).
+        Times and validity are (n_samples,), readings (n_samples, n_joints).
         """
         before_ns = self._times_ns[-1:] if self._past else times_ns[:1] - 1
         steps_ns = np.diff(times_ns, prepend=before_ns)
@@ -126,14 +123,10 @@ class JointMotionTracker:
         )
 
     def at_instant(self, time_ns: int, angles_rad: Floats) -> Motion:
-        """The motion at a latch between samples, by the samples before it.
+        """The motion at a latch between samples, (n_joints,), by the samples before it.
 
         It leaves the stream where it is, and it does not matter how many samples
         after the latch have arrived already.
-
-        Args:
-            time_ns: of the latch.
-            angles_rad: its readings, (n_joints,).
         """
         unknown = np.zeros((1, len(angles_rad)))
         before = self._latest(time_ns)

@@ -49,14 +49,9 @@ class TrajectoryBuffer:
         return bool(self._blocks) and self._blocks[-1].sample_time_ns[-1] >= time_ns
 
     def speeds_rad_s(self, time_ns: int, angles_rad: Floats) -> Floats | None:
-        """How fast the joints turn where they have some readings at some time.
+        """How fast the joints, (n_joints,), turn at some readings and time.
 
-        Args:
-            time_ns: host monotonic.
-            angles_rad: the readings then, (n_joints,).
-
-        Returns:
-            (n_joints,); None without a valid sample.
+        None without a valid sample.
         """
         found = self._sample(time_ns - SPEED_NS)
         if found is None:
@@ -69,11 +64,7 @@ class TrajectoryBuffer:
         return speeds
 
     def speed_mm_s(self, time_ns: int) -> float | None:
-        """Net speed of the ball, a moment before some time.
-
-        Returns:
-            None with too few samples.
-        """
+        """Net speed of the ball a moment before some time; None if not known."""
         end = self._sample(time_ns)
         if end is None:
             return None
@@ -103,11 +94,7 @@ class TrajectoryBuffer:
     def last_position_beyond_mm(
         self, time_ns: int, from_mm: Floats, distance_mm: float
     ) -> Floats | None:
-        """Where the ball was last, before some time, so far or farther from a place.
-
-        Returns:
-            (3,); None where it has not been.
-        """
+        """Where, (3,), the ball was last before a time so far from a place, or more."""
         for block in reversed(self._blocks):
             rows = np.flatnonzero(
                 _away(block, from_mm, distance_mm) & (block.sample_time_ns < time_ns)

@@ -79,16 +79,7 @@ def replay_measurement(
     take_scan: Callable[[Scan], object],
     listener: StepListener | None = None,
 ) -> Measurement:
-    """The measuring path on devices that are not there; needs a running event loop.
-
-    Args:
-        configuration: of the recording.
-        model: the arm of the recording.
-        clock: set to its instants.
-        take_point: called with each point.
-        take_scan: called with each block of a scan.
-        listener: notified of each step.
-    """
+    """The measuring path on devices that are not there; needs a running event loop."""
 
     def write_point(point: Point, begun_ns: int, note: str) -> PendingPoint:
         written = PendingPoint(point)

@@ -36,13 +36,9 @@ class ScanMessages:
         points: PointBlock,
         total: int | None,
     ) -> Scan:
-        """The next one.
+        """The next one, of consecutive points; at the end perhaps of `empty_block`.
 
-        Args:
-            model: of the arm.
-            alignment: in use.
-            points: whose numbers are consecutive; at the end perhaps `empty_block`.
-            total: of the last one, points of the scan, lost and dropped included.
+        The last one has the total of the scan's points, lost and dropped included.
         """
         plan, n = self._plan, len(points)
         first = int(points.seq[0]) if n else self.next

@@ -63,13 +63,9 @@ def plan_scan(rate_hz: float, tracking_rate_hz: float) -> ScanPlan:
 def requested_scan(
     args: ScanArgs, settings: ScanSection, *, largest_hz: float, tracking_rate_hz: float
 ) -> ScanPlan:
-    """Make the scan that a command requests.
+    """Make the scan that a command requests; settings are what it leaves open.
 
-    Args:
-        args: of the command.
-        settings: what it leaves open.
-        largest_hz: largest rate of every device.
-        tracking_rate_hz: the stream is at least this fast.
+    Rates [Hz]: the largest of every device, and the slowest that follows the joints.
 
     Raises:
         RequestRefusedError: the rate is not possible, or values do not go together.

@@ -106,15 +106,9 @@ class Scanner:
         return True
 
     def edge(self, button: ButtonKey, time_ns: int, held: bool) -> float:
-        """A button was pressed or released.
+        """A button was pressed or released, at a host monotonic time.
 
-        Args:
-            button: device and number of the input.
-            time_ns: host monotonic time of the edge.
-            held: pressed.
-
-        Returns:
-            How much too late it was for the running scan [s]; 0 if it was in time.
+        Gives how much too late it was for the running scan [s]; 0 if it was in time.
         """
         self._gate.edge(button, time_ns, held)
         if self.plan is None or not self.plan.held:

@@ -30,13 +30,7 @@ class ButtonGate:
         self._edges: dict[ButtonKey, deque[tuple[int, bool]]] = {}
 
     def edge(self, button: ButtonKey, time_ns: int, held: bool) -> None:
-        """A button was pressed or released.
-
-        Args:
-            button: device and number of the input.
-            time_ns: host monotonic.
-            held: pressed.
-        """
+        """A button was pressed or released, at a host monotonic time."""
         edges = self._edges.setdefault(button, deque())
         edge = (time_ns, held)
         if not edges or edges[-1] <= edge:  # nearly always
@@ -94,8 +88,7 @@ class ScanSelection:
     def points(self, instants: PointBlock) -> PointBlock:
         """The points of a block, not empty; their ``seq`` are their numbers.
 
-        Args:
-            instants: whose ``seq`` number them from the scan's start.
+        Those of the instants number them from the scan's start.
         """
         lost_before = self._lost
         lost = self._lost_until(instants)
@@ -140,11 +133,7 @@ class ScanSelection:
         return PointBlock.joined(pieces)
 
     def _lost_until(self, instants: PointBlock) -> Integers | None:
-        """How many instants that count were lost since the last block, before each.
-
-        Returns:
-            (n,); None where none was.
-        """
+        """How many instants that count were lost before each, (n,), since the last."""
         last, last_ns = self._last or (-1, int(instants.time_ns[0]))
         self._last = int(instants.seq[-1]), int(instants.time_ns[-1])
         if self._last[0] - last == len(instants):

@@ -319,17 +319,11 @@ class MessageDatabase:
     def delete_old(
         self, *, before_ns: int, keep_bytes: int, running: str, at_most: int
     ) -> int:
-        """Remove the oldest messages that are too old, or too many; gives how many.
+        """Remove the oldest messages that are too old [UTC ns], or too many.
 
         Never what the broker does not have yet, nor anything after that. What is too
         old is deleted in the order of arrival, up to the first that is not, and never
-        of the running session: the clock may have been wrong.
-
-        Args:
-            before_ns: older ones are deleted [UTC].
-            keep_bytes: while the file holds more than this, more are deleted.
-            running: current session.
-            at_most: so many are removed in this call.
+        of the running session: the clock may have been wrong. Gives how many.
         """
         used_bytes = self.statistics().used_bytes
         oldest = self.connection.execute(

@@ -132,8 +132,7 @@ class DurableQueue:
     async def running(self, *, is_needed: bool = True) -> AsyncIterator[None]:
         """Send what an earlier run has left, and store messages, within the block.
 
-        Args:
-            is_needed: at once; else `start` may be called within the block.
+        Unless it is needed at once, `start` may be called within the block.
 
         Raises:
             StoreRefusedError: the database must be left alone.

@@ -100,12 +100,9 @@ class Outbox(DurableQueue):
         self._writer.retention = RetentionRules(section.keep_days, section.keep_mb)
 
     def put_point(self, point: Point, begun_ns: int, note: str) -> PendingPoint | None:
-        """Write a point to the disk; None where too many wait for that.
+        """Write a point or a retraction to the disk; None where too many wait for that.
 
-        Args:
-            point: a capture or a retraction.
-            begun_ns: when its session began [UTC].
-            note: of its session.
+        Time of beginning [UTC ns] and note are of its session.
         """
         if not self.is_open or self.n_in_flight >= self._limit:
             return None

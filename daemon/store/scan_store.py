@@ -107,9 +107,7 @@ class ScanStore(DurableQueue):
     ) -> bool:
         """Have a block delivered; False where it is dropped.
 
-        Args:
-            block: of a scan.
-            on_dropped: called where it is dropped after it had been accepted.
+        ``on_dropped`` is called where it is dropped after it had been accepted.
         """
         if block.scan != self._scan:
             self._scan, self._begun_ns = block.scan, block.time_ns

@@ -39,12 +39,8 @@ def start_log(
 ) -> None:
     """Send all entries of at least a level to one place.
 
-    A crash, or the SIGABRT of a watchdog, leaves the stacks of all threads on standard
-    error.
-
-    Args:
-        form: `AUTO` is the journal where standard error is connected to it, else plain.
-        level: of the least important entries.
+    `AUTO` is the journal where standard error is connected to it, else plain. A crash,
+    or the SIGABRT of a watchdog, leaves the stacks of all threads on standard error.
     """
     if form is LogFormat.AUTO:
         form = LogFormat.JOURNAL if stderr_is_the_journal() else LogFormat.PLAIN

@@ -31,11 +31,6 @@ def prepare(
     """Set up memory and reader threads, which run already.
 
     What is refused is one event; the daemon measures without it.
-
-    Args:
-        section: the configuration.
-        readers: threads that read devices.
-        events: receives what was refused.
     """
     running = [thread for thread in readers if thread.native_id is not None]
     _set_thread_names(running)

@@ -113,11 +113,7 @@ class StatusLine:
     ) -> str:
         """One line such as "measuring: 2 devices, broker lost since 12:03:11".
 
-        Args:
-            doing: what the daemon does.
-            devices: state of each, by its name.
-            broker: state of the connection.
-            waiting: points that the broker does not have yet.
+        Devices are states by name, ``waiting`` the points that the broker lacks.
         """
         ready = sum(state == "ready" for state in devices.values())
         since = {name: self._time(name, state) for name, state in devices.items()}
