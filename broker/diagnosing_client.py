@@ -40,11 +40,7 @@ class _Faults(logging.Logger):
 
 
 class DiagnosingClient(aiomqtt.Client):
-    """A connection to a broker; what kept it from coming about is the error's cause.
-
-    Args:
-        options: of it, but for logger, time limit and options of the socket.
-    """
+    """A connection to a broker; what kept it from coming about is the error's cause."""
 
     def __init__(
         self,

@@ -41,7 +41,6 @@ class FrozenClock(HostClock):
     changed by more than jitter; a step of it at once.
 
     Args:
-        host: where it gets the time from.
         related: called with (now_ns, utc_offset_ns) when the relation to UTC changes.
     """
 

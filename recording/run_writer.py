@@ -60,7 +60,6 @@ class RunWriter:
 
     Args:
         path: Written anew, for its owner alone.
-        chunk_bytes: Of a chunk before compression.
 
     Raises:
         OSError: It cannot be written, from here and from all methods.

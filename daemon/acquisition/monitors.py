@@ -20,8 +20,6 @@ class DeviceStateTracker:
 
     Args:
         pipeline: restarted where turns are no longer known.
-        events: where all this is reported.
-        changed: called when a device's state has changed.
     """
 
     clock: HostClock
@@ -149,11 +147,7 @@ INCOMPLETE = _LateCondition(
 
 @dataclass(eq=False)
 class LateReadingMonitor:
-    """Report devices whose readings are late or missing: once when it begins and ends.
-
-    Args:
-        events: where it is reported.
-    """
+    """Report devices whose readings are late or missing: once when it begins and ends."""
 
     resampler: Resampler
     clock: HostClock
@@ -197,11 +191,7 @@ PATIENCE_NS = 5_000_000_000  # boards report the temperature every 2 s
 
 @dataclass(eq=False)
 class TemperatureMonitor:
-    """Report that effects of the arm lack the temperature that they need.
-
-    Args:
-        events: where it is reported.
-    """
+    """Report that effects of the arm lack the temperature that they need."""
 
     clock: HostClock
     events: EventLog

@@ -47,7 +47,6 @@ class PointCommands:
     """Executes commands that concern points, in order with the edges.
 
     Args:
-        measurement: where they are taken.
         probe_library: the file of probes; None where the configuration names none.
     """
 

@@ -41,11 +41,7 @@ FLOOD_END_S: Final = 5.0
 
 
 class TokenBucket:
-    """Gives out permissions, at a rate, some of them saved up.
-
-    Args:
-        limit: the rate, and how many are saved at most.
-    """
+    """Gives out permissions, at a rate, some of them saved up."""
 
     def __init__(self, limit: Limit, clock: HostClock) -> None:
         self._limit = limit

@@ -83,11 +83,7 @@ class ScanCommands:
 
 
 class ButtonScans:
-    """Executes actions one after the other, beside the edges.
-
-    Args:
-        events: where refused actions are reported.
-    """
+    """Executes actions one after the other, beside the edges."""
 
     def __init__(self, events: EventLog) -> None:
         self._events = events

@@ -13,12 +13,7 @@ from traverse.protocol.messages import Event, Message
 
 
 class MessagePublisher:
-    """Encodes the arm's messages and puts them into the outgoing queue.
-
-    Args:
-        arm: name of the arm, second level of every topic.
-        queue: where they wait for the publisher.
-    """
+    """Encodes the arm's messages and puts them into the outgoing queue."""
 
     def __init__(
         self,

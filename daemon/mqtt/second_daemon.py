@@ -25,11 +25,7 @@ OVER_NS = 150_000_000_000
 
 
 class SecondDaemonWatch:
-    """Compares every status of this arm with our own sessions.
-
-    Args:
-        events: where the other one is reported.
-    """
+    """Compares every status of this arm with our own sessions."""
 
     def __init__(
         self, arm: str, encoding: Encoding, clock: HostClock, events: EventLog

@@ -57,9 +57,6 @@ class RetractDetector:
 class TipCompensator:
     """Compensate for the ball as configured.
 
-    Args:
-        path: where the ball has been.
-
     Attributes:
         air_mm: a place in the air, from which the next point is touched; or None.
     """

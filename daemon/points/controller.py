@@ -101,11 +101,7 @@ class PointController:
     """Takes points, and all commands that must keep their order with points.
 
     Args:
-        latencies: where it is added how long it took.
         on_action: called with actions of buttons that are not about points.
-
-    Attributes:
-        events: reports the results of requests.
     """
 
     def __init__(

@@ -148,14 +148,7 @@ class PoseEvaluator:
 
 
 class PointEvaluator:
-    """Follows the stream for all requests that need more than their instant.
-
-    Args:
-        events: where it is reported that a direction is not known.
-
-    Attributes:
-        tip: compensates for the ball.
-    """
+    """Follows the stream for all requests that need more than their instant."""
 
     def __init__(
         self, stage: MeasurementContext, settings: CaptureSection, events: EventLog

@@ -19,14 +19,7 @@ APPROACH_BAND_COUNTS = 2  # a count may flicker without a motion
 
 
 class CovariateBuilder:
-    """Makes blocks of readings with what the effects of one arm need.
-
-    Args:
-        clock: gives UTC.
-
-    Attributes:
-        motion_tracker: how the joints have moved.
-    """
+    """Makes blocks of readings with what the effects of one arm need."""
 
     def __init__(self, model: ArmModel, clock: HostClock) -> None:
         self._clock = clock

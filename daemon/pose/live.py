@@ -11,11 +11,7 @@ from traverse.protocol.messages import Live, Quality
 
 
 class LivePoseSampler:
-    """Decides when a pose is shown and makes its message.
-
-    Args:
-        rate_hz: so many a second at most.
-    """
+    """Decides when a pose is shown and makes its message."""
 
     def __init__(
         self, clock: HostClock, rate_hz: float, part: ActiveAlignment | None = None

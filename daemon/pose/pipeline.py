@@ -65,7 +65,6 @@ class Pipeline:
 
     Args:
         model: the arm; a new one replaces it between two blocks by `use_model`.
-        clock: the host's, for effects that are bound to time.
     """
 
     def __init__(self, model: ArmModel, clock: HostClock) -> None:

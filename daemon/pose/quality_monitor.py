@@ -151,7 +151,6 @@ class QualityMonitor:
     """Flags every pose.
 
     Args:
-        events: where passed limits are reported.
         references: knows which positions are only assumed.
     """
 

@@ -191,7 +191,6 @@ class ReferenceMonitor:
 
     Args:
         section: of the configuration; its end stops limit how far joints turn.
-        events: where doubts are reported.
         reset_turns: called with joints, from 0, whose end stops tell their turn, and
             the time [ns] from which on it is to be taken from them.
     """

@@ -155,7 +155,6 @@ class ManualRecording:
 
     Args:
         path: of the file; it must not be there yet.
-        name: what it is called.
         before: the seconds before it was requested.
 
     Raises:

@@ -66,9 +66,6 @@ class StepRecorder(StepListener):
 
     Args:
         flight: the flight recorder is configured; else it is off at first.
-
-    Attributes:
-        is_on: something is being recorded.
     """
 
     def __init__(self, clock: HostClock, *, flight: bool) -> None:
@@ -180,12 +177,7 @@ class StepRecorder(StepListener):
 
 
 class Recorder:
-    """Writes recordings: the flight recorder's, and those with a name.
-
-    Args:
-        about: values for the head of every file.
-        events: where it is reported what happens to recordings.
-    """
+    """Writes recordings: the flight recorder's, and those with a name."""
 
     def __init__(
         self,

@@ -43,13 +43,11 @@ class RecorderThread:
     """Take items from the queue and write them to the open recordings.
 
     Args:
-        about: values for the head of every file.
         files: arm file, configuration and so on, as they are now.
         utc_offset_ns: what to add to host monotonic time.
         notify: called on the loop.
 
     Attributes:
-        heartbeat: the thread's signs of life.
         flight: the flight recorder, for its figures.
     """
 

@@ -119,8 +119,6 @@ class Replay:
     Args:
         block: blocks of samples are cut to so many, or joined up to so many; None:
             as they came.
-        take_point: called with each point.
-        take_scan: called with each block of a scan.
     """
 
     reader: RunReader

@@ -13,12 +13,8 @@ from traverse.protocol.messages import Scan
 class ScanMessages:
     """Makes the messages of a scan, in order.
 
-    Args:
-        clock: gives UTC.
-
     Attributes:
         next: number after the last one.
-        dropped: points that were dropped so far.
     """
 
     def __init__(self, clock: HostClock, plan: ScanPlan, session: str) -> None:

@@ -60,7 +60,6 @@ class ScanSelection:
     """Takes all instants of a scan, block after block.
 
     Args:
-        chain: filters that its points must pass.
         gate: intervals in which buttons were held; None: all instants count.
 
     Attributes:

@@ -86,7 +86,6 @@ class DurableQueue:
     Attributes:
         is_open: it has been started, and has not been closed.
         status: of the database, as its thread saw it last.
-        resender: sends ranges again that the broker has had.
     """
 
     def __init__(

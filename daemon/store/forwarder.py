@@ -87,8 +87,6 @@ class UnsentFeeder:
     """Put all messages into the queue that the broker does not have, in order.
 
     Args:
-        acks: collects the number of each that the broker has.
-        latency: receives how long the broker took for each.
         batch: so many are read at once, when no more than that wait.
 
     Attributes:

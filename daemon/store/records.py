@@ -222,11 +222,7 @@ class PendingWrite:
 
 
 class PendingPoint(PendingWrite):
-    """A point that has a number, and is not known to be on the disk yet.
-
-    Args:
-        point: a capture or a retraction.
-    """
+    """A point that has a number, and is not known to be on the disk yet."""
 
     def __init__(self, point: Point) -> None:
         super().__init__()

@@ -58,7 +58,6 @@ class StoreWriter:
 
     Attributes:
         retention: other rules may be set at any time.
-        heartbeat: the thread's signs of life.
     """
 
     path: InitVar[Path]

@@ -98,11 +98,7 @@ def local_time() -> str:
 
 
 class StatusLine:
-    """Makes the line; remembers since when something has been as it is.
-
-    Args:
-        now: gives the time of day.
-    """
+    """Makes the line; remembers since when something has been as it is."""
 
     def __init__(self, now: Callable[[], str] = local_time) -> None:
         self._now = now
@@ -148,11 +144,7 @@ CHECK_S = 5.0
 
 @dataclass(eq=False)
 class Watchdog:
-    """Check all signs of life and feed the watchdog.
-
-    Args:
-        heartbeats: gives the signs of life of all other threads.
-    """
+    """Check all signs of life and feed the watchdog."""
 
     notifier: Notifier
     devices: InitVar[Iterable[Device]]
