@@ -147,7 +147,7 @@ INCOMPLETE = _LateCondition(
 
 @dataclass(eq=False)
 class LateReadingMonitor:
-    """Report devices whose readings are late or missing: once when it begins and ends."""
+    """Report devices with late or missing readings, once when it begins and ends."""
 
     resampler: Resampler
     clock: HostClock
