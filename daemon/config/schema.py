@@ -74,7 +74,7 @@ def broker_table_problems(raw: object) -> Iterator[Problem]:
             yield Problem(f"broker.{other}", text)
     if "password_file" in raw and "username" not in raw:
         text = "is missing; password_file is given, and a password needs a name"
-        yield Problem("broker.username", text)
+        yield Problem(".".join(("broker", "username")), text)
     yield from _filter_problems(raw.get("response_topics"))
 
 
@@ -340,7 +340,7 @@ def _cross_check(raw: Mapping[str, Any]) -> Iterator[Problem]:
         method = capture.get("compensation")
         if method in ("inside", "outside") and "middle_mm" not in capture:
             text = f"is missing; compensation {method!r} needs a point in the middle"
-            yield Problem("capture.middle_mm", text)
+            yield Problem(".".join(("capture", "middle_mm")), text)
     seen: set[str] = set()
     inputs = capture.get("inputs") if isinstance(capture, Mapping) else None
     for index, table in enumerate(tables_in(inputs)):
