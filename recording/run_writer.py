@@ -72,6 +72,7 @@ class RunWriter:
         flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
         self._file = os.fdopen(os.open(path, flags, OWNER_ONLY), "wb")
         self._channels: dict[str, int] = {}
+        self._n_messages = 0
         self._writer = Writer(self._file, chunk_size=chunk_bytes)
         try:
             self._writer.start(profile=PROFILE, library="traverse")
@@ -95,7 +96,10 @@ class RunWriter:
         if channel is None:
             channel = self._channels[entry.topic] = self._channel(entry.topic)
         log_ns = max(entry.log_ns, 0)
-        self._writer.add_message(channel, log_ns, entry.content, log_ns)
+        self._n_messages += 1
+        self._writer.add_message(
+            channel, log_ns, entry.content, log_ns, self._n_messages
+        )
 
     def attach(self, name: str, content: bytes) -> None:
         """Append a file, after all messages so far."""

@@ -6,7 +6,7 @@ from typing import IO
 
 import zstandard
 from mcap.exceptions import InvalidMagic, McapError
-from mcap.records import McapRecord
+from mcap.records import McapRecord, Message, Statistics
 from mcap.stream_reader import StreamReader
 
 PROFILE = "traverse"
@@ -46,6 +46,9 @@ class _Whole:
 class TornRecords:
     """Goes through the records of a file; chunks are checked by their CRC.
 
+    That none is missing, as where the kind of a record was altered, is known by the
+    numbers of messages, if they have some, and by how many there are in the end.
+
     Args:
         size: Of it, in bytes.
 
@@ -69,7 +72,7 @@ class TornRecords:
             record_size_limit=_LONGEST_RECORD,
         )
         records = iter(reader.records)
-        n_records = 0
+        n_records = n_messages = last = 0
         while True:
             try:
                 record = next(records)
@@ -82,4 +85,12 @@ class TornRecords:
                 self.tear = f"torn after {self._whole.n_read} bytes: {why}"
                 return
             n_records += 1
+            if isinstance(record, Message):
+                n_messages += 1
+                if last and record.sequence != last + 1:
+                    self.tear = f"messages are missing after number {last}"
+                    return
+                last = record.sequence
+            elif isinstance(record, Statistics) and record.message_count != n_messages:
+                self.tear = f"{n_messages} of {record.message_count} messages are there"
             yield record

@@ -1,6 +1,7 @@
 """Recordings of a daemon as files: whole, torn at every byte, damaged at any."""
 
 import json
+import struct
 
 import numpy as np
 import pytest
@@ -118,11 +119,30 @@ def test_no_changed_byte_crashes_the_reader_or_changes_a_message(
     changed = folder / "flipped.mcap"
     changed.write_bytes(content)
     try:
-        _, entries = read(changed)
+        reader, entries = read(changed)
     except ValueError:
         return
     # Topics and times may have changed outside of chunks, never what a chunk holds.
     assert [e.content for e in entries] == [e.content for e in ENTRIES[: len(entries)]]
+    assert reader.tear is not None or len(entries) == len(ENTRIES)
+
+
+def test_a_chunk_whose_kind_is_altered_is_missed(tmp_path):
+    content = written(tmp_path / "a.mcap").read_bytes()
+    chunks, place = [], 8
+    while place < len(content) - 8:
+        kind, length = struct.unpack_from("<BQ", content, place)
+        chunks += [place] * (kind == 6)
+        place += 9 + length
+    assert len(chunks) == 3
+    for place in chunks:
+        for kind in range(256):
+            changed = bytearray(content)
+            changed[place] = kind
+            (tmp_path / "b.mcap").write_bytes(changed)
+            reader, entries = read(tmp_path / "b.mcap")
+            assert entries == ENTRIES[: len(entries)]
+            assert (reader.tear is None) == (kind == 6)
 
 
 def test_what_is_no_recording_of_a_daemon_is_refused(tmp_path):
