@@ -1,4 +1,4 @@
-"""The examples of the client run, and the pages show them as they are."""
+"""The examples of the client run, and the pages show them as they are, or link them."""
 
 import runpy
 import sqlite3
@@ -53,9 +53,10 @@ class Example(AbstractContextManager["Example"]):
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_pages_show_the_examples_that_are_run(name: str) -> None:
+def test_pages_show_or_link_the_examples_that_are_run(name: str) -> None:
     page = (CHECKOUT / "docs" / PAGES[name]).read_text("utf-8")
-    assert (EXAMPLES / f"{name}.py").read_text("utf-8").rstrip() in page
+    shown = (EXAMPLES / f"{name}.py").read_text("utf-8").rstrip() in page
+    assert shown or f"](../../examples/{name}.py)" in page
     assert {path.stem for path in EXAMPLES.iterdir() if path.is_file()} == {
         *PAGES,
         *MACROS,
