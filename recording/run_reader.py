@@ -32,6 +32,8 @@ class RunReader:
         self.about: dict[str, str] = {}
         self.files: dict[str, bytes] = {}
         self._topics: dict[int, str] = {}
+        self._number = 0  # of the last message; none in older files
+        self._gap: str | None = None
         self._file = open_regular(path)
         try:
             self._records = TornRecords(self._file, fstat(self._file.fileno()).st_size)
@@ -52,7 +54,7 @@ class RunReader:
     @property
     def tear(self) -> str | None:
         """Why the messages ended before the file did, or None."""
-        return self._records.tear
+        return self._gap or self._records.tear
 
     def __iter__(self) -> Iterator[Entry]:
         """Iterate over the messages.
@@ -78,6 +80,12 @@ class RunReader:
     def _next(self) -> Entry | None:
         for record in self._rest:
             if isinstance(record, Message):
+                numbered = self._number or record.sequence
+                if numbered and record.sequence != self._number + 1:
+                    what = f"message {record.sequence} follows message {self._number}"
+                    self._gap = f"torn where {what}"
+                    return None
+                self._number = record.sequence
                 topic = self._topics.get(record.channel_id)
                 if topic is not None:
                     return Entry(topic, record.log_time, record.data)
