@@ -40,12 +40,9 @@ class KnownPair:
 def known_pair(
     first: Candidate, second: Candidate, rows: ObservationEquations
 ) -> KnownPair | None:
-    """Look two effects up in the table of pairs that are hard to separate.
+    """Look two effects up among the pairs that are hard to separate.
 
-    Args:
-        first: One effect.
-        second: Another.
-        rows: Of the fit: which joint is the last, what each has travelled.
+    The rows of the fit say which joint is the last, and what each has travelled.
     """
     for rule in _RULES:
         for one, other in ((first, second), (second, first)):
@@ -127,40 +124,15 @@ def _wobble_and_runout(
     )
 
 
-def _gravity(
+def _radius_and_bending(
     one: Candidate, other: Candidate, _rows: ObservationEquations
 ) -> KnownPair | None:
-    if _family(one) is not Family.GRAVITY:
+    if {one.kind, other.kind} != {ProbeRadius.kind, StylusBending.kind}:
         return None
-    if _family(other) is Family.GRAVITY:
-        return KnownPair(
-            "both follow the moments of the arm's own weight",
-            "hang a known mass at the wrist and then at the elbow, or tilt the base",
-        )
-    if _family(other) is Family.OWN_ANGLE or _family(other) is Family.AXIS_MOTION:
-        return KnownPair(
-            "the moment of gravity is a first harmonic of a joint that is not vertical",
-            "measure with a known mass at the wrist and without (only what gravity "
-            "does grows), or with the base tilted",
-        )
-    return None
-
-
-def _contact(
-    one: Candidate, other: Candidate, _rows: ObservationEquations
-) -> KnownPair | None:
-    if _family(one) is not Family.CONTACT or _family(other) is not Family.CONTACT:
-        return None
-    if {one.kind, other.kind} == {ProbeRadius.kind, StylusBending.kind}:
-        return KnownPair(
-            "along the normal of a surface both are the same for a constant force",
-            "touch with two forces, a sphere from outside and one from inside, and a "
-            "cone",
-            True,
-        )
     return KnownPair(
-        "both act along the normal of a touched surface",
-        "touch a sphere all around with the shank in many attitudes and two forces",
+        "along the normal of a surface both are the same for a constant force",
+        "touch with two forces, a sphere from outside and one from inside, and a cone",
+        True,
     )
 
 
@@ -176,57 +148,6 @@ def _length(
         if len(lengths) < 2
         else "measure one more calibrated length, of another standard",
         len(lengths) < 2 and other.kind == ThermalExpansion.kind,
-    )
-
-
-def _slow(
-    one: Candidate, other: Candidate, _rows: ObservationEquations
-) -> KnownPair | None:
-    if _family(one) is Family.WARM and _family(other) is Family.SLOW:
-        return KnownPair(
-            "the temperature went up while time went by",
-            "let the temperature go up and down again while measuring, and repeat the "
-            "first artefact at the end",
-        )
-    if _family(one) is Family.WARM and _family(other) is Family.WARM:
-        return KnownPair(
-            "one warm-up moves everything at once",
-            "touch stretched and bent at the same temperature, and warm one link "
-            "after the other",
-        )
-    if _family(one) is Family.SLOW and _family(other) is Family.SLOW:
-        return KnownPair(
-            "both change slowly with time",
-            "go through the artefacts in turn, all around the base, and touch one "
-            "cone again every 20 poses",
-        )
-    if _family(one) is Family.WARM:
-        return KnownPair(
-            "poses and temperatures went together",
-            "repeat the same poses at another temperature",
-        )
-    if _family(one) is Family.SLOW:
-        return KnownPair(
-            "poses were measured in an order that follows a joint",
-            "repeat the same poses later, in another order",
-        )
-    return None
-
-
-def _moving(
-    one: Candidate, other: Candidate, _rows: ObservationEquations
-) -> KnownPair | None:
-    if _family(one) is not Family.MOVING:
-        return None
-    if _family(other) is Family.MOVING:
-        return KnownPair(
-            "both follow the sense of the last motion",
-            "approach the same points at two speeds, from both sides, turning one "
-            "joint at a time",
-        )
-    return KnownPair(
-        "poses and motions went together",
-        "repeat the same poses at another speed and from the other side",
     )
 
 
@@ -248,16 +169,101 @@ def _travelled_rad(rows: ObservationEquations, joint: str) -> float:
     return float(np.ptp(readings_rad))
 
 
-_RULES: tuple[
-    Callable[[Candidate, Candidate, ObservationEquations], KnownPair | None], ...
-] = (
+# A family, another one (None: any), why they are alike, and what separates them.
+_Alike = tuple[Family, Family | None, str, str]
+_Rule = Callable[[Candidate, Candidate, ObservationEquations], KnownPair | None]
+
+
+def _families(*table: _Alike) -> _Rule:
+    """Make the rule of a table of families, of which the first that fits counts."""
+
+    def rule(
+        one: Candidate, other: Candidate, _rows: ObservationEquations
+    ) -> KnownPair | None:
+        for own, beside, why, experiment in table:
+            if own is _family(one) and beside in (None, _family(other)):
+                return KnownPair(why, experiment)
+        return None
+
+    return rule
+
+
+_WITH_AND_WITHOUT_MASS = (
+    "the moment of gravity is a first harmonic of a joint that is not vertical",
+    "measure with a known mass at the wrist and without (only what gravity does "
+    "grows), or with the base tilted",
+)
+_RULES: tuple[_Rule, ...] = (
     _mount_and_first_bearing,
     _angle_and_motion,
     _of_one_angle,
     _wobble_and_runout,
-    _gravity,
-    _contact,
+    _radius_and_bending,
+    _families(
+        (
+            Family.GRAVITY,
+            Family.GRAVITY,
+            "both follow the moments of the arm's own weight",
+            "hang a known mass at the wrist and then at the elbow, or tilt the base",
+        ),
+        (Family.GRAVITY, Family.OWN_ANGLE, *_WITH_AND_WITHOUT_MASS),
+        (Family.GRAVITY, Family.AXIS_MOTION, *_WITH_AND_WITHOUT_MASS),
+        (
+            Family.CONTACT,
+            Family.CONTACT,
+            "both act along the normal of a touched surface",
+            "touch a sphere all around with the shank in many attitudes and two forces",
+        ),
+    ),
     _length,
-    _moving,
-    _slow,
+    _families(
+        (
+            Family.MOVING,
+            Family.MOVING,
+            "both follow the sense of the last motion",
+            "approach the same points at two speeds, from both sides, turning one "
+            "joint at a time",
+        ),
+        (
+            Family.MOVING,
+            None,
+            "poses and motions went together",
+            "repeat the same poses at another speed and from the other side",
+        ),
+    ),
+    _families(
+        (
+            Family.WARM,
+            Family.SLOW,
+            "the temperature went up while time went by",
+            "let the temperature go up and down again while measuring, and repeat the "
+            "first artefact at the end",
+        ),
+        (
+            Family.WARM,
+            Family.WARM,
+            "one warm-up moves everything at once",
+            "touch stretched and bent at the same temperature, and warm one link "
+            "after the other",
+        ),
+        (
+            Family.SLOW,
+            Family.SLOW,
+            "both change slowly with time",
+            "go through the artefacts in turn, all around the base, and touch one "
+            "cone again every 20 poses",
+        ),
+        (
+            Family.WARM,
+            None,
+            "poses and temperatures went together",
+            "repeat the same poses at another temperature",
+        ),
+        (
+            Family.SLOW,
+            None,
+            "poses were measured in an order that follows a joint",
+            "repeat the same poses later, in another order",
+        ),
+    ),
 )
