@@ -76,10 +76,8 @@ class Plan:
 def plan_of(standard: str, arm: Arm, *, bidirectional: bool = False) -> Plan:
     """Return what to touch.
 
-    Args:
-        standard: Name of a standard.
-        arm: To be tested; its reach says how long the lengths are.
-        bidirectional: E_BI of ISO 10360-12 too.
+    The reach of the arm says how long the lengths are. E_BI of ISO 10360-12 is
+    optional.
     """
     shoulder_mm, reach_mm = reach_of(arm)
     artefacts: dict[str, Mapping[str, Any]] = {}

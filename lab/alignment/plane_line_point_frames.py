@@ -59,9 +59,7 @@ class PlaneLinePointTouches:
 def measured_frame(touched: PlaneLinePointTouches, upwards: Floats) -> PartFrame:
     """Fit the frame of the touches.
 
-    Args:
-        touched: The features.
-        upwards: On which side of the plane its normal is, (3,).
+    Its normal is on the side of the plane that is upwards, (3,).
 
     Raises:
         ValueError: The touches of a feature do not make one.

@@ -63,10 +63,6 @@ def names_of(artefact: str | None, feature: str | None) -> tuple[str, ...]:
 def touches_of_points(points: Sequence[Point], coordinates: Coordinates) -> list[Touch]:
     """Make touches of captured points, none of which is taken back.
 
-    Args:
-        points: As published.
-        coordinates: Of the ball's centre, or of the touched place.
-
     Raises:
         ValueError: A point has no touched place.
     """

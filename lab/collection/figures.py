@@ -76,11 +76,6 @@ def implausible_mm(
 
     Points counted in by the user are trusted: an arm that is not yet identified may be
     that coarse, and twice as far is then plausible.
-
-    Args:
-        collection: With the others.
-        touch: Not yet counted.
-        tip_mm: Radius of the probe's ball.
     """
     (artefact,) = (a for a in collection.file.artefacts if a.id == touch.artefact)
     others_mm = _places(same_place(collection, touch)).reshape(-1, 3)

@@ -124,10 +124,8 @@ def report_of(
 ) -> DailyCheckReport:
     """Judge the last of some checks of an arm.
 
-    Args:
-        checks: At least one, all of its history.
-        limits: Permitted errors.
-        certificate: Of the last acceptance.
+    There is at least one check, and all of its history; the certificate is that of the
+    last acceptance.
     """
     own = since_base(list(checks))
     accepted = {f["key"]: f for f in (certificate or {}).get("figures", ())}

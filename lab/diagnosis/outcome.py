@@ -44,13 +44,7 @@ def terms_of(
 ) -> tuple[Term, ...]:
     """Tell of everything that was found, in the order of finding.
 
-    Args:
-        decision: With the terms and their names.
-        accepted: Which of them enter the adapted arm.
-        rows: Of a fit with all terms, for the estimates.
-        choosing: Poses that might have taken part, (n_poses,).
-        options: Wishes.
-        misfit: Of the poses kept aside.
+    The rows are of a fit with all terms; their estimates are those of the terms.
     """
     search = decision.search
     whole = rows.adjustment.network.parameters.effects
@@ -167,9 +161,7 @@ def _shown(naming: NamedTerm) -> Candidate:
 def verdict_of(terms: tuple[Term, ...], *, blind: bool) -> Verdict:
     """Return the verdict of the whole: that of its weakest term.
 
-    Args:
-        terms: What was found.
-        blind: Whether the poses could show nothing at all.
+    Without terms it depends on whether the poses could show anything (not blind).
     """
     statuses = {term.status for term in terms}
     nothing: Verdict = "unknown" if blind else "clean"

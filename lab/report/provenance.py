@@ -60,10 +60,7 @@ def report_provenance(
 ) -> ReportProvenance:
     """Make the provenance of a report.
 
-    Args:
-        campaign: What was measured.
-        computed_by: Name; default that of `TRAVERSE_OPERATOR`, else user@host.
-        when: Of the computation; default now.
+    Computed by that of `TRAVERSE_OPERATOR` where nobody is named, else by user@host.
     """
     return ReportProvenance(
         date_utc=utc_text(when or datetime.now(UTC)),

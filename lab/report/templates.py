@@ -44,9 +44,7 @@ class Words:
     def __init__(self, template: str, **filters: Callable[..., Any]) -> None:
         """Read a template.
 
-        Args:
-            template: Path below `lab/`.
-            filters: Its filters besides those of all reports.
+        The path is below `lab/`; filters are besides those of all reports.
         """
         environment = _environment(filters, is_html=False)
         self._macros = environment.get_template(template).module
@@ -70,10 +68,7 @@ class Words:
 def page(template: str, filters: Filters, **values: object) -> str:
     """Make a page.
 
-    Args:
-        template: Path below `lab/`.
-        filters: Its filters besides those of all reports.
-        values: That it shows.
+    The path is below `lab/`; filters are besides those of all reports.
     """
     return _environment(filters, is_html=True).get_template(template).render(values)
 

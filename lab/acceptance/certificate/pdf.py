@@ -157,9 +157,7 @@ class _Document(FPDF):
 def certificate_pdf(values: Mapping[str, Any], files: Mapping[str, bytes]) -> bytes:
     """Make the document.
 
-    Args:
-        values: The certificate.
-        files: To be attached, by name.
+    The files are attached.
     """
     document = _Document(values)
     _first_page(document, values)

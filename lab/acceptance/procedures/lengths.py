@@ -41,12 +41,6 @@ def errors_of(
 ) -> list[LengthError]:
     """Measure all repeats of a length.
 
-    Args:
-        measured: All touches.
-        name: Id of the artefact.
-        key: Of the figure, for its limit.
-        limits: With further data of the standard.
-
     Raises:
         IncompleteError: Something is missing or does not fit.
     """
@@ -183,12 +177,7 @@ def length_sets(
 ) -> tuple[list[list[LengthError]], list[str]]:
     """Measure lengths.
 
-    Args:
-        measured: All touches.
-        names: Ids of the artefacts.
-        key: Of the figure.
-        limits: With further data of the standards.
-        times: How often each may have been measured, with the words for it.
+    The times say how often each may have been measured, with the words for it.
 
     Returns:
         The errors by artefact, and what is missing.

@@ -16,13 +16,7 @@ _N_SPOTS = 200
 def half_sphere_remarks(
     touched: ArtefactTouches, centre_mm: Floats, name: str
 ) -> Iterator[str]:
-    """Return where 25 points do not cover the half sphere about their pole.
-
-    Args:
-        touched: The touches.
-        centre_mm: Of the fitted sphere, (3,).
-        name: What to call them.
-    """
+    """Return where 25 points do not cover the half sphere about their pole."""
     outwards = touched.places_mm - centre_mm
     outwards = outwards / np.linalg.norm(outwards, axis=1, keepdims=True)
     pole = outwards.mean(axis=0)

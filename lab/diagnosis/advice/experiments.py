@@ -34,11 +34,6 @@ _NEARLY_ALIAS = 0.99
 def separate_by(naming: NamedTerm, rows: ObservationEquations, arm: Arm) -> str:
     """Return which experiment separates a finding from its alternatives.
 
-    Args:
-        naming: The finding and its alternatives, the best first.
-        rows: Of the fit with all terms.
-        arm: Of that fit.
-
     Returns:
         Empty where there are no alternatives.
     """
@@ -75,12 +70,6 @@ def optimal_experiment(
 
     Within what the joints have travelled, or, where that is not enough, a radian
     beyond it in the joints of the effects.
-
-    Args:
-        naming: The finding.
-        others: Names to be separated from.
-        rows: Of the fit with all terms.
-        arm: Of that fit.
 
     Returns:
         None where it does not depend on poses, or where more poses than
@@ -131,10 +120,7 @@ def gain_needed(ahead: float) -> float:
 def postures_text(poses_rad: Floats, campaign: Campaign, joints: Sequence[str]) -> str:
     """Describe where chosen poses lie, compared with those that were measured.
 
-    Args:
-        poses_rad: Readings of the chosen poses, (n_poses, n_joints).
-        campaign: What was measured.
-        joints: Those that matter first.
+    The poses are readings, (n_poses, n_joints); the joints named are looked at first.
     """
     names = list(campaign.joint_names)
     order = [names.index(joint) for joint in joints]

@@ -82,10 +82,6 @@ def generic_bank(rows: ObservationEquations) -> Bank:
 def spline_knots(values: Floats, most: int = N_KNOTS) -> tuple[float, ...]:
     """Place knots where the values are: as many between any two of them.
 
-    Args:
-        values: Of a covariate that varies, (n,).
-        most: Knots.
-
     Returns:
         Rising; fewer where there are fewer different values.
     """

@@ -19,10 +19,6 @@ def parameter_names(kind: str, component: str | None = None) -> tuple[str, ...]:
     Numbers have one column. Vectors have one for each direction in which they are
     free: v and w across the joint's axis, u along it, x, y, z in the arm's system.
     Lobes have two, since their phase is not linear: of cos 3 psi and sin 3 psi.
-
-    Args:
-        kind: Of the arm file's effects, but for curves.
-        component: Of a runout.
     """
     row = EFFECT_KINDS[kind]
     if row.phase is not None:
@@ -42,12 +38,8 @@ def candidate_of_kind(
 ) -> Candidate:
     """Describe an effect that might be missing.
 
-    Args:
-        bank: Where it is looked for.
-        kind: Of the arm file's effects, but for curves.
-        joint: Its name, or None for the whole arm.
-        fixed: Keys with fixed values; None where the kind has no such key.
-        scale: Plausible amplitude of every column.
+    Of the fixed keys those that are None do not belong to the kind; all columns have
+    one scale, a plausible amplitude.
     """
     parameters = parameter_names(kind, fixed.get("component"))
     given = {key: value for key, value in fixed.items() if value is not None}

@@ -80,10 +80,6 @@ def transmission_bank(
 ) -> Bank:
     """Take the best wave of each joint.
 
-    Args:
-        rows: Of the fit that was looked at.
-        found: Its periodograms.
-
     Returns:
         Whitened columns in units of plausible amplitudes, (n_rows, n_columns).
     """
@@ -106,20 +102,13 @@ def wave_bank(rows: ObservationEquations, joint: str, cycles: float) -> Bank:
 def log_p_of_search(found: tuple[Periodogram, ...], level: float) -> float:
     """Return the log p below which the best of all waves is significant.
 
-    Args:
-        found: All that was looked at; each of their cycles counts as a test of its own.
-        level: Probability of a false alarm.
+    Each of the cycles that were looked at counts as a test of its own.
     """
     return float(np.log(level / max(sum(len(one.cycles) for one in found), 1)))
 
 
 def wave_columns(rows: ObservationEquations, joint: str, cycles: Floats) -> Floats:
     """Compute cos and sin of cycles times a joint's reading.
-
-    Args:
-        rows: Of the fit.
-        joint: Its name.
-        cycles: (n_cycles,).
 
     Returns:
         Whitened, in units of plausible amplitudes, (n_rows, 2 * n_cycles).

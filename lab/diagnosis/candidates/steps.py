@@ -242,10 +242,6 @@ def scan_steps(rows: ObservationEquations) -> tuple[StepScan, ...]:
 def step_bank(rows: ObservationEquations, scans: tuple[StepScan, ...]) -> Bank:
     """Take the step at the best gap of each scan.
 
-    Args:
-        rows: Of the fit that the scans were made of.
-        scans: Any of them.
-
     Returns:
         Whitened columns in units of plausible steps, (n_rows, n_columns).
     """
@@ -258,9 +254,8 @@ def step_bank(rows: ObservationEquations, scans: tuple[StepScan, ...]) -> Bank:
 def step_candidate(joint: str | None, at_s: float) -> Candidate:
     """Describe a step.
 
-    Args:
-        joint: Whose encoder slipped; None: the base stepped.
-        at_s: When, in the campaign's time.
+    Of the encoder of a joint, or, without a joint, of the base; in the time of the
+    campaign.
     """
     kind = BaseStep.kind if joint is None else CountSlip.kind
     size = EFFECT_KINDS[kind].size
@@ -270,10 +265,7 @@ def step_candidate(joint: str | None, at_s: float) -> Candidate:
 def step_columns(rows: ObservationEquations, joint: str | None, at_s: float) -> Floats:
     """Compute the columns of a step in units of the plausible one.
 
-    Args:
-        rows: Of the fit.
-        joint: Whose encoder slipped; None: the base stepped.
-        at_s: When, in the campaign's time.
+    Of the encoder of a joint, or, without a joint, of the base.
 
     Returns:
         Whitened, (n_rows, n_columns).

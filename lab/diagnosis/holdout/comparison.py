@@ -72,11 +72,6 @@ def predicted(
     unknowns are projected out, and the degrees of freedom that are left are shared
     equally among its equations.
 
-    Args:
-        adjustment: The fit.
-        poses: Which of the campaign's poses, (n_poses,).
-        radius_mm: Of the probe's ball.
-
     Returns:
         With NaN for all other poses.
     """

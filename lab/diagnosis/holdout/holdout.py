@@ -30,10 +30,7 @@ def split(
     It depends on the poses, not on their order in the file. An artefact that cannot
     spare any gives none; nor does a campaign whose rest would not determine the arm.
 
-    Args:
-        campaign: What was measured.
-        seed: Of the choice.
-        part: Of each artefact's poses, above 0 and below 1.
+    The part is of the poses of each artefact, above 0 and below 1.
 
     Returns:
         Poses for choosing and held-out poses, (n_poses,) each.
@@ -58,10 +55,7 @@ def split_artefacts(
 ) -> tuple[Booleans, Booleans]:
     """Choose whole artefacts that are held out; one at least is kept.
 
-    Args:
-        campaign: What was measured.
-        seed: Of the choice.
-        part: Of the poses, above 0 and below 1.
+    The part is of the poses, above 0 and below 1.
 
     Returns:
         Poses for choosing and held-out poses, (n_poses,) each.

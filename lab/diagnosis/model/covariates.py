@@ -39,9 +39,7 @@ def used_poses(rows: ObservationEquations) -> Integers:
 def varies(rows: ObservationEquations, values: Floats) -> bool:
     """Return whether a covariate differs between the poses that take part.
 
-    Args:
-        rows: Of the fit.
-        values: Of every pose of the campaign, (n_poses,).
+    It has a value for every pose of the campaign, (n_poses,).
     """
     used = values[used_poses(rows)]
     spread = float(np.ptp(used)) if len(used) else 0.0
@@ -76,12 +74,8 @@ def outlier_cluster(
 ) -> Cluster | None:
     """Find a cluster of poses that were left out, over all covariates.
 
-    Args:
-        rows: Of the fit.
-        eligible: Poses that might have taken part, (n_poses,).
-        included: Those that did, (n_poses,).
-        n_draws: Of as many poses at random.
-        seed: Of the draws.
+    As many poses as were left out are drawn at random from the eligible ones, n_draws
+    times.
     """
     poses = np.flatnonzero(eligible)
     campaign = rows.adjustment.network.campaign

@@ -44,10 +44,7 @@ def is_serially_correlated(
 ) -> bool:
     """Test residuals for serial correlation.
 
-    Args:
-        rows: Of a fit.
-        draws: Residuals of white noise, (n_rows, n_draws).
-        level: Of the test.
+    Against draws of the residuals of white noise, (n_rows, n_draws).
     """
     weights = _TEST_PHI ** np.arange(1, _MOST_LAG + 1)
     many = np.column_stack([rows.residuals, draws])

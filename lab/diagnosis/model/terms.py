@@ -35,12 +35,7 @@ class AddedTerm:
 
 
 def rows_without(rows: ObservationEquations, index: int) -> ObservationEquations:
-    """Take an effect out of a fit, everything else linearised.
-
-    Args:
-        rows: Of a fit with effects.
-        index: Of the effect.
-    """
+    """Take an effect out of a fit, everything else linearised."""
     model = _effects(rows)
     coordinates = _coordinates(rows, index)
     amplitudes = rows.adjustment.state.arm.amplitudes

@@ -51,10 +51,7 @@ def arm_with_provenance(diagnosis: Diagnosis, when: datetime | None = None) -> A
 def write_adapted(path: Path, arm: Arm, source: Path) -> None:
     """Write an arm file whole, with the comments of its source file.
 
-    Args:
-        path: Where to.
-        arm: To write.
-        source: The arm file that was diagnosed; may be the same file.
+    The source may be the file itself.
 
     Raises:
         FileError: The arm breaks a rule of arm files; an old file stays.

@@ -107,9 +107,7 @@ def discrepancies(adjustment: Adjustment, noise: Noise | None = None) -> Discrep
     Poses that took no part are compared at the same artefacts; an artefact that was
     held out whole is put where its own poses say.
 
-    Args:
-        adjustment: The fit.
-        noise: In whose units; default the fit's.
+    In units of the noise; default that of the fit.
     """
     network = adjustment.network
     campaign = network.campaign
@@ -155,11 +153,7 @@ def write_discrepancies(
 ) -> None:
     """Write both comparisons as CSV, a line a pose.
 
-    Args:
-        path: Of the file.
-        before: With the model as it was.
-        after: With what was added.
-        parts: What became of each pose, (n_poses,).
+    The parts say what became of each pose, (n_poses,).
     """
     campaign = before.campaign
     poses = campaign.poses

@@ -47,12 +47,8 @@ def write_diagnosis(
 ) -> Arm:
     """Write everything into a folder, which is made if need be.
 
-    Args:
-        folder: Where to.
-        diagnosis: The result.
-        source: The arm file that was diagnosed: its comments are kept.
-        when: Date of the diagnosis; default now.
-        provenance: Of the computation; default this user, now.
+    The comments of the source, the arm file that was diagnosed, are kept. Date and
+    provenance are by default those of now.
 
     Returns:
         The adapted arm as written, with its provenance.

@@ -39,12 +39,7 @@ def ledger_picture(diagnosis: Diagnosis) -> bytes | None:
 
 
 def term_picture(curve: TermCurve, shown: Booleans) -> bytes:
-    """Draw a term: what was left over before and after, and the term itself.
-
-    Args:
-        curve: Of the term.
-        shown: Poses to draw, (n_poses,).
-    """
+    """Draw a term: what was left over before and after, and the term itself."""
     return picture(180.0, 68.0, lambda figure: _paint_term(figure, curve, shown))
 
 

@@ -93,12 +93,6 @@ def term_curve(
     """Compute what a term and the data say.
 
     None where the term moves no pose, or the arm file has no form for it.
-
-    Args:
-        diagnosis: Whose term it is.
-        term: To show.
-        before: Measurement against the model without terms.
-        after: Against the model with all terms.
     """
     campaign, arm = diagnosis.campaign, diagnosis.adapted
     if term.effect is None or EFFECT_KINDS[term.candidate.kind].family is Family.LENGTH:

@@ -28,13 +28,7 @@ from traverse.lab.identification.solve.adjustment import Adjustment
 def with_surface_directions(
     campaign: Campaign, network: Network, state: State
 ) -> Campaign:
-    """Return where spheres were touched: from the ball towards the material.
-
-    Args:
-        campaign: A whole stream.
-        network: Of all its samples.
-        state: Of a fit.
-    """
+    """Return where spheres were touched: from the ball towards the material."""
     directions = np.full((len(campaign.poses), 3), np.nan)
     for station, unknowns in zip(network.stations, state.unknowns, strict=True):
         if not isinstance(station.artefact, Sphere | BallBar):  # no side is known
@@ -97,11 +91,6 @@ def decimated(
 ) -> tuple[Campaign, Decimation]:
     """Determine which samples to keep, and where surfaces were touched.
 
-    Args:
-        campaign: A whole stream.
-        arm: The design, or an identified arm.
-        most_poses: That are kept at most.
-
     Returns:
         The whole campaign, with directions where artefacts define them, and which of
         its poses to keep.
@@ -136,10 +125,7 @@ def undecimated_network(
 ) -> tuple[Network, State]:
     """Set up the equations of all samples at a fit of some of them.
 
-    Args:
-        adjustment: The fit; artefacts that took no part in it are left out.
-        campaign: All samples.
-        radius_mm: Of the probe's ball.
+    Artefacts that took no part in the fit are left out.
     """
     everyone = np.ones(len(campaign.poses), dtype=np.bool_)
     known = {

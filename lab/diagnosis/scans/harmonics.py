@@ -112,9 +112,7 @@ def first_significant(
 ) -> HarmonicFinding | None:
     """Take the most significant harmonic beyond the library's orders.
 
-    Args:
-        findings: As from `stream_harmonics`.
-        level: Probability of a false alarm of the whole bank.
+    The level is the probability of a false alarm of the whole bank.
     """
     high = [one for one in findings if is_beyond_library(one.candidate)]
     if not high:

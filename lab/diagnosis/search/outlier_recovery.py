@@ -127,9 +127,7 @@ def pose_groups(
 ) -> tuple[PoseGroup, ...]:
     """Sort poses by how many rows they have.
 
-    Args:
-        rows: Of a fit.
-        limits: c^2 by the number of rows.
+    The limits are c^2 by the number of rows.
     """
     order = np.argsort(rows.poses, kind="stable")
     poses, first, sizes = np.unique(
