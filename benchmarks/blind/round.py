@@ -20,7 +20,7 @@ from benchmarks.tools.handover import campaign_from_simulation
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.diagnose import diagnose
-from traverse.lab.diagnosis.holdout.comparison import holdout_result
+from traverse.lab.diagnosis.holdout.comparison import compare_on_holdout
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted, with_effects
 from traverse.lab.diagnosis.model.result import Diagnosis, DiagnosisOptions
@@ -166,7 +166,9 @@ def gap_of(case: Case, diagnosis: Diagnosis) -> tuple[float, float, float] | Non
     adjustment = fitted(case.campaign, arm, diagnosis.choosing).adjustment
     radius_mm, noise = arm.probe.radius_mm, diagnosis.all_terms.network.noise
     compared = diagnosis.held_out & ~diagnosis.blunders
-    oracle = holdout_result(adjustment, compared, radius_mm, noise)
+    oracle = compare_on_holdout(
+        adjustment, adjustment, compared, radius_mm, noise=noise
+    ).after
     first, last = (
         one.without_blunders or one
         for one in (diagnosis.ledger[0].held_out, diagnosis.ledger[-1].held_out)

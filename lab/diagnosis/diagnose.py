@@ -1,6 +1,6 @@
 """Diagnosis: find what the model lacks, name it, add it, show that the gap shrank."""
 
-from collections.abc import Mapping
+from itertools import pairwise
 from time import perf_counter
 
 import numpy as np
@@ -35,7 +35,7 @@ from traverse.lab.diagnosis.outcome import (
     verdict_of,
 )
 from traverse.lab.diagnosis.search.decision import Decision, decide
-from traverse.lab.diagnosis.search.forward_search import Progress, refitted
+from traverse.lab.diagnosis.search.forward_search import Progress, no_progress, refitted
 from traverse.lab.diagnosis.search.naming import NamedTerm
 from traverse.lab.identification.identify import IdentificationError
 
@@ -61,8 +61,12 @@ def diagnose(
         IdentificationError: Arm and campaign do not fit together.
     """
     options = options or DiagnosisOptions()
-    told = progress or _ignore_progress
-    clock = _Clock()
+    told = progress or no_progress
+    laps = [("start", perf_counter())]
+
+    def lap(done: str) -> None:
+        laps.append((done, perf_counter()))
+
     campaign = with_tools_begun(campaign, arm)
     choosing, held_out = SPLITS[options.holdout_by](campaign, options.seed)
     if options.holdout_by == "artefact" and not np.any(held_out):
@@ -72,7 +76,7 @@ def diagnose(
         )
     decision = decide(campaign, arm, choosing, options, told)
     search = decision.search
-    clock.lap("decision")
+    lap("decision")
     told("looking at the poses kept aside", 0.7)
     fits = _ledger_fits(decision, options)
     radius_mm = arm.probe.radius_mm
@@ -94,11 +98,14 @@ def diagnose(
     accepted = _accepted(decision.names, options, vetoed=vetoed)
     writable = _writable(decision, accepted, campaign)
     written = fits[0]
-    if any(writable):
-        written = _without_rejected(decision, writable)
-    clock.lap("held-out poses")
+    if all(writable) and writable:
+        written = search.fit
+    elif any(writable):
+        kept = _kept(decision, writable)
+        written = refitted(search.fit, kept, search.fit.included, snooping=False)
+    lap("held-out poses")
     adapted, rows = _adapted(campaign, decision, accepted, options)
-    clock.lap("final estimates")
+    lap("final estimates")
     misfit = find_misfit(search.fit.adjustment, held_out, blunders, radius_mm)
     if misfit is not None and not (search.is_finished or misfit.is_gross):
         # The terms say already that something is left.
@@ -108,7 +115,7 @@ def diagnose(
     seen = detectable_of(search) if options.details else ()
     library = search.stage.findings[BankName.LIBRARY].degrees
     n_visible = int(np.count_nonzero(library))
-    clock.lap("detectable sizes")
+    lap("detectable sizes")
     return Diagnosis(
         verdict=verdict_of(terms, blind=n_visible == 0),
         n_library=len(library),
@@ -132,7 +139,7 @@ def diagnose(
         detectable=seen,
         seed=options.seed,
         holdout_by=options.holdout_by,
-        seconds=clock.laps,
+        seconds={done: end - start for (_, start), (done, end) in pairwise(laps)},
     )
 
 
@@ -222,15 +229,6 @@ def _writable(
     )
 
 
-def _without_rejected(decision: Decision, accepted: tuple[bool, ...]) -> Fit:
-    """Fit the accepted terms alone, to the same poses as all terms."""
-    fit = decision.search.fit
-    if all(accepted):
-        return fit
-    kept = _kept(decision, accepted)
-    return refitted(fit, kept, fit.included, snooping=False)
-
-
 def _kept(decision: Decision, accepted: tuple[bool, ...]) -> tuple[Effect, ...]:
     """List the effects that the arm had, and the accepted ones."""
     rejected = {
@@ -240,26 +238,3 @@ def _kept(decision: Decision, accepted: tuple[bool, ...]) -> tuple[Effect, ...]:
     }
     effects = decision.search.fit.arm.effects
     return tuple(e for index, e in enumerate(effects) if index not in rejected)
-
-
-def _ignore_progress(_what: str, _part: float) -> None:
-    """Take no notice of progress."""
-
-
-class _Clock:
-    """Seconds by stage of the work."""
-
-    def __init__(self) -> None:
-        self._last = perf_counter()
-        self._laps: dict[str, float] = {}
-
-    def lap(self, name: str) -> None:
-        """Note what has just been done."""
-        now = perf_counter()
-        self._laps[name] = now - self._last
-        self._last = now
-
-    @property
-    def laps(self) -> Mapping[str, float]:
-        """As noted."""
-        return dict(self._laps)

@@ -25,8 +25,8 @@ from traverse.lab.diagnosis.model.terms import estimates_of
 from traverse.lab.diagnosis.search.decision import Decision
 from traverse.lab.diagnosis.search.forward_search import SearchState
 from traverse.lab.diagnosis.search.naming import NamedTerm
-from traverse.lab.diagnosis.search.selection import ScoredCandidate, ranked
-from traverse.lab.statistics.outlier_clusters import ARTEFACT, Cluster
+from traverse.lab.diagnosis.search.selection import ranked
+from traverse.lab.statistics.outlier_clusters import ARTEFACT
 
 _LOG_10 = float(np.log(10.0))
 # The weakest first.
@@ -74,7 +74,15 @@ def terms_of(
             )
         )
     if search.stuck is not None:
-        terms.append(_without_form(search.stuck))
+        # A curve that tilts or shifts a joint: it cannot be added.
+        terms.append(
+            Term(
+                status="unknown",
+                candidate=search.stuck.candidate,
+                log_bayes_factor=search.stuck.evidence,
+                log10_p=search.stuck.log_p / _LOG_10,
+            )
+        )
     place = outlier_cluster(
         search.stage.rows,
         choosing,
@@ -82,45 +90,29 @@ def terms_of(
         options.n_draws,
         options.seed,
     )
-    if place is not None and not any(_is_at(term, place) for term in terms):
-        terms.append(_from_cluster(place))
+    known = [(term.candidate.joint, term.candidate.covariate) for term in terms]
+    if place is not None and (place.joint, place.covariate) not in known:
+        at = _at_place(place.log_p, place.covariate, place.artefact, place.joint)
+        terms.append(replace(at, cluster=place))
     elif misfit is not None and search.stuck is None:
-        terms.append(_from_misfit(misfit))
+        at = _at_place(misfit.log_p, ARTEFACT, misfit.artefact)
+        terms.append(replace(at, misfit=misfit))
     return tuple(terms)
 
 
-def _is_at(term: Term, place: Cluster) -> bool:
-    """Return whether a term already reports a place."""
-    one = term.candidate
-    return (one.joint, one.covariate) == (place.joint, place.covariate)
-
-
-def _from_cluster(place: Cluster) -> Term:
-    """Report a cluster of poses that contradict all others."""
-    at = {"covariate": place.covariate, "artefact": place.artefact}
-    return replace(_at_place(place.log_p, place.joint, **at), cluster=place)
-
-
-def _from_misfit(misfit: HoldoutMisfit) -> Term:
-    """Report poses kept aside that contradict a model which explains all others."""
-    at = {"covariate": ARTEFACT, "artefact": misfit.artefact}
-    return replace(_at_place(misfit.log_p, None, **at), misfit=misfit)
-
-
 def _at_place(
-    log_p: float, joint: str | None, *, covariate: str | None, artefact: str | None
+    log_p: float, covariate: str, artefact: str | None, joint: str | None = None
 ) -> Term:
     """Report something unknown by its place, with the evidence of a p-value."""
-    candidate = Candidate(
-        bank=BankName.GENERIC,
-        kind=Empirical.kind,
-        joint=joint,
-        covariate=covariate,
-        artefact=artefact,
-    )
     return Term(
         status="unknown",
-        candidate=candidate,
+        candidate=Candidate(
+            bank=BankName.GENERIC,
+            kind=Empirical.kind,
+            joint=joint,
+            covariate=covariate,
+            artefact=artefact,
+        ),
         log_bayes_factor=bayes_factor_bound(log_p),
         log10_p=log_p / _LOG_10,
     )
@@ -132,16 +124,6 @@ def bayes_factor_bound(log_p: float) -> float:
     After Sellke, Bayarri and Berger (2001); none for p above 1/e.
     """
     return -1.0 - log_p - float(np.log(-log_p)) if log_p < -1.0 else 0.0
-
-
-def _without_form(stuck: ScoredCandidate) -> Term:
-    """Tell of a curve that tilts or shifts a joint: it cannot be added."""
-    return Term(
-        status="unknown",
-        candidate=stuck.candidate,
-        log_bayes_factor=stuck.evidence,
-        log10_p=stuck.log_p / _LOG_10,
-    )
 
 
 def _shown(naming: NamedTerm) -> Candidate:

@@ -10,7 +10,7 @@ from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.advice.known_pairs import KnownPair, known_pair
 from traverse.lab.diagnosis.advice.optimal_poses import Experiment, experiment
-from traverse.lab.diagnosis.candidates.scoring import is_alias
+from traverse.lab.diagnosis.candidates.scoring import ALIAS
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.model.result import Alternative
@@ -50,7 +50,8 @@ def separate_by(naming: NamedTerm, rows: ObservationEquations, arm: Arm) -> str:
             apart.append(other)
     if not apart:
         return " ".join(told[:1])
-    for others in _goals(apart):
+    for n in (_MOST_RIVALS, 1) if len(apart) > 1 else (1,):
+        others = apart[:n]  # all others, or at least the best one
         found = optimal_experiment(naming, others, rows, arm)
         if found is not None:
             told.insert(0, _poses_in_words(own, others, found, rows))
@@ -151,11 +152,6 @@ def postures_text(poses_rad: Floats, campaign: Campaign, joints: Sequence[str]) 
     return "in postures all over the travelled ranges"
 
 
-def _goals(apart: list[Alternative]) -> list[list[Alternative]]:
-    """List the rivals to separate a finding from: all, or at least the best one."""
-    return [apart[:n] for n in (_MOST_RIVALS, 1) if n == 1 or len(apart) > 1]
-
-
 def _curve_in_words(own: Candidate, alternatives: Sequence[Alternative]) -> str:
     """Return what becomes of curves, which fit whatever depends on the same."""
     if not alternatives:
@@ -172,7 +168,7 @@ def _curve_in_words(own: Candidate, alternatives: Sequence[Alternative]) -> str:
 def _is_structural(other: Alternative, known: KnownPair | None) -> bool:
     if known is not None and known.is_structural:
         return other.correlation >= _NEARLY_ALIAS
-    return known is None and is_alias(other.correlation)
+    return known is None and other.correlation >= ALIAS
 
 
 def _alias_in_words(own: Candidate, other: Candidate, known: KnownPair | None) -> str:

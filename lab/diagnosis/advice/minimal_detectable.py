@@ -24,7 +24,7 @@ from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind, Family, key_unit
+from traverse.kinematics.effect_table import EFFECT_KINDS, Family, key_unit
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.campaign.campaign import Campaign
@@ -69,18 +69,14 @@ def reason(rows: ObservationEquations, candidate: Candidate, moved: float) -> st
     if row.family is Family.LENGTH:
         return f"nothing else tells how long a millimetre is: it {equals}"
     if joint is not None:
-        if _twists(row) and is_vertical(rows, joint):
+        is_twisted = row.family is Family.GRAVITY and row.acts_on == "angle"
+        if is_twisted and is_vertical(rows, joint):
             return f"{joint} is vertical: gravity does not twist it"
         if row.acts_on == "angle" and probe_is_on_axis(rows, joint):
             return f"the probe lies on the axis of {joint}: its angle moves nothing"
     if moved > LEAST_SINGULAR_VALUE:
         return equals
     return "it moves the probe by far less than the noise in these poses"
-
-
-def _twists(row: EffectKind) -> bool:
-    """Return whether gravity turns the joint about its own axis."""
-    return row.family is Family.GRAVITY and row.acts_on == "angle"
 
 
 def is_vertical(rows: ObservationEquations, joint: str) -> bool:

@@ -17,7 +17,6 @@ from traverse.lab.diagnosis.candidates.periodogram import (
 )
 from traverse.lab.diagnosis.candidates.scoring import (
     BankScores,
-    ProjectedCandidate,
     judge,
     project,
 )
@@ -68,38 +67,20 @@ def score_banks(
     scans: tuple[StepScan, ...] = ()
     if BankName.LIBRARY in banks:
         scans = scan_steps(rows)
-        findings[BankName.STEPS] = _judged_steps(rows, scans)
+        steps = judge(rows, project(rows, step_bank(rows, scans)))
+        # Judged at their best moments; evidence is the mean over all moments.
+        evidences = np.array([scan.evidence for scan in scans])
+        findings[BankName.STEPS] = replace(steps, evidences=evidences)
     waves: tuple[Periodogram, ...] = ()
     if BankName.HARMONIC in banks:
         waves = periodograms(rows)
-        findings[BankName.TRANSMISSION] = _judged_waves(rows, waves)
+        best = judge(rows, project(rows, transmission_bank(rows, waves)))
+        # Judged at their best cycles; evidence is the mean over all cycles.
+        evidences = np.array([wave.evidence for wave in waves if wave.best is not None])
+        findings[BankName.TRANSMISSION] = replace(best, evidences=evidences)
     return CandidateScores(
         rows, MappingProxyType(dict(banks)), MappingProxyType(findings), scans, waves
     )
-
-
-def _judged_steps(
-    rows: ObservationEquations, scans: tuple[StepScan, ...]
-) -> BankScores:
-    """Judge steps at their best moments; evidence is the mean over all moments."""
-    found = judge(rows, project(rows, step_bank(rows, scans)))
-    return replace(found, evidences=np.array([scan.evidence for scan in scans]))
-
-
-def _judged_waves(
-    rows: ObservationEquations, waves: tuple[Periodogram, ...]
-) -> BankScores:
-    """Judge waves at their best cycles; evidence is the mean over all cycles."""
-    found = judge(rows, project(rows, transmission_bank(rows, waves)))
-    evidences = [wave.evidence for wave in waves if wave.best is not None]
-    return replace(found, evidences=np.array(evidences))
-
-
-def beside(
-    rows: ObservationEquations, found: ProjectedCandidate
-) -> ObservationEquations:
-    """Project the rows on the complement of one more candidate."""
-    return replace(rows, basis=np.hstack([rows.basis, found.directions]))
 
 
 def without_library_orders(bank: Bank) -> Bank:

@@ -206,8 +206,3 @@ def _series(a: Floats, b: Floats, x: Floats) -> Floats:
 
 # Two blocks that explain a finding equally well to this part are one.
 ALIAS = 0.9995
-
-
-def is_alias(rho: float) -> bool:
-    """Return whether a correlation is that of two names of one effect."""
-    return rho >= ALIAS

@@ -211,28 +211,6 @@ def compare_on_holdout(
     )
 
 
-def holdout_result(
-    adjustment: Adjustment,
-    held_out: Booleans,
-    radius_mm: float,
-    noise: Noise | None = None,
-) -> HoldoutResult:
-    """Return how well a fit predicts poses that took no part in it.
-
-    Args:
-        adjustment: The fit.
-        held_out: Poses to predict, (n_poses,).
-        radius_mm: Of the probe's ball.
-        noise: To weigh with; default the fit's own.
-
-    Returns:
-        With NaN for everything where there are no poses.
-    """
-    weighed = adjustment if noise is None else with_noise(adjustment, noise)
-    found = predicted(weighed, held_out, radius_mm)
-    return _summary(weighed, found, held_out, held_out)
-
-
 def find_misfit(
     model: Adjustment, held_out: Booleans, blunders: Booleans, radius_mm: float
 ) -> HoldoutMisfit | None:

@@ -7,7 +7,6 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Effect
 from traverse.kinematics.effect_table import EFFECT_KINDS, key_unit
-from traverse.kinematics.effects.base.correction import Correction
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import (
@@ -64,10 +63,6 @@ def estimates_of(rows: ObservationEquations, index: int) -> dict[str, Estimate]:
     correction = _effects(rows).at(amplitudes).corrections[index]
     covariance = _value_covariance(rows, index)
     stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return _by_key(correction, stds)
-
-
-def _by_key(correction: Correction, stds: Floats) -> dict[str, Estimate]:
     as_stds = correction.with_values(stds).keys
     return {
         key: Estimate(value, as_stds[key], key_unit(key))

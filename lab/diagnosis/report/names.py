@@ -95,13 +95,11 @@ def _covariate(column: str) -> str:
 
 def moves_base(term: Term) -> bool:
     """Whether a term moves the whole arm over time."""
-    return _acts_on_base(term.candidate) and depends_on_time(term)
-
-
-def _acts_on_base(candidate: Candidate) -> bool:
+    candidate = term.candidate
+    is_of_base = EFFECT_KINDS[candidate.kind].acts_on == "base"
     if candidate.is_curve:
-        return candidate.joint is None and candidate.artefact is None
-    return EFFECT_KINDS[candidate.kind].acts_on == "base"
+        is_of_base = candidate.joint is None and candidate.artefact is None
+    return is_of_base and depends_on_time(term)
 
 
 def depends_on_time(term: Term) -> bool:

@@ -28,9 +28,9 @@ from traverse.lab.diagnosis.model.result import (
     DiagnosisOptions,
     Step,
     Term,
-    Verdict,
 )
 from traverse.lab.diagnosis.model.terms import estimates_of
+from traverse.lab.diagnosis.outcome import verdict_of
 from traverse.lab.diagnosis.report.page import WORDS
 from traverse.lab.diagnosis.scans.decimation import Decimation, decimated
 from traverse.lab.diagnosis.scans.harmonics import (
@@ -38,7 +38,7 @@ from traverse.lab.diagnosis.scans.harmonics import (
     first_significant,
     stream_harmonics,
 )
-from traverse.lab.diagnosis.search.forward_search import Progress
+from traverse.lab.diagnosis.search.forward_search import Progress, no_progress
 
 # Of the probability of a false alarm: what the harmonics of all samples get.
 _SHARE = 0.1
@@ -83,9 +83,8 @@ def diagnose_stream(
     Raises:
         IdentificationError: Arm and campaign do not fit together.
     """
-    options = options or DiagnosisOptions()
-    if progress is not None:
-        progress("thinning the stream", 0.02)
+    options, told = options or DiagnosisOptions(), progress or no_progress
+    told("thinning the stream", 0.02)
     campaign, thinning = decimated(campaign, arm)
     first = diagnose(campaign.part(thinning.poses), arm, options, progress)
     if first.terms:
@@ -98,8 +97,7 @@ def diagnose_stream(
     added: list[tuple[HarmonicFinding, ...]] = []
     level = _SHARE * options.level
     while True:
-        if progress is not None:
-            progress("harmonics of all samples", 0.9)
+        told("harmonics of all samples", 0.9)
         rows = equations_of(found.all_terms)
         harmonics = stream_harmonics(rows, campaign, arm.probe.radius_mm)
         best = first_significant(harmonics, level)
@@ -108,10 +106,13 @@ def diagnose_stream(
         effect = effect_of_candidate(
             best.candidate, np.array(best.amplitudes_rad), rows
         )
-        more = (*_given(found, arm, len(added)), effect)
+        given = found.arm.effects[: len(arm.effects) + len(added)]
         added.append((best, *_rivals(best, harmonics)))
         found = diagnose(
-            poses, arm.model_copy(update={"effects": more}), options, progress
+            poses,
+            arm.model_copy(update={"effects": (*given, effect)}),
+            options,
+            progress,
         )
     if added:
         rows = equations_of(found.all_terms)
@@ -120,11 +121,6 @@ def diagnose_stream(
         found = first if together.vetoed else together
         added = [] if together.vetoed else added
     return StreamDiagnosis(found, thinning, harmonics, len(added))
-
-
-def _given(found: Diagnosis, arm: Arm, n_added: int) -> tuple[Any, ...]:
-    """Take the arm's own effects and the harmonics that were added before."""
-    return tuple(found.arm.effects[: len(arm.effects) + n_added])
 
 
 def _together(
@@ -151,13 +147,11 @@ def _together(
         _term(names, rows, n_given + at, found, accepted=not everything.is_worse)
         for at, names in enumerate(added)
     )
-    statuses = {term.status for term in (*terms, *found.terms)}
-    order: tuple[Verdict, ...] = ("unknown", "tentative", "named")
     start = first.ledger[0]
     added_names = ", ".join(term.candidate.name for term in terms)
     return replace(
         found,
-        verdict=next(one for one in order if one in statuses),
+        verdict=verdict_of((*terms, *found.terms), blind=False),
         terms=(*terms, *found.terms),
         arm=first.arm,
         before=first.before,

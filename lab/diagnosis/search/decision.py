@@ -20,6 +20,7 @@ from traverse.lab.diagnosis.search.forward_search import (
     SearchState,
     effect_of,
     forward_search,
+    no_progress,
     refitted,
     scores_at,
 )
@@ -50,7 +51,7 @@ def decide(
     arm: Arm,
     eligible: Booleans,
     options: DiagnosisOptions,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> Decision:
     """Search with white noise, and again with serial noise if that is what is left.
 
@@ -64,13 +65,11 @@ def decide(
     Raises:
         IdentificationError: The poses are too few, or too much alike.
     """
-    if progress is not None:
-        progress("fitting the geometry", 0.05)
+    progress("fitting the geometry", 0.05)
     start = fitted(campaign, arm, eligible)
     _check(campaign, start)
     serial: SerialCorrelation | None = None
-    if progress is not None:
-        progress("judging every candidate", 0.15)
+    progress("judging every candidate", 0.15)
     search, names = _revised(
         forward_search(start, eligible, options, None, progress), eligible
     )

@@ -34,6 +34,11 @@ from traverse.lab.diagnosis.search.selection import (
 
 Progress = Callable[[str, float], None]
 
+
+def no_progress(_what: str, _part: float) -> None:
+    """Take no notice of progress."""
+
+
 # How the probability of a false alarm is shared out.
 _SHARES = {
     BankName.LIBRARY: 0.7,
@@ -82,7 +87,7 @@ def forward_search(
     eligible: Booleans,
     options: DiagnosisOptions,
     serial: SerialCorrelation | None = None,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> SearchState:
     """Add terms to a fit until nothing is left to explain.
 
@@ -114,12 +119,12 @@ def forward_search(
                     (fit, stage), choice = again, better
         if choice is None:
             break
-        if not is_adaptable(choice):
-            stuck = choice
+        candidate = choice.candidate
+        if candidate.is_curve and candidate.component != "angle":
+            stuck = choice  # the arm file has no form for it
             break
         effect = effect_of(choice, stage.rows)
-        if progress is not None:
-            progress(f"adding {choice.candidate.name}", 0.3 + 0.1 * len(terms))
+        progress(f"adding {choice.candidate.name}", 0.3 + 0.1 * len(terms))
         fit = refitted(fit, (*fit.arm.effects, effect), eligible)
         terms.append(AddedTerm(choice.candidate, choice.bank, n_given + len(terms)))
         stage = scores_at(fit, serial)
@@ -197,12 +202,6 @@ def effect_of(choice: ScoredCandidate, rows: ObservationEquations) -> Effect:
     """Write a choice as an effect of the size that the rows say."""
     amplitudes, _ = choice.found.amplitudes(choice.residuals)
     return effect_of_candidate(choice.candidate, amplitudes, rows)
-
-
-def is_adaptable(choice: ScoredCandidate) -> bool:
-    """Return whether the arm file has a form for it."""
-    candidate = choice.candidate
-    return not candidate.is_curve or candidate.component == "angle"
 
 
 def joints_with_curve(terms: tuple[AddedTerm, ...] | list[AddedTerm]) -> frozenset[str]:

@@ -73,13 +73,9 @@ def name_terms(search: SearchState) -> tuple[NamedTerm, ...]:
     return tuple(_naming(search, added) for added in search.terms)
 
 
-def scores_without(search: SearchState, added: AddedTerm) -> CandidateScores:
-    """Judge everything on a search's fit with one term taken out."""
-    return score_banks(rows_without(search.stage.rows, added.index), search.stage.banks)
-
-
 def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
-    stage = scores_without(search, added)
+    without = rows_without(search.stage.rows, added.index)
+    stage = score_banks(without, search.stage.banks)
     others = [term for term in search.terms if term is not added]
     joints_with_own_curve = joints_with_curve(others)
     names = ranked(stage, NAMED_BANKS, joints_with_own_curve)

@@ -9,7 +9,7 @@ point of the draws, which is well determined, and the slope.
 """
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from traverse.arrays import Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.lab.diagnosis.candidates.candidate_scores import (
     CandidateScores,
-    beside,
     score_banks,
 )
 from traverse.lab.diagnosis.candidates.scoring import ProjectedCandidate, log_p_values
@@ -160,8 +159,9 @@ def select_next(
     if named and named[0].score >= needed:
         return named[0]
     for first in named[:_N_PAIRED]:
+        basis = np.hstack([stage.rows.basis, first.found.directions])
         rest = score_banks(
-            beside(stage.rows, first.found),
+            replace(stage.rows, basis=basis),
             {BankName.LIBRARY: stage.banks[BankName.LIBRARY]},
         )
         seconds = ranked(rest, (BankName.LIBRARY,), joints_with_own_curve)[:1]

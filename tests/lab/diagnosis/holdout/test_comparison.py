@@ -14,7 +14,6 @@ from traverse.lab.diagnosis.holdout.comparison import (
     compare_on_holdout,
     find_misfit,
     held_out_blunders,
-    holdout_result,
     is_worse,
     predicted,
     with_noise,
@@ -37,6 +36,10 @@ def fit_of(eccentric: bool, term: bool):
     choosing, held_out = split(of.campaign, 1)
     terms = (ECCENTRIC,) if term else ()
     return fitted(of.campaign, with_effects(of.arm, terms), choosing), held_out
+
+
+def holdout_result(fit, held_out, noise=None):
+    return compare_on_holdout(fit, fit, held_out, PROBE_RADIUS_MM, noise=noise).after
 
 
 def test_the_closed_part_by_hand():
@@ -90,7 +93,7 @@ def test_statistics_are_those_of_the_dense_predictive_covariance():
 
 def test_s_of_a_right_model_is_one():
     fit, held_out = fit_of(eccentric=False, term=False)
-    found = holdout_result(fit.adjustment, held_out, PROBE_RADIUS_MM)
+    found = holdout_result(fit.adjustment, held_out)
     assert found.n == 3 * 48 + 24
     assert found.chi2 == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / found.n))
     misclosures_mm = predicted(fit.adjustment, held_out, PROBE_RADIUS_MM).misclosures_mm
@@ -191,15 +194,13 @@ def test_more_noise_makes_the_same_misclosures_smaller():
         np.full_like(noise.encoder_rad, 2.0), np.full_like(noise.contact_mm, 2.0)
     )
     of_cones = held_out & (measured().campaign.poses.artefacts < 4)
-    plain = holdout_result(fit.adjustment, of_cones, PROBE_RADIUS_MM)
-    weighed = holdout_result(fit.adjustment, of_cones, PROBE_RADIUS_MM, doubled)
+    plain = holdout_result(fit.adjustment, of_cones)
+    weighed = holdout_result(fit.adjustment, of_cones, doubled)
     # Certificates keep their own noise: a quarter, nearly.
     assert weighed.chi2 == pytest.approx(0.25 * plain.chi2, rel=0.01)
     assert weighed.rms_mm == plain.rms_mm
     again = with_noise(with_noise(fit.adjustment, doubled), noise)
-    assert holdout_result(again, of_cones, PROBE_RADIUS_MM).chi2 == pytest.approx(
-        plain.chi2
-    )
+    assert holdout_result(again, of_cones).chi2 == pytest.approx(plain.chi2)
 
 
 def test_without_held_out_poses_there_is_nothing_to_say():
@@ -220,7 +221,7 @@ def test_mean_distances_are_reported_for_known_points():
     named = artefacts[0].model_copy(update={"kind": "points"})
     campaign = replace(network.campaign, artefacts=(named, *artefacts[1:]))
     adjustment = replace(fit.adjustment, network=replace(network, campaign=campaign))
-    found = holdout_result(adjustment, held_out, PROBE_RADIUS_MM)
+    found = holdout_result(adjustment, held_out)
     mine = held_out & (campaign.poses.artefacts == 0)
     misclosures_mm = predicted(adjustment, mine, PROBE_RADIUS_MM).misclosures_mm[mine]
     expected_mm = np.mean(np.sqrt(np.sum(misclosures_mm**2, axis=1)))
