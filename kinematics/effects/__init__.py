@@ -21,9 +21,7 @@ def _laws() -> Iterator[tuple[str, type[Correction]]]:
                     yield vars(law).get("kind", ""), law
 
 
-def _by_kind() -> Mapping[str, type[Correction]]:
-    laws = dict(_laws())
-    return MappingProxyType({kind: laws[kind] for kind in EFFECT_KINDS})
-
-
-EFFECTS = _by_kind()
+_OF_KIND = dict(_laws())
+EFFECTS: Mapping[str, type[Correction]] = MappingProxyType(
+    {kind: _OF_KIND[kind] for kind in EFFECT_KINDS}
+)

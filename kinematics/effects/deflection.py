@@ -19,13 +19,13 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.effects.base.correction import BodyCorrection, Target
 from traverse.kinematics.effects.base.posture import Posture
-from traverse.kinematics.model.batched_quaternions import (
-    chain_rotations,
-    composed,
-    rotated,
-)
 from traverse.kinematics.model.geometry import Geometry
-from traverse.kinematics.model.quaternion import turn
+from traverse.kinematics.model.quaternion import (
+    chain_rotations,
+    multiply,
+    rotate,
+    turn,
+)
 
 _VECTORS = (Target.TILT, Target.SHIFT)
 _WHOLE = (Target.MOUNT, Target.BASE)
@@ -73,7 +73,7 @@ class Deflection:
     @cached_property
     def axes(self) -> Floats:
         """Q_k u_k, (3, n_joints, n_samples)."""
-        return rotated(self.rotations, self.geometry.axes.T[:, :, np.newaxis])
+        return rotate(self.rotations, self.geometry.axes.T[:, :, np.newaxis])
 
 
 def totals(
@@ -109,10 +109,10 @@ def deflection(
         turns_rad = turns_rad + amounts[Target.TURN]
     turns = turn(geometry.axes.T[:, :, np.newaxis], turns_rad)
     if Target.TILT in amounts:
-        turns = composed(turns, small_turn(amounts[Target.TILT]))
+        turns = multiply(small_turn(amounts[Target.TILT]), turns)
     mount = small_turn(amounts[Target.MOUNT]) if Target.MOUNT in amounts else None
     if mount is not None:
-        turns[:, :1] = composed(turns[:, :1], mount[:, np.newaxis])
+        turns[:, :1] = multiply(mount[:, np.newaxis], turns[:, :1])
     rotations = chain_rotations(turns)
     links_mm = geometry.links_mm.T[:, :, np.newaxis]
     if Target.GROWTH in amounts:
@@ -125,12 +125,12 @@ def deflection(
     if Target.BASE in amounts:
         steps_mm[:, 0] += amounts[Target.BASE]
     pivot_mm = steps_mm[:, 0].copy()
-    steps_mm[:, 1:] = rotated(rotations, links_mm)
+    steps_mm[:, 1:] = rotate(rotations, links_mm)
     if Target.SHIFT in amounts:
         shifts_mm = amounts[Target.SHIFT].copy()
-        shifts_mm[:, 1:] = rotated(rotations[:, :-1], shifts_mm[:, 1:])
+        shifts_mm[:, 1:] = rotate(rotations[:, :-1], shifts_mm[:, 1:])
         if mount is not None:
-            shifts_mm[:, 0] = rotated(mount, shifts_mm[:, 0])
+            shifts_mm[:, 0] = rotate(mount, shifts_mm[:, 0])
         steps_mm[:, :-1] += shifts_mm
     positions_mm = np.cumsum(steps_mm, axis=1)
     return Deflection(geometry, rotations, mount, pivot_mm, positions_mm)

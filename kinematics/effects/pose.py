@@ -28,7 +28,6 @@ from traverse.kinematics.effects.base.contact import contact_seen
 from traverse.kinematics.effects.base.correction import FlagName
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.effects.deflection import Deflection, deflection, totals
-from traverse.kinematics.model.batched_quaternions import rotated
 from traverse.kinematics.model.forward import numpy_pose, probe_pose
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.model.kernel_choice import (
@@ -36,6 +35,7 @@ from traverse.kinematics.model.kernel_choice import (
     aligned_floats,
     compiled_chain,
 )
+from traverse.kinematics.model.quaternion import rotate
 
 if KERNEL != "numpy":
     from traverse.kinematics.kernel.compiled import DeflectedChain
@@ -164,7 +164,7 @@ def numpy_corrected_pose(
         if effects.contacts and block.directions is not None:
             shifted_mm = shifted_mm + _shift_mm(effects, part, arm)
         centres_mm[chunk] = shifted_mm.T
-        directions[chunk] = rotated(arm.rotations[:, -1], shank).T
+        directions[chunk] = rotate(arm.rotations[:, -1], shank).T
     return centres_mm, directions
 
 

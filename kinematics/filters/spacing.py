@@ -23,7 +23,31 @@ MAX_CELLS = 2_000_000
 
 
 @dataclass(slots=True)
-class GridSpacing(PointFilter):
+class _Thinning(PointFilter):
+    spacing_mm: float
+    max_cells: int = MAX_CELLS
+    forgotten: int = field(default=0, init=False)
+    # By the key of a cell, the point that passed there where that matters.
+    _young: dict[int, tuple[float, ...]] = field(default_factory=dict, init=False)
+    _old: dict[int, tuple[float, ...]] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        check_positive(self.spacing_mm, "spacing_mm")
+        check_positive(self.max_cells, "max_cells")
+
+    def restart(self) -> None:
+        """Forget all points so far."""
+        self._young, self._old = {}, {}
+
+    def _remember(self, key: int, point_mm: tuple[float, ...]) -> None:
+        if len(self._young) >= -(-self.max_cells // 2):
+            self.forgotten += len(self._old)
+            self._old, self._young = self._young, {}
+        self._young[key] = point_mm
+
+
+@dataclass(slots=True)
+class GridSpacing(_Thinning):
     """The first point in each cubic cell of a grid.
 
     Attributes:
@@ -33,15 +57,6 @@ class GridSpacing(PointFilter):
     """
 
     kind: ClassVar[str] = "grid"
-    spacing_mm: float
-    max_cells: int = MAX_CELLS
-    forgotten: int = field(default=0, init=False)
-    _young: set[int] = field(default_factory=set, init=False)
-    _old: set[int] = field(default_factory=set, init=False)
-
-    def __post_init__(self) -> None:
-        check_positive(self.spacing_mm, "spacing_mm")
-        check_positive(self.max_cells, "max_cells")
 
     def apply(self, block: PointBlock) -> PointBlock:
         """The points of a block that pass."""
@@ -50,19 +65,12 @@ class GridSpacing(PointFilter):
         for row, key in zip(rows.tolist(), keys.tolist(), strict=True):
             if key not in self._young and key not in self._old:
                 kept.append(row)
-                if len(self._young) >= -(-self.max_cells // 2):
-                    self.forgotten += len(self._old)
-                    self._old, self._young = self._young, set()
-                self._young.add(key)
+                self._remember(key, ())
         return block.rows(np.array(kept, dtype=np.intp))
-
-    def restart(self) -> None:
-        """Forget all points so far."""
-        self._young, self._old = set(), set()
 
 
 @dataclass(slots=True)
-class BallSpacing(PointFilter):
+class BallSpacing(_Thinning):
     """Points at least one spacing away from every point that passed before.
 
     Cells have the edge spacing / sqrt(3), so that each holds at most one point that
@@ -75,15 +83,6 @@ class BallSpacing(PointFilter):
     """
 
     kind: ClassVar[str] = "spacing"
-    spacing_mm: float
-    max_cells: int = MAX_CELLS
-    forgotten: int = field(default=0, init=False)
-    _young: dict[int, tuple[float, ...]] = field(default_factory=dict, init=False)
-    _old: dict[int, tuple[float, ...]] = field(default_factory=dict, init=False)
-
-    def __post_init__(self) -> None:
-        check_positive(self.spacing_mm, "spacing_mm")
-        check_positive(self.max_cells, "max_cells")
 
     def apply(self, block: PointBlock) -> PointBlock:
         """The points of a block that pass."""
@@ -97,14 +96,11 @@ class BallSpacing(PointFilter):
             if blocking is None:
                 kept.append(row)
                 blocking = points_mm[row]
-                self._remember(int(_keys(cells[row : row + 1])[0]), blocking)
+                key = int(_keys(cells[row : row + 1])[0])
+                self._remember(key, tuple(blocking.tolist()))
             # What follows is most often blocked by the same point: pass over it.
             row += first_beyond(points_mm[row:], blocking, limit)
         return block.rows(placed[kept])
-
-    def restart(self) -> None:
-        """Forget all points so far."""
-        self._young, self._old = {}, {}
 
     def _blocking(self, point_mm: Floats, cell: Integers) -> Floats | None:
         """A point that passed before and is too near; None if there is none."""
@@ -119,12 +115,6 @@ class BallSpacing(PointFilter):
                 if dx * dx + dy * dy + dz * dz < limit:
                     return np.array(near)
         return None
-
-    def _remember(self, key: int, point_mm: Floats) -> None:
-        if len(self._young) >= -(-self.max_cells // 2):
-            self.forgotten += len(self._old)
-            self._old, self._young = self._young, {}
-        self._young[key] = tuple(point_mm.tolist())
 
 
 _AROUND = np.array(

@@ -21,7 +21,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.model.kernel_choice import aligned_floats, compiled_chain
-from traverse.kinematics.model.quaternion import multiply, rotate, turn
+from traverse.kinematics.model.quaternion import chain_rotations, rotate, turn
 
 # Samples computed at a time: 1.3 kB each for seven joints.
 _CHUNK_SAMPLES = 2048
@@ -89,12 +89,8 @@ def numpy_derivatives(geometry: Geometry, angles_rad: Floats) -> ProbeDerivative
     """Compute what `probe_derivatives` does without couplings, by NumPy."""
     axes = geometry.axes.T[:, :, np.newaxis]
     turns_rad = np.ascontiguousarray((angles_rad - geometry.zeros_rad).T)
-    turns = turn(axes, turns_rad)
     # after[:, k] is P_k, everything (4, n_joints, n_samples).
-    after = np.empty_like(turns)
-    after[:, 0] = turns[:, 0]
-    for k in range(1, geometry.n_joints):
-        after[:, k] = multiply(after[:, k - 1], turns[:, k])
+    after = chain_rotations(turn(axes, turns_rad))
     links_mm = geometry.links_mm.copy()
     links_mm[-1] += geometry.probe_vector_mm
     steps_mm = rotate(after, links_mm.T[:, :, np.newaxis])

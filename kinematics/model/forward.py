@@ -21,7 +21,7 @@ from traverse.kinematics.model.backward_recursion import (
 )
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.model.kernel_choice import aligned_floats, compiled_chain
-from traverse.kinematics.model.quaternion import multiply, rotate, turn
+from traverse.kinematics.model.quaternion import chain_rotations, rotate, turn
 
 # Samples computed at a time: so many that calling NumPy costs less than its arithmetic,
 # so few that 0.25 kB each stay in the cache.
@@ -55,11 +55,6 @@ def probe_centre(geometry: Geometry, angles_rad: Floats) -> Floats:
     if chain is None:
         return numpy_centre(geometry, angles_rad)
     return chain.centres(angles_rad)
-
-
-def stylus_direction(geometry: Geometry, angles_rad: Floats) -> Floats:
-    """Compute the shank's unit vectors: (n_samples, n_joints) -> (n_samples, 3)."""
-    return probe_pose(geometry, angles_rad)[1]
 
 
 def joint_positions(geometry: Geometry, angles_rad: Floats) -> Floats:
@@ -130,12 +125,7 @@ def _rotations(geometry: Geometry, angles_rad: Floats) -> Floats:
     """Compute P_1 ... P_n, (4, n_joints, n_samples)."""
     # Contiguous rows: strided ones may take another path through sin and cos.
     turns_rad = np.ascontiguousarray((angles_rad - geometry.zeros_rad).T)
-    turns = turn(geometry.axes.T[:, :, np.newaxis], turns_rad)
-    rotations = np.empty_like(turns)
-    rotations[:, 0] = turns[:, 0]
-    for k in range(1, geometry.n_joints):
-        rotations[:, k] = multiply(rotations[:, k - 1], turns[:, k])
-    return rotations
+    return chain_rotations(turn(geometry.axes.T[:, :, np.newaxis], turns_rad))
 
 
 def _positions_mm(geometry: Geometry, rotations: Floats) -> Floats:

@@ -69,3 +69,22 @@ def rotate(q: Floats, vectors: Floats) -> Floats:
             vz + w * tz + (x * ty - y * tx),
         ]
     )
+
+
+def conjugate(q: Floats) -> Floats:
+    """The rotations backwards, (4, ...)."""
+    backwards: Floats = -q
+    backwards[0] = q[0]
+    return backwards
+
+
+def chain_rotations(turns: Floats) -> Floats:
+    """Multiply from the base outwards: turns of joints to rotations of bodies.
+
+    Both are (4, n_joints, n_samples).
+    """
+    rotations = np.empty_like(turns)
+    rotations[:, 0] = turns[:, 0]
+    for k in range(1, turns.shape[1]):
+        rotations[:, k] = multiply(rotations[:, k - 1], turns[:, k])
+    return rotations

@@ -21,7 +21,7 @@ from traverse.lab.identification.equations.parameters import (
     arm_parameters,
     masked,
 )
-from traverse.lab.identification.equations.station_equations import start_state
+from traverse.lab.identification.equations.station_equations import rms_mm, start_state
 from traverse.lab.identification.results.postprocessing import (
     arm_of_adjustment,
     artefact_results,
@@ -29,7 +29,6 @@ from traverse.lab.identification.results.postprocessing import (
     condition_number,
     global_test,
     parameter_estimates,
-    rms_mm,
     variance_factor,
 )
 from traverse.lab.identification.results.result import ExcludedPose, Identification

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from traverse.arrays import Booleans, Floats
-from traverse.kinematics.model.batched_quaternions import rotated
 from traverse.kinematics.model.geometry import Geometry
+from traverse.kinematics.model.quaternion import rotate
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
@@ -82,7 +82,7 @@ def gravity_moments_nm(
     Returns:
         sum of m (p - o_k) x g in N m, (3, n_joints, n_samples).
     """
-    steps_kg_m = _M_PER_MM * rotated(rotations, _levers_kg_mm(geometry, bodies))
+    steps_kg_m = _M_PER_MM * rotate(rotations, _levers_kg_mm(geometry, bodies))
     firsts_kg_m = np.cumsum(steps_kg_m[:, ::-1], axis=1)[:, ::-1]
     return cross(firsts_kg_m, gravity_m_s2)
 

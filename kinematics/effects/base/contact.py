@@ -12,8 +12,8 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.bodies import dot
-from traverse.kinematics.model.batched_quaternions import rotated
 from traverse.kinematics.model.geometry import Geometry, across
+from traverse.kinematics.model.quaternion import rotate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,11 +43,11 @@ def contact_seen(geometry: Geometry, block: Block, rotations: Floats) -> Contact
         block: With or without directions and forces.
         rotations: Of the last element, (4, n_samples).
     """
-    shanks = rotated(rotations, geometry.probe_direction[:, np.newaxis])
+    shanks = rotate(rotations, geometry.probe_direction[:, np.newaxis])
     directions = _directions(block)
     first, second = across(geometry.probe_direction)
-    cosine = dot(directions, rotated(rotations, first[:, np.newaxis]))
-    sine = dot(directions, rotated(rotations, second[:, np.newaxis]))
+    cosine = dot(directions, rotate(rotations, first[:, np.newaxis]))
+    sine = dot(directions, rotate(rotations, second[:, np.newaxis]))
     across_shank = np.sqrt(cosine * cosine + sine * sine)
     is_aside = across_shank > 0.0
     scale = np.where(is_aside, across_shank, 1.0)

@@ -191,6 +191,14 @@ class BodyCorrection(Correction):
 class ContactCorrection(Correction):
     """Correction at the contact of the ball; zero where the surface is unknown."""
 
+    def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
+        """Flag where the surface is unknown, and nothing could be corrected."""
+        if block.directions is None:
+            yield "surface_unknown", np.ones(len(block), dtype=np.bool_)
+        else:
+            x, y, z = np.isnan(block.directions).T
+            yield "surface_unknown", x | y | z
+
     @abstractmethod
     def derivatives(self, contact: "Contact") -> Floats:
         """How the ball's shift changes with each value, (n_parameters, 3, n)."""

@@ -1,6 +1,5 @@
 """Times that effects are bound to, exactly in nanoseconds until the last step."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
@@ -17,30 +16,8 @@ if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Effect
 
 
-class EffectTime(ABC):
-    """Factor of an effect as a function of time."""
-
-    @classmethod
-    @abstractmethod
-    def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
-        """Take it from an entry of `[[effects]]` and the campaign's span."""
-
-    @abstractmethod
-    def amounts(self, block: Block) -> Floats:
-        """The factor, (n_samples,)."""
-
-    @property
-    @abstractmethod
-    def quantity(self) -> Quantity:
-        """The factor for the kernel in C."""
-
-    def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
-        """Yield which samples to flag for what, each (n_samples,)."""
-        yield from ()
-
-
 @dataclass(frozen=True, slots=True)
-class DriftTime(EffectTime):
+class DriftTime:
     """Seconds since the epoch, held outside the campaign that the drift was found in.
 
     Attributes:
@@ -78,7 +55,7 @@ class DriftTime(EffectTime):
 
 
 @dataclass(frozen=True, slots=True)
-class StepTime(EffectTime):
+class StepTime:
     """1 from the moment of a step on, which lasts; 0 before.
 
     Attributes:
@@ -104,6 +81,14 @@ class StepTime(EffectTime):
         """That 0 or 1."""
         span_ns = (self.epoch_ns, 0, 0)
         return Quantity(Source.STEP, reference=self.at_s, span_ns=span_ns)
+
+    def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
+        """Nothing to flag: a step lasts."""
+        yield from ()
+
+
+EffectTime = DriftTime | StepTime
+"""Factor of an effect as a function of time."""
 
 
 def _utc_ns(block: Block) -> Integers:

@@ -12,13 +12,13 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.bodies import Bodies, gravity_moments_nm
-from traverse.kinematics.model.batched_quaternions import (
+from traverse.kinematics.model.geometry import Geometry
+from traverse.kinematics.model.quaternion import (
     chain_rotations,
     conjugate,
-    rotated,
+    rotate,
+    turn,
 )
-from traverse.kinematics.model.geometry import Geometry
-from traverse.kinematics.model.quaternion import turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Posture:
     @cached_property
     def axes(self) -> Floats:
         """P_k u_k, where the axes are, (3, n_joints, n_samples)."""
-        return rotated(self.rotations, self.geometry.axes.T[:, :, np.newaxis])
+        return rotate(self.rotations, self.geometry.axes.T[:, :, np.newaxis])
 
     @cached_property
     def moments_nm(self) -> Floats:
@@ -61,4 +61,4 @@ class Posture:
         """Turn vectors back by P_(k-1), (3, n_samples), as if in the base posture."""
         if joint == 0:
             return vectors
-        return rotated(conjugate(self.rotations[:, joint - 1]), vectors)
+        return rotate(conjugate(self.rotations[:, joint - 1]), vectors)

@@ -1,33 +1,18 @@
 """Contact corrections, which need the direction of the surface."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from traverse.arrays import Booleans, Floats
-from traverse.kinematics.effects.base.block import Block
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.bodies import dot
 from traverse.kinematics.effects.base.contact import Contact
-from traverse.kinematics.effects.base.correction import ContactCorrection, FlagName
+from traverse.kinematics.effects.base.correction import ContactCorrection
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Touching(ContactCorrection):
-    """A few values of the probe as a whole."""
-
-    def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
-        """Flag where the surface is unknown, and nothing could be corrected."""
-        if block.directions is None:
-            yield "surface_unknown", np.ones(len(block), dtype=np.bool_)
-        else:
-            x, y, z = np.isnan(block.directions).T
-            yield "surface_unknown", x | y | z
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProbeRadius(Touching):
+class ProbeRadius(ContactCorrection):
     """A ball that is larger or smaller than it is said to be.
 
     effective radius = radius_mm + radius_error_mm
@@ -45,7 +30,7 @@ class ProbeRadius(Touching):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ProbeLobing(Touching):
+class ProbeLobing(ContactCorrection):
     """Pretravel of a switching probe with three seats.
 
     pretravel = amplitude_mm cos(3 psi - phase_rad)
@@ -74,7 +59,7 @@ class ProbeLobing(Touching):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StylusBending(Touching):
+class StylusBending(ContactCorrection):
     """A stylus that bends under the contact force.
 
     The surface pushes the ball with force_n against the direction d towards the

@@ -19,9 +19,6 @@ from traverse.lab.identification.report.residual_pictures import (
     by_joint,
 )
 from traverse.lab.identification.results.result import Identification
-from traverse.lab.identification.results.undetermined_effects import (
-    undetermined_effects_mm,
-)
 from traverse.lab.identification.volume.uncertainty_map import (
     UncertaintyMap,
     arm_uncertainty,
@@ -72,7 +69,7 @@ def result_map(result: Identification) -> UncertaintyMap:
 
 def summary_lines(result: Identification, found: UncertaintyMap) -> list[str]:
     """Return the most important results, a line each."""
-    effects_mm = undetermined_effects_mm(result) if result.converged else None
+    effects_mm = result.undetermined_effects_mm if result.converged else None
     return WORDS.lines("summary", result, found, effects_mm)
 
 
@@ -128,7 +125,7 @@ def report_page(
         detectable_mm=_known(result, result.statistics.detectable_mm),
         effects_mm=_effects_mm(result) if some_free else [],
         held=_held(result),
-        undetermined_mm=undetermined_effects_mm(result),
+        undetermined_mm=result.undetermined_effects_mm,
         noise_mm=_noise_mm(result),
         close_pairs=_close_pairs(result),
         CLOSE=_CLOSE,

@@ -18,9 +18,6 @@ from traverse.lab.identification.results.result import (
     CartesianCovariance,
     Identification,
 )
-from traverse.lab.identification.results.undetermined_effects import (
-    undetermined_effects_mm,
-)
 from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
 from traverse.strict_toml.files import bytes_of
 from traverse.strict_toml.writing import write_atomically
@@ -81,7 +78,7 @@ def identification_json(
         result: Of `identify`.
         provenance: Of the computation; default this user, now.
     """
-    effects_mm = undetermined_effects_mm(result)
+    effects_mm = result.undetermined_effects_mm
     return {
         "schema": SCHEMA,
         "provenance": (provenance or campaign_provenance(result.campaign)).values,
@@ -150,9 +147,8 @@ def identification_json(
             "encoder_rad": result.noise.encoder_rad.tolist(),
             "contact_mm": {e.id: e.contact_mm for e in result.artefacts},
         },
-        "serial_noise": None
-        if result.serial_noise is None
-        else {
+        "serial_noise": result.serial_noise
+        and {
             "lasts_s": result.serial_noise.lasts_s,
             "samples_per_mean": result.serial_noise.samples_per_mean,
             "samples_per_square": result.serial_noise.samples_per_square,
@@ -169,12 +165,7 @@ def identification_json(
             for entry in result.coverage
         ],
         "suggestions": [
-            {
-                "artefact": entry.artefact,
-                "feature": entry.feature,
-                "angles_rad": entry.angles_rad.tolist(),
-                "variance_left": entry.variance_left,
-            }
+            asdict(entry) | {"angles_rad": entry.angles_rad.tolist()}
             for entry in result.suggestions
         ],
     }
@@ -224,9 +215,8 @@ def _write_residuals(result: Identification, path: Path) -> None:
         "excluded",
         *(f"{name}_correction_rad" for name in campaign.joint_names),
     ]
-    numbers = np.column_stack(
-        [found.misclosures_mm, found.w, found.controllability, found.detectable_mm]
-    )
+    columns = (found.misclosures_mm, found.w, found.controllability)
+    numbers = np.column_stack([*columns, found.detectable_mm])
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
@@ -245,5 +235,4 @@ def _write_residuals(result: Identification, path: Path) -> None:
 
 
 def _texts(numbers: Floats) -> list[str]:
-    """Write numbers in six digits; empty where there is none."""
     return ["" if np.isnan(number) else f"{number:.6g}" for number in numbers]

@@ -9,7 +9,6 @@ from traverse.kinematics.arm_file.arm import Arm, Probe
 from traverse.lab.artefacts.artefact import Artefact, Length
 from traverse.lab.identification.equations.network import Station
 from traverse.lab.identification.equations.parameters import ArmValues
-from traverse.lab.identification.equations.station_equations import rms_mm
 from traverse.lab.identification.results.result import (
     ArtefactResult,
     CartesianCovariance,
@@ -19,18 +18,6 @@ from traverse.lab.identification.results.result import (
 from traverse.lab.identification.solve.adjustment import Adjustment
 from traverse.lab.identification.solve.reliability import PoseStatistics
 from traverse.lab.statistics.distributions import GlobalTest, chi_square_p_value
-
-__all__ = [
-    "arm_of_adjustment",
-    "artefact_results",
-    "cartesian_covariance",
-    "condition_number",
-    "global_test",
-    "parameter_estimates",
-    "rms_mm",
-    "variance_factor",
-]
-
 
 # Redundancy of a certificate below which nothing else says what it says.
 _INDEPENDENT = 1e-9

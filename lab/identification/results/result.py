@@ -11,6 +11,7 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.design.optimal_design import JointCoverage, Suggestion
 from traverse.lab.identification.equations.network import Noise
+from traverse.lab.identification.equations.probe_effect import probe_effects_mm
 from traverse.lab.identification.results.undetermined import Undetermined, Weak, named
 from traverse.lab.identification.solve.adjustment import Adjustment, Iteration
 from traverse.lab.identification.solve.certificate_test import (
@@ -234,6 +235,27 @@ class Identification:
             np.linalg.norm(self.adjustment.state.arm.geometry.links_mm, axis=1)
         )
         return bool(self.rms_after_mm > _BAD_FIT * reach_mm)
+
+    @property
+    def undetermined_effects_mm(self) -> Floats:
+        """Root mean square shift of the probe by each undetermined direction.
+
+        By one plausible deviation of the design; the motion of the arm as a whole is
+        taken out. (n_undetermined,)
+        """
+        if not self.undetermined:
+            return np.empty(0)
+        split, network = self.adjustment.split, self.adjustment.network
+        names = network.parameters.free_names
+        rows = [
+            [entry.direction.get(name, 0.0) for name in names]
+            for entry in self.undetermined
+        ]
+        # Small components were left out of the names; the subspace restores them.
+        whole = np.array(rows) @ split.undetermined.T @ split.undetermined
+        whole = whole / np.linalg.norm(whole, axis=1, keepdims=True)
+        arm = self.adjustment.state.arm
+        return probe_effects_mm(network, arm, whole * split.tolerances)
 
     @property
     def moving(self) -> dict[str, float]:

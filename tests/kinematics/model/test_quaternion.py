@@ -4,7 +4,13 @@ from hypothesis import strategies as st
 
 from tests.kinematics.arms import seeds
 from traverse.kinematics.model.geometry import unit_vectors
-from traverse.kinematics.model.quaternion import multiply, rotate, turn
+from traverse.kinematics.model.quaternion import (
+    chain_rotations,
+    conjugate,
+    multiply,
+    rotate,
+    turn,
+)
 
 X, Y, Z = np.eye(3)
 QUARTER = np.array([np.pi / 2])
@@ -64,3 +70,19 @@ def test_lengths_and_the_axis_stay(seed):
     np.testing.assert_allclose(np.linalg.norm(q, axis=0), 1.0, rtol=1e-15)
     turned = rotate(q, axis[:, np.newaxis])
     np.testing.assert_allclose(turned, np.tile(axis[:, np.newaxis], 5), atol=1e-15)
+
+
+@given(seeds)
+def test_chains_go_outwards_and_conjugates_back(seed):
+    rng = np.random.default_rng(seed)
+    axes = unit_vectors(rng.normal(size=(7, 3))).T[:, :, np.newaxis]
+    turns = turn(axes, rng.normal(scale=2.0, size=(7, 30)))
+    rotations = chain_rotations(turns)
+    vectors = rng.normal(size=(3, 7, 1))
+    there = vectors[:, 0]
+    for k in reversed(range(7)):
+        there = rotate(turns[:, k], there)
+    at_once = rotate(rotations[:, -1], vectors[:, 0])
+    np.testing.assert_allclose(at_once, there, atol=1e-12)
+    back = rotate(conjugate(rotations), rotate(rotations, vectors))
+    np.testing.assert_allclose(back, np.broadcast_to(vectors, back.shape), atol=1e-12)

@@ -15,9 +15,6 @@ from traverse.lab.identification.results.result import (
     ExcludedPose,
     Identification,
 )
-from traverse.lab.identification.results.undetermined_effects import (
-    undetermined_effects_mm,
-)
 from traverse.lab.report.quantities import length_mm, probability
 from traverse.lab.statistics.distributions import GlobalTest
 
@@ -152,7 +149,7 @@ def test_small_probabilities_are_not_spelled_out() -> None:
 
 
 def test_an_undetermined_scale_is_no_clean_verdict(scaleless: Identification) -> None:
-    effects_mm = undetermined_effects_mm(scaleless)
+    effects_mm = scaleless.undetermined_effects_mm
     assert WORDS.state(scaleless, effects_mm).strip() == "doubt"
     size = length_mm(float(effects_mm[0]))
     title = WORDS.title(scaleless, effects_mm)
@@ -199,7 +196,7 @@ def test_only_a_tested_and_determined_result_is_good(
 def test_undetermined_scale_is_worth_what_it_moves(scaleless: Identification) -> None:
     # A scale s shifts the probe by s x; what no rigid motion takes away of that is
     # s times the distance from the mean place.
-    (effect_mm,) = undetermined_effects_mm(scaleless)
+    (effect_mm,) = scaleless.undetermined_effects_mm
     network = scaleless.adjustment.network
     arm = scaleless.adjustment.state.arm
     _, centres_mm = posture_columns(network, arm)
