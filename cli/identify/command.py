@@ -182,11 +182,11 @@ def _written(
     result: "Identification", out: Path, provenance: "ReportProvenance"
 ) -> list[str]:
     """Write the results and print the summary."""
-    from traverse.lab.identification.report import (  # noqa: PLC0415
+    from traverse.lab.identification.report.page import (  # noqa: PLC0415
+        result_map,
         summary_lines,
         write_report,
     )
-    from traverse.lab.identification.report.page import result_map  # noqa: PLC0415
     from traverse.lab.identification.results.files import (  # noqa: PLC0415
         identification_json,
         write_result,

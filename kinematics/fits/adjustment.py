@@ -154,28 +154,18 @@ class Cloud:
     axes: Floats
     sizes: Floats
 
-    def refuse_flat(self, shape: str) -> None:
-        """Refuse points in one plane.
+    def refuse_degenerate(self, shape: str, *, flat: bool) -> None:
+        """Refuse points in one plane, or on one line.
 
         Raises:
             ValueError: They are, and fit no single shape.
         """
-        if not self.sizes[2] > FLAT * self.sizes[0]:
+        if not self.sizes[2 if flat else 1] > FLAT * self.sizes[0]:
+            where = "in one plane" if flat else "on one line"
+            remedy = "at other heights" if flat else "beside it"
             raise ValueError(
-                f"all {len(self.points)} points lie in one plane, which fits no single "
-                f"{shape}; measure points at other heights too"
-            )
-
-    def refuse_straight(self, shape: str) -> None:
-        """Refuse points on one line.
-
-        Raises:
-            ValueError: They are, and fit no single shape.
-        """
-        if not self.sizes[1] > FLAT * self.sizes[0]:
-            raise ValueError(
-                f"all {len(self.points)} points lie on one line, which fits no single "
-                f"{shape}; measure points beside it too"
+                f"all {len(self.points)} points lie {where}, which fits no single "
+                f"{shape}; measure points {remedy} too"
             )
 
 

@@ -52,7 +52,7 @@ def fit_circle(points_mm: Floats) -> Circle:
         ValueError: Too few points, on one line, or nothing like a circle.
     """
     cloud = cloud_of(points_mm, at_least=3)
-    cloud.refuse_straight("circle")
+    cloud.refuse_degenerate("circle", flat=False)
     points, n_points = cloud.points, len(cloud.points)
 
     def linearised(state: _State) -> tuple[Floats, Floats]:

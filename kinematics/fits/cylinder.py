@@ -61,7 +61,7 @@ def fit_cylinder(points_mm: Floats) -> Cylinder:
         ValueError: Too few points, in one plane, or nothing like a cylinder.
     """
     cloud = cloud_of(points_mm, at_least=5)
-    cloud.refuse_flat("cylinder")
+    cloud.refuse_degenerate("cylinder", flat=True)
     points = cloud.points
 
     def linearised(state: _State) -> tuple[Floats, Floats]:

@@ -39,7 +39,7 @@ def fit_plane(points_mm: Floats) -> Plane:
         ValueError: Too few points, on one line, or spread alike in all directions.
     """
     cloud = cloud_of(points_mm, at_least=3)
-    cloud.refuse_straight("plane")
+    cloud.refuse_degenerate("plane", flat=False)
     if not cloud.sizes[2] < (1.0 - FLAT) * cloud.sizes[1]:
         raise ValueError(
             f"the {len(cloud.points)} points are as thick as they are wide, which fits "

@@ -47,7 +47,7 @@ def fit_sphere(points_mm: Floats) -> Sphere:
         ValueError: Too few points, or all in one plane.
     """
     cloud = cloud_of(points_mm, at_least=4)
-    cloud.refuse_flat("sphere")
+    cloud.refuse_degenerate("sphere", flat=True)
     points = cloud.points
 
     def linearised(state: _State) -> tuple[Floats, Floats]:
@@ -76,7 +76,7 @@ def fit_sphere_of_radius(points_mm: Floats, radius_mm: float) -> Sphere:
     if not (np.isfinite(radius_mm) and radius_mm > 0.0):
         raise ValueError(f"radius_mm is {radius_mm}, expected a length above zero")
     cloud = cloud_of(points_mm, at_least=4)
-    cloud.refuse_flat("sphere")
+    cloud.refuse_degenerate("sphere", flat=True)
     points, radius = cloud.points, radius_mm / cloud.extent_mm
 
     def linearised(state: _State) -> tuple[Floats, Floats]:

@@ -128,11 +128,31 @@ def adjusted_helmert(
     units[3:] = 1.0 / extent_mm
 
     def at(transformation: Helmert) -> _State:
-        return _state(
+        turn = transformation.scale * transformation.rotation
+        covariance_mm2 = to_covariance_mm2 + turn @ from_covariance_mm2 @ turn.T
+        misclosures_mm = to_mm - transformation.places_mm(from_mm)
+        try:
+            np.linalg.cholesky(covariance_mm2)
+        except np.linalg.LinAlgError as error:
+            raise ValueError(
+                "the covariances of a point, both sides together, are not positive "
+                "definite; state errors in all directions"
+            ) from error
+        weighted = np.asarray(
+            np.linalg.solve(covariance_mm2, misclosures_mm[:, :, np.newaxis])[..., 0],
+            dtype=np.float64,
+        )
+        corrections_mm: Floats = np.einsum(
+            "nij,nj->ni", from_covariance_mm2, weighted @ turn
+        )
+        corrected_mm = transformation.places_mm(from_mm + corrections_mm)
+        return _State(
             transformation,
-            (from_mm, to_mm, from_covariance_mm2, to_covariance_mm2),
-            centre_mm,
-            n_parameters,
+            misclosures_mm,
+            covariance_mm2,
+            weighted,
+            corrections_mm,
+            motions(corrected_mm - centre_mm, n_parameters),
         )
 
     start = closed_helmert(from_mm, to_mm, weights, with_scale=with_scale)
@@ -175,41 +195,6 @@ def _astray(shape: Shape, size: float) -> str:
             f"direction {direction_text(shape.axes[0])}, is undetermined"
         )
     return f"{text}; look at the names, and measure points farther apart"
-
-
-def _state(
-    transformation: Helmert,
-    given: tuple[Floats, Floats, Floats, Floats],
-    centre_mm: Floats,
-    n_parameters: int,
-) -> _State:
-    from_mm, to_mm, from_covariance_mm2, to_covariance_mm2 = given
-    turn = transformation.scale * transformation.rotation
-    covariance_mm2 = to_covariance_mm2 + turn @ from_covariance_mm2 @ turn.T
-    misclosures_mm = to_mm - transformation.places_mm(from_mm)
-    try:
-        np.linalg.cholesky(covariance_mm2)
-    except np.linalg.LinAlgError as error:
-        raise ValueError(
-            "the covariances of a point, both sides together, are not positive "
-            "definite; state errors in all directions"
-        ) from error
-    weighted = np.asarray(
-        np.linalg.solve(covariance_mm2, misclosures_mm[:, :, np.newaxis])[..., 0],
-        dtype=np.float64,
-    )
-    corrections_mm: Floats = np.einsum(
-        "nij,nj->ni", from_covariance_mm2, weighted @ turn
-    )
-    corrected_mm = transformation.places_mm(from_mm + corrections_mm)
-    return _State(
-        transformation,
-        misclosures_mm,
-        covariance_mm2,
-        weighted,
-        corrections_mm,
-        motions(corrected_mm - centre_mm, n_parameters),
-    )
 
 
 def _cofactors(state: _State, units: Floats) -> Floats:

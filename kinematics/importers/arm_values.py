@@ -11,8 +11,8 @@ from traverse.kinematics.model.geometry import Geometry
 from traverse.strict_toml.writing import arm_text
 
 # Arm files from tables show 1 and not 0.9999999999999999: no arm is that accurate.
-_AXIS_DECIMALS = 15
-_MM_DECIMALS = 12
+RAD_DECIMALS = 15
+MM_DECIMALS = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,13 +59,13 @@ def assemble_arm(
     values = {
         "schema": "traverse/arm/1",
         "name": name,
-        "origin_mm": _rounded(geometry.origin_mm, _MM_DECIMALS),
+        "origin_mm": rounded(geometry.origin_mm, MM_DECIMALS),
         "joints": [_joint(geometry, k, parts) for k, parts in enumerate(joints)],
         "probe": {
             "radius_mm": probe.radius_mm,
             "kind": probe.kind,
-            "vector_mm": _rounded(geometry.probe_vector_mm, _MM_DECIMALS),
-            "direction": _rounded(geometry.probe_direction, _AXIS_DECIMALS),
+            "vector_mm": rounded(geometry.probe_vector_mm, MM_DECIMALS),
+            "direction": rounded(geometry.probe_direction, RAD_DECIMALS),
         },
         "reference": {"temperature_c": 20.0, "gravity_m_s2": [0.0, 0.0, -9.80665]},
     }
@@ -75,13 +75,13 @@ def assemble_arm(
 def _joint(geometry: Geometry, k: int, parts: JointParts) -> dict[str, Any]:
     joint: dict[str, Any] = {
         "name": parts.name,
-        "axis": _rounded(geometry.axes[k], _AXIS_DECIMALS),
-        "link_mm": _rounded(geometry.links_mm[k], _MM_DECIMALS),
+        "axis": rounded(geometry.axes[k], RAD_DECIMALS),
+        "link_mm": rounded(geometry.links_mm[k], MM_DECIMALS),
         "zero_rad": float(geometry.zeros_rad[k]),
     }
     if parts.body is not None:
         joint["mass_kg"] = parts.body.mass_kg
-        joint["centre_of_mass_mm"] = _rounded(parts.body.centre_mm, _MM_DECIMALS)
+        joint["centre_of_mass_mm"] = rounded(parts.body.centre_mm, MM_DECIMALS)
     if parts.mimic is not None:
         joint |= {"coupled_to": parts.mimic.joint, "ratio": parts.mimic.ratio}
     elif parts.counts_per_turn is not None:
@@ -93,6 +93,6 @@ def _joint(geometry: Geometry, k: int, parts: JointParts) -> dict[str, Any]:
     return joint
 
 
-def _rounded(vector: Floats, decimals: int) -> list[float]:
-    # Adding zero turns -0.0 into 0.0.
+def rounded(vector: Floats, decimals: int) -> list[float]:
+    """Round a vector (n,) as in a file; adding zero turns -0.0 into 0.0."""
     return [round(float(value), decimals) + 0.0 for value in vector]

@@ -13,10 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from pydantic import Field
 
+from traverse.arrays import Floats
 from traverse.kinematics.effect_table import Vector
+from traverse.kinematics.importers.arm_values import (
+    MM_DECIMALS,
+    RAD_DECIMALS,
+    rounded,
+)
 from traverse.kinematics.importers.dh import DHTable
 from traverse.kinematics.importers.urdf import roll_pitch_yaw
 from traverse.plurals import counted
@@ -92,17 +97,18 @@ def columns_of(keys: Iterable[str], units: Units) -> tuple[dict[str, Column], Wr
     wrong: Wrong = []
     taken: dict[str, str] = {}
     for key in keys:
-        column = _column(key, units)
-        if isinstance(column, str):
-            wrong.append((key, column))
-        elif column.field in taken:
+        try:
+            column = _column(key, units)
+        except ValueError as error:
+            wrong.append((key, str(error)))
+            # A key that cannot be used is not missing too.
+            taken.setdefault(key.partition("_")[0], key)
+            continue
+        if column.field in taken:
             wrong.append((key, f"says again what '{taken[column.field]}' says"))
         else:
             columns[key] = column
-        # A key that cannot be used is not missing too.
-        taken.setdefault(
-            column.field if isinstance(column, Column) else _stem(key), key
-        )
+        taken.setdefault(column.field, key)
     for quantity in _REQUIRED:
         field = f"{quantity}_{next(iter(_QUANTITIES[quantity]))}"
         if field not in taken and quantity not in taken:
@@ -131,27 +137,16 @@ def row_of(
             if column.field.partition("_")[0] in _REQUIRED:
                 wrong.append((key, "is empty; give a number"))
             continue
-        found = _field_value(column, value, as_text=as_text)
-        if isinstance(found, _Refused):
-            wrong.append((key, found.why))
-        else:
-            fields[column.field] = found
+        try:
+            fields[column.field] = _field_value(column, value, as_text=as_text)
+        except ValueError as error:
+            wrong.append((key, str(error)))
     if wrong or any(f not in fields for f in ("a_mm", "d_mm", "alpha_rad")):
         return None, wrong
     return DHRow(**fields), wrong  # type: ignore[arg-type]  # checked field by field
 
 
-@dataclass(frozen=True, slots=True)
-class _Refused:
-    why: str
-
-
-def _stem(key: str) -> str:
-    return key.partition("_")[0]
-
-
-def _column(key: str, units: Units) -> Column | str:
-    """Value of a key, or the error in it."""
+def _column(key: str, units: Units) -> Column:
     if key in _PLAIN:
         return Column(key, 0.0)
     quantity, _, unit = key.partition("_")
@@ -165,29 +160,30 @@ def _column(key: str, units: Units) -> Column | str:
         if given is None:
             named = " or ".join(f"'{quantity}_{known}'" for known in factors)
             either = " or ".join(factors)
-            return f"has no unit; name it {named}, or give {option} {either}"
+            raise ValueError(f"has no unit; name it {named}, or give {option} {either}")
         unit = given
     if factors is None or unit not in factors:
-        return unknown_name_message("key", key, _KNOWN)
+        raise ValueError(unknown_name_message("key", key, _KNOWN))
     return Column(f"{quantity}_{next(iter(factors))}", factors[unit])
 
 
-def _field_value(
-    column: Column, value: object, *, as_text: bool
-) -> float | int | str | _Refused:
+def _field_value(column: Column, value: object, *, as_text: bool) -> float | int | str:
     if column.field in _INTEGERS:
-        number = _integer(value) if as_text else value
+        text, number = str(value), value
+        if as_text:
+            is_integer = re.fullmatch(r"[+-]?\d{1,12}", text, re.ASCII)
+            number = int(text) if is_integer else None
         good = (1, -1) if column.field == "sign" else range(1, 2**32 + 1)
         if (
             isinstance(number, bool)
             or not isinstance(number, int)
             or number not in good
         ):
-            return _Refused(f"{shown(value)} is not {_INTEGERS[column.field]}")
+            raise ValueError(f"{shown(value)} is not {_INTEGERS[column.field]}")
         return number
     if column.factor == 0.0:
         if not isinstance(value, str):
-            return _Refused(f"{shown(value)} is not a string; put it in quotes")
+            raise ValueError(f"{shown(value)} is not a string; put it in quotes")
         return value
     quantity = _number(value, as_text=as_text)
     is_angle = column.field.endswith("_rad")
@@ -201,12 +197,7 @@ def _field_value(
     elif is_angle:
         in_rad = column.factor == 1.0
         why += " or a part of pi such as -pi/2" if in_rad else " of degrees"
-    return _Refused(why)
-
-
-def _integer(value: object) -> int | None:
-    text = str(value)
-    return int(text) if re.fullmatch(r"[+-]?\d{1,12}", text, re.ASCII) else None
+    raise ValueError(why)
 
 
 def _number(value: object, *, as_text: bool) -> float | None:
@@ -321,15 +312,15 @@ def _parse_csv(text: str, source: str, units: Units) -> DHFile:
 
 def dh_csv(table: DHTable, names: Sequence[str], base_rad: Sequence[float]) -> str:
     """Write a classic table as CSV; base and tool are in a comment, as options."""
+    rows = _rows(table, names, base_rad)
     lines = [
         "# classic; theta_rad where the reading is zero, base_rad the base posture.",
         "# CSV has no place for these, give them to `traverse arm from-dh`:",
         f"#   --convention {table.convention} {_options('base', table.base)} \\",
         f"#   {_options('tool', table.tool)}",
         "name,a_mm,d_mm,alpha_rad,theta_rad,base_rad",
+        *(",".join(map(str, row.values())) for row in rows),
     ]
-    for row in _rows(table, names, base_rad):
-        lines.append(",".join(str(value) for value in row.values()))  # noqa: PERF401 - reads better than one long expression
     return "\n".join(lines) + "\n"
 
 
@@ -353,33 +344,32 @@ def _rows(
     return [
         {
             "name": names[k],
-            "a_mm": _mm(table.a_mm[k]),
-            "d_mm": _mm(table.d_mm[k]),
-            "alpha_rad": _rad(table.alpha_rad[k]),
-            "theta_rad": _rad(table.theta_rad[k]),
+            "a_mm": a_mm,
+            "d_mm": d_mm,
+            "alpha_rad": alpha_rad,
+            "theta_rad": theta_rad,
             "base_rad": float(base_rad[k]),
         }
-        for k in range(table.n_joints)
+        for k, (a_mm, d_mm, alpha_rad, theta_rad) in enumerate(
+            zip(
+                rounded(table.a_mm, MM_DECIMALS),
+                rounded(table.d_mm, MM_DECIMALS),
+                rounded(table.alpha_rad, RAD_DECIMALS),
+                rounded(table.theta_rad, RAD_DECIMALS),
+                strict=True,
+            )
+        )
     ]
 
 
-def _placement(transform: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, Any]:
+def _placement(transform: Floats) -> dict[str, Any]:
     return {
-        "xyz_mm": [_mm(value) for value in transform[:3, 3]],
-        "rpy_rad": [_rad(value) for value in roll_pitch_yaw(transform[:3, :3])],
+        "xyz_mm": rounded(transform[:3, 3], MM_DECIMALS),
+        "rpy_rad": rounded(roll_pitch_yaw(transform[:3, :3]), RAD_DECIMALS),
     }
 
 
-def _options(which: str, transform: np.ndarray[Any, np.dtype[np.float64]]) -> str:
+def _options(which: str, transform: Floats) -> str:
     placed = _placement(transform)
     xyz, rpy = (",".join(map(str, placed[key])) for key in ("xyz_mm", "rpy_rad"))
     return f"--{which}-xyz-mm={xyz} --{which}-rpy-rad={rpy}"
-
-
-def _mm(length: float) -> float:
-    # Rounding errors are removed; adding zero turns -0.0 into 0.0.
-    return round(float(length), 12) + 0.0
-
-
-def _rad(angle: float) -> float:
-    return round(float(angle), 15) + 0.0

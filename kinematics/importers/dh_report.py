@@ -38,6 +38,14 @@ def dh_report(
     zeros_rad = [joint.zero_rad for joint in arm.joints]
     readings_rad = random_readings_rad(geometry, postures, seed)
     misfit_mm = misfits_mm(geometry, nearest.table, readings_rad)
+    kept = {
+        "encoders": any(joint.encoder for joint in arm.joints),
+        "masses": any(joint.mass_kg is not None for joint in arm.joints),
+        "effects": bool(arm.effects),
+        "couplings": any(joint.coupled_to for joint in arm.joints),
+        "ball radius": arm.probe.radius_mm > 0.0,
+        "identification": arm.identification is not None,
+    }
     report = {
         "schema": "traverse/dh-report/1",
         "arm": arm.name,
@@ -55,7 +63,7 @@ def dh_report(
             }
             for k in range(geometry.n_joints - 1)
         ],
-        "not_in_table": _not_in_table(arm),
+        "not_in_table": [what for what, there in kept.items() if there],
     }
     remarks = "".join(f"# {line}\n" for line in remark_lines(report))
     return report, dh_csv(nearest.table, names, zeros_rad) + remarks
@@ -98,15 +106,3 @@ def remark_lines(report: Mapping[str, Any]) -> Iterator[str]:
             )
     if report["not_in_table"]:
         yield f"not in a table: {', '.join(report['not_in_table'])}"
-
-
-def _not_in_table(arm: Arm) -> list[str]:
-    kept = {
-        "encoders": any(joint.encoder for joint in arm.joints),
-        "masses": any(joint.mass_kg is not None for joint in arm.joints),
-        "effects": bool(arm.effects),
-        "couplings": any(joint.coupled_to for joint in arm.joints),
-        "ball radius": arm.probe.radius_mm > 0.0,
-        "identification": arm.identification is not None,
-    }
-    return [what for what, there in kept.items() if there]

@@ -112,6 +112,20 @@ class Length:
     certificate_row: int | None
 
 
+def certificate_of(
+    lengths: Sequence[Length],
+    certified_mm: Sequence[float],
+    std_mm: Sequence[float | None],
+) -> Certificate:
+    """Compare lengths with certified ones; without a deviation these are exact."""
+    pairs = zip(lengths, certified_mm, strict=True)
+    return Certificate(
+        np.array([length.value_mm - known_mm for length, known_mm in pairs]),
+        np.array([length.by_unknowns for length in lengths]),
+        np.array([std or EXACT_MM for std in std_mm]),
+    )
+
+
 class Artefact(StrictModel):
     """A table `[[artefacts]]`; a child a kind.
 

@@ -14,19 +14,15 @@ from pydantic import Field
 
 from traverse.arrays import Floats
 from traverse.lab.artefacts.artefact import (
-    EXACT_MM,
     Artefact,
     Certificate,
     Equations,
     Length,
     Touches,
+    certificate_of,
 )
 from traverse.lab.artefacts.cone import PLACE_SCALE_MM
-from traverse.lab.artefacts.sphere import distances
-
-_STEPS = 20
-# Below this part of its largest, a singular value is flatness.
-_FLAT = 1e-6
+from traverse.lab.artefacts.sphere import FLAT, distances, polished
 
 
 class DrawWire(Artefact):
@@ -63,23 +59,16 @@ class DrawWire(Artefact):
             columns.append(2.0 * read_mm[:, np.newaxis])
         design = np.hstack(columns)
         sizes = np.maximum(np.linalg.norm(design, axis=0), 1e-9)
-        found = np.linalg.lstsq(design / sizes, squares, rcond=_FLAT)[0] / sizes
+        found = np.linalg.lstsq(design / sizes, squares, rcond=FLAT)[0] / sizes
         anchor_mm = found[:3]
         offset_mm = float(found[4]) if self.offset_mm is None else 0.0
-        for _ in range(_STEPS):
-            away_mm, units = distances(local_mm, anchor_mm)
-            residuals_mm = away_mm - read_mm - offset_mm
-            scale_mm = max(float(np.median(np.abs(residuals_mm))), 1e-9)
-            weights = 1.0 / np.sqrt(1.0 + (residuals_mm / (3.0 * scale_mm)) ** 2)
-            columns = [-units]
-            if self.offset_mm is None:
-                columns.append(-np.ones((len(units), 1)))
-            weighed = weights[:, np.newaxis] * np.hstack(columns)
-            step = np.linalg.lstsq(weighed, -weights * residuals_mm, rcond=_FLAT)[0]
-            anchor_mm = anchor_mm + step[:3]
-            offset_mm = offset_mm + float(step[3:].sum())
-            if np.max(np.abs(step)) < 1e-9:
-                break
+        anchor_mm, offset_mm = polished(
+            local_mm,
+            anchor_mm,
+            offset_mm,
+            is_known=self.offset_mm is not None,
+            lengths=read_mm,
+        )
         return np.append(middle_mm + anchor_mm, offset_mm + (self.offset_mm or 0.0))
 
     def equations(
@@ -99,11 +88,8 @@ class DrawWire(Artefact):
         """The offset, where it is known."""
         if self.offset_mm is None:
             return super().certificate(state, touches)
-        return Certificate(
-            np.array([state[3] - self.offset_mm]),
-            np.array([[0.0, 0.0, 0.0, 1.0]]),
-            np.array([self.offset_std_mm or EXACT_MM]),
-        )
+        std_mm = self.offset_std_mm
+        return certificate_of(self.lengths(state), [self.offset_mm], [std_mm])
 
     def lengths(self, state: Floats) -> tuple[Length, ...]:
         """The offset."""

@@ -14,13 +14,13 @@ from pydantic import Field
 
 from traverse.arrays import Floats
 from traverse.lab.artefacts.artefact import (
-    EXACT_MM,
     REFERENCE_TEMPERATURE_C,
     Artefact,
     Certificate,
     Equations,
     Length,
     Touches,
+    certificate_of,
 )
 from traverse.lab.artefacts.plane import (
     ATTITUDE_SCALE_RAD,
@@ -102,11 +102,8 @@ class ParallelPlanes(Artefact):
 
     def certificate(self, state: Floats, touches: Touches) -> Certificate:
         """The distance."""
-        return Certificate(
-            np.array([state[4] - self.distance_mm]),
-            np.array([[0.0, 0.0, 0.0, 1.0]]),
-            np.array([self.distance_std_mm or EXACT_MM]),
-        )
+        std_mm = self.distance_std_mm
+        return certificate_of(self.lengths(state), [self.distance_mm], [std_mm])
 
     def lengths(self, state: Floats) -> tuple[Length, ...]:
         """The distance."""

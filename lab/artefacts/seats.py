@@ -16,13 +16,13 @@ from pydantic import Field, model_validator
 
 from traverse.arrays import Floats
 from traverse.lab.artefacts.artefact import (
-    EXACT_MM,
     REFERENCE_TEMPERATURE_C,
     Artefact,
     Certificate,
     Equations,
     Length,
     Touches,
+    certificate_of,
 )
 from traverse.lab.artefacts.cone import PLACE_SCALE_MM
 from traverse.strict_toml.reader import StrictModel
@@ -149,16 +149,10 @@ class Seats(Artefact):
 
     def certificate(self, state: Floats, touches: Touches) -> Certificate:
         """The known distances."""
-        found = self.lengths(state)
-        return Certificate(
-            np.array(
-                [
-                    length.value_mm - one.distance_mm
-                    for length, one in zip(found, self.known, strict=True)
-                ]
-            ),
-            np.array([length.by_unknowns for length in found]),
-            np.array([one.distance_std_mm or EXACT_MM for one in self.known]),
+        return certificate_of(
+            self.lengths(state),
+            [one.distance_mm for one in self.known],
+            [one.distance_std_mm for one in self.known],
         )
 
     def lengths(self, state: Floats) -> tuple[Length, ...]:

@@ -12,13 +12,13 @@ from pydantic import Field
 
 from traverse.arrays import Floats
 from traverse.lab.artefacts.artefact import (
-    EXACT_MM,
     REFERENCE_TEMPERATURE_C,
     Artefact,
     Certificate,
     Equations,
     Length,
     Touches,
+    certificate_of,
 )
 
 PLACE_SCALE_MM = 1000.0
@@ -27,7 +27,7 @@ _STEPS = 20
 _FAR = 0.5  # of the radius: such a centre is on no such sphere
 _FEW, _TRIES, _SEED = 4, 40, 1
 # Below this part of its largest, a singular value of the cloud is flatness.
-_FLAT = 1e-6
+FLAT = 1e-6
 
 
 def offset_sign(side: str) -> float:
@@ -66,13 +66,13 @@ def start_centre(centres_mm: Floats, radius_mm: float | None) -> tuple[Floats, f
     extent_mm = max(float(np.linalg.norm(local_mm, axis=1).max()), 1.0)
     local = local_mm / extent_mm
     known = None if radius_mm is None else radius_mm / extent_mm
-    centre, radius = _polished(local, *_direct(local, known), known)
-    if _worst(local, centre, radius) > _FAR * radius and len(local) > _FEW:
+    centre, radius = polished(local, *_direct(local, known), is_known=known is not None)
+    if np.max(_off(local, centre, radius)) > _FAR * radius and len(local) > _FEW:
         rng = np.random.default_rng(_SEED)
         fours = [rng.choice(len(local), _FEW, replace=False) for _ in range(_TRIES)]
         starts = [(centre, radius), *(_direct(local[four], known) for four in fours)]
-        best = min(starts, key=lambda one: _typical(local, *one))
-        centre, radius = _polished(local, *best, known)
+        best = min(starts, key=lambda one: float(np.median(_off(local, *one))))
+        centre, radius = polished(local, *best, is_known=known is not None)
     return mean_mm + centre * extent_mm, radius * extent_mm
 
 
@@ -83,36 +83,46 @@ def _direct(local: Floats, known: float | None) -> tuple[Floats, float]:
     return _at_known_radius(local, centre, known), known
 
 
-def _polished(
-    local: Floats, centre: Floats, radius: float, known: float | None
+def polished(
+    local: Floats,
+    centre: Floats,
+    radius: float,
+    *,
+    is_known: bool,
+    lengths: Floats | float = 0.0,
 ) -> tuple[Floats, float]:
+    """Improve a centre, and its radius unless that is known, by a few robust steps.
+
+    Args:
+        local: Ball centres, (n_poses, 3).
+        centre: To begin with, (3,).
+        radius: To begin with.
+        is_known: Whether the radius stays.
+        lengths: Beyond which the radius counts, (n_poses,).
+    """
     for _ in range(_STEPS):
         away, units = distances(local, centre)
-        residuals = away - radius
+        residuals = away - lengths - radius
         scale = max(float(np.median(np.abs(residuals))), 1e-9)
         weights = 1.0 / np.sqrt(1.0 + (residuals / (3.0 * scale)) ** 2)
-        columns = [-units] if known is not None else [-units, -np.ones((len(local), 1))]
+        columns = [-units] if is_known else [-units, -np.ones((len(local), 1))]
         design = weights[:, np.newaxis] * np.hstack(columns)
-        step = np.linalg.lstsq(design, -weights * residuals, rcond=_FLAT)[0]
+        step = np.linalg.lstsq(design, -weights * residuals, rcond=FLAT)[0]
         centre = centre + step[:3]
-        radius = radius if known is not None else radius + float(step[3])
+        radius += float(step[3:].sum())
         if np.max(np.abs(step)) < 1e-9:
             break
     return centre, radius
 
 
-def _worst(local: Floats, centre: Floats, radius: float) -> float:
-    return float(np.max(np.abs(distances(local, centre)[0] - radius)))
-
-
-def _typical(local: Floats, centre: Floats, radius: float) -> float:
-    return float(np.median(np.abs(distances(local, centre)[0] - radius)))
+def _off(local: Floats, centre: Floats, radius: float) -> Floats:
+    return np.abs(distances(local, centre)[0] - radius)
 
 
 def _algebraic(local: Floats) -> tuple[Floats, float]:
     design = np.column_stack([2.0 * local, np.ones(len(local))])
     squares = np.einsum("ij,ij->i", local, local)
-    solution = np.linalg.lstsq(design, squares, rcond=_FLAT)[0]
+    solution = np.linalg.lstsq(design, squares, rcond=FLAT)[0]
     centre: Floats = solution[:3]
     return centre, float(np.sqrt(max(float(solution[3] + centre @ centre), 1e-12)))
 
@@ -128,8 +138,7 @@ def _at_known_radius(local: Floats, centre: Floats, radius: float) -> Floats:
     across = centre - height * normal
     sagitta = np.sqrt(max(radius**2 - float(across @ across), 0.0))
     chosen: Floats = across + np.copysign(sagitta, height) * normal
-    before = np.abs(distances(local, centre)[0] - radius)
-    after = np.abs(distances(local, chosen)[0] - radius)
+    before, after = _off(local, centre, radius), _off(local, chosen, radius)
     return chosen if np.median(after) < np.median(before) else centre
 
 
@@ -185,11 +194,8 @@ class Sphere(Artefact):
         """The radius, where it is known."""
         if self.radius_mm is None:
             return super().certificate(state, touches)
-        return Certificate(
-            np.array([state[3] - self.radius_mm]),
-            np.array([[0.0, 0.0, 0.0, 1.0]]),
-            np.array([self.radius_std_mm or EXACT_MM]),
-        )
+        std_mm = self.radius_std_mm
+        return certificate_of(self.lengths(state), [self.radius_mm], [std_mm])
 
     def place(self, state: Floats) -> dict[str, Any]:
         """The centre."""

@@ -20,6 +20,7 @@ from scipy.linalg import (  # type: ignore[import-untyped] # scipy ships no type
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.pose import angle_corrections
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.identification.equations.datum import scale_direction
@@ -107,9 +108,8 @@ class ObservationEquations:
         if effects is None:
             return block.angles_rad
         values = self.adjustment.state.arm.amplitudes
-        angles_rad: Floats = block.angles_rad - effects.reading_corrections(
-            geometry, values, block
-        )
+        errors_rad = angle_corrections(geometry, effects.at(values), block)
+        angles_rad: Floats = block.angles_rad - errors_rad
         return angles_rad
 
     def moved(self, moves: Floats) -> Floats:

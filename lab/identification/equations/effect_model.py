@@ -13,11 +13,9 @@ from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.kinematics.effect_table import EFFECT_KINDS, key_unit
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
-from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.correction import Correction
 from traverse.kinematics.effects.columns import columns
 from traverse.kinematics.effects.contacts.artefact_length import ArtefactLength
-from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.campaign.campaign import Campaign, Poses
 
@@ -47,15 +45,6 @@ class EffectModel:
         """Make the effects of some sizes, (n_values,)."""
         return self.effects.with_values(values)
 
-    def block(self, poses: Poses, angles_rad: Floats | None = None) -> Block:
-        """Put poses into the form that effects ask for.
-
-        Args:
-            poses: Of the campaign.
-            angles_rad: Instead of the readings of the poses, (n_poses, n_joints).
-        """
-        return self.campaign.block(poses, angles_rad)
-
     def directions(self, geometry: Geometry) -> Floats:
         """Return how values move with coordinates, (n_values, n_coordinates)."""
         parts = [c.free_directions(geometry) for c in self.effects.corrections]
@@ -68,7 +57,7 @@ class EffectModel:
 
     def columns(self, geometry: Geometry, values: Floats, poses: Poses) -> Floats:
         """Compute the derivatives of x, (n_poses, 3, n_coordinates)."""
-        by_values = columns(geometry, self.at(values), self.block(poses))
+        by_values = columns(geometry, self.at(values), self.campaign.block(poses))
         found: Floats = by_values @ self.directions(geometry)
         return found
 
@@ -89,16 +78,6 @@ class EffectModel:
                 by_coordinates[coordinate] = 1.0
             coordinate += len(_coordinate_names(correction))
         return total_ppm, by_coordinates
-
-    def reading_corrections(
-        self, geometry: Geometry, values: Floats, block: Block
-    ) -> Floats:
-        """Compute d_alpha in rad, (n_poses, n_joints)."""
-        return angle_corrections(geometry, self.at(values), block)
-
-    def centres(self, geometry: Geometry, values: Floats, block: Block) -> Floats:
-        """Compute the ball's centres in mm, (n_poses, 3)."""
-        return corrected_pose(geometry, self.at(values), block)[0]
 
 
 def effect_model(
@@ -136,7 +115,7 @@ def effect_model(
         tolerances=np.array(tolerances),
         campaign=campaign,
     )
-    lacks = list(built.lacks(model.block(campaign.poses)))
+    lacks = list(built.lacks(campaign.block()))
     if lacks:
         raise ValueError(
             "the campaign does not tell what effects of the arm need; add the columns "

@@ -30,14 +30,6 @@ class Noise:
     encoder_rad: Floats
     contact_mm: Floats
 
-    def scaled(self, encoder: Floats, contact: Floats) -> "Noise":
-        """Multiply standard deviations by factors (n_joints,) and (n_artefacts,)."""
-        return replace(
-            self,
-            encoder_rad=self.encoder_rad * encoder,
-            contact_mm=self.contact_mm * contact,
-        )
-
 
 def a_priori_noise(campaign: Campaign) -> Noise:
     """Take the campaign's noise, or usual figures where it has none."""

@@ -6,7 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from traverse.arrays import Floats, Integers
+from traverse.arrays import Floats
+from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
 from traverse.kinematics.model.derivatives import ProbeDerivatives, probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.identification.equations.network import Network, State, Station
@@ -93,7 +94,9 @@ def start_state(network: Network, arm: ArmValues) -> State:
     """
     unknowns = []
     for station in network.stations:
-        few = station.part(_spread_evenly(len(station.poses)))
+        n_poses = len(station.poses)
+        chosen = np.linspace(0, n_poses - 1, min(n_poses, _START_POSES))
+        few = station.part(chosen.astype(np.int64))
         centres_mm = station_centres(network, few, arm)
         unknowns.append(station.artefact.start(centres_mm, few.touches))
     n_corrected = network.parameters.n_joints + 3
@@ -192,11 +195,6 @@ def white_rows(
         )
 
 
-def _spread_evenly(n_poses: int) -> Integers:
-    chosen = np.linspace(0, n_poses - 1, min(n_poses, _START_POSES))
-    return chosen.astype(np.int64)
-
-
 def _parts(network: Network, station: Station) -> Iterator[tuple[int, slice]]:
     """Cut a station's poses where the tool changes, and to a bounded size."""
     tools, n_poses = network.campaign.poses.tools, len(station.poses)
@@ -224,12 +222,11 @@ def _chunks(
             derivatives = probe_derivatives(arm.geometry, angles_rad)
             centres_mm = derivatives.centres_mm
         else:
-            block = effects.block(poses.part(rows), angles_rad)
-            errors_rad = effects.reading_corrections(
-                arm.geometry, arm.amplitudes, block
-            )
+            block = effects.campaign.block(poses.part(rows), angles_rad)
+            sized = effects.at(arm.amplitudes)
+            errors_rad = angle_corrections(arm.geometry, sized, block)
             derivatives = probe_derivatives(arm.geometry, angles_rad - errors_rad)
-            centres_mm = effects.centres(arm.geometry, arm.amplitudes, block)
+            centres_mm = corrected_pose(arm.geometry, sized, block)[0]
         if corrections is not None:
             centres_mm = centres_mm + corrections[part, n:]
         yield part, centres_mm, derivatives

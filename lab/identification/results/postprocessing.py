@@ -6,6 +6,7 @@ import numpy as np
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm, Probe
+from traverse.kinematics.uncertainty.arm_covariance import parameter_names
 from traverse.lab.artefacts.artefact import Artefact, Length
 from traverse.lab.identification.equations.network import Station
 from traverse.lab.identification.equations.parameters import ArmValues
@@ -106,12 +107,7 @@ def cartesian_covariance(
         names_of_effects = parameters.effects.effects.parameter_names
     to_xyz[last:, 4 * n : 4 * n + 3] = np.eye(3)
     free = to_xyz[:, parameters.free]
-    joints = adjustment.network.campaign.joint_names
-    names = [f"{joint}.axis.{c}" for joint in joints for c in "xyz"]
-    names += [f"{joint}.link.{c}" for joint in joints for c in "xyz"]
-    names += [f"probe.vector.{c}" for c in "xyz"]
-    names += names_of_effects
-    names += [f"origin.{c}" for c in "xyz"]
+    names = parameter_names(adjustment.network.campaign.joint_names, names_of_effects)
     all_values = np.concatenate(
         [
             geometry.axes.ravel(),
@@ -121,7 +117,7 @@ def cartesian_covariance(
             geometry.origin_mm,
         ]
     )
-    return CartesianCovariance(tuple(names), all_values, free @ covariance @ free.T)
+    return CartesianCovariance(names, all_values, free @ covariance @ free.T)
 
 
 def global_test(
@@ -228,20 +224,17 @@ def _estimated_length(
     arm = own @ elimination.left @ adjustment.split.inverse
     variance_mm2 = float(own @ own + arm @ arm)
     value_mm, row = length.value_mm, length.certificate_row
-    independent = row is None
     if row is not None:
         station = adjustment.network.stations[at]
         unknowns = adjustment.state.unknowns[at]
         certificate = station.artefact.certificate(unknowns, station.touches)
-        s2 = float(certificate.std_mm[row]) ** 2
-        redundancy = 1.0 - variance_mm2 / s2
+        redundancy = 1.0 - variance_mm2 / float(certificate.std_mm[row]) ** 2
         if redundancy > _INDEPENDENT:
-            independent = True
             v_mm = float(certificate.misclosures_mm[row])
             value_mm = value_mm - v_mm + v_mm / redundancy
             variance_mm2 = variance_mm2 / redundancy
     std_mm = float(np.sqrt(factor * variance_mm2))
-    return EstimatedLength(length.name, value_mm, std_mm, independent)
+    return EstimatedLength(length.name, value_mm, std_mm)
 
 
 def _vector(values: Sequence[float] | Floats) -> tuple[float, float, float]:

@@ -56,13 +56,11 @@ class EstimatedLength:
         value_mm: As the arm measures it: its own certificate is left out, unless
             nothing else says how long anything is.
         std_mm: Standard deviation of that.
-        independent: Whether the certificate could be left out.
     """
 
     name: str
     value_mm: float
     std_mm: float
-    independent: bool
 
 
 @dataclass(frozen=True, slots=True)

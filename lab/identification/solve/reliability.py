@@ -6,8 +6,6 @@ whole system, the pose's block of the projector on residuals is M = I - Y Y^T. T
     statistic       v^T M^+ v, chi-square with rank(M) degrees of freedom
     controllability trace(M) / n_rows, the redundancy numbers' mean
     detectable      delta_0 / sqrt(smallest eigenvalue of L^-T M L^-1) [mm]
-    influence       delta_0 sqrt(h / r) of the worst direction: by how many of its
-                    standard deviations an undetected error may move the arm
 
 A pose that took no part in the adjustment has M = I + Y Y^T instead.
 
@@ -55,7 +53,6 @@ class PoseStatistics:
         degrees: Of freedom, (n_poses,).
         controllability: Between 0 and 1, (n_poses,).
         detectable_mm: Smallest contact error that the test finds, (n_poses,).
-        influence: Of an error that is just not found, (n_poses,).
         corrections_rad: Of the readings, (n_poses, n_joints).
         variances: Sums for the variance components.
     """
@@ -66,7 +63,6 @@ class PoseStatistics:
     degrees: Floats
     controllability: Floats
     detectable_mm: Floats
-    influence: Floats
     corrections_rad: Floats
     variances: "VarianceSums"
 
@@ -127,23 +123,24 @@ def _statistics(
         # Outsiders have no corrections: they are tested as they were read.
         corrections = adjustment.state.corrections[at] if sign < 0.0 else None
         for rows in white_rows(network, station, arm, unknowns, corrections):
-            block, by_arm = _blocks(rows, elimination, inverse, sign)
+            block = _blocks(rows, elimination, inverse, sign)
             poses = station.poses[rows.part]
             corrections = np.einsum("nij,ni->nj", rows.by_readings, rows.misclosures)
             found.corrections_rad[poses] = -corrections * network.noise.encoder_rad
-            _add_tests(found, poses, rows, block, by_arm)
+            _add_tests(found, poses, rows, block)
             _add_variances(found.variances, station.index, rows, block)
     return found
 
 
 def _blocks(
     rows: WhiteRows, elimination: Elimination, inverse: Floats, sign: float
-) -> tuple[Floats, Floats]:
-    """Compute I + sign Y Y^T of every pose, and the arm's part of Y Y^T."""
+) -> Floats:
+    """Compute I + sign Y Y^T of every pose, (n_poses, n_rows, n_rows)."""
     own = rows.by_unknowns @ elimination.gain
     arm = (rows.by_parameters - own @ elimination.left) @ inverse
     by_own, by_arm = own @ own.swapaxes(1, 2), arm @ arm.swapaxes(1, 2)
-    return np.eye(by_own.shape[1]) + sign * (by_own + by_arm), by_arm
+    blocks: Floats = np.eye(by_own.shape[1]) + sign * (by_own + by_arm)
+    return blocks
 
 
 def _add_tests(
@@ -151,7 +148,6 @@ def _add_tests(
     poses: Integers,
     rows: WhiteRows,
     block: Floats,
-    by_arm: Floats,
 ) -> None:
     n_rows = rows.misclosures.shape[1]
     values, vectors = np.linalg.eigh(block)
@@ -163,10 +159,6 @@ def _add_tests(
     found.w[poses] = equivalent_normal(found.statistics[poses], found.degrees[poses])
     found.controllability[poses] = np.clip(np.mean(values, axis=1), 0.0, 1.0)
     found.misclosures_mm[poses, :n_rows] = rows.misclosures_mm
-    weakest = vectors[:, :, 0]
-    least = np.maximum(values[:, 0], _UNCONTROLLED)
-    leverage = np.einsum("ni,nij,nj->n", weakest, by_arm, weakest)
-    found.influence[poses] = DETECTABLE * np.sqrt(np.maximum(leverage, 0.0) / least)
     in_mm = rows.whiteners.swapaxes(1, 2) @ block @ rows.whiteners
     smallest = np.linalg.eigvalsh(in_mm)[:, 0]
     floor = _UNCONTROLLED * np.einsum("nij,nij->n", rows.whiteners, rows.whiteners)
@@ -205,7 +197,6 @@ def _empty(network: Network) -> PoseStatistics:
         degrees=np.full(n_poses, np.nan),
         controllability=np.full(n_poses, np.nan),
         detectable_mm=np.full(n_poses, np.nan),
-        influence=np.full(n_poses, np.nan),
         corrections_rad=np.full((n_poses, n_joints), np.nan),
         variances=VarianceSums(
             np.zeros(n_joints),

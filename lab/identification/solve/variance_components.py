@@ -77,7 +77,10 @@ def better_noise(
         grouped = members.sum(axis=0) > 0.0
         factors[grouped] = (roots @ members)[grouped]
     change = float(np.max(np.abs(factors - 1.0)))
-    return noise.scaled(factors[:n_joints], factors[n_joints:]), change
+    better = Noise(
+        noise.encoder_rad * factors[:n_joints], noise.contact_mm * factors[n_joints:]
+    )
+    return better, change
 
 
 def _groups(n_joints: int, kinds: list[str], model: VarianceModel) -> Integers:

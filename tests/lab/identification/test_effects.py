@@ -295,7 +295,7 @@ def test_times_before_the_start_are_times_of_the_campaign():
     )
     table = {"kind": "base_drift", **TABLES["base_drift"]}
     model = effect_model(ARM, (effect_from_table(table),), shifted)
-    block = model.block(shifted.poses)
+    block = model.campaign.block()
     assert block.utc_ns.min() == utc_ns(START) - 60 * 10**9
     later = freed(shifted, design(table), "base_drift.*")
     plain = freed(campaign, design(table), "base_drift.*")

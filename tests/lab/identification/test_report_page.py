@@ -8,8 +8,7 @@ import pytest
 from tests.lab.report.pages import Page
 from tests.lab.simulated import arm_value, bar, cones, disturbed, seven_joints, simulate
 from traverse.lab.identification.identify import Options, identify
-from traverse.lab.identification.report import report_page
-from traverse.lab.identification.report.page import result_map
+from traverse.lab.identification.report.page import report_page, result_map
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.identification.volume.uncertainty_map import UncertaintyMap
 from traverse.lab.report.provenance import campaign_provenance

@@ -9,8 +9,13 @@ import pytest
 from tests.lab.simulated import arm_value, bar, cones, disturbed, seven_joints, simulate
 from traverse.lab.identification.equations.probe_effect import posture_columns
 from traverse.lab.identification.identify import identify
-from traverse.lab.identification.report import report_page, summary_lines
-from traverse.lab.identification.report.page import WORDS, combination, result_map
+from traverse.lab.identification.report.page import (
+    WORDS,
+    combination,
+    report_page,
+    result_map,
+    summary_lines,
+)
 from traverse.lab.identification.results.result import (
     ExcludedPose,
     Identification,

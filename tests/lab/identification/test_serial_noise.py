@@ -19,8 +19,7 @@ from tests.lab.simulated import (
 )
 from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.identification.identify import Options, identify
-from traverse.lab.identification.report import summary_lines
-from traverse.lab.identification.report.page import WORDS, result_map
+from traverse.lab.identification.report.page import WORDS, result_map, summary_lines
 from traverse.lab.identification.results.files import identification_json
 from traverse.lab.identification.solve.serial_noise import correlations
 

@@ -21,7 +21,7 @@ from traverse.lab.diagnosis.holdout.comparison import (
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted, with_effects
 from traverse.lab.diagnosis.model.observation_equations import equations_of
-from traverse.lab.identification.equations.network import stations
+from traverse.lab.identification.equations.network import Noise, stations
 from traverse.lab.identification.equations.station_equations import white_rows
 
 ECCENTRIC = effect_from_table(
@@ -190,9 +190,7 @@ def test_an_artefact_that_is_held_out_whole_is_predicted_but_for_its_place():
 def test_more_noise_makes_the_same_misclosures_smaller():
     fit, held_out = fit_of(eccentric=False, term=False)
     noise = fit.adjustment.network.noise
-    doubled = noise.scaled(
-        np.full_like(noise.encoder_rad, 2.0), np.full_like(noise.contact_mm, 2.0)
-    )
+    doubled = Noise(2.0 * noise.encoder_rad, 2.0 * noise.contact_mm)
     of_cones = held_out & (measured().campaign.poses.artefacts < 4)
     plain = holdout_result(fit.adjustment, of_cones)
     weighed = holdout_result(fit.adjustment, of_cones, doubled)
