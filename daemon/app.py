@@ -7,7 +7,7 @@ from pathlib import Path
 from traverse.daemon.config.schema import BrokerSection
 from traverse.daemon.inputs import REFUSED, UNREACHABLE, StartupError, read_inputs
 from traverse.daemon.mqtt.embedded_broker import HOST, BrokerStartError, embedded_broker
-from traverse.daemon.service import compose, run
+from traverse.daemon.service import Service, run
 from traverse.daemon.store.records import StoreRefusedError
 from traverse.daemon.system.memory import limit_malloc_arenas
 
@@ -31,7 +31,7 @@ async def run_service(
                 port = await stack.enter_async_context(embedded_broker(embedded_port))
                 section = BrokerSection(host=HOST, port=port, encoding=section.encoding)
                 log.info("embedded broker on %s:%d", HOST, port)
-            service = compose(inputs, section, path, embedded=embedded)
+            service = Service(inputs, section, path, embedded=embedded)
             await run(service, keep_trying=keep_trying)
     except BrokerStartError as error:
         log.error("%s", StartupError([str(error)], UNREACHABLE))

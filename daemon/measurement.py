@@ -1,8 +1,7 @@
 """The measuring path: every delivery of a device to points, scans and live poses.
 
-Runs on the event loop, in plain calls; nothing here waits. `build_measurement` composes
-it for the service, for a replay and for tests; `traverse.daemon.executor` carries out
-commands on it.
+Runs on the event loop, in plain calls; nothing here waits. `Measurement` composes it,
+for the service, a replay and tests; `traverse.daemon.executor` executes its commands.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -28,7 +27,6 @@ from traverse.daemon.points.capture import (
     ActiveSession,
     Capture,
     PointWriter,
-    TriggerMap,
     triggers_of,
 )
 from traverse.daemon.points.controller import PointController, PointFuture
@@ -96,9 +94,10 @@ class Sinks:
     references: ReferenceMemory = field(default_factory=ReferenceMemory)
 
 
-@dataclass(slots=True, eq=False)
 class Measurement:
     """Turns deliveries into points, scan blocks, live poses and events.
+
+    Composes the measuring path, with a new session unless one is given.
 
     Attributes:
         listener: notified of each step, before it is taken.
@@ -111,40 +110,91 @@ class Measurement:
         rate_hz: of the arm's present sample stream.
     """
 
-    clock: HostClock
-    listener: StepListener
-    sinks: Sinks
-    devices: Mapping[str, Device]
-    joint_devices: JointDevices
-    pipeline: Pipeline
-    resampler: Resampler
-    states: DeviceStateTracker
-    late_readings: LateReadingMonitor
-    temperatures: TemperatureMonitor
-    skew: SkewMonitor
-    trajectory: TrajectoryBuffer
-    quality: QualityMonitor
-    alignment: ActiveAlignment
-    capture: Capture
-    stage: MeasurementContext
-    points: PointController
-    scanner: Scanner
-    live: LivePoseSampler
-    configuration: Configuration
-    triggers: TriggerMap
-    probe: LibraryProbe | None = None
-    probes: tuple[str, ...] | None = None
-    rate_hz: float = 0.0
-    latches: dict[int, tuple[PointFuture, str | None]] = field(default_factory=dict)
-    latch_points: dict[int, PointFuture] = field(default_factory=dict)
-    _keeps_readings: bool = False
-    _rest_mm: Floats = field(default_factory=lambda: np.full(3, np.nan))
-    _moved_ns: int = 0
-    _rests: bool = False
-
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        configuration: Configuration,
+        model: ArmModel,
+        sinks: Sinks,
+        clock: HostClock,
+        listener: StepListener | None = None,
+        *,
+        devices: Sequence[Device],
+        session: ActiveSession | None = None,
+    ) -> None:
+        settings, capture = configuration.assembly, configuration.capture
+        events = sinks.events
+        self.configuration = configuration
+        self.sinks = sinks
+        self.clock = clock
+        self.listener = listener or StepListener()
+        self.devices = {device.section.id: device for device in devices}
+        self.joint_devices = JointDevices(model, devices)
+        self.pipeline = Pipeline(model, clock)
+        self.resampler = Resampler(model, settings)
+        self.states = DeviceStateTracker(
+            clock=clock,
+            devices=self.joint_devices,
+            pipeline=self.pipeline,
+            resampler=self.resampler,
+            events=events,
+            changed=sinks.status_changed,
+        )
+        self.late_readings = LateReadingMonitor(self.resampler, clock, events)
+        self.temperatures = TemperatureMonitor(clock, events)
+        self.skew = SkewMonitor(settings.skew_limit_mm)
+        self.trajectory = TrajectoryBuffer()
+        references = ReferenceMonitor(
+            configuration.quality,
+            model,
+            clock,
+            events,
+            sinks.references,
+            reset_turns=self.pipeline.reset_turns,
+        )
+        self.quality = QualityMonitor(
+            configuration.quality, model, clock, events, references
+        )
+        self.alignment = ActiveAlignment()
+        self.capture = Capture(clock, sinks.write_point, self.alignment, session)
+        self.triggers = triggers_of(capture)
+        self.stage = MeasurementContext(
+            clock,
+            self.joint_devices,
+            self.pipeline,
+            self.resampler,
+            self.skew,
+            self.trajectory,
+            CovarianceEvaluator(configuration.uncertainty),
+            self.quality,
+            int(settings.point_wait_s * 1e9),
+        )
+        self.points = PointController(
+            self.stage,
+            capture=self.capture,
+            triggers=self.triggers,
+            settings=capture,
+            events=events,
+            latencies=sinks.latencies,
+            on_action=sinks.on_action,
+        )
+        self.scanner = Scanner(
+            clock,
+            sinks.offer_scan,
+            capture.scan_block_s,
+            configuration.scan,
+            self.alignment,
+        )
+        self.live = LivePoseSampler(clock, capture.live_rate_hz, self.alignment)
+        self.probe: LibraryProbe | None = None
+        self.probes: tuple[str, ...] | None = None
+        self.rate_hz = 0.0
+        self.latches: dict[int, tuple[PointFuture, str | None]] = {}
+        self.latch_points: dict[int, PointFuture] = {}
         # Points are made from the stream where nothing latches all joints for them.
-        self._keeps_readings = not self.triggers.devices <= set(self.model.devices)
+        self._keeps_readings = not self.triggers.devices <= set(model.devices)
+        self._rest_mm: Floats = np.full(3, np.nan)
+        self._moved_ns = 0
+        self._rests = False
         self._set_batch_window()
 
     @property
@@ -450,88 +500,3 @@ class Measurement:
             self._rests = False  # perhaps a scan begins
             self._set_batch_window()
             self.scanner.follow(started.stream, started.rate_hz)
-
-
-def build_measurement(
-    configuration: Configuration,
-    model: ArmModel,
-    sinks: Sinks,
-    clock: HostClock,
-    listener: StepListener | None = None,
-    *,
-    devices: Sequence[Device],
-    session: ActiveSession | None = None,
-) -> Measurement:
-    """Compose the measuring path, with a new session unless one is given."""
-    settings, capture_settings = configuration.assembly, configuration.capture
-    events = sinks.events
-    joint_devices = JointDevices(model, devices)
-    pipeline = Pipeline(model, clock)
-    resampler = Resampler(model, settings)
-    alignment = ActiveAlignment()
-    capture = Capture(clock, sinks.write_point, alignment, session)
-    triggers = triggers_of(capture_settings)
-    references = ReferenceMonitor(
-        configuration.quality,
-        model,
-        clock,
-        events,
-        sinks.references,
-        reset_turns=pipeline.reset_turns,
-    )
-    stage = MeasurementContext(
-        clock,
-        joint_devices,
-        pipeline,
-        resampler,
-        SkewMonitor(settings.skew_limit_mm),
-        TrajectoryBuffer(),
-        CovarianceEvaluator(configuration.uncertainty),
-        QualityMonitor(configuration.quality, model, clock, events, references),
-        int(settings.point_wait_s * 1e9),
-    )
-    scanner = Scanner(
-        clock,
-        sinks.offer_scan,
-        capture_settings.scan_block_s,
-        configuration.scan,
-        alignment,
-    )
-    return Measurement(
-        clock=clock,
-        listener=listener or StepListener(),
-        sinks=sinks,
-        devices={device.section.id: device for device in devices},
-        joint_devices=joint_devices,
-        pipeline=pipeline,
-        resampler=resampler,
-        states=DeviceStateTracker(
-            clock=clock,
-            devices=joint_devices,
-            pipeline=pipeline,
-            resampler=resampler,
-            events=events,
-            changed=sinks.status_changed,
-        ),
-        late_readings=LateReadingMonitor(resampler, clock, events),
-        temperatures=TemperatureMonitor(clock, events),
-        skew=stage.skew,
-        trajectory=stage.path,
-        quality=stage.quality,
-        alignment=alignment,
-        capture=capture,
-        stage=stage,
-        points=PointController(
-            stage,
-            capture=capture,
-            triggers=triggers,
-            settings=capture_settings,
-            events=events,
-            latencies=sinks.latencies,
-            on_action=sinks.on_action,
-        ),
-        scanner=scanner,
-        live=LivePoseSampler(clock, capture_settings.live_rate_hz, alignment),
-        configuration=configuration,
-        triggers=triggers,
-    )

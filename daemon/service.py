@@ -1,7 +1,6 @@
 """The daemon composed: driver -> pipeline -> MQTT, from start to orderly end.
 
-`compose` builds all parts in order: none has a reference to one that is built after it.
-`run` keeps them at work until the daemon is to end.
+`Service` builds all parts, and `run` keeps them at work until the daemon is to end.
 """
 
 import asyncio
@@ -9,8 +8,7 @@ import contextlib
 import logging
 import signal
 import time
-from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
-from dataclasses import dataclass
+from collections.abc import AsyncIterator, Coroutine, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -27,10 +25,9 @@ from traverse.daemon.config.schema import Action, BrokerSection, Configuration
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.executor import stop_scan
 from traverse.daemon.inputs import REFUSED, Inputs, StartupError
-from traverse.daemon.measurement import Measurement, Sinks, build_measurement
+from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import (
-    Latencies,
     latencies_by_name,
     timed_collections,
 )
@@ -81,38 +78,158 @@ TIMEOUT_PERIOD_S = 0.02
 LOOP_PASSES = 4  # in which deliveries that already wait are processed
 
 
-@dataclass(slots=True, eq=False)
 class Service:
-    """All parts of one arm's daemon.
+    """All parts of one arm's daemon, built in order; needs a running event loop.
 
     Attributes:
         latencies: by name, see `LATENCIES`.
         status_due: set when the published status is out of date.
         phase: what the daemon does, for the service manager.
+
+    Raises:
+        StartupError: a file has gone since it was read.
     """
 
-    clock: HostClock
-    notifier: Notifier
-    latencies: Mapping[str, Latencies]
-    status_due: asyncio.Event
-    queue: OutgoingQueue
-    publisher: MessagePublisher
-    events: EventLog
-    recorder: Recorder
-    outbox: Outbox
-    spool: ScanStore
-    devices: list[Device]
-    measurement: Measurement
-    status: Callable[[bool], Status]
-    connection: BrokerConnection
-    others: SecondDaemonWatch
-    button_scans: ButtonScans
-    scans: ScanCommands
-    reloader: ConfigurationReloader
-    commands: CommandDispatcher
-    health: HealthReporter
-    status_line: StatusLine
-    phase: str = "starting"
+    def __init__(
+        self, inputs: Inputs, broker: BrokerSection, path: Path, *, embedded: bool
+    ) -> None:
+        configuration, model, probes = inputs
+        arm, encoding = model.name, broker.encoding
+        self.clock = clock = HostClock()
+        self.notifier = notifier = Notifier()
+        self.latencies = latencies = latencies_by_name()
+        self.status_due = status_due = asyncio.Event()
+        self.health = HealthReporter(clock, latencies)
+        self.status_line = StatusLine()
+        self.phase = "starting"
+
+        steps = StepRecorder(clock, flight=configuration.recording.flight)
+        step_clock = FrozenClock(clock, steps.related)
+        active = ActiveSession(step_clock)
+        self.queue = queue = OutgoingQueue()
+        self.publisher = publisher = MessagePublisher(
+            arm, encoding, queue, clock, steps
+        )
+        self.events = events = EventLog(
+            clock,
+            lambda what: publisher.publish_event(what, active.session.id),
+            arm,
+            status_due.set,  # whoever connects later learns from it what lasts
+        )
+        self.recorder = recorder = Recorder(
+            configuration.recording,
+            steps,
+            folder=(state_path(path) / RECORDINGS).absolute(),
+            clock=step_clock,
+            about={"arm": arm, "version": version("traverse-cmm"), "kernel": KERNEL},
+            files=_files_to_record(path, configuration),
+            events=events,
+        )
+        self.outbox = outbox = Outbox(
+            state_path(path) / OUTBOX,
+            publisher,
+            events,
+            section=configuration.outbox,
+            limit=configuration.capture.max_waiting_points,
+            latencies=latencies,
+            ready_changed=status_due.set,
+        )
+        self.spool = spool = ScanStore(
+            state_path(path) / SCANS, publisher, events, configuration.scan
+        )
+
+        self.button_scans = ButtonScans(events)
+
+        self.devices = [
+            open_device(section, asyncio.get_running_loop())
+            for section in configuration.device
+        ]
+        sinks = Sinks(
+            events,
+            steps.following(outbox.put_point),
+            spool.offer,
+            lambda live: publisher.publish("live", live),
+            self._on_action,
+            status_due.set,
+            latencies,
+            ReferenceFile(state_path(path) / REFERENCES),
+        )
+        self.measurement = measurement = Measurement(
+            configuration,
+            model,
+            sinks,
+            step_clock,
+            steps,
+            devices=self.devices,
+            session=active,
+        )
+        measurement.probes = probes
+
+        self.others = SecondDaemonWatch(arm, encoding, clock, events)
+
+        self.connection = connection = BrokerConnection(
+            address=address_of(broker, path.parent),
+            client_id=f"traverse-{arm}",
+            will=publisher.outgoing("status", self.status(False)),
+            encoding=encoding,
+            queue=queue,
+            subscriptions=(topics.command_filter(arm), topics.status_topic(arm)),
+            changed=self._broker_changed,
+            least_retry_s=lambda: self.others.retry_s,
+        )
+
+        self.scans = scans = ScanCommands(measurement)
+
+        def apply_inputs(inputs: Inputs) -> None:
+            configuration, model, _ = inputs
+            measurement.apply_settings(configuration, model)
+            scans.request_tracking_rate()
+            outbox.use(configuration.outbox)
+            spool.use(configuration.scan)
+            try:
+                files = recorded_files(path, configuration)
+            except OSError as error:  # it was there a moment ago, when it was read
+                log.warning("recordings will lack the new files: %s", error)
+                files = {}
+            steps.reloaded(step_clock.step(), files, measurement.probe_json)
+            connection.renew()
+            self.publish_status()
+            log_model(model, configuration.capture.compensation)
+
+        self.reloader = reloader = ConfigurationReloader(
+            path=path,
+            embedded=embedded,
+            inputs=inputs,
+            measurement=measurement,
+            use=apply_inputs,
+            events=events,
+            notifier=notifier,
+        )
+        library = configuration.arm.probes
+        points = PointCommands(
+            measurement, None if library is None else path.parent / library
+        )
+        self.commands = CommandDispatcher(
+            arm=arm,
+            encoding=encoding,
+            events=events,
+            clock=clock,
+            response_topics=broker.response_topics,
+            offer=lambda answer: queue.offer("reply", answer),
+            carry_out={
+                "point": points.take_point,
+                "undo": points.undo,
+                "label": points.label,
+                "session": points.begin_session,
+                "probe": points.change_probe,
+                "reference": points.confirm_reference,
+                "scan": scans.change_scan,
+                "align": points.align,
+                "reload": reloader.carry_out,
+                "resend": ResendCommands(outbox, spool).carry_out,
+                "record": lambda args: record(recorder, args),
+            },
+        )
 
     @property
     def heartbeats(self) -> tuple[Heartbeat, ...]:
@@ -126,6 +243,31 @@ class Service:
             self.others.receive(incoming.payload, retained=incoming.retained)
             return 0.0
         return self.commands.receive(incoming)
+
+    def status(self, online: bool) -> Status:
+        """The state now, or that of a daemon which is not there any more."""
+        message = status_message(
+            self.measurement,
+            self.clock,
+            self.publisher.encoding,
+            keeps_points=self.outbox.is_ready,
+            active=self.events.active,
+            online=online,
+        )
+        return self.others.sending(message)
+
+    def _on_action(self, action: Action) -> None:
+        if action == "session":
+            self.status_due.set()
+        else:
+            self.button_scans.request("start" if action == "scan" else "stop")
+
+    def _broker_changed(self, connected: bool, text: str) -> None:
+        self.others.connected(connected)
+        if connected:
+            self.publish_status()
+        remedy = "" if connected else "start or correct the broker; points are kept"
+        self.events.change(not connected, "error", "broker.lost", text, remedy=remedy)
 
     def publish_status(self) -> None:
         """Publish the state now."""
@@ -159,189 +301,6 @@ class Service:
         self.notifier.status(
             self.status_line.text(self.phase, states, self.connection.state, unsent)
         )
-
-
-def compose(
-    inputs: Inputs, broker: BrokerSection, path: Path, *, embedded: bool
-) -> Service:
-    """Build all parts; needs a running event loop.
-
-    Raises:
-        StartupError: a file has gone since it was read.
-    """
-    configuration, model, probes = inputs
-    arm, encoding, clock = model.name, broker.encoding, HostClock()
-    latencies, notifier, status_due = latencies_by_name(), Notifier(), asyncio.Event()
-
-    steps = StepRecorder(clock, flight=configuration.recording.flight)
-    step_clock = FrozenClock(clock, steps.related)
-    active, queue = ActiveSession(step_clock), OutgoingQueue()
-    publisher = MessagePublisher(arm, encoding, queue, clock, steps)
-    events = EventLog(
-        clock,
-        lambda what: publisher.publish_event(what, active.session.id),
-        arm,
-        status_due.set,  # whoever connects later learns from it what lasts
-    )
-    recorder = Recorder(
-        configuration.recording,
-        steps,
-        folder=(state_path(path) / RECORDINGS).absolute(),
-        clock=step_clock,
-        about={"arm": arm, "version": version("traverse-cmm"), "kernel": KERNEL},
-        files=_files_to_record(path, configuration),
-        events=events,
-    )
-    outbox = Outbox(
-        state_path(path) / OUTBOX,
-        publisher,
-        events,
-        section=configuration.outbox,
-        limit=configuration.capture.max_waiting_points,
-        latencies=latencies,
-        ready_changed=status_due.set,
-    )
-    spool = ScanStore(state_path(path) / SCANS, publisher, events, configuration.scan)
-
-    button_scans = ButtonScans(events)
-
-    def on_action(action: Action) -> None:
-        if action == "session":
-            status_due.set()
-        else:
-            button_scans.request("start" if action == "scan" else "stop")
-
-    devices = [
-        open_device(section, asyncio.get_running_loop())
-        for section in configuration.device
-    ]
-    sinks = Sinks(
-        events,
-        steps.following(outbox.put_point),
-        spool.offer,
-        lambda live: publisher.publish("live", live),
-        on_action,
-        status_due.set,
-        latencies,
-        ReferenceFile(state_path(path) / REFERENCES),
-    )
-    measurement = build_measurement(
-        configuration, model, sinks, step_clock, steps, devices=devices, session=active
-    )
-    measurement.probes = probes
-
-    others = SecondDaemonWatch(arm, encoding, clock, events)
-
-    def status(online: bool) -> Status:
-        return others.sending(
-            status_message(
-                measurement,
-                clock,
-                encoding,
-                keeps_points=outbox.is_ready,
-                active=events.active,
-                online=online,
-            )
-        )
-
-    def broker_changed(connected: bool, text: str) -> None:
-        others.connected(connected)
-        if connected:
-            publisher.publish("status", status(True))
-        events.change(
-            not connected,
-            "error",
-            "broker.lost",
-            text,
-            remedy="" if connected else "start or correct the broker; points are kept",
-        )
-
-    connection = BrokerConnection(
-        address=address_of(broker, path.parent),
-        client_id=f"traverse-{arm}",
-        will=publisher.outgoing("status", status(False)),
-        encoding=encoding,
-        queue=queue,
-        subscriptions=(topics.command_filter(arm), topics.status_topic(arm)),
-        changed=broker_changed,
-        least_retry_s=lambda: others.retry_s,
-    )
-
-    scans = ScanCommands(measurement)
-
-    def apply_inputs(inputs: Inputs) -> None:
-        configuration, model, _ = inputs
-        measurement.apply_settings(configuration, model)
-        scans.request_tracking_rate()
-        outbox.use(configuration.outbox)
-        spool.use(configuration.scan)
-        try:
-            files = recorded_files(path, configuration)
-        except OSError as error:  # it was there a moment ago, when it was read
-            log.warning("recordings will lack the new files: %s", error)
-            files = {}
-        steps.reloaded(step_clock.step(), files, measurement.probe_json)
-        connection.renew()
-        publisher.publish("status", status(True))
-        log_model(model, configuration.capture.compensation)
-
-    reloader = ConfigurationReloader(
-        path=path,
-        embedded=embedded,
-        inputs=inputs,
-        measurement=measurement,
-        use=apply_inputs,
-        events=events,
-        notifier=notifier,
-    )
-    library = configuration.arm.probes
-    points = PointCommands(
-        measurement, None if library is None else path.parent / library
-    )
-    commands = CommandDispatcher(
-        arm=arm,
-        encoding=encoding,
-        events=events,
-        clock=clock,
-        response_topics=broker.response_topics,
-        offer=lambda answer: queue.offer("reply", answer),
-        carry_out={
-            "point": points.take_point,
-            "undo": points.undo,
-            "label": points.label,
-            "session": points.begin_session,
-            "probe": points.change_probe,
-            "reference": points.confirm_reference,
-            "scan": scans.change_scan,
-            "align": points.align,
-            "reload": reloader.carry_out,
-            "resend": ResendCommands(outbox, spool).carry_out,
-            "record": lambda args: record(recorder, args),
-        },
-    )
-    return Service(
-        clock=clock,
-        notifier=notifier,
-        latencies=latencies,
-        status_due=status_due,
-        queue=queue,
-        publisher=publisher,
-        events=events,
-        recorder=recorder,
-        outbox=outbox,
-        spool=spool,
-        devices=devices,
-        measurement=measurement,
-        status=status,
-        connection=connection,
-        others=others,
-        button_scans=button_scans,
-        scans=scans,
-        reloader=reloader,
-        commands=commands,
-        health=HealthReporter(clock, latencies),
-        status_line=StatusLine(),
-    )
 
 
 def _files_to_record(path: Path, configuration: Configuration) -> Mapping[str, bytes]:

@@ -15,7 +15,7 @@ from traverse.daemon.acquisition.device import Device
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import Configuration
 from traverse.daemon.executor import execute, recorded_command
-from traverse.daemon.measurement import Measurement, Sinks, build_measurement
+from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.recorder.file import STEPS
@@ -101,9 +101,7 @@ def replay_measurement(
         for section in configuration.device
     ]
     sinks = Sinks(EventLog(clock, lambda event: None), write_point, offer_scan)
-    return build_measurement(
-        configuration, model, sinks, clock, listener, devices=devices
-    )
+    return Measurement(configuration, model, sinks, clock, listener, devices=devices)
 
 
 def close_drivers(measurement: Measurement) -> None:

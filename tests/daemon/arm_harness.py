@@ -7,7 +7,7 @@ from tests.daemon.values import SetClock, configuration, kept_at_once
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.config.schema import AssemblySection, UncertaintySection
-from traverse.daemon.measurement import Sinks, build_measurement
+from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
@@ -70,7 +70,7 @@ class ArmBench:
             uncertainty=uncertainty or UncertaintySection(),
         )
         self.devices = {one.id: self.device(one) for one in configured.device}
-        self.measurement = build_measurement(
+        self.measurement = Measurement(
             configured,
             self.model,
             Sinks(

@@ -5,7 +5,7 @@ import asyncio
 from tests.daemon.values import MODULI, SetClock, configuration, kept_at_once
 from traverse.daemon.acquisition.device import open_device
 from traverse.daemon.clock import FrozenClock
-from traverse.daemon.measurement import Sinks, build_measurement
+from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import latencies_by_name
 from traverse.daemon.reports import HealthReporter
@@ -30,7 +30,7 @@ class Bench:
         latencies = latencies_by_name()
         self.health = HealthReporter(self.clock, latencies)
         self.device = self.open("base")
-        self.measurement = build_measurement(
+        self.measurement = Measurement(
             configuration("base", inputs=INPUTS, **sections),
             model,
             Sinks(

@@ -16,7 +16,7 @@ from traverse.daemon.commands.scans import ScanCommands
 from traverse.daemon.config.devices import DeviceSection
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.inputs import REFUSED, UNREACHABLE
-from traverse.daemon.measurement import Sinks, build_measurement
+from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.startup_check import check_devices
 from traverse.protocol.messages import PointArgs, ScanArgs
@@ -38,7 +38,7 @@ class Bench:
             ),
             asyncio.get_running_loop(),
         )
-        self.measurement = build_measurement(
+        self.measurement = Measurement(
             configuration("base", inputs={"base/0": "button"}),
             model,
             Sinks(

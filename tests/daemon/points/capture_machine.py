@@ -18,7 +18,7 @@ from tests.daemon.points.expected_points import (
 from tests.daemon.values import MODULI, SetClock, arm_model, configuration
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.config.schema import InputSection
-from traverse.daemon.measurement import Sinks, build_measurement
+from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.outbox import message_of
@@ -89,7 +89,7 @@ class CaptureBench(RuleBasedStateMachine):
         self.device = Device(CONFIGURATION.device[0], delivery_queue, driver)
         self.path = Path(self.folder.name) / f"{uuid.uuid4().hex}.db"
         self.store = MessageDatabase(self.path)
-        self.measurement = build_measurement(
+        self.measurement = Measurement(
             CONFIGURATION,
             self.models[0],
             Sinks(

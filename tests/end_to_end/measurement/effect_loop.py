@@ -16,7 +16,7 @@ from tests.simulator.effects.examples import START, heavy_arm
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import UncertaintySection
-from traverse.daemon.measurement import Sinks, build_measurement
+from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.drivers.base.values import Delivery, DeviceUp
@@ -144,7 +144,7 @@ class Daemon:
             configured.device[0], Straight(lambda delivery: None), None
         )
         events = EventLog(clock, lambda event: None)
-        self._measurement = build_measurement(
+        self._measurement = Measurement(
             configured,
             self.model,
             Sinks(events, kept_at_once(self._keep)),
