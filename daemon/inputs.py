@@ -56,15 +56,12 @@ def read_inputs(path: Path, embedded: bool) -> Inputs:
     except FileError as error:
         raise StartupError([error], REFUSED) from error
     failures: list[FileError] = []
-    if configuration.broker is None and not embedded:
-        missing = Problem(
-            "broker", "is missing; add a table [broker], or use --embedded-broker"
-        )
-        failures.append(FileError(str(path), [missing]))
-    if configuration.broker is not None and not embedded:
-        problems = list(credentials_problems(configuration.broker, path.parent))
-        if problems:
-            failures.append(FileError(str(path), problems))
+    if not embedded and configuration.broker is None:
+        text = "is missing; add a table [broker], or use --embedded-broker"
+        failures.append(FileError(str(path), [Problem("broker", text)]))
+    elif not embedded and configuration.broker is not None:
+        found = list(credentials_problems(configuration.broker, path.parent))
+        failures += [FileError(str(path), found)] if found else []
     ids = {device.id: device for device in configuration.device}
     try:
         model = read_model(path.parent / configuration.arm.file, ids)
@@ -76,15 +73,15 @@ def read_inputs(path: Path, embedded: bool) -> Inputs:
             probes = read_probes(path.parent / library).names
         except FileError as error:
             failures.append(error)
+    problems = _end_stop_problems(configuration, model)
     clock = configuration.assembly.clock
     if clock is not None and clock not in model.devices:
         text = f"{clock!r} reads no joint; one of these does: " + ", ".join(
             model.devices
         )
-        failures.append(FileError(str(path), [Problem("assembly.clock", text)]))
-    stops = _end_stop_problems(configuration, model)
-    if stops:
-        failures.append(FileError(str(path), stops))
+        problems.append(Problem("assembly.clock", text))
+    if problems:
+        failures.append(FileError(str(path), problems))
     if failures:
         raise StartupError(failures, REFUSED)
     return Inputs(configuration, model, probes)

@@ -13,6 +13,7 @@ instants themselves leave open: the speed times how far each may be off.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,14 +27,13 @@ from traverse.drivers.base.values import (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EncoderReadings:
-    """Successive readings of one encoder.
+class EncoderReadings(NamedTuple):
+    """Successive readings of one encoder (n,), or of all of a device (n, k).
 
     Attributes:
-        times_ns: (n,) host monotonic, strictly increasing.
-        counts: (n,) over all turns.
-        status: (n,) bits ``STATUS_*``.
+        times_ns: host monotonic, strictly increasing.
+        counts: over all turns.
+        status: bits ``STATUS_*``.
         numbers: (n,) consecutive where none was lost between.
     """
 
@@ -45,16 +45,17 @@ class EncoderReadings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Interpolated:
-    """What an encoder showed at m instants.
+    """What an encoder showed at m instants, (m,), or k of them, (m, k).
 
     Attributes:
-        counts: (m,) over all turns, rounded; ``fractions``: (m,) what rounding left.
-        status: (m,) bits of all readings that were used or could not be, with
+        counts: over all turns, rounded; ``fractions``: what rounding left.
+        status: bits of all readings that were used or could not be, with
             ``STATUS_INTERPOLATED`` where it was, ``STATUS_LATE`` where the last
             reading was used because a later one is missing, and ``STATUS_MISSING``
             where readings are lacking around the instant.
-        error_bounds_counts: (m, 2) how far the count may be off, see above: by the
-            motion, at most; by the instants, as likely one way as the other.
+        error_bounds_counts: (m, 2) or (m, k, 2) how far the count may be off, see
+            above: by the motion, at most; by the instants, as likely one way as the
+            other.
     """
 
     counts: Integers

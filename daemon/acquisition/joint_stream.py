@@ -5,14 +5,14 @@ Readings are kept over all turns; the buffer is bounded.
 
 from collections import deque
 from dataclasses import InitVar, dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.arrays import Booleans, Floats, Indices, Integers
+from traverse.arrays import Booleans, Indices, Integers
 from traverse.daemon.acquisition.interpolation import (
     EncoderReadings,
+    Interpolated,
     InterpolationLimits,
     interpolate,
 )
@@ -22,15 +22,6 @@ KEPT_NS = 5_000_000_000  # an edge that is older finds nothing to interpolate
 MAX_READINGS = 100_000
 CLOCK_RESET_NS = 10_000_000  # beyond, the device's clock has begun afresh
 NEVER_NS, LONG_AGO_NS = 2**62, -(2**62)
-
-
-class _Block(NamedTuple):
-    """EncoderReadings (n, n_joints) of one delivery."""
-
-    times_ns: Integers
-    counts: Integers
-    status: NDArray[np.uint8]
-    numbers: Integers
 
 
 class ReadingBuffer:
@@ -54,7 +45,7 @@ class ReadingBuffer:
     def reset(self) -> None:
         """Start anew: the device has been without power."""
         n_joints = len(self._channels)
-        self._blocks: deque[_Block] = deque()
+        self._blocks: deque[EncoderReadings] = deque()
         self._size = 0
         self._stream: int | None = None
         self._next_number = self._first_number = 0
@@ -93,7 +84,7 @@ class ReadingBuffer:
         raw = samples.counts[rows][:, self._channels].astype(np.int64)
         counts = self._unwrapped(raw, times_ns, are_valid(status))
         self._times_ns = times_ns[-1]
-        self._blocks.append(_Block(times_ns, counts, status, numbers))
+        self._blocks.append(EncoderReadings(times_ns, counts, status, numbers))
         self._size += len(numbers)
         oldest_ns = int(times_ns[-1].max()) - KEPT_NS
         while len(self._blocks) > 1 and (
@@ -104,7 +95,7 @@ class ReadingBuffer:
 
     def readings_around(self, instant_ns: int, back_ns: int) -> list[EncoderReadings]:
         """For each joint its readings from some time before an instant to the last."""
-        chosen: list[_Block] = []
+        chosen: list[EncoderReadings] = []
         for block in reversed(self._blocks):
             chosen.append(block)
             if int(block.times_ns[0].max()) < instant_ns - back_ns:
@@ -161,23 +152,6 @@ class ReadingBuffer:
 MAX_GAP_PERIODS = 3  # readings further apart than so many periods have lost others
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class JointColumns:
-    """What k joints showed at n instants.
-
-    Attributes:
-        counts: (n, k) int64; whole turns are of no meaning.
-        fractions: (n, k). status: (n, k) uint8.
-        error_bounds_counts: (n, k, 2), see
-            `traverse.daemon.acquisition.interpolation.Interpolated`.
-    """
-
-    counts: Integers
-    fractions: Floats
-    status: NDArray[np.uint8]
-    error_bounds_counts: Floats
-
-
 @dataclass(eq=False)
 class JointStream:
     """Interpolate the joints on one device.
@@ -205,13 +179,13 @@ class JointStream:
         self.jitter_ns = 0
         self.lost = False
 
-    def latched(self, latch: LatchedCounts) -> JointColumns:
+    def latched(self, latch: LatchedCounts) -> Interpolated:
         """What the device latched, one instant."""
         counts = np.array([latch.counts], np.int64)[:, self.channels]
         status = np.array([latch.status], np.uint8)[:, self.channels]
         return _exact(counts, status)
 
-    def at_own_instants(self, block: CountSamples) -> JointColumns:
+    def at_own_instants(self, block: CountSamples) -> Interpolated:
         """The device's own samples at their own instants."""
         status = block.status[:, self.channels]
         if block.skew_ns is None and are_valid(status).all():
@@ -219,7 +193,7 @@ class JointStream:
             return _exact(block.counts[:, self.channels].astype(np.int64), status)
         return self.at(block.sample_time_ns)
 
-    def at(self, instants_ns: Integers) -> JointColumns:
+    def at(self, instants_ns: Integers) -> Interpolated:
         """The readings interpolated at any instants (n,)."""
         max_gap_ns = max(MAX_GAP_PERIODS * self.period_ns, self.wait_ns)
         limits = InterpolationLimits(
@@ -227,7 +201,7 @@ class JointStream:
         )
         around = self.history.readings_around(int(instants_ns[0]), max_gap_ns)
         found = [interpolate(readings, instants_ns, limits) for readings in around]
-        return JointColumns(
+        return Interpolated(
             np.stack([one.counts for one in found], axis=1),
             np.stack([one.fractions for one in found], axis=1),
             np.stack([one.status for one in found], axis=1),
@@ -235,7 +209,7 @@ class JointStream:
         )
 
 
-def _exact(counts: Integers, status: NDArray[np.uint8]) -> JointColumns:
-    return JointColumns(
+def _exact(counts: Integers, status: NDArray[np.uint8]) -> Interpolated:
+    return Interpolated(
         counts, np.zeros(counts.shape), status, np.zeros((*counts.shape, 2))
     )

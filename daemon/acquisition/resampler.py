@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.arrays import Booleans, Floats
-from traverse.daemon.acquisition.joint_stream import NEVER_NS, JointColumns, JointStream
+from traverse.daemon.acquisition.interpolation import Interpolated
+from traverse.daemon.acquisition.joint_stream import NEVER_NS, JointStream
 from traverse.daemon.config.schema import AssemblySection
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import (
@@ -194,7 +195,7 @@ class Resampler:
         return ResampledBlock(samples.rows(passed), error_bounds[passed])
 
     def _concatenate(
-        self, found: Mapping[str, JointColumns]
+        self, found: Mapping[str, Interpolated]
     ) -> tuple[NDArray[np.uint32], Floats, NDArray[np.uint8], Floats]:
         """Counts within their turns, fractions, status and error bounds."""
         order = np.argsort(np.concatenate([s.joints for s in self._sources.values()]))

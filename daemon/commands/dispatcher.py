@@ -146,7 +146,13 @@ class CommandDispatcher:
         try:
             carry_out = self.carry_out.get(name)
             if carry_out is None:
-                raise _not_available(name, sorted(self.carry_out))
+                known = name in COMMANDS
+                what = "this version cannot do" if known else "there is no command"
+                raise RequestRefusedError(
+                    "command.not_available",
+                    f"{what} {name!r}; it has: {', '.join(sorted(self.carry_out))}",
+                    "use one of these commands",
+                )
             result = await carry_out(parse_args(name, command.args))
             reply = Reply(request=command.request, ok=True, result=dict(result))
             return encode(reply, self.encoding)
@@ -241,15 +247,6 @@ class CommandDispatcher:
             remedy="find their sender; see the broker's access list" if begins else "",
             data={} if begins else {"dropped": dropped},
         )
-
-
-def _not_available(name: str, available: list[str]) -> RequestRefusedError:
-    what = "this version cannot do" if name in COMMANDS else "there is no command"
-    return RequestRefusedError(
-        "command.not_available",
-        f"{what} {name!r}; it has: {', '.join(available)}",
-        "use one of these commands",
-    )
 
 
 class ReplyCache:

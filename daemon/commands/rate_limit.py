@@ -96,7 +96,11 @@ class CommandRateLimiter:
         if self._last_ns is None:
             self.dropped = 0
             self._tell(True, 1)
-        self._drop(1)
+        self._last_ns = now_ns = self._clock.monotonic_ns()
+        self.dropped += 1
+        if now_ns - self._second_ns >= NS:
+            self._second_ns, self._in_second = now_ns, 0
+        self._in_second += 1
         return False
 
     def admit_kind(self, name: str) -> bool:
@@ -116,14 +120,6 @@ class CommandRateLimiter:
             self._last_ns = None
             self._in_second = 0
             self._tell(False, self.dropped)
-
-    def _drop(self, n: int) -> None:
-        now_ns = self._clock.monotonic_ns()
-        self._last_ns = now_ns
-        self.dropped += n
-        if now_ns - self._second_ns >= NS:
-            self._second_ns, self._in_second = now_ns, 0
-        self._in_second += n
 
 
 class RefusalLog:

@@ -8,11 +8,14 @@ log was damaged or removed, or it is a new file, or an older copy.
 import contextlib
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
+
+from pydantic import TypeAdapter
 
 FILE_BYTES = 512
 OWNER_ONLY = 0o600
+_VALUES = TypeAdapter(tuple[int, str, int, int])
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,22 +49,15 @@ class LastStoredFile:
         if self._descriptor is None:
             return LastStored()
         try:
-            found = LastStored(*json.loads(os.pread(self._descriptor, FILE_BYTES, 0)))
-        except (OSError, ValueError, TypeError):
+            text = os.pread(self._descriptor, FILE_BYTES, 0)
+            return LastStored(*_VALUES.validate_json(text, strict=True))
+        except (OSError, ValueError):
             return LastStored()
-        is_sound = (
-            isinstance(found.number, int)
-            and isinstance(found.session, str)
-            and isinstance(found.seq, int)
-            and isinstance(found.unsent, int)
-        )
-        return found if is_sound else LastStored()
 
     def write(self, last: LastStored) -> None:
         """Replace what it says."""
         if self._descriptor is not None:
-            values = last.number, last.session, last.seq, last.unsent
-            text = json.dumps(values).ljust(FILE_BYTES)
+            text = json.dumps(astuple(last)).ljust(FILE_BYTES)
             with contextlib.suppress(OSError):  # the database reports a full disk
                 os.pwrite(self._descriptor, text.encode(), 0)
 

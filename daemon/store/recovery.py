@@ -232,7 +232,11 @@ class ResilientDatabase:
 
     def check(self) -> None:
         """See whether the trouble is over, and whether the files are still there."""
-        if self._store is not None and not self._is_unchanged(self._store):
+        try:
+            is_unchanged = self._store is None or self._store.is_file_unchanged
+        except sqlite3.Error:  # the next work with it reports that
+            is_unchanged = True
+        if not is_unchanged:
             self._open_anew(None)
             self.open()
         if self.trouble is not None:
@@ -246,13 +250,6 @@ class ResilientDatabase:
             with contextlib.suppress(sqlite3.Error):
                 self._statistics = self._store.statistics()
         return StoreStatus(self.trouble, self._statistics)
-
-    @staticmethod
-    def _is_unchanged(store: MessageDatabase) -> bool:
-        try:
-            return store.is_file_unchanged
-        except sqlite3.Error:  # the next work with it reports that
-            return True
 
     def _opened(self) -> MessageDatabase:
         if self._store is None:

@@ -79,28 +79,18 @@ class Notifier:
 
 def _watchdog_s(environment: Mapping[str, str]) -> float | None:
     """After how long without feeding this process would be killed."""
-    timeout_us, process = (
-        environment.get("WATCHDOG_USEC"),
-        environment.get("WATCHDOG_PID"),
-    )
-    if process is not None and process != str(os.getpid()):
+    if environment.get("WATCHDOG_PID") not in (None, str(os.getpid())):
         return None  # it is meant for another process
-    return (
-        int(timeout_us) * 1e-6
-        if timeout_us is not None and timeout_us.isdecimal()
-        else None
-    )
-
-
-def local_time() -> str:
-    """Hours, minutes and seconds, as in the log."""
-    return time.strftime("%H:%M:%S")
+    timeout_us = environment.get("WATCHDOG_USEC", "")
+    return int(timeout_us) * 1e-6 if timeout_us.isdecimal() else None
 
 
 class StatusLine:
     """Makes the line; remembers since when something has been as it is."""
 
-    def __init__(self, now: Callable[[], str] = local_time) -> None:
+    def __init__(
+        self, now: Callable[[], str] = lambda: time.strftime("%H:%M:%S")
+    ) -> None:
         self._now = now
         self._since: dict[str, tuple[str, str]] = {}
 
