@@ -42,10 +42,10 @@ def run(
             help="How the log is written; auto: to the journal under systemd, "
             "else plain lines.",
         ),
-    ] = LogFormat.AUTO,
+    ] = "auto",
     log_level: Annotated[
         LogLevel, typer.Option("--log-level", help="Lowest level that is logged.")
-    ] = LogLevel.INFO,
+    ] = "info",
 ) -> None:
     """Measure: read the encoders, publish points over MQTT.
 

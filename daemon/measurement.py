@@ -191,7 +191,7 @@ class Measurement:
         self.latches: dict[int, tuple[PointFuture, str | None]] = {}
         self.latch_points: dict[int, PointFuture] = {}
         # Points are made from the stream where nothing latches all joints for them.
-        self._keeps_readings = not self.triggers.devices <= set(model.devices)
+        self._keeps_readings = not {d for d, _ in self.triggers} <= {*model.devices}
         self._rest_mm: Floats = np.full(3, np.nan)
         self._moved_ns = 0
         self._rests = False
@@ -224,7 +224,7 @@ class Measurement:
         """Change to another arm file and configuration; only while `is_idle`."""
         self.configuration, capture = configuration, configuration.capture
         self.triggers = triggers_of(capture)
-        self._keeps_readings |= not self.triggers.devices <= set(model.devices)
+        self._keeps_readings |= not {d for d, _ in self.triggers} <= {*model.devices}
         self.set_model(model)
         self.quality.use(configuration.quality, model)
         uncertainty = CovarianceEvaluator(configuration.uncertainty)
@@ -470,7 +470,7 @@ class Measurement:
     def _take_latch(self, device: Device, latch: LatchedCounts) -> None:
         if latch.input is not None:
             name = device.section.id
-            if self.triggers.trigger_of(name, latch.input) == "button":
+            if self.triggers.get((name, latch.input)) == "button":
                 self._hold_scan(name, latch.input, latch)
             self.points.take_edge(device, latch)
         elif (waiting := self.latches.pop(latch.token, None)) is not None:

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from traverse.cli.align.options import AlignmentOptions
-from traverse.cli.align.sources import arm_of, read_touches
+from traverse.cli.export.sources import points_of
+from traverse.client.exports.point_table import standing
 from traverse.kinematics.arm_file.arm import Arm, read_arm
 from traverse.lab.alignment.best_fit import best_fit_alignment
 from traverse.lab.alignment.chained_alignment import chained_values
@@ -26,14 +27,18 @@ from traverse.lab.alignment.touches import (
     Place,
     Touch,
     common_points,
+    names_of,
     places_by_name,
+    read_touch_table,
+    touches_of_points,
 )
-from traverse.lab.measured_points.reading import files_read
+from traverse.lab.measured_points.reading import files_read, read_measured
 from traverse.lab.report.provenance import (
     ReportSource,
     digest_of_files,
     report_provenance,
 )
+from traverse.strict_toml.problems import FileError, Problem
 
 
 def compute_alignment(
@@ -48,8 +53,8 @@ def compute_alignment(
         OSError: A file cannot be read.
     """
     arm = None if options.arm is None else read_arm(options.arm)
-    touches = read_touches(points, options.coordinates, arm)
-    arm_name = arm_of(touches) or (None if arm is None else arm.name)
+    touches = _touches(points, options.coordinates, arm)
+    arm_name = _arm_of(touches) or (None if arm is None else arm.name)
     name = options.name or nominal_file.stem
     if options.method == "leapfrog":
         result = _leapfrog(options, touches, nominal_file, arm)
@@ -110,7 +115,7 @@ def _leapfrog(
     from_file: Path,
     arm: Arm | None,
 ) -> AlignmentResult:
-    before = read_touches(from_file, options.coordinates, arm)
+    before = _touches(from_file, options.coordinates, arm)
     first, first_remarks = places_by_name(
         before, None, std_mm=options.std, spheres=options.spheres
     )
@@ -147,3 +152,55 @@ def _volume(
             "or [volume] in the nominal file"
         )
     return fixed_volume(box_around(places_mm)), "around all nominal points"
+
+
+def _touches(
+    source: Path, coordinates: Literal["centre", "surface"], arm: Arm | None
+) -> list[Touch]:
+    """Read touches with names, of the ball's centre or of the touched place.
+
+    The source is points in JSON lines, a recording, an outbox, a table in CSV, or the
+    folder of a campaign that was measured with an arm.
+
+    Raises:
+        FileError: A file was refused.
+        ValueError: It is nothing of this, or a point lacks something.
+        OSError: It cannot be read.
+    """
+    if source.is_dir():
+        return _of_campaign(source, coordinates, arm)
+    if source.suffix == ".csv":
+        return read_touch_table(source, coordinates)
+    points = standing(list(points_of(source)))
+    if not points:
+        raise FileError(str(source), [Problem("", "holds no points; measure some")])
+    return touches_of_points(points, coordinates)
+
+
+def _of_campaign(folder: Path, coordinates: str, arm: Arm | None) -> list[Touch]:
+    if arm is None:
+        raise ValueError(f"{folder}: a campaign needs the arm file: --arm FILE")
+    if coordinates != "centre":
+        raise ValueError(f"{folder}: a campaign has centres of the ball only")
+    measured = read_measured(folder, arm)
+    return [
+        Touch(names_of(name, feature), place, arm=arm.name, off_mm=float(tip_mm))
+        for name, touched in measured.touched.items()
+        for feature, place, tip_mm in zip(
+            touched.features, touched.places_mm, touched.tip_mm, strict=True
+        )
+    ]
+
+
+def _arm_of(touches: Sequence[Touch]) -> str | None:
+    """The arm that took them; None if unknown.
+
+    Raises:
+        ValueError: Several arms did.
+    """
+    arms = sorted({touch.arm for touch in touches if touch.arm is not None})
+    if len(arms) > 1:
+        raise ValueError(
+            f"points of several arms: {', '.join(arms)}; give those of one"
+        )
+    return arms[0] if arms else None

@@ -1,8 +1,7 @@
 """`traverse arm`: arm files shown, made of tables and descriptions, and back."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -23,27 +22,6 @@ Postures = Annotated[
     int, typer.Option(min=1, max=100_000, help="Random ones, to compare at the probe.")
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Of the random postures.")]
-
-
-class Convention(StrEnum):
-    """Order of the motions in a row of a table."""
-
-    CLASSIC = "classic"
-    MODIFIED = "modified"
-
-
-class Lengths(StrEnum):
-    """Units of lengths."""
-
-    MM = "mm"
-    M = "m"
-
-
-class Angles(StrEnum):
-    """Units of angles."""
-
-    RAD = "rad"
-    DEG = "deg"
 
 
 @arm.command()
@@ -77,14 +55,15 @@ def from_dh(
     out: Out,
     *,
     convention: Annotated[
-        Convention | None,
+        Literal["classic", "modified"] | None,
         typer.Option(help="Denavit-Hartenberg's or Craig's (modified) rows."),
     ] = None,
     lengths: Annotated[
-        Lengths | None, typer.Option(help="Unit of columns named a and d.")
+        Literal["mm", "m"] | None, typer.Option(help="Unit of columns named a and d.")
     ] = None,
     angles: Annotated[
-        Angles | None, typer.Option(help="Unit of columns named alpha, theta, base.")
+        Literal["rad", "deg"] | None,
+        typer.Option(help="Unit of columns named alpha, theta, base."),
     ] = None,
     options: ArmOptions,
     base_xyz_mm: Annotated[
@@ -106,13 +85,13 @@ def from_dh(
     from traverse.kinematics.importers.dh_file import Units  # noqa: PLC0415
 
     check_target("arm from-dh", out, force=force)
-    units = Units(lengths and lengths.value, angles and angles.value)
+    units = Units(lengths, angles)
     with refusals("arm"):
         made = arm_from_dh_file(
             table,
             units,
             options,
-            convention=convention and convention.value,
+            convention=convention,
             base_xyz_mm=base_xyz_mm,
             base_rpy_rad=base_rpy_rad,
         )

@@ -226,22 +226,10 @@ class Capture:
         return write
 
 
-class TriggerMap:
-    """Which edges capture: (device, input) to the kind of trigger."""
-
-    def __init__(self, inputs: Mapping[tuple[str, int], Trigger]) -> None:
-        self._inputs = dict(inputs)
-
-    @property
-    def devices(self) -> set[str]:
-        """Ids of the devices that have such inputs."""
-        return {device for device, _ in self._inputs}
-
-    def trigger_of(self, device: str, number: int | None) -> Trigger | None:
-        """The trigger wired to an input; None if the input means nothing."""
-        return None if number is None else self._inputs.get((device, number))
+Triggers = Mapping[tuple[str, int | None], Trigger]
+"""Kind of the trigger that is wired to an input of a device."""
 
 
-def triggers_of(settings: CaptureSection) -> TriggerMap:
+def triggers_of(settings: CaptureSection) -> Triggers:
     """The triggers of a configuration."""
-    return TriggerMap({(i.device_id, i.number): i.trigger for i in settings.inputs})
+    return {(i.device_id, i.number): i.trigger for i in settings.inputs}

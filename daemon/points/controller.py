@@ -13,7 +13,7 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.points.averaging import SampleAverage
 from traverse.daemon.points.buttons import buttons_of
-from traverse.daemon.points.capture import Capture, Session, TriggerMap
+from traverse.daemon.points.capture import Capture, Session, Triggers
 from traverse.daemon.points.compensation import TipCompensator
 from traverse.daemon.points.measurement import MeasurementContext, PointEvaluator
 from traverse.daemon.points.request_queue import (
@@ -109,7 +109,7 @@ class PointController:
         stage: MeasurementContext,
         *,
         capture: Capture,
-        triggers: TriggerMap,
+        triggers: Triggers,
         settings: CaptureSection,
         events: EventLog,
         latencies: Mapping[str, Latencies],
@@ -143,7 +143,7 @@ class PointController:
         return not (self._pending or self._answers) and self._buttons.all_decided
 
     def use(
-        self, stage: MeasurementContext, triggers: TriggerMap, settings: CaptureSection
+        self, stage: MeasurementContext, triggers: Triggers, settings: CaptureSection
     ) -> None:
         """Go by other rules; only while `is_idle`."""
         self._stage = stage
@@ -176,7 +176,7 @@ class PointController:
             latch.sample_time_ns,
             latch.received_ns,
             self._now_ns() + self._stage.point_wait_ns,
-            self._triggers.trigger_of(name, number),
+            self._triggers.get((name, number)),
             device,
             latch,
         )

@@ -8,7 +8,7 @@ import faulthandler
 import logging
 import os
 import sys
-from enum import StrEnum
+from typing import Literal
 
 from traverse.daemon.system.journal import JournalHandler
 from traverse.daemon.system.log_lines import JsonLines, PlainLines
@@ -16,43 +16,27 @@ from traverse.daemon.system.log_lines import JsonLines, PlainLines
 LIBRARIES = ("asyncio", "can", "canopen", "pymodbus")  # every frame, at their lowest
 
 
-class LogFormat(StrEnum):
-    """How entries are written."""
-
-    AUTO = "auto"
-    PLAIN = "plain"
-    JSON = "json"
-    JOURNAL = "journal"
+LogFormat = Literal["auto", "plain", "json", "journal"]
+LogLevel = Literal["debug", "info", "warning", "error"]
 
 
-class LogLevel(StrEnum):
-    """Which entries are written."""
-
-    DEBUG = "debug"
-    INFO = "info"
-    WARNING = "warning"
-    ERROR = "error"
-
-
-def start_log(
-    form: LogFormat = LogFormat.AUTO, level: LogLevel = LogLevel.INFO
-) -> None:
+def start_log(form: LogFormat = "auto", level: LogLevel = "info") -> None:
     """Send all entries of at least a level to one place.
 
-    `AUTO` is the journal where standard error is connected to it, else plain. A crash,
+    "auto" is the journal where standard error is connected to it, else plain. A crash,
     or the SIGABRT of a watchdog, leaves the stacks of all threads on standard error.
     """
-    if form is LogFormat.AUTO:
-        form = LogFormat.JOURNAL if stderr_is_the_journal() else LogFormat.PLAIN
+    if form == "auto":
+        form = "journal" if stderr_is_the_journal() else "plain"
     handler: logging.Handler
-    if form is LogFormat.JOURNAL:
+    if form == "journal":
         handler = JournalHandler()
     else:
         handler = logging.StreamHandler(sys.stderr)
-        handler.setFormatter(JsonLines() if form is LogFormat.JSON else PlainLines())
+        handler.setFormatter(JsonLines() if form == "json" else PlainLines())
     root = logging.getLogger()
     root.handlers[:] = [handler]
-    root.setLevel(level.value.upper())
+    root.setLevel(level.upper())
     for name in LIBRARIES:
         logging.getLogger(name).setLevel(max(root.level, logging.INFO))
     logging.getLogger("mqtt").setLevel(logging.ERROR)  # aiomqtt's own chatter

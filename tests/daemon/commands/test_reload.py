@@ -193,5 +193,5 @@ def test_every_input_keeps_its_trigger(tmp_path):
     arm_file(tmp_path)
     configuration, _, _ = read_inputs(reloading_path, embedded=False)
     triggers = triggers_of(configuration.capture)
-    assert triggers.trigger_of("base", 0) == "button"
-    assert triggers.trigger_of("base", 1) is None
+    assert triggers["base", 0] == "button"
+    assert ("base", 1) not in triggers

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.daemon.values import UTC_OFFSET_NS, SetClock, arm_model, kept_at_once
+from traverse.daemon.config.schema import CaptureSection, InputSection
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.mqtt.outgoing_queue import (
     MAX_EVENTS,
@@ -11,7 +12,7 @@ from traverse.daemon.mqtt.outgoing_queue import (
     OutgoingMessage,
     OutgoingQueue,
 )
-from traverse.daemon.points.capture import Capture, PointMeasurement, TriggerMap
+from traverse.daemon.points.capture import Capture, PointMeasurement, triggers_of
 from traverse.daemon.pose.poses import LatchedPose
 from traverse.kinematics.effects.base.block import Block
 
@@ -76,10 +77,12 @@ def test_a_refused_point_uses_no_number(model):
 
 
 def test_only_wired_inputs_trigger():
-    triggers = TriggerMap({("base", 0): "button", ("base", 1): "switch"})
-    assert triggers.trigger_of("base", 1) == "switch"
-    assert triggers.trigger_of("base", 2) is None
-    assert triggers.trigger_of("handle", 0) is None
+    inputs = (
+        InputSection(source="base/0", trigger="button"),
+        InputSection(source="base/1", trigger="switch"),
+    )
+    triggers = triggers_of(CaptureSection(inputs=inputs))
+    assert triggers == {("base", 0): "button", ("base", 1): "switch"}
 
 
 async def test_a_full_queue_refuses_points_and_drops_none():

@@ -159,7 +159,7 @@ journal.JournalHandler.__init__.__defaults__ = (Path(sys.argv[1]),)
 if sys.argv[2] == "matching":
     told = os.fstat(2)
     os.environ["JOURNAL_STREAM"] = f"{told.st_dev}:{told.st_ino}"
-logs.start_log(logs.LogFormat(sys.argv[3]), logs.LogLevel(sys.argv[4]))
+logs.start_log(sys.argv[3], sys.argv[4])
 logging.getLogger("x").info("hello")
 logging.getLogger("x").warning("careful")
 """
