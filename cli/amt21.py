@@ -63,11 +63,7 @@ class LineOptions:
 
 @amt21.command()
 @with_options("line", LineOptions)
-def scan(
-    *,
-    line: LineOptions,
-    as_json: Json = False,
-) -> None:
+def scan(*, line: LineOptions, as_json: Json = False) -> None:
     """List the addresses that answer, with position and, where they have it, turns.
 
     Exit status 3 if the port cannot be opened or nothing answers.
@@ -89,11 +85,7 @@ def scan(
 @amt21.command()
 @with_options("line", LineOptions)
 def zero(
-    *,
-    line: LineOptions,
-    address: Address,
-    yes: Yes = False,
-    as_json: Json = False,
+    *, line: LineOptions, address: Address, yes: Yes = False, as_json: Json = False
 ) -> None:
     """Make the present position of a single-turn encoder its 0; the shaft must rest.
 
@@ -108,11 +100,7 @@ def zero(
 @amt21.command()
 @with_options("line", LineOptions)
 def reset(
-    *,
-    line: LineOptions,
-    address: Address,
-    yes: Yes = False,
-    as_json: Json = False,
+    *, line: LineOptions, address: Address, yes: Yes = False, as_json: Json = False
 ) -> None:
     """Restart an encoder, as after power-up; the shaft must rest."""
     from traverse.protocol.amt21 import reset_request  # noqa: PLC0415 - keeps --help quick

@@ -42,11 +42,7 @@ class BusOptions:
 
 @can.command()
 @with_options("bus", BusOptions)
-def scan(
-    *,
-    bus: BusOptions,
-    as_json: Json = False,
-) -> None:
+def scan(*, bus: BusOptions, as_json: Json = False) -> None:
     """List the nodes that answer: identity, profile, resolution, alarms.
 
     It reads and changes nothing. Exit status 3 if the bus cannot be opened or nothing

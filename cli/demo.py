@@ -43,8 +43,7 @@ def demo(
         bool, typer.Option("--once", help="End after one round of measurements.")
     ] = False,
     for_s: Annotated[
-        float | None,
-        typer.Option("--for", min=1.0, help="End after so many seconds."),
+        float | None, typer.Option("--for", min=1.0, help="End after so many seconds.")
     ] = None,
     broker: Annotated[
         str | None,

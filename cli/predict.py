@@ -21,12 +21,10 @@ def predict(
     *,
     arm: Annotated[Path, typer.Option("--arm", help="The arm file, which is held.")],
     fit_on: Annotated[
-        Path | None,
-        typer.Option(help="Campaign that says where the artefacts stand."),
+        Path | None, typer.Option(help="Campaign that says where the artefacts stand.")
     ] = None,
     fit_tool: Annotated[
-        bool,
-        typer.Option("--fit-tool", help="Find the probe's vector, too."),
+        bool, typer.Option("--fit-tool", help="Find the probe's vector, too.")
     ] = False,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="CSV file, a line for each pose.")

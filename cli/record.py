@@ -23,8 +23,7 @@ def record(
     arm: Annotated[str, typer.Option(help="Name of the arm.")],
     broker: BrokerOptions,
     seconds: Annotated[
-        float | None,
-        typer.Option(min=0.1, help="Duration; else until Ctrl-C."),
+        float | None, typer.Option(min=0.1, help="Duration; else until Ctrl-C.")
     ] = None,
     note: Annotated[str, typer.Option(help="Note for the recording.")] = "",
     as_json: Json = False,

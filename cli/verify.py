@@ -26,12 +26,10 @@ def verify(
     ] = None,
     *,
     standard: Annotated[
-        str | None,
-        typer.Option(help="iso10360-12, asme-b89.4.22 or vdi2617-9."),
+        str | None, typer.Option(help="iso10360-12, asme-b89.4.22 or vdi2617-9.")
     ] = None,
     arm: Annotated[
-        Path | None,
-        typer.Option(help="The arm file; a recording has its own."),
+        Path | None, typer.Option(help="The arm file; a recording has its own.")
     ] = None,
     limits: Annotated[
         Path | None,

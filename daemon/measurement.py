@@ -449,10 +449,7 @@ class Measurement:
         self.temperatures.check(model, self.joint_devices)
 
     def _with_covariance(
-        self,
-        live: Live,
-        poses: PoseBlock,
-        error_bounds_counts: Floats | None,
+        self, live: Live, poses: PoseBlock, error_bounds_counts: Floats | None
     ) -> Live:
         """The live pose of a block's last pose, with its covariance."""
         time_ns, angles_rad = int(poses.sample_time_ns[-1]), poses.angles_rad[-1]

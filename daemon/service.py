@@ -27,10 +27,7 @@ from traverse.daemon.executor import stop_scan
 from traverse.daemon.inputs import REFUSED, Inputs, StartupError
 from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.monitoring.latencies import (
-    latencies_by_name,
-    timed_collections,
-)
+from traverse.daemon.monitoring.latencies import latencies_by_name, timed_collections
 from traverse.daemon.monitoring.metrics_endpoint import metrics_endpoint
 from traverse.daemon.monitoring.prometheus import exposition
 from traverse.daemon.mqtt.connection import BrokerConnection
@@ -51,13 +48,7 @@ from traverse.daemon.reports import (
     status_message,
 )
 from traverse.daemon.startup_check import check_startup, run_unless, startup_limit_s
-from traverse.daemon.state_dir import (
-    OUTBOX,
-    RECORDINGS,
-    REFERENCES,
-    SCANS,
-    state_path,
-)
+from traverse.daemon.state_dir import OUTBOX, RECORDINGS, REFERENCES, SCANS, state_path
 from traverse.daemon.store.outbox import Outbox
 from traverse.daemon.store.scan_store import ScanStore
 from traverse.daemon.system.memory import trim_memory_periodically

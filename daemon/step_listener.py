@@ -33,11 +33,7 @@ class StepListener:
         """Time has passed."""
 
     def asked(
-        self,
-        now_ns: int,
-        what: str,
-        values: Mapping[str, object],
-        state: StateSource,
+        self, now_ns: int, what: str, values: Mapping[str, object], state: StateSource
     ) -> None:
         """A request was executed."""
 

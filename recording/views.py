@@ -85,10 +85,7 @@ def cloud_to_bytes(scan: Scan) -> bytes:
     table = {
         "timestamp": _time(scan.time_ns),
         "frame_id": FRAME,
-        "pose": {
-            "position": {"x": 0.0, "y": 0.0, "z": 0.0},
-            "orientation": _NO_TURN,
-        },
+        "pose": {"position": {"x": 0.0, "y": 0.0, "z": 0.0}, "orientation": _NO_TURN},
         "point_stride": CLOUD_TYPE.itemsize,
         "fields": fields,
         "data": base64.b64encode(packed.tobytes()).decode(),

@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
 
 arm = typer.Typer(
-    help="Arm files: show one, or make one of a DH table or URDF.",
-    no_args_is_help=True,
+    help="Arm files: show one, or make one of a DH table or URDF.", no_args_is_help=True
 )
 
 Postures = Annotated[

@@ -43,8 +43,7 @@ class ArmOptions:
         ),
     ] = None
     radius_mm: Annotated[
-        float,
-        typer.Option(min=0.0, help="Radius of the ball; 0 for a point probe."),
+        float, typer.Option(min=0.0, help="Radius of the ball; 0 for a point probe.")
     ] = 0.0
     switching: Annotated[
         bool, typer.Option("--switching", help="A switching probe, not a hard one.")

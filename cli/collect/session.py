@@ -20,11 +20,7 @@ from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
 from traverse.daemon.pose.joint_motion import JointMotionTracker
-from traverse.lab.collection.collection import (
-    CollectedTouch,
-    Collection,
-    touch_of,
-)
+from traverse.lab.collection.collection import CollectedTouch, Collection, touch_of
 from traverse.lab.collection.figures import implausible_mm, same_place
 from traverse.lab.collection.plan import Target
 from traverse.plurals import counted

@@ -54,8 +54,7 @@ def export(
         typer.Option(help="With --to campaign: a campaign.toml, or its folder."),
     ] = None,
     retracted: Annotated[
-        bool,
-        typer.Option("--retracted", help="Retracted points and retractions, too."),
+        bool, typer.Option("--retracted", help="Retracted points and retractions, too.")
     ] = False,
     force: Force = False,
     as_json: Json = False,

@@ -60,10 +60,7 @@ def write_file(source: Path, path: Path, wanted: Wanted) -> dict[str, Any]:
         options["template"] = wanted.template
     elif wanted.template:
         raise ValueError("--template needs --to text")
-    with (
-        replacing(path) as file,
-        FORMATS[wanted.to](file, **options) as sink,
-    ):
+    with replacing(path) as file, FORMATS[wanted.to](file, **options) as sink:
         if wanted.kind == "scans":
             _write_scans(source, sink, chain, wanted)
         else:

@@ -50,8 +50,7 @@ def identify(
         typer.Option(help="Free parameters, e.g. 'probe.vector.*'. Repeatable."),
     ] = None,
     masks: Annotated[
-        Path | None,
-        typer.Option(help="File with patterns to hold and to free, TOML."),
+        Path | None, typer.Option(help="File with patterns to hold and to free, TOML.")
     ] = None,
     holdout: Annotated[
         float | None,

@@ -21,11 +21,7 @@ from traverse.daemon.acquisition.interpolation import Interpolated
 from traverse.daemon.acquisition.joint_stream import NEVER_NS, JointStream
 from traverse.daemon.config.schema import AssemblySection
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.daemon.pose.poses import (
-    JointCounts,
-    ResampledBlock,
-    ResampledCounts,
-)
+from traverse.daemon.pose.poses import JointCounts, ResampledBlock, ResampledCounts
 from traverse.drivers.base.values import (
     STATUS_LATE,
     STATUS_MISSING,

@@ -113,9 +113,7 @@ class CommandDispatcher:
         try:
             name = parse_topic(incoming.topic).command or ""
             command = decode(
-                Command,
-                incoming.payload,
-                max_elements=MAX_COMMAND_ELEMENTS,
+                Command, incoming.payload, max_elements=MAX_COMMAND_ELEMENTS
             )
         except MessageError as error:
             # Without an envelope there is no request to answer by.

@@ -9,11 +9,7 @@ from operator import sub
 
 import numpy as np
 
-from traverse.protocol.messages.health import (
-    LATENCIES,
-    LATENCY_BOUNDS_US,
-    Latency,
-)
+from traverse.protocol.messages.health import LATENCIES, LATENCY_BOUNDS_US, Latency
 
 KEPT = 4096
 BOUNDS_NS = [bound_us * 1000 for bound_us in LATENCY_BOUNDS_US]

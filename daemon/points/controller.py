@@ -39,12 +39,7 @@ class PointEventReporter:
 
     def refused(self, error: CaptureRefusedError) -> None:
         """No point was taken, or none taken back."""
-        self._events.report(
-            "error",
-            "capture.refused",
-            str(error),
-            remedy=error.remedy,
-        )
+        self._events.report("error", "capture.refused", str(error), remedy=error.remedy)
 
     def undone(self, retraction: Point) -> None:
         """A button has taken a point back."""
@@ -288,9 +283,7 @@ class PointController:
         if press is not None and press.action == "average" and request.average is None:
             self._making.start_average(request)
         measured = self._making.measured(
-            request,
-            is_last_chance=is_last_chance,
-            is_crowded=self._pending.is_crowded,
+            request, is_last_chance=is_last_chance, is_crowded=self._pending.is_crowded
         )
         if measured is None:
             return None

@@ -12,12 +12,7 @@ from pydantic import Field
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Moment, Probe
-from traverse.strict_toml.problems import (
-    Problem,
-    numbers_in,
-    tables_in,
-    vector_in,
-)
+from traverse.strict_toml.problems import Problem, numbers_in, tables_in, vector_in
 from traverse.strict_toml.reader import StrictModel, read_strict
 
 Vector = tuple[float, float, float]

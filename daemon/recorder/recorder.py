@@ -90,11 +90,7 @@ class StepRecorder(StepListener):
         self._put(RecorderItem("passed", now_ns))
 
     def asked(
-        self,
-        now_ns: int,
-        what: str,
-        values: Mapping[str, object],
-        state: StateSource,
+        self, now_ns: int, what: str, values: Mapping[str, object], state: StateSource
     ) -> None:
         """A request was executed."""
         self._before_step(now_ns, state)

@@ -414,10 +414,7 @@ class MessageDatabase:
             "ORDER BY number LIMIT 1"
         ).fetchone()
         return StoreStatistics(
-            self._points,
-            self._unsent,
-            *self._size(),
-            oldest[0] if oldest else None,
+            self._points, self._unsent, *self._size(), oldest[0] if oldest else None
         )
 
     # -- transactions ---------------------------------------------------------

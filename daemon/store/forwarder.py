@@ -217,8 +217,7 @@ class RangeResender:
         self._is_reading = True
         ends = self._ranges[0]
         self.writer.query(
-            lambda store: store.read(read_messages, *ends, self.batch),
-            self._read,
+            lambda store: store.read(read_messages, *ends, self.batch), self._read
         )
 
     def _read(self, found: object) -> None:

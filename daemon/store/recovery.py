@@ -16,11 +16,7 @@ from pathlib import Path
 from typing import TypeVar
 from urllib.parse import quote
 
-from traverse.daemon.store.database import (
-    CORRUPT_INDEX,
-    MessageDatabase,
-    read_as_text,
-)
+from traverse.daemon.store.database import CORRUPT_INDEX, MessageDatabase, read_as_text
 from traverse.daemon.store.queries import COLUMNS, stored_message
 from traverse.daemon.store.records import (
     NewMessage,

@@ -112,9 +112,7 @@ class StoreWriter:
         self._jobs.put(resume)
 
     def query(
-        self,
-        work: Callable[[MessageDatabase], Any],
-        on_result: Callable[[Any], None],
+        self, work: Callable[[MessageDatabase], Any], on_result: Callable[[Any], None]
     ) -> None:
         """Do something with the database; pass on the result, or the exception."""
 
