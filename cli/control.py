@@ -4,7 +4,7 @@ import asyncio
 import json
 import math
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -63,7 +63,7 @@ def undo(*, arm: ArmName = None, as_json: Json = False, broker: BrokerOptions) -
 
 @with_broker
 def scan(
-    action: Annotated[str, typer.Argument(help="start or stop.")],
+    action: Annotated[Literal["start", "stop"], typer.Argument(help="What to do.")],
     *,
     arm: ArmName = None,
     rate_hz: Annotated[
@@ -85,7 +85,7 @@ def scan(
     if action == "stop":
         send_command("scan", arm, broker, lambda it: it.stop_scan())
         _show({"scan": None}, "no scan is running", as_json=as_json)
-    elif action == "start":
+    else:
         mode: ScanMode = "time" if spacing_mm is None else "distance"
         started = send_command(
             "scan",
@@ -96,8 +96,6 @@ def scan(
         _show(
             {"scan": started.scan}, f"scan {started.scan} is running", as_json=as_json
         )
-    else:
-        refuse("scan", f"{action!r} is neither start nor stop; give one of them")
 
 
 @with_broker

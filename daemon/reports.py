@@ -54,6 +54,17 @@ def status_message(
     online: bool = True,
 ) -> Status:
     """The state now, or that of a daemon which is not there any more."""
+    arrangement: dict[str, Any] = {}  # which the last will cannot tell
+    if online:
+        probe, probes = measurement.probe, measurement.probes
+        alignment = measurement.alignment.alignment
+        arrangement = {
+            "alarms": tuple(_alarm(one, clock) for one in active[:MAX_ALARMS]),
+            "probe": None if probe is None else probe.name,
+            "probes": None if probes is None else probes[:MAX_PROBES],
+            "label": measurement.capture.label,
+            "alignment": None if alignment is None else alignment.name,
+        }
     devices = measurement.devices.values()
     ready = keeps_points and all(device.state == "ready" for device in devices)
     return Status(
@@ -67,23 +78,8 @@ def status_message(
         session=measurement.capture.session.id,
         time_ns=clock.monotonic_ns() + clock.utc_offset_ns(),
         drivers=tuple(device.status() for device in devices),
-        **_arrangement(measurement, clock, active) if online else {},
+        **arrangement,
     )
-
-
-def _arrangement(
-    measurement: Measurement, clock: HostClock, active: Sequence[Occurrence]
-) -> dict[str, Any]:
-    """Fields that the last will cannot tell."""
-    probe, probes = measurement.probe, measurement.probes
-    alignment = measurement.alignment.alignment
-    return {
-        "alarms": tuple(_alarm(one, clock) for one in active[:MAX_ALARMS]),
-        "probe": None if probe is None else probe.name,
-        "probes": None if probes is None else probes[:MAX_PROBES],
-        "label": measurement.capture.label,
-        "alignment": None if alignment is None else alignment.name,
-    }
 
 
 def _alarm(what: Occurrence, clock: HostClock) -> Alarm:

@@ -2,14 +2,12 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from traverse.cli.options import Force, Json
 from traverse.cli.refusals import check_target, refusals, refuse
-
-KINDS = ("points", "scans")
 
 
 def export(
@@ -29,10 +27,11 @@ def export(
         typer.Option(help="File to write (campaign: folder); else SOURCE's name."),
     ] = None,
     kind: Annotated[
-        str, typer.Option(help="Part of a recording: points, or scans.")
+        Literal["points", "scans"], typer.Option(help="Part of a recording.")
     ] = "points",
     coordinates: Annotated[
-        str, typer.Option(help="centre (of the ball), surface, or part.")
+        Literal["centre", "surface", "part"],
+        typer.Option(help="Of the ball, of the touched surface, or in the part."),
     ] = "centre",
     session: Annotated[
         str | None, typer.Option(help="Only points of this session.")
@@ -75,15 +74,9 @@ def export(
         write_file,
     )
     from traverse.client.exports.formats import FORMATS  # noqa: PLC0415 - keeps --help quick
-    from traverse.client.exports.point_table import COORDINATES  # noqa: PLC0415
 
-    for name, value, known in (
-        ("--to", to, (*FORMATS, "campaign")),
-        ("--kind", kind, KINDS),
-        ("--coordinates", coordinates, COORDINATES),
-    ):
-        if value not in known:
-            refuse("export", f"{name} {value}: one of {', '.join(known)}")
+    if to not in (*FORMATS, "campaign"):
+        refuse("export", f"--to {to}: one of {', '.join(FORMATS)}, campaign")
     with refusals("export"):
         try:
             if to == "campaign":
@@ -97,9 +90,8 @@ def export(
                 if path.exists() and source.exists() and path.samefile(source):
                     refuse("export", f"{path} is the source; name another with --out")
                 check_target("export", path, force=force)
-                coordinate = next(c for c in COORDINATES if c == coordinates)
                 wanted = Wanted(
-                    to, kind, coordinate, session, filters, template, retracted
+                    to, kind, coordinates, session, filters, template, retracted
                 )
                 report = write_file(source, path, wanted)
                 said = file_words(source, report)

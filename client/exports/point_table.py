@@ -12,7 +12,6 @@ from traverse.protocol.messages import Point, QualityFlag
 
 Coordinates = Literal["centre", "surface", "part"]
 
-COORDINATES: tuple[Coordinates, ...] = ("centre", "surface", "part")
 DIAGONAL = (0, 3, 5)  # of xx, xy, xz, yy, yz, zz
 BITS = {flag.name.lower(): flag.value for flag in QualityFlag if flag.name}
 

@@ -224,7 +224,7 @@ class BrokerConnection:
             try:
                 client = await stack.enter_async_context(await self._client(handlers))
             except aiomqtt.MqttCodeError as error:
-                if not _is_version_refusal(error):
+                if reason_code(error) not in UNSUPPORTED_VERSION:
                     raise
                 self._version = aiomqtt.ProtocolVersion.V311
                 client = await stack.enter_async_context(await self._client(handlers))
@@ -261,7 +261,3 @@ class BrokerConnection:
         )
         client.pending_calls_threshold = 1000
         return client
-
-
-def _is_version_refusal(error: aiomqtt.MqttCodeError) -> bool:
-    return reason_code(error) in UNSUPPORTED_VERSION

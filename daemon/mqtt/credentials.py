@@ -160,35 +160,30 @@ def _context(address: BrokerAddress) -> ssl.SSLContext:
     except OSError as error:
         text = f"{path} holds no certificate in PEM ({_why(error)})"
         raise CredentialsError(key, text) from error
-    if address.certificate_file is not None and address.key_file is not None:
-        _load_own(context, address.certificate_file, address.key_file, address.folder)
-    return context
-
-
-def _load_own(
-    context: ssl.SSLContext, certificate_file: str, key_file: str, folder: Path
-) -> None:
-    certificate = _path("certificate_file", certificate_file, folder)
-    key = _path("key_file", key_file, folder)
+    if address.certificate_file is None or address.key_file is None:
+        return context
+    certificate = _path("certificate_file", address.certificate_file, address.folder)
+    own = _path("key_file", address.key_file, address.folder)
 
     def refuse() -> str:
         raise CredentialsError(
             "key_file",
-            f"{key} is encrypted; a service cannot prompt for it. Take the passphrase "
+            f"{own} is encrypted; a service cannot prompt for it. Take the passphrase "
             "off (openssl pkey) and let only the daemon's user read it",
         )
 
     try:
-        load_pair(context, certificate, key, refuse)
+        load_pair(context, certificate, own, refuse)
     except OSError as error:
         why = _why(error)
         if "KEY_VALUES_MISMATCH" in why:
-            text = f"{key} is not the key of {certificate}"
+            text = f"{own} is not the key of {certificate}"
             raise CredentialsError("key_file", text) from error
         raise CredentialsError(
             "certificate_file",
-            f"{certificate} and {key} are no certificate and key in PEM ({why})",
+            f"{certificate} and {own} are no certificate and key in PEM ({why})",
         ) from error
+    return context
 
 
 def _why(error: OSError) -> str:

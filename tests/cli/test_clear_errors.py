@@ -101,7 +101,7 @@ def folder(tmp_path: Path) -> Path:
             2,
             "--rate-hz or --spacing-mm, not b",
         ),
-        ("scan go", 2, "'go' is neither start nor stop; give one of them"),
+        ("scan go", 2, "'go' is not one of 'start', 'stop'"),
         ("point --seconds 2s", 2, "'2s' is not a number; expected one, without its un"),
         ("point --arm a --broker localhost:9", 3, "nothing listens there; start it"),
         (

@@ -152,7 +152,7 @@ def test_labels_that_the_campaign_does_not_know_are_refused(tmp_path: Path) -> N
     ("options", "told"),
     [
         (("--to", "doc"), "--to doc: one of"),
-        (("--kind", "lines"), "one of points, scans"),
+        (("--kind", "lines"), "one of 'points', 'scans'"),
         (("--to", "text", "--template", "{os}"), "is no value of a point"),
         (("--template", "{seq}"), "needs --to text"),
         (("--kind", "scans"), "expected a recording"),
