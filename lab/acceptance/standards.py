@@ -65,13 +65,7 @@ STANDARDS: Mapping[str, Standard] = {
 def verified(
     measured: Measurement, standard: str, limits: Limits = NO_LIMITS
 ) -> Verification:
-    """Compute all figures of a standard, and decide on those with a limit.
-
-    Args:
-        measured: What was touched.
-        standard: One of `STANDARDS`.
-        limits: Maximum permissible errors; without them nothing is decided.
-    """
+    """Compute all figures of one of `STANDARDS`, and decide on those with a limit."""
     chosen = STANDARDS[standard]
     parts = list(chosen.tests(measured, limits))
     remarks = [*measured.notes, *_not_stated(parts, limits)]

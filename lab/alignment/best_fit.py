@@ -154,11 +154,7 @@ def _points(
 ) -> tuple[PointResult, ...]:
     """Compute for every point the effect of an undetected error, and test the point.
 
-    Args:
-        common: The points.
-        adjusted: With weights of stated errors, or of errors alike.
-        volume: Where it will be used.
-        unit_mm: Standard deviation of a coordinate where none are stated.
+    The unit is the standard deviation of a coordinate where none are stated.
     """
     sigma0 = 1.0 if unit_mm is None else unit_mm
     found = reliability_of(adjusted)

@@ -93,12 +93,7 @@ def _residuals(values: Mapping[str, Any], figure: Figure) -> None:
 def ellipsoids_painting(
     values: Mapping[str, Any], factor: float | None = None
 ) -> Paint:
-    """Return how to paint the error ellipsoids.
-
-    Args:
-        values: As in alignment.json.
-        factor: So many times as large; None chooses.
-    """
+    """Return how to paint error ellipsoids, so many times as large; None chooses."""
     return lambda figure: _ellipsoids(values, factor, figure)
 
 

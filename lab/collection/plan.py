@@ -57,8 +57,7 @@ def volume_picture(
 ) -> list[tuple[str, str]]:
     """Return where in the working volume has been touched.
 
-    Returns:
-        A shell of the volume, and its eight octants about the middle as blocks, each.
+    For each shell of the volume its name, and its eight octants as blocks.
     """
     if plan.reach_mm is None or not places_mm:
         return []

@@ -65,10 +65,7 @@ def settled_ewma_rate(side: Side) -> float:
 def ewma_rate(side: Side, shift: float = 0.0, limit: float = EWMA_LIMIT) -> float:
     """Of the exponentially weighted mean beyond its limit.
 
-    Args:
-        side: Whether its lower limit counts, too.
-        shift: Of the values' mean; the inverse then says how long a shift is unseen.
-        limit: Of the weighted mean.
+    The values' mean may be shifted; the inverse says how long that is unseen.
     """
     low = -limit if side == "both" else -DEEP / EWMA * EWMA_LIMIT
     edges = np.linspace(low, limit, STATES + 1)

@@ -201,8 +201,7 @@ def _adapted(
 ) -> tuple[Fit, ObservationEquations]:
     """Estimate everything again from all poses, with the accepted terms.
 
-    Returns:
-        The fit of the adapted arm, and the rows of a fit with all terms.
+    The fit of the adapted arm, and the rows of a fit with all terms.
     """
     search = decision.search
     if not options.details:

@@ -28,10 +28,8 @@ class Bins:
 def binned(covariate: Floats, values: Floats, stds: Floats | None = None) -> Bins:
     """Average values over parts of a covariate's range with equally many poses.
 
-    Args:
-        covariate: (n_poses,), NaN where unknown.
-        values: (n_poses,), NaN where unknown.
-        stds: Of the values, for their weights, (n_poses,); default equal ones.
+    Values and covariate are (n_poses,), NaN where unknown; their standard deviations
+    are weights, default equal ones.
     """
     weights = np.ones_like(values) if stds is None else 1.0 / stds**2
     good = np.isfinite(covariate) & np.isfinite(values) & np.isfinite(weights)

@@ -14,13 +14,7 @@ def number(value: float, spec: str) -> str:
 
 
 def quantity(value: float, std: float | None, unit: str) -> str:
-    """Write a number with its unit: `23.1 ± 1.2 µrad`.
-
-    Args:
-        value: In the unit.
-        std: Standard deviation, or None.
-        unit: A unit of the arm file's keys; a prefix is chosen.
-    """
+    """Write a number with its unit, such as `23.1 ± 1.2 µrad`; a prefix is chosen."""
     factor, shown = shown_unit(max(abs(value), 0.0 if std is None else std), unit)
     value = factor * value
     if std is None:
@@ -76,11 +70,7 @@ def probability_of_log(log10_p: float) -> str:
 
 
 def odds(log_factor: float) -> str:
-    """Write a Bayes factor as odds: `40 to 1`.
-
-    Args:
-        log_factor: Natural logarithm, of the better against the worse.
-    """
+    """Write a Bayes factor, natural logarithm, as odds: `40 to 1`."""
     decades = log_factor / np.log(10.0)
     if decades < 4.0:
         return f"{np.exp(max(log_factor, 0.0)):.0f} to 1"

@@ -22,8 +22,7 @@ DATA = "data"
 def certificate_problems(path: Path) -> list[str]:
     """Return everything that is wrong with a certificate; empty where nothing is.
 
-    Args:
-        path: The certificate's folder, or `certificate.json` in it.
+    The path is that of the certificate's folder, or of `certificate.json` in it.
 
     Raises:
         FileError: It is no certificate.

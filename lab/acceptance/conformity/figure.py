@@ -47,13 +47,9 @@ class Decision:
 def decision_of(
     error_mm: float, limit_mm: float, standard_mm: float | None, limits: Limits
 ) -> Decision:
-    """Decide on one error.
+    """Decide on one error, signed or not, by the rule of the limits.
 
-    Args:
-        error_mm: Signed or not.
-        limit_mm: The maximum permissible error.
-        standard_mm: Standard uncertainty of the test value; None where not stated.
-        limits: Name the rule.
+    The standard uncertainty of the test value is None where it is not stated.
     """
     guard_mm = guard_of(standard_mm, limits)
     size_mm = abs(error_mm)
@@ -105,13 +101,9 @@ class Contribution:
 
 
 def required(name: str, formula: str, standard_mm: float, where: str) -> Contribution:
-    """Make a line without which no uncertainty is stated.
+    """Make a line without which no uncertainty is stated: 0 mm is not stated.
 
-    Args:
-        name: Its source.
-        formula: With the numbers in it.
-        standard_mm: 0 where it is not stated.
-        where: Keys that state it, and their file.
+    The line then names where to state it: the keys and their file.
     """
     if standard_mm > 0.0:
         return Contribution(name, formula, standard_mm)
@@ -158,14 +150,10 @@ def length_budget(
     per_c: float,
     warmer_c: float,
 ) -> Budget:
-    """Draw up the budget of a length, which may be a diameter.
+    """Draw up the budget of a certified length, which may be a diameter.
 
-    Args:
-        length_mm: Certified.
-        calibration_mm: Standard uncertainty of that.
-        standards: Further data of the material standards.
-        per_c: Coefficient of expansion.
-        warmer_c: Temperature less that of the certificate.
+    The calibration is its standard uncertainty, the temperature is less that of the
+    certificate.
     """
     expansion_mm = length_mm * standards.expansion_std_per_c * abs(warmer_c)
     temperature_mm = length_mm * abs(per_c) * standards.temperature_std_c

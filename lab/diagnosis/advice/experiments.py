@@ -32,11 +32,7 @@ _NEARLY_ALIAS = 0.99
 
 
 def separate_by(naming: NamedTerm, rows: ObservationEquations, arm: Arm) -> str:
-    """Return which experiment separates a finding from its alternatives.
-
-    Returns:
-        Empty where there are no alternatives.
-    """
+    """Return which experiment separates a finding from its alternatives, if any."""
     own = naming.own.candidate
     told, apart = [], []
     named = [o for o in naming.alternatives if not o.candidate.is_curve]
@@ -70,11 +66,8 @@ def optimal_experiment(
     """Choose the poses that separate a finding from other names.
 
     Within what the joints have travelled, or, where that is not enough, a radian
-    beyond it in the joints of the effects.
-
-    Returns:
-        None where it does not depend on poses, or where more poses than
-        anyone likes to measure would be needed.
+    beyond it in the joints of the effects. None where it does not depend on poses, or
+    where more poses than anyone likes to measure would be needed.
     """
     own = naming.own
     effects = (own.candidate, *(other.candidate for other in others))
@@ -109,10 +102,7 @@ def gain_needed(ahead: float) -> float:
     """Return the growth of the separation that excludes a name from the set.
 
     A separation of Delta yields the evidence Delta / 2 on average, with the standard
-    deviation sqrt(Delta).
-
-    Args:
-        ahead: Evidence by which the finding leads already, natural logarithm.
+    deviation sqrt(Delta); the finding leads already by some (natural logarithm).
     """
     lacking = max(_SETTLED - ahead, 1.0)
     return float((_SURE + np.sqrt(_SURE**2 + 2.0 * lacking)) ** 2)

@@ -57,11 +57,8 @@ _STANDARD_GRAVITY = (0.0, 0.0, -9.80665)
 def reason(rows: ObservationEquations, candidate: Candidate, moved: float) -> str:
     """Return why an effect is undetectable.
 
-    Args:
-        rows: Of the fit.
-        candidate: The effect.
-        moved: How much a plausible one changes the rows, in standard deviations of
-            the noise, unknowns not adjusted.
+    A plausible one changes the rows by that many standard deviations of the noise,
+    unknowns not adjusted.
     """
     joint = candidate.joint
     row = EFFECT_KINDS[candidate.kind]
@@ -155,18 +152,11 @@ def detectable(
 
 
 def left_at_probe_mm(rows: ObservationEquations, changes: Floats) -> Floats:
-    """Compute the error of the probe [mm] from undetected effects.
+    """Compute the error of the probe [mm] from undetected effects, rms, (n_effects,).
 
-    The arm is estimated as if they were not; what remains at the campaign's poses,
-    less a motion of everything together, is the error of the arm. Surfaces show only
-    the part along their normals.
-
-    Args:
-        rows: Of the fit.
-        changes: What the effects do to the rows, (n_rows, n_effects).
-
-    Returns:
-        Root mean squares, (n_effects,).
+    They change the rows by (n_rows, n_effects). The arm is estimated as if they were
+    not; what remains at the campaign's poses, less a motion of everything together, is
+    the error of the arm. Surfaces show only the part along their normals.
     """
     left, values, right = np.linalg.svd(rows.columns, full_matrices=False)
     seen = values > _LEAST_EFFECT
@@ -234,10 +224,7 @@ def _unseen(candidate: Candidate, why: str) -> Detectable:
 def planned(campaign: Campaign, arm: Arm) -> tuple[Detectable, ...]:
     """Return how large effects must be for a campaign to show them.
 
-    Args:
-        campaign: With the poses that are planned, or measured; its noise, or usual
-            noise, counts.
-        arm: The design, or an identified arm; its effects are estimated too.
+    Its noise, or usual noise, counts; effects of the arm are estimated too.
 
     Raises:
         IdentificationError: The campaign lacks data that the arm's effects need.

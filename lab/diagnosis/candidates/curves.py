@@ -80,10 +80,9 @@ def generic_bank(rows: ObservationEquations) -> Bank:
 
 
 def spline_knots(values: Floats, most: int = N_KNOTS) -> tuple[float, ...]:
-    """Place knots where the values are: as many between any two of them.
+    """Place knots, rising, where the values are: as many between any two of them.
 
-    Returns:
-        Rising; fewer where there are fewer different values.
+    Fewer where there are fewer different values.
     """
     quantiles = np.quantile(values, np.linspace(0.0, 1.0, most))
     distinct = np.unique(values)

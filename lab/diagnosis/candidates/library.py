@@ -85,11 +85,7 @@ def library_bank(rows: ObservationEquations, arm: Arm) -> Bank:
 def absent_candidates(
     rows: ObservationEquations, arm: Arm
 ) -> tuple[tuple[Candidate, str], ...]:
-    """List the effects that the campaign or the arm file says nothing about.
-
-    Returns:
-        Each with the reason.
-    """
+    """List the effects that campaign or arm file say nothing about, and the reasons."""
     return tuple(
         (entry.candidate, entry.reason)
         for entry in _entries(rows, arm)

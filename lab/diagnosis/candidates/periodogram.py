@@ -78,11 +78,7 @@ def periodograms(rows: ObservationEquations) -> tuple[Periodogram, ...]:
 def transmission_bank(
     rows: ObservationEquations, found: tuple[Periodogram, ...]
 ) -> Bank:
-    """Take the best wave of each joint.
-
-    Returns:
-        Whitened columns in units of plausible amplitudes, (n_rows, n_columns).
-    """
+    """Take the best wave of each joint, as `wave_columns`."""
     banks = [
         wave_bank(rows, one.joint, one.best) for one in found if one.best is not None
     ]
@@ -108,10 +104,9 @@ def log_p_of_search(found: tuple[Periodogram, ...], level: float) -> float:
 
 
 def wave_columns(rows: ObservationEquations, joint: str, cycles: Floats) -> Floats:
-    """Compute cos and sin of cycles times a joint's reading.
+    """Compute cos and sin of cycles times a joint's reading, (n_rows, 2 * n_cycles).
 
-    Returns:
-        Whitened, in units of plausible amplitudes, (n_rows, 2 * n_cycles).
+    Whitened, in units of plausible amplitudes.
     """
     at = rows.adjustment.network.campaign.joint_names.index(joint)
     phases_rad = rows.block.angles_rad[:, at, np.newaxis] * cycles
@@ -139,8 +134,7 @@ class _Sums:
     def normal_equations(self, cycles: Floats) -> tuple[Floats, Floats]:
         """Squares of pairs of projected columns, and their products with residuals.
 
-        Returns:
-            (n_cycles, 2, 2) and (n_cycles, 2).
+        (n_cycles, 2, 2) and (n_cycles, 2).
         """
         phases_rad = np.outer(cycles, self.readings_rad)
         waves = np.stack([np.cos(phases_rad), np.sin(phases_rad)], axis=1)
@@ -200,17 +194,11 @@ def _periodogram(
 def _statistics(
     rows: ObservationEquations, squares: Floats, along: Floats
 ) -> tuple[Floats, Floats]:
-    """Compute T and the evidence of waves from their normal equations.
+    """Compute T and the evidence of waves, each (n_cycles,).
 
-    A pair that is nearly one direction, or that the unknowns absorb, counts as nothing.
-
-    Args:
-        rows: Of the fit.
-        squares: Of each pair of columns, (n_cycles, 2, 2).
-        along: Their products with the residuals, (n_cycles, 2).
-
-    Returns:
-        Each (n_cycles,).
+    From squares of pairs of columns, (n_cycles, 2, 2), and their products with the
+    residuals, (n_cycles, 2). A pair that is nearly one direction, or that the unknowns
+    absorb, counts as nothing.
     """
     values, vectors = np.linalg.eigh(squares)
     is_seen = values > np.maximum(_LEAST_SQUARE * values[:, 1:], 1e-9)

@@ -47,12 +47,8 @@ class ProjectedCandidate:
     def amplitudes(self, residuals: Floats) -> tuple[Floats, Floats]:
         """Estimate the columns' amplitudes, invisible directions left at zero.
 
-        Args:
-            residuals: Of the rows, (n_rows,).
-
-        Returns:
-            Amplitudes in the unit of the keys, (n_columns,), and their covariance for
-            noise of unit weight.
+        In the unit of the keys, (n_columns,), and their covariance for noise of unit
+        weight.
         """
         scales = np.array(self.candidate.scales)
         inverse = scales[:, np.newaxis] * self.combinations / self.singular_values

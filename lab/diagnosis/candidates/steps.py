@@ -51,15 +51,10 @@ class StepSums:
     inverse: Floats | None
 
     def products(self, pieces: Floats, vectors: Floats) -> Floats:
-        """Compute c^T v of whitened columns and vectors.
+        """Compute c^T v, (n_gaps, n_columns, n_vectors).
 
-        Args:
-            pieces: Columns of a step before all poses, not whitened, (n_rows,
-                n_columns).
-            vectors: Whitened, (n_rows, n_vectors).
-
-        Returns:
-            (n_gaps, n_columns, n_vectors).
+        Of columns of a step before all poses, not whitened, (n_rows, n_columns), and
+        whitened vectors, (n_rows, n_vectors).
         """
         if self.root is not None:
             vectors = solve_triangular(self.root, vectors, lower=True, trans="T")
@@ -71,14 +66,7 @@ class StepSums:
         return found
 
     def squares(self, pieces: Floats) -> Floats:
-        """Compute c^T c of whitened columns.
-
-        Args:
-            pieces: As for `products`.
-
-        Returns:
-            (n_gaps, n_columns, n_columns).
-        """
+        """Compute c^T c of such columns, (n_gaps, n_columns, n_columns)."""
         pieces = pieces[self.order]
         n_columns = pieces.shape[1]
         found = np.empty((len(self.at_s), n_columns, n_columns))
@@ -102,13 +90,9 @@ class StepSums:
 
 
 def step_sums_of(rows: ObservationEquations) -> StepSums:
-    """Sort the rows of a fit by time.
+    """Sort the rows of a fit by time; what belongs to no pose is left out.
 
-    Args:
-        rows: Of the fit; what belongs to no pose is left out.
-
-    Returns:
-        With a gap between any two poses that take part and differ in time.
+    There is a gap between any two poses that take part and differ in time.
     """
     times_s = rows.block.row("campaign_s")
     poses = used_poses(rows)
@@ -194,25 +178,17 @@ class StepScan:
         return step_candidate(self.joint, float(self.at_s[self.best]))
 
     def alongs(self, residuals: Floats) -> Floats:
-        """Compute z of other residuals, projected like those of the fit.
+        """Compute z of other residuals, (n_rows, n_draws), projected like the fit's.
 
-        Args:
-            residuals: (n_rows, n_draws).
-
-        Returns:
-            (n_gaps, n_columns, n_draws).
+        (n_gaps, n_columns, n_draws).
         """
         found: Floats = self.combinations @ self.gaps.products(self.pieces, residuals)
         return found
 
     def largest(self, residuals: Floats) -> tuple[Floats, int]:
-        """Find the largest T over all gaps of each of many residual vectors.
+        """Find the largest T over all gaps, (n_draws,), and the directions of a step.
 
-        Args:
-            residuals: (n_rows, n_draws).
-
-        Returns:
-            (n_draws,), and the number of directions of a step.
+        Of each of many residual vectors, (n_rows, n_draws).
         """
         statistics = np.sum(self.alongs(residuals) ** 2, axis=1)
         return np.asarray(statistics.max(axis=0)), self.pieces.shape[1]
@@ -240,11 +216,7 @@ def scan_steps(rows: ObservationEquations) -> tuple[StepScan, ...]:
 
 
 def step_bank(rows: ObservationEquations, scans: tuple[StepScan, ...]) -> Bank:
-    """Take the step at the best gap of each scan.
-
-    Returns:
-        Whitened columns in units of plausible steps, (n_rows, n_columns).
-    """
+    """Take the step at the best gap of each scan, as `step_columns`."""
     parts = [np.empty((len(rows.poses), 0))]
     parts += [step_columns(rows, one.joint, float(one.at_s[one.best])) for one in scans]
     candidates = tuple(scan.candidate for scan in scans)
@@ -263,12 +235,9 @@ def step_candidate(joint: str | None, at_s: float) -> Candidate:
 
 
 def step_columns(rows: ObservationEquations, joint: str | None, at_s: float) -> Floats:
-    """Compute the columns of a step in units of the plausible one.
+    """Compute the columns of a step in units of the plausible one, (n_rows, n_columns).
 
-    Of the encoder of a joint, or, without a joint, of the base.
-
-    Returns:
-        Whitened, (n_rows, n_columns).
+    Of the encoder of a joint, or, without a joint, of the base; whitened.
     """
     pieces = _STEP_MM * rows.by_centre
     if joint is not None:

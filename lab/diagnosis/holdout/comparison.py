@@ -70,10 +70,7 @@ def predicted(
 
     An artefact of which no pose took part is placed by its poses here: its
     unknowns are projected out, and the degrees of freedom that are left are shared
-    equally among its equations.
-
-    Returns:
-        With NaN for all other poses.
+    equally among its equations. NaN for all other poses.
     """
     chosen = stations(adjustment.network.campaign, radius_mm, poses)
     found = statistics_of_excluded(adjustment, chosen)
@@ -153,10 +150,7 @@ def held_out_blunders(
 ) -> Booleans:
     """Find blunders among held-out poses by their neighbours, (n_poses,).
 
-    Args:
-        before: Fit to the choosing poses, without terms.
-        held_out: (n_poses,).
-        radius_mm: Of the probe's ball.
+    From a fit to the choosing poses, without terms.
     """
     if not np.any(held_out):
         return held_out.copy()
@@ -176,16 +170,10 @@ def compare_on_holdout(
     blunders: Booleans | None = None,
     noise: Noise | None = None,
 ) -> HoldoutComparison:
-    """Compare two models on held-out poses, all of them.
+    """Compare a fit to the choosing poses with one with terms, on all held-out poses.
 
-    Args:
-        before: Fit to the choosing poses.
-        after: With the terms.
-        held_out: (n_poses,).
-        radius_mm: Of the probe's ball.
-        blunders: Of the held-out poses, (n_poses,): figures without them are reported
-            beside those of all. Default: none.
-        noise: That weighs both; default that of `after`.
+    Figures without blunders are reported beside those of all. The noise weighs both;
+    default that of the second.
     """
     noise = after.network.noise if noise is None else noise
     rest = held_out if blunders is None else held_out & ~blunders
@@ -216,19 +204,12 @@ def find_misfit(
 ) -> HoldoutMisfit | None:
     """Return where held-out poses contradict a model that explains the others.
 
+    At which artefact they do so most; None: they agree with the model.
+
     S of all held-out poses but the blunders is half as large again as that of the
     poses of the fit, and so large by chance in one of a thousand (F test); or their
     rms is beyond a hundredth of the measured volume, whatever the noise that was
     estimated: so much is no noise of any arm.
-
-    Args:
-        model: The final one.
-        held_out: (n_poses,).
-        blunders: Held-out poses that contradict their neighbours, (n_poses,).
-        radius_mm: Of the probe's ball.
-
-    Returns:
-        The worst artefact; None: the poses agree with the model.
     """
     rest = held_out & ~blunders
     if not np.any(rest):
@@ -272,15 +253,9 @@ def _volume_mm(model: Adjustment) -> float:
 
 
 def closed(before: float, after: float, n: int) -> float | None:
-    """Return which part of the gap is closed.
+    """Return which part of the gap is closed, S before and after as means of n.
 
-    Args:
-        before: S without what was added.
-        after: S with it.
-        n: Equations that S is the mean of.
-
-    Returns:
-        1: all of it; below 0: it grew; None: the gap is within the scatter of S.
+    1: all of it; below 0: it grew; None: the gap is within the scatter of S.
     """
     if n == 0 or before - 1.0 < _LEAST_GAP * np.sqrt(2.0 / n):
         return None
@@ -292,13 +267,8 @@ def is_worse(
 ) -> bool:
     """Return whether poses are predicted worse than before.
 
-    A one-sided paired t-test over poses at 1 %.
-
-    Args:
-        before_statistics: v^T (I + Y Y^T)^-1 v, NaN for poses that do not count,
-            (n_poses,).
-        after_statistics: Likewise, (n_poses,).
-        degrees: Equations of each pose, (n_poses,).
+    A one-sided paired t-test at 1 % over v^T (I + Y Y^T)^-1 v of all poses, (n_poses,)
+    and NaN where one does not count; the degrees are the equations of each.
     """
     counts = np.isfinite(before_statistics) & np.isfinite(after_statistics)
     counts &= np.nan_to_num(degrees) > 0.0

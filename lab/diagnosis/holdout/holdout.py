@@ -25,15 +25,11 @@ _UNKNOWNS_A_JOINT = 4
 def split(
     campaign: Campaign, seed: int, part: float = PART
 ) -> tuple[Booleans, Booleans]:
-    """Choose the poses that are held out.
+    """Choose the poses for choosing and those that are held out, (n_poses,) each.
 
     It depends on the poses, not on their order in the file. An artefact that cannot
     spare any gives none; nor does a campaign whose rest would not determine the arm.
-
     The part is of the poses of each artefact, above 0 and below 1.
-
-    Returns:
-        Poses for choosing and held-out poses, (n_poses,) each.
     """
     held_out = np.zeros(len(campaign.poses), dtype=np.bool_)
     n_left = -_UNKNOWNS_A_JOINT * len(campaign.joint_names) - _SPARE_ROWS
@@ -53,13 +49,7 @@ def split(
 def split_artefacts(
     campaign: Campaign, seed: int, part: float = PART
 ) -> tuple[Booleans, Booleans]:
-    """Choose whole artefacts that are held out; one at least is kept.
-
-    The part is of the poses, above 0 and below 1.
-
-    Returns:
-        Poses for choosing and held-out poses, (n_poses,) each.
-    """
+    """Choose whole artefacts that are held out, as `split`; one at least is kept."""
     touched = campaign.poses.artefacts
     indices, counts = np.unique(touched, return_counts=True)
     held_out = np.zeros(len(touched), dtype=np.bool_)

@@ -235,12 +235,7 @@ def orthonormal_basis(columns: Floats) -> Floats:
 def decorrelated_equations(
     rows: ObservationEquations, root: Floats
 ) -> ObservationEquations:
-    """Take serial correlation into account.
-
-    Args:
-        rows: Without.
-        root: Lower Cholesky factor of the correlation of the rows' errors.
-    """
+    """Take serial correlation into account, by the lower Cholesky factor of it."""
     whitened = replace(rows, root=root)
     columns = whitened.decorrelated(rows.columns)
     values = whitened.decorrelated(rows.values[:, np.newaxis])[:, 0]

@@ -58,14 +58,10 @@ class Discrepancies:
         return found
 
     def along(self, directions: Floats) -> tuple[Floats, Floats]:
-        """Compute the ball's error along directions for each pose alone.
+        """Compute the ball's error along directions, (n_poses, 3), for each pose alone.
 
-        Args:
-            directions: Of one unit each, (n_poses, 3) [mm].
-
-        Returns:
-            The amount and its standard deviation, NaN where it is undetermined, both
-            (n_poses,): measured less simulated.
+        The amount, measured less simulated, and its standard deviation, NaN where it is
+        undetermined, both (n_poses,).
         """
         return self._amount(np.einsum("nij,nj->ni", self.by_centre, directions))
 
@@ -74,19 +70,11 @@ class Discrepancies:
 
         For each pose alone, if this joint were the only cause; with its
         standard deviation.
-
-        Args:
-            joint: Counted from 0.
         """
         return self._amount(-self.by_readings[:, :, joint])
 
     def as_reading_rad(self, joint: int, moves_mm: Floats) -> Floats:
-        """Say which error of a reading does the same as moves of the ball, (n_poses,).
-
-        Args:
-            joint: Counted from 0.
-            moves_mm: (n_poses, 3).
-        """
+        """Say which error of a reading does the same as moves (n_poses, 3) of the ball."""
         moved = np.einsum("nij,nj->ni", self.by_centre, moves_mm)
         own = -self.by_readings[:, :, joint]
         squares = np.sum(own**2, axis=1)

@@ -91,9 +91,8 @@ def decimated(
 ) -> tuple[Campaign, Decimation]:
     """Determine which samples to keep, and where surfaces were touched.
 
-    Returns:
-        The whole campaign, with directions where artefacts define them, and which of
-        its poses to keep.
+    The whole campaign, with directions where artefacts define them, and which of its
+    poses to keep.
     """
     first = campaign.part(_spread(campaign))
     everyone = np.ones(len(first.poses), dtype=np.bool_)
@@ -221,12 +220,10 @@ def _lasting(values: Floats, stretches: Integers, window: int) -> int:
 
 
 def _extrapolated(found: Floats) -> int:
-    """Extrapolate when a correlation becomes low from its initial decay.
+    """Extrapolate when a correlation, at lags from 1 on, becomes low.
 
-    One that was estimated from few samples crosses the limit early by chance.
-
-    Args:
-        found: At lags from 1 on, (n_lags,).
+    From its initial decay: one that was estimated from few samples crosses the limit
+    early by chance.
     """
     is_low = found < _STEEP
     n = int(np.argmax(is_low)) if np.any(is_low) else len(found)

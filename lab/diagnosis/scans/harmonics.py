@@ -63,11 +63,7 @@ class HarmonicFinding:
 def stream_harmonics(
     rows: ObservationEquations, campaign: Campaign, radius_mm: float
 ) -> tuple[HarmonicFinding, ...]:
-    """Test all harmonics on all samples.
-
-    Returns:
-        All detectable ones, the most significant first.
-    """
+    """Test all harmonics on all samples: the most significant first."""
     network, state = undecimated_network(rows.adjustment, campaign, radius_mm)
     sums = _gathered(rows, network, state)
     squares, turns = np.linalg.eigh(sums.gram)

@@ -72,13 +72,7 @@ def diagnose_stream(
     options: DiagnosisOptions | None = None,
     progress: Progress | None = None,
 ) -> StreamDiagnosis:
-    """Diagnose an arm from a dense scan.
-
-    Args:
-        campaign: A whole stream.
-        arm: The design, or an identified arm.
-        options: Wishes.
-        progress: Told what is done, and which part of the work that is (0 to 1).
+    """Diagnose an arm from a dense scan, as `diagnose`.
 
     Raises:
         IdentificationError: Arm and campaign do not fit together.

@@ -55,12 +55,7 @@ def decide(
 ) -> Decision:
     """Search with white noise, and again with serial noise if that is what is left.
 
-    Args:
-        campaign: What was measured.
-        arm: The design, or an identified arm.
-        eligible: Poses that are used for choosing, (n_poses,).
-        options: Wishes.
-        progress: Told what is done.
+    Only eligible poses, (n_poses,), are used for choosing.
 
     Raises:
         IdentificationError: The poses are too few, or too much alike.

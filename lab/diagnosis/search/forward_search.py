@@ -89,15 +89,7 @@ def forward_search(
     serial: SerialCorrelation | None = None,
     progress: Progress = no_progress,
 ) -> SearchState:
-    """Add terms to a fit until nothing is left to explain.
-
-    Args:
-        start: Without further terms.
-        eligible: Poses that may take part, (n_poses,).
-        options: Wishes.
-        serial: Correlation of the noise from pose to pose.
-        progress: Told what is done, and which part of the work that is.
-    """
+    """Add terms to a fit to eligible poses until nothing is left to explain."""
     stage = scores_at(start, serial)
     first = stage
     thresholds = family_thresholds(stage, options)

@@ -95,14 +95,10 @@ class MeanShifts:
         return self._statistics(self.weights, self.sizes)
 
     def statistics_with(self, directions: Floats, along: Floats) -> Floats:
-        """Compute the statistics of the shifts if something else is absorbed too.
+        """Compute the shifts' statistics if something else is absorbed, (n_shifted,).
 
-        Args:
-            directions: U, orthonormal and across the basis, (n_rows, n_more).
-            along: U^T v, (n_more,).
-
-        Returns:
-            (n_shifted,).
+        Its directions are U, orthonormal and across the basis, (n_rows, n_more), and
+        along them is U^T v, (n_more,).
         """
         more = directions[self.rows]
         turned = self.weights @ more
@@ -180,13 +176,9 @@ def shifted(
 def best_mean_shifts(
     groups: tuple[PoseGroup, ...], basis: Floats, residuals: Floats, start: Booleans
 ) -> MeanShifts:
-    """Choose who is left out so that the cost is low.
+    """Choose who is left out so that the cost is low; see `shifted`.
 
-    Args:
-        groups: All poses.
-        basis: Of all else, orthonormal, (n_rows, n_absorbed).
-        residuals: v, without what the basis absorbs, (n_rows,).
-        start: Who is left out to begin with, (n_poses,).
+    To begin with those of the start, (n_poses,), are left out.
     """
     poses = start.copy()
     best = found = shifted(groups, basis, residuals, poses)

@@ -44,12 +44,8 @@ def log_p_threshold(
 ) -> float:
     """Find the log p that the smallest of a bank falls below with some probability.
 
-    Args:
-        rows: Of the fit.
-        projected: The bank.
-        draws: Residuals of pure noise, (n_rows, n_draws).
-        level: Probability of a false alarm of the whole bank.
-        scans: Further tests of the bank.
+    The level is that of a false alarm of the whole bank with its scans, the draws are
+    residuals of pure noise, (n_rows, n_draws).
     """
     totals = np.einsum("rd,rd->d", draws, draws)
     lowest = np.zeros(draws.shape[1])
@@ -114,11 +110,7 @@ def ranked(
 ) -> list[ScoredCandidate]:
     """Sort the candidates of some banks, the best first.
 
-    Args:
-        stage: Judged.
-        names: Of the banks.
-        joints_with_own_curve: Joints whose own angle has an empirical curve already:
-            functions of their reading are left out.
+    Functions of readings that have an empirical curve already are left out.
     """
     found = [
         choice
