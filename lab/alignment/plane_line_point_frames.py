@@ -30,11 +30,6 @@ class PartFrame:
     origin_mm: Floats
     axes: Floats
 
-    def local_mm(self, places_mm: Floats) -> Floats:
-        """Write places (n, 3) in the frame."""
-        local: Floats = (places_mm - self.origin_mm) @ self.axes
-        return local
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneLinePointTouches:
@@ -145,7 +140,7 @@ def local_heights(
     """
     numbers = [len(touched.plane_mm), len(touched.line_mm), len(touched.point_mm)]
     axis = np.repeat([2, 1, 0], numbers)
-    local_mm = frame.local_mm(touched.all_mm)
+    local_mm = (touched.all_mm - frame.origin_mm) @ frame.axes
     return local_mm, axis, local_mm[np.arange(len(axis)), axis]
 
 

@@ -44,7 +44,8 @@ def agreement(collection: Collection, artefact: str, kind: str) -> str:
                 first, second = (fit_sphere(_places(by_feature[f])) for f in "12")
                 apart_mm = np.linalg.norm(first.centre_mm - second.centre_mm)
                 worse_mm = max(first.rms_mm, second.rms_mm)
-                known_mm = _known_mm(collection, artefact)
+                (bar,) = (a for a in collection.file.artefacts if a.id == artefact)
+                known_mm = bar.distance_mm if isinstance(bar, BallBar) else np.nan
                 return (
                     f"distance {apart_mm:.4f} mm (known {known_mm:g}), "
                     f"rms {worse_mm:.4f} mm"
@@ -111,12 +112,6 @@ def picture(counts: Integers) -> str:
     largest = max(1, int(counts.max()))
     heights = -(-counts * (len(_HEIGHTS) - 1) // largest)
     return "".join(_HEIGHTS[height] for height in heights.tolist())
-
-
-def _known_mm(collection: Collection, artefact: str) -> float:
-    """The distance that a bar is said to have."""
-    (bar,) = (a for a in collection.file.artefacts if a.id == artefact)
-    return bar.distance_mm if isinstance(bar, BallBar) else np.nan
 
 
 def _places(touches: Sequence[CollectedTouch]) -> Floats:

@@ -23,7 +23,7 @@ _UM = 1000.0
 def chart_png(report: DailyCheckReport) -> bytes:
     """All charts as a picture: values with limits, moving ranges, weighted means."""
     height_mm = 66.0 * len(report.charts)
-    return picture(280.0, height_mm, lambda figure: _paint_charts(figure, report))
+    return picture(280.0, height_mm, _paint_charts, report)
 
 
 def _paint_charts(figure: Figure, report: DailyCheckReport) -> None:

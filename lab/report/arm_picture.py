@@ -72,7 +72,9 @@ def draw_base_posture(arm: Arm, path: Path) -> None:
     figure.suptitle(f"{arm.name}: base posture, mm", fontsize=13, fontweight="bold")
     panels = figure.subplots(2, 2, width_ratios=(x, y), height_ratios=(z, y))
     points_per_mm = 72.0 * drawn_inches / float(x + y)
-    scene = _Scene(arm, geometry, skeleton_mm, size_mm, points_per_mm)
+    names = [joint.name for joint in arm.joints]
+    radius_mm = max(arm.probe.radius_mm, 0.008 * size_mm)
+    scene = _Scene(names, geometry, skeleton_mm, radius_mm, size_mm, points_per_mm)
     for panel, view in (
         (panels[0, 0], _FRONT),
         (panels[0, 1], _SIDE),
@@ -85,31 +87,24 @@ def draw_base_posture(arm: Arm, path: Path) -> None:
     figure.savefig(path, format="png", dpi=130)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class _Scene:
     """An arm ready to be drawn from any side."""
 
-    def __init__(
-        self,
-        arm: Arm,
-        geometry: Geometry,
-        skeleton_mm: Floats,
-        size_mm: float,
-        points_per_mm: float,
-    ) -> None:
-        self._names = [joint.name for joint in arm.joints]
-        self._axes = geometry.axes
-        self._skeleton_mm = skeleton_mm
-        self._end_mm = skeleton_mm[-1] - geometry.probe_vector_mm
-        self._shank = geometry.probe_direction
-        self._radius_mm = max(arm.probe.radius_mm, 0.008 * size_mm)
-        self._size_mm = size_mm
-        self._points_per_mm = points_per_mm
+    names: Sequence[str]
+    geometry: Geometry
+    skeleton_mm: Floats
+    radius_mm: float
+    size_mm: float
+    points_per_mm: float
 
     def draw(self, panel: Axes, view: _View) -> None:
         """Draw the arm as it looks from one side."""
         flat = [view.right, view.up]
-        joints_mm = self._skeleton_mm[:-1][:, flat]
-        end_mm, ball_mm = self._end_mm[flat], self._skeleton_mm[-1][flat]
+        joints_mm = self.skeleton_mm[:-1][:, flat]
+        probe_mm = self.geometry.probe_vector_mm
+        ball_mm = self.skeleton_mm[-1][flat]
+        end_mm = (self.skeleton_mm[-1] - probe_mm)[flat]
         panel.set_aspect("equal")
         panel.set_title(view.title, loc="left", fontsize=10)
         panel.set_xlabel("xyz"[view.right])
@@ -120,12 +115,15 @@ class _Scene:
         panel.plot(*body.T, color=_LINK, linewidth=5.0, solid_capstyle="round")
         panel.plot(*np.vstack([end_mm, ball_mm]).T, color=_PROBE, linewidth=2.0)
         panel.plot(*joints_mm[0], marker="s", markersize=13, color=_BASE)
-        for joint_mm, axis in zip(joints_mm, self._axes, strict=True):
+        for joint_mm, axis in zip(joints_mm, self.geometry.axes, strict=True):
             self._draw_hinge(panel, view, joint_mm, axis)
-        panel.add_patch(Circle(tuple(ball_mm), self._radius_mm, color=_PROBE, zorder=5))
-        shank = self._shank[flat]
-        if self._shank_is_apart() and np.linalg.norm(shank) > 0.2:
-            tail_mm = ball_mm - 0.12 * self._size_mm * shank
+        panel.add_patch(Circle(tuple(ball_mm), self.radius_mm, color=_PROBE, zorder=5))
+        shank = self.geometry.probe_direction[flat]
+        # Not where the shank lies along the probe's line.
+        along_mm = self.geometry.probe_direction @ probe_mm
+        is_apart = along_mm < 0.99 * np.linalg.norm(probe_mm) + 1e-9
+        if is_apart and np.linalg.norm(shank) > 0.2:
+            tail_mm = ball_mm - 0.12 * self.size_mm * shank
             panel.annotate(
                 "",
                 xy=tuple(ball_mm),
@@ -134,18 +132,13 @@ class _Scene:
             )
         self._label(panel, joints_mm, ball_mm)
 
-    def _shank_is_apart(self) -> bool:
-        """Return whether the shank needs an arrow, not lying along the probe's line."""
-        probe_mm = self._skeleton_mm[-1] - self._end_mm
-        return bool(self._shank @ probe_mm < 0.99 * np.linalg.norm(probe_mm) + 1e-9)
-
     def _draw_hinge(
         self, panel: Axes, view: _View, joint_mm: Floats, axis: Floats
     ) -> None:
         """Draw a hinge as its axis, or, viewed end on, as a circle."""
         flat = axis[[view.right, view.up]]
         if np.linalg.norm(flat) > 0.2:
-            half_mm = 0.06 * self._size_mm * flat
+            half_mm = 0.06 * self.size_mm * flat
             panel.annotate(
                 "",
                 xy=tuple(joint_mm + 1.4 * half_mm),
@@ -177,8 +170,8 @@ class _Scene:
     def _label(self, panel: Axes, joints_mm: Floats, ball_mm: Floats) -> None:
         """Write names beside the joints; those at one place share a label."""
         taken: list[_Box] = []
-        for members in _groups(joints_mm, 0.05 * self._size_mm):
-            text = _spoken([self._names[k] for k in members])
+        for members in _groups(joints_mm, 0.05 * self.size_mm):
+            text = _spoken([self.names[k] for k in members])
             self._write(panel, text, joints_mm[members].mean(axis=0), 13.0, taken)
         self._write(panel, "ball", ball_mm, -15.0, taken)
 
@@ -191,17 +184,17 @@ class _Scene:
         taken: list[_Box],
     ) -> None:
         """Write beside a place where it fits, and further off where that is taken."""
-        width_mm = (6.0 * len(text) + 14.0) / self._points_per_mm
-        height_mm = 0.9 * _LINE_POINTS / self._points_per_mm
+        width_mm = (6.0 * len(text) + 14.0) / self.points_per_mm
+        height_mm = 0.9 * _LINE_POINTS / self.points_per_mm
         to_right = place_mm[0] + width_mm < panel.get_xlim()[1]
         left_mm = place_mm[0] - (0.0 if to_right else width_mm)
         while any(
             left_mm < right and left < left_mm + width_mm and abs(up - low) < height_mm
-            for up in [place_mm[1] + rise_points / self._points_per_mm]
+            for up in [place_mm[1] + rise_points / self.points_per_mm]
             for left, right, low in taken
         ):
             rise_points += float(np.copysign(_LINE_POINTS, rise_points))
-        low_mm = place_mm[1] + rise_points / self._points_per_mm
+        low_mm = place_mm[1] + rise_points / self.points_per_mm
         taken.append((left_mm, left_mm + width_mm, low_mm))
         panel.annotate(
             text,

@@ -52,15 +52,17 @@ _LOOK = {
 }
 
 
-def picture(width_mm: float, height_mm: float, paint: Paint) -> bytes:
-    """Paint a figure of a size and return it as PNG."""
+def picture(
+    width_mm: float, height_mm: float, paint: Callable[..., None], *what: object
+) -> bytes:
+    """Paint what is given into a figure of a size and return it as PNG."""
     with mpl.rc_context(_LOOK):  # type: ignore[arg-type] # the stubs want literal keys
         figure = Figure(
             figsize=(width_mm * _INCHES_PER_MM, height_mm * _INCHES_PER_MM),
             layout="constrained",
             dpi=_DPI,
         )
-        paint(figure)
+        paint(figure, *what)
         file = io.BytesIO()
         # savefig would draw everything twice, once for the layout alone. No name of
         # the program: it holds an address of the web.

@@ -100,7 +100,9 @@ def _of_one_angle(
         one.kind != other.kind or _family(one) is not Family.AXIS_MOTION
     ):
         return None
-    travelled_rad = _travelled_rad(rows, one.joint)
+    campaign = rows.adjustment.network.campaign
+    at = campaign.joint_names.index(one.joint)
+    travelled_rad = float(np.ptp(campaign.poses.angles_rad[rows.used_poses, at]))
     return KnownPair(
         f"{one.joint} travelled {travelled_rad:.1f} rad only, where both look alike"
         if travelled_rad < 2.0 * np.pi
@@ -160,13 +162,6 @@ def _last_moving(rows: ObservationEquations) -> str:
     names = rows.adjustment.network.campaign.joint_names
     moving = [name for name in names if not probe_is_on_axis(rows, name)]
     return moving[-1] if moving else names[-1]
-
-
-def _travelled_rad(rows: ObservationEquations, joint: str) -> float:
-    campaign = rows.adjustment.network.campaign
-    used = np.unique(rows.poses[rows.poses >= 0])
-    readings_rad = campaign.poses.angles_rad[used, campaign.joint_names.index(joint)]
-    return float(np.ptp(readings_rad))
 
 
 # A family, another one (None: any), why they are alike, and what separates them.

@@ -17,7 +17,6 @@ from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.covariates import (
     CovariateColumn,
     covariate_columns,
-    used_poses,
 )
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
@@ -49,7 +48,7 @@ def generic_bank(rows: ObservationEquations) -> Bank:
     by_tilts, by_shifts = _by_carriers(rows)
     candidates: list[Candidate] = []
     parts: list[Floats] = []
-    used = used_poses(rows)
+    used = rows.used_poses
     n_fine = min(N_FINE_KNOTS, len(used) // _POSES_A_KNOT)
     for found in covariate_columns(rows):
         knots = spline_knots(found.values[used])
@@ -103,7 +102,7 @@ def _curves(
 ) -> Floats:
     """Unit curves at every row, their mean taken out, (n_rows, n_knots)."""
     curves = spline_amounts(knots, found.values).T
-    curves = curves - curves[used_poses(rows)].mean(axis=0)
+    curves = curves - curves[rows.used_poses].mean(axis=0)
     at_rows: Floats = curves[rows.poses]
     return at_rows
 

@@ -13,18 +13,17 @@ import numpy as np
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind
 from traverse.kinematics.effects import EFFECTS
-from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
+from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.base.bodies import bodies_from_arm
 from traverse.kinematics.effects.base.context import context_from_arm
 from traverse.kinematics.effects.base.correction import ContactCorrection, Correction
-from traverse.kinematics.effects.base.covariate import Need
 from traverse.kinematics.effects.columns import columns
 from traverse.lab.diagnosis.candidates.effect_factory import (
     candidate_of_kind,
     effect_of_candidate,
 )
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
-from traverse.lab.diagnosis.model.covariates import covariate_values, used_poses, varies
+from traverse.lab.diagnosis.model.covariates import covariate_values, varies
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.identification.equations.effect_model import plausible_values
 
@@ -58,9 +57,14 @@ def library_bank(rows: ObservationEquations, arm: Arm) -> Bank:
         Columns in units of plausible amplitudes, whitened, (n_rows, n_columns).
     """
     entries = [entry for entry in _entries(rows, arm) if entry.reason is None]
-    geometry = rows.adjustment.state.arm.geometry
     moving = [e.correction for e in entries if e.candidate.artefact is None]
-    applied = applied_effects(rows, arm)
+    network, state = rows.adjustment.network, rows.adjustment.state
+    model = network.parameters.effects
+    applied = (
+        effects_of(arm, (), network.campaign.span)
+        if model is None
+        else model.at(state.arm.amplitudes)
+    )
     by_values = rows.moved(
         rows.each_tool(
             lambda with_tool, at: columns(
@@ -77,7 +81,7 @@ def library_bank(rows: ObservationEquations, arm: Arm) -> Bank:
             part = by_values[:, at : at + n_values]
             at += n_values
         if n_values != candidate.size:
-            part = part @ entry.correction.free_directions(geometry)
+            part = part @ entry.correction.free_directions(state.arm.geometry)
         parts.append(part * np.array(candidate.scales))
     return Bank(tuple(e.candidate for e in entries), np.concatenate(parts, axis=1))
 
@@ -91,15 +95,6 @@ def absent_candidates(
         for entry in _entries(rows, arm)
         if entry.reason is not None
     )
-
-
-def applied_effects(rows: ObservationEquations, arm: Arm) -> ArmEffects:
-    """Take the effects of a fit, with the values that it ended with."""
-    network, state = rows.adjustment.network, rows.adjustment.state
-    model = network.parameters.effects
-    if model is None:
-        return effects_of(arm, (), network.campaign.span)
-    return model.at(state.arm.amplitudes)
 
 
 def _entries(rows: ObservationEquations, arm: Arm) -> list[_Entry]:
@@ -132,14 +127,18 @@ def _candidates(rows: ObservationEquations) -> Iterator[Candidate]:
     for joint in rows.adjustment.network.campaign.joint_names:
         for kind, row in listed.items():
             if row.joint != "absent" and not row.has_order:
-                yield _candidate(kind, joint)
+                yield candidate_of_kind(BankName.LIBRARY, kind, joint, {})
         for _, order, at, component in waves:
-            yield _candidate(list(listed)[at], joint, order, component)
+            fixed = {"component": component, "order": order}
+            kind = list(listed)[at]
+            yield candidate_of_kind(BankName.LIBRARY, kind, joint, fixed)
     artefacts = dict.fromkeys(of for _, of, _ in rows.certificates)
     for kind, row in sorted(listed.items(), key=lambda item: item[1].joint == "absent"):
         if row.joint != "required":
             named = artefacts if "artefact" in row.keys else (None,)
-            yield from (_candidate(kind, artefact=artefact) for artefact in named)
+            for artefact in named:
+                fixed = {"artefact": artefact}
+                yield candidate_of_kind(BankName.LIBRARY, kind, None, fixed)
 
 
 def _waves(
@@ -157,32 +156,21 @@ def _waves(
                     yield number, order, at, component
 
 
-def _candidate(
-    kind: str,
-    joint: str | None = None,
-    order: int | None = None,
-    component: str | None = None,
-    artefact: str | None = None,
-) -> Candidate:
-    fixed = {"component": component, "order": order, "artefact": artefact}
-    return candidate_of_kind(BankName.LIBRARY, kind, joint, fixed)
-
-
 def _silence(rows: ObservationEquations, correction: Correction) -> str | None:
     """Return why the campaign says nothing about an effect, or None where it does."""
     block = rows.block
     lacks = [lack for need in correction.needs if (lack := block.lack(need))]
     if lacks:
         return lacks[0]
-    constant = [need for need in correction.needs if not _varies(rows, need)]
+    constant = [
+        need
+        for need in correction.needs
+        if not varies(rows, covariate_values(rows, need))
+    ]
     if constant and len(constant) == len(correction.needs):
         return f"the {constant[0].covariate.value} does not vary"
     if isinstance(correction, ContactCorrection):
-        directions, used = block.directions, used_poses(rows)
+        directions, used = block.directions, rows.used_poses
         if directions is None or not np.isfinite(directions[used]).all(axis=1).any():
             return "no direction of a touched surface is known"
     return None
-
-
-def _varies(rows: ObservationEquations, need: Need) -> bool:
-    return varies(rows, covariate_values(rows, need))

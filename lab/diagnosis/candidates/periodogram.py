@@ -6,6 +6,7 @@ counts for less. What repeats a whole number of times, as far as poses resolve i
 has an order in the bank of harmonics, is left to the encoder.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,6 @@ from traverse.lab.diagnosis.candidates.harmonics import HIGHEST_ORDER as MOST_HA
 from traverse.lab.diagnosis.candidates.library import HIGHEST_ORDER
 from traverse.lab.diagnosis.candidates.scoring import log_evidences
 from traverse.lab.diagnosis.model.candidate import Bank, BankName
-from traverse.lab.diagnosis.model.covariates import used_poses
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 MOST_CYCLES = EFFECT_KINDS[TransmissionError.kind].most["cycles"]
@@ -62,7 +62,7 @@ class Periodogram:
 def periodograms(rows: ObservationEquations) -> tuple[Periodogram, ...]:
     """Compute the waves of every joint that has travelled far enough."""
     found = []
-    used = used_poses(rows)
+    used = rows.used_poses
     for joint, name in enumerate(rows.adjustment.network.campaign.joint_names):
         travel_rad = float(np.ptp(rows.block.angles_rad[used, joint]))
         if travel_rad == 0.0:
@@ -116,55 +116,43 @@ def wave_columns(rows: ObservationEquations, joint: str, cycles: Floats) -> Floa
     return rows.decorrelated(own * waves[rows.poses])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Sums:
-    """Contribution of each pose's rows to the normal equations of waves of one joint.
+def _by_poses(
+    rows: ObservationEquations, joint: int
+) -> Callable[[Floats], tuple[Floats, Floats]]:
+    """Prepare the normal equations of waves of a joint, added up pose by pose.
 
-    Attributes:
-        readings_rad: Of the joint, (n_poses,).
-        squares: Of the changes with the reading, (n_poses,).
-        products: With the basis of the unknowns and, last, the residuals,
-            (n_poses, rank + 1).
+    Only where errors of poses are not correlated. Of cycles (n_cycles,) the function
+    returns the squares of pairs of projected columns, (n_cycles, 2, 2), and their
+    products with the residuals, (n_cycles, 2).
     """
-
-    readings_rad: Floats
-    squares: Floats
-    products: Floats
-
-    def normal_equations(self, cycles: Floats) -> tuple[Floats, Floats]:
-        """Squares of pairs of projected columns, and their products with residuals.
-
-        (n_cycles, 2, 2) and (n_cycles, 2).
-        """
-        phases_rad = np.outer(cycles, self.readings_rad)
-        waves = np.stack([np.cos(phases_rad), np.sin(phases_rad)], axis=1)
-        products = waves @ self.products
-        absorbed, along = products[:, :, :-1], products[:, :, -1]
-        squares = (waves * self.squares) @ waves.swapaxes(1, 2)
-        return squares - absorbed @ absorbed.swapaxes(1, 2), along
-
-
-def _sums(rows: ObservationEquations, joint: int) -> _Sums:
-    """Add up pose by pose; only where errors of poses are not correlated."""
     is_pose = rows.poses >= 0
     own = np.where(is_pose, _SIZE_RAD * rows.by_readings[:, joint], 0.0)
     others = np.column_stack([rows.basis, rows.residuals])
-    n_poses = len(rows.block.angles_rad)
-    products = np.zeros((n_poses, others.shape[1]))
-    np.add.at(products, rows.poses[is_pose], (own[:, np.newaxis] * others)[is_pose])
-    squares = np.zeros(n_poses)
-    np.add.at(squares, rows.poses[is_pose], (own**2)[is_pose])
-    return _Sums(rows.block.angles_rad[:, joint], squares, products)
+    readings_rad = rows.block.angles_rad[:, joint]
+    of_poses = np.zeros((len(readings_rad), others.shape[1]))
+    np.add.at(of_poses, rows.poses[is_pose], (own[:, np.newaxis] * others)[is_pose])
+    weights = np.zeros(len(readings_rad))
+    np.add.at(weights, rows.poses[is_pose], (own**2)[is_pose])
+
+    def normal_equations(cycles: Floats) -> tuple[Floats, Floats]:
+        phases_rad = np.outer(cycles, readings_rad)
+        waves = np.stack([np.cos(phases_rad), np.sin(phases_rad)], axis=1)
+        products = waves @ of_poses
+        absorbed, along = products[:, :, :-1], products[:, :, -1]
+        squares = (waves * weights) @ waves.swapaxes(1, 2)
+        return squares - absorbed @ absorbed.swapaxes(1, 2), along
+
+    return normal_equations
 
 
 def _periodogram(
     rows: ObservationEquations, joint: int, name: str, cycles: Floats
 ) -> Periodogram:
-    sums = _sums(rows, joint) if rows.root is None else None
+    by_poses = _by_poses(rows, joint) if rows.root is None else None
 
     def judged(some: Floats) -> tuple[Floats, Floats]:
-        if sums is not None:
-            return _statistics(rows, *sums.normal_equations(some))
+        if by_poses is not None:
+            return _statistics(rows, *by_poses(some))
         columns = rows.project(wave_columns(rows, name, some))
         pairs = columns.T.reshape(-1, 2, len(columns))
         return _statistics(rows, pairs @ pairs.swapaxes(1, 2), pairs @ rows.residuals)

@@ -26,7 +26,6 @@ from traverse.lab.diagnosis.candidates.scoring import (
     log_evidences,
 )
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
-from traverse.lab.diagnosis.model.covariates import used_poses
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 
@@ -95,7 +94,7 @@ def step_sums_of(rows: ObservationEquations) -> StepSums:
     There is a gap between any two poses that take part and differ in time.
     """
     times_s = rows.block.row("campaign_s")
-    poses = used_poses(rows)
+    poses = rows.used_poses
     poses = poses[np.argsort(times_s[poses], kind="stable")]
     ranks = np.zeros(len(times_s), dtype=np.int64)
     ranks[poses] = np.arange(len(poses))

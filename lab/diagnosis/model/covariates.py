@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from traverse.arrays import Booleans, Floats, Integers
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.effects.base.covariate import Covariate, Need
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.statistics.outlier_clusters import Cluster, find_outlier_cluster
@@ -31,17 +31,12 @@ class CovariateColumn:
     values: Floats
 
 
-def used_poses(rows: ObservationEquations) -> Integers:
-    """List the campaign's poses that take part in a fit, in rising order, (n_used,)."""
-    return np.unique(rows.poses[rows.poses >= 0])
-
-
 def varies(rows: ObservationEquations, values: Floats) -> bool:
     """Return whether a covariate differs between the poses that take part.
 
     It has a value for every pose of the campaign, (n_poses,).
     """
-    used = values[used_poses(rows)]
+    used = values[rows.used_poses]
     spread = float(np.ptp(used)) if len(used) else 0.0
     return spread > _ROUNDING * max(float(np.abs(used).max(initial=0.0)), 1e-3)
 

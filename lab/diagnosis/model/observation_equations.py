@@ -83,6 +83,11 @@ class ObservationEquations:
         return self.adjustment.network.campaign.block()
 
     @cached_property
+    def used_poses(self) -> Integers:
+        """The campaign's poses that take part, in rising order, (n_used,)."""
+        return np.unique(self.poses[self.poses >= 0])
+
+    @cached_property
     def by_readings(self) -> Floats:
         """How rows change with d_alpha = 1 rad of each joint, (n_rows, n_joints).
 

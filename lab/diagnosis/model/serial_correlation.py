@@ -90,8 +90,8 @@ def without_serial_noise(
 def _order(rows: ObservationEquations) -> Integers:
     """Number the poses of all rows in the order of time, (n_rows,)."""
     times_s = rows.adjustment.network.campaign.poses.time_s
-    taking_part = np.unique(rows.poses[rows.poses >= 0])
-    sorted_poses = taking_part[np.argsort(times_s[taking_part], kind="stable")]
+    used = rows.used_poses
+    sorted_poses = used[np.argsort(times_s[used], kind="stable")]
     numbers = np.full(len(times_s) + 1, -1, dtype=np.int64)
     numbers[sorted_poses] = np.arange(len(sorted_poses))
     return numbers[rows.poses]

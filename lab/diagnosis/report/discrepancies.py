@@ -74,7 +74,7 @@ class Discrepancies:
         return self._amount(-self.by_readings[:, :, joint])
 
     def as_reading_rad(self, joint: int, moves_mm: Floats) -> Floats:
-        """Say which error of a reading does the same as moves (n_poses, 3) of the ball."""
+        """Say which error of a reading does the same as moves of the ball, (n, 3)."""
         moved = np.einsum("nij,nj->ni", self.by_centre, moves_mm)
         own = -self.by_readings[:, :, joint]
         squares = np.sum(own**2, axis=1)

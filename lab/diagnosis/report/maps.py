@@ -33,21 +33,15 @@ _AFTER = (BLUE, "o", "after")
 def artefact_map(before: Discrepancies, after: Discrepancies, shown: Booleans) -> bytes:
     """Draw all misclosures by artefact, before and after."""
     n_rows = len(np.unique(before.campaign.poses.artefacts[shown]))
-    return picture(
-        180.0,
-        20.0 + 12.0 * n_rows,
-        lambda figure: _paint_artefacts(figure, before, after, shown),
-    )
+    height_mm = 20.0 + 12.0 * n_rows
+    return picture(180.0, height_mm, _paint_artefacts, before, after, shown)
 
 
 def joint_map(before: Discrepancies, after: Discrepancies, shown: Booleans) -> bytes:
     """Draw measured less simulated readings over each joint's angle."""
     n_lines = -(-len(before.campaign.joint_names) // _PER_LINE)
-    return picture(
-        190.0,
-        10.0 + 38.0 * n_lines,
-        lambda figure: _paint_joints(figure, before, after, shown),
-    )
+    height_mm = 10.0 + 38.0 * n_lines
+    return picture(190.0, height_mm, _paint_joints, before, after, shown)
 
 
 def condition_map(
@@ -57,11 +51,8 @@ def condition_map(
     panels = tuple(conditions(before.campaign))
     n_lines = -(-len(panels) // _PER_LINE)
     sizes = before.sizes, after.sizes
-    return picture(
-        190.0,
-        10.0 + 40.0 * n_lines,
-        lambda figure: _paint_conditions(figure, panels, sizes, shown),
-    )
+    height_mm = 10.0 + 40.0 * n_lines
+    return picture(190.0, height_mm, _paint_conditions, panels, sizes, shown)
 
 
 def conditions(campaign: Campaign) -> Iterator[tuple[str, Floats]]:
@@ -82,10 +73,9 @@ def conditions(campaign: Campaign) -> Iterator[tuple[str, Floats]]:
         ]
     columns.append(("contact force [N]", poses.force_n))
     for label, values in columns:
-        if values is not None and np.count_nonzero(np.isfinite(values)) > 1:
-            finite = values[np.isfinite(values)]
-            if np.ptp(finite) > 0.0:
-                yield label, values
+        finite = np.empty(0) if values is None else values[np.isfinite(values)]
+        if values is not None and len(finite) > 1 and np.ptp(finite) > 0.0:
+            yield label, values
 
 
 def _paint_artefacts(

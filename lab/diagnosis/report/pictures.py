@@ -32,15 +32,13 @@ def ledger_picture(diagnosis: Diagnosis) -> bytes | None:
     """Draw the gap after every term; None: no poses were kept aside."""
     if diagnosis.gap.before.n == 0:
         return None
-    n_rows = len(diagnosis.ledger)
-    return picture(
-        180.0, 22.0 + 9.0 * n_rows, lambda figure: _paint_ledger(figure, diagnosis)
-    )
+    height_mm = 22.0 + 9.0 * len(diagnosis.ledger)
+    return picture(180.0, height_mm, _paint_ledger, diagnosis)
 
 
 def term_picture(curve: TermCurve, shown: Booleans) -> bytes:
     """Draw a term: what was left over before and after, and the term itself."""
-    return picture(180.0, 68.0, lambda figure: _paint_term(figure, curve, shown))
+    return picture(180.0, 68.0, _paint_term, curve, shown)
 
 
 def _paint_ledger(figure: Figure, diagnosis: Diagnosis) -> None:
@@ -50,30 +48,16 @@ def _paint_ledger(figure: Figure, diagnosis: Diagnosis) -> None:
     rms_mm = np.array([step.held_out.rms_mm for step in diagnosis.ledger])
     factor, unit = shown_unit(float(np.max(rms_mm, initial=0.0)), "mm")
     left.barh(rows, factor * rms_mm, height=0.55, color=BLUE)
-    for row, value in zip(rows, factor * rms_mm, strict=True):
-        left.annotate(
-            f"{value:.3g} {unit}",
-            (value, row),
-            xytext=(3.0, 0.0),
-            textcoords="offset points",
-            va="center",
-            fontsize=7.0,
-        )
+    _write_values(left, factor * rms_mm, f" {unit}", 3.0)
     left.set_xlim(0.0, 1.28 * float(np.max(factor * rms_mm, initial=1e-9)))
     left.set_xlabel(f"held-out rms [{unit}]")
-    left.set_yticks(rows, [_short(name) for name in names])
+    most = _LONGEST_NAME
+    short = [n if len(n) <= most else f"{n[: most - 1]}…" for n in names]
+    left.set_yticks(rows, short)
     left.invert_yaxis()
     chi2 = np.array([step.held_out.chi2 for step in diagnosis.ledger])
     right.plot(chi2, rows, color=BLUE, marker="o", markersize=5.0, linewidth=1.0)
-    for row, value in zip(rows, chi2, strict=True):
-        right.annotate(
-            f"{value:.3g}",
-            (value, row),
-            xytext=(6.0, 0.0),
-            textcoords="offset points",
-            va="center",
-            fontsize=7.0,
-        )
+    _write_values(right, chi2, "", 6.0)
     right.axvline(1.0, color=ORANGE, linewidth=1.2, linestyle="--")
     top = float(np.max(chi2, initial=1.0))
     if top > 10.0:
@@ -84,8 +68,17 @@ def _paint_ledger(figure: Figure, diagnosis: Diagnosis) -> None:
     right.set_xlabel("held-out misfit; dashed: noise alone")
 
 
-def _short(name: str) -> str:
-    return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
+def _write_values(axes: Axes, values: Floats, unit: str, right_points: float) -> None:
+    """Write the value of each row beside its end."""
+    for row, value in enumerate(values):
+        axes.annotate(
+            f"{value:.3g}{unit}",
+            (value, row),
+            xytext=(right_points, 0.0),
+            textcoords="offset points",
+            va="center",
+            fontsize=7.0,
+        )
 
 
 def _paint_term(figure: Figure, curve: TermCurve, shown: Booleans) -> None:

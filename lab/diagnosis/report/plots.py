@@ -11,41 +11,19 @@ from traverse.lab.diagnosis.report.term_curve import term_curve
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plots:
-    """Pictures of the page, as PNG.
+    """Comparisons of measurement and models, and the pictures of the page.
 
     Attributes:
-        before: Measurement against the model without terms.
+        before: Against the model without terms.
         after: Against the model of the arm that is written, in units of the same
             noise.
-        ledger: The gap after every term; None: no poses were kept aside.
-        terms: Each term over what matters for it; None where there is no such picture.
-        artefacts: Misclosures by artefact.
-        joints: Discrepancy over the joints' angles.
-        conditions: Over time, temperature, speed, direction, force.
+        files: PNG by name of the file: artefacts, joints, conditions, ledger where
+            poses were kept aside, and each term over what matters for it.
     """
 
     before: Discrepancies
     after: Discrepancies
-    ledger: bytes | None
-    terms: tuple[bytes | None, ...]
-    artefacts: bytes
-    joints: bytes
-    conditions: bytes
-
-    @property
-    def files(self) -> dict[str, bytes]:
-        """By name of the file."""
-        found = {
-            "artefacts.png": self.artefacts,
-            "joints.png": self.joints,
-            "conditions.png": self.conditions,
-        }
-        if self.ledger is not None:
-            found["ledger.png"] = self.ledger
-        for number, png in enumerate(self.terms, start=1):
-            if png is not None:
-                found[f"term-{number}.png"] = png
-        return found
+    files: dict[str, bytes]
 
 
 def plots_of(diagnosis: Diagnosis) -> Plots:
@@ -58,12 +36,14 @@ def plots_of(diagnosis: Diagnosis) -> Plots:
         everything = discrepancies(diagnosis.all_terms, noise)
     shown = ~diagnosis.excluded & ~diagnosis.blunders
     curves = [term_curve(diagnosis, t, before, everything) for t in diagnosis.terms]
-    return Plots(
-        before,
-        after,
-        ledger_picture(diagnosis),
-        tuple(None if c is None else term_picture(c, shown) for c in curves),
-        artefact_map(before, after, shown),
-        joint_map(before, after, shown),
-        condition_map(before, after, shown),
-    )
+    found: dict[str, bytes | None] = {
+        "artefacts.png": artefact_map(before, after, shown),
+        "joints.png": joint_map(before, after, shown),
+        "conditions.png": condition_map(before, after, shown),
+        "ledger.png": ledger_picture(diagnosis),
+    }
+    for number, curve in enumerate(curves, start=1):
+        if curve is not None:
+            found[f"term-{number}.png"] = term_picture(curve, shown)
+    files = {name: png for name, png in found.items() if png is not None}
+    return Plots(before, after, files)

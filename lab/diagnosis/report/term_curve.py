@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
 from traverse.kinematics.effects.base.block import Block
@@ -97,7 +96,7 @@ def term_curve(
     campaign, arm = diagnosis.campaign, diagnosis.adapted
     if term.effect is None or EFFECT_KINDS[term.candidate.kind].family is Family.LENGTH:
         return None
-    effects = _effects(arm, term.effect, campaign)
+    effects = effects_of(arm, (term.effect,), campaign.span)
     tools_mm = diagnosis.all_terms.state.arm.tools_mm
     scene = _Scene(ArmValues(geometry_from_arm(arm), np.empty(0), tools_mm), campaign)
     covariance = value_covariance(diagnosis, term, effects)
@@ -150,10 +149,6 @@ def term_curve(
         fitted,
         np.sqrt(np.maximum(variance, 0.0)),
     )
-
-
-def _effects(arm: Arm, effect: Effect, campaign: Campaign) -> ArmEffects:
-    return effects_of(arm, (effect,), campaign.span)
 
 
 def _changed(effects: ArmEffects, at: int, step: float) -> ArmEffects:

@@ -23,7 +23,7 @@ from traverse.lab.diagnosis.candidates.curves import (
 )
 from traverse.lab.diagnosis.candidates.effect_factory import effect_of_candidate
 from traverse.lab.diagnosis.candidates.scoring import project
-from traverse.lab.diagnosis.model.covariates import covariate_columns, used_poses
+from traverse.lab.diagnosis.model.covariates import covariate_columns
 from traverse.lab.diagnosis.model.fit import fitted
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 
@@ -109,7 +109,7 @@ def test_a_curve_of_an_angle_is_the_effect_of_the_arm_file(covariate):
     at = {course.name: course.values for course in covariate_columns(rows)}[covariate]
     curve = CubicSpline(keys["knots"], values, bc_type="natural")(at)
     curve = np.where(at > keys["knots"][-1], values[-1], curve)
-    poses = used_poses(rows)
+    poses = rows.used_poses
     centred = curve - curve[poses].mean()
     geometry = rows.adjustment.state.arm.geometry
     moved = []
@@ -145,7 +145,7 @@ def test_tilts_and_shifts_move_what_the_joint_carries():
         )
         knots = dict(candidate.keys)["knots"]
         curves = spline_amounts(knots, at).T
-        curves -= curves[used_poses(rows)].mean(axis=0)
+        curves -= curves[rows.used_poses].mean(axis=0)
         for column in (0, 3, 12, 19):
             key, direction, number = candidate.parameters[column].split(".")
             assert key == {"tilt": "tilt_rad", "shift": "shift_mm"}[component]
@@ -210,7 +210,7 @@ def test_the_base_moves_in_three_directions():
     assert candidate.parameters[0] == "shift_mm.x.1"
     knots = dict(candidate.keys)["knots"]
     curves = spline_amounts(knots, rows.block.campaign_s).T
-    curves -= curves[used_poses(rows)].mean(axis=0)
+    curves -= curves[rows.used_poses].mean(axis=0)
     for axis in range(3):
         moves = np.zeros((len(curves), 3, N_KNOTS))
         moves[:, axis] = 0.01 * curves

@@ -15,7 +15,6 @@ from traverse.lab.diagnosis.candidates.steps import (
     step_columns,
 )
 from traverse.lab.diagnosis.model.candidate import Bank
-from traverse.lab.diagnosis.model.covariates import used_poses
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.identification.equations.effect_model import plausible_values
 
@@ -25,7 +24,7 @@ ROWS = pytest.mark.parametrize("rows_are", [measured_rows, serial_rows])
 
 def test_there_is_a_gap_between_any_two_poses():
     rows = measured_rows()
-    times_s = np.sort(measured().campaign.poses.time_s[used_poses(rows)])
+    times_s = np.sort(measured().campaign.poses.time_s[rows.used_poses])
     for scan in scan_steps(rows):
         np.testing.assert_allclose(scan.at_s, (times_s[1:] + times_s[:-1]) / 2)
     names = [scan.joint for scan in scan_steps(rows)]
