@@ -35,11 +35,7 @@ LOOK_S = 0.05
 class ReplayOptions(DriverOptions):
     """Options of the driver `replay`.
 
-    Attributes:
-        file: a recording of a daemon.
-        source: id of the device in it; None: the same.
-        speed: how much faster than then.
-        repeat: begin anew at its end.
+    Without ``source`` the device has the same id in the recording of a daemon.
     """
 
     file: str = Field(min_length=1)

@@ -65,9 +65,7 @@ def turns_of(value: int) -> int:
 class Reply:
     """The reply to one request, fed as it arrives; it keeps 3 bytes at most.
 
-    Args:
-        request: the bytes that were sent.
-        echoed: the adapter sends them back before the reply.
+    Where ``echoed``, the adapter sends the request back before it.
 
     Attributes:
         surplus: unexpected bytes beyond the reply.

@@ -42,12 +42,7 @@ class MessageError(ValueError):
 
     @classmethod
     def from_validation(cls, name: str, error: ValidationError) -> Self:
-        """All mistakes that pydantic found, each with its key path.
-
-        Args:
-            name: what was read, the root of the key paths ("point").
-            error: pydantic's.
-        """
+        """All mistakes that pydantic found, each with its key path."""
         found = error.errors(include_url=False, include_context=False)
         return cls(
             tuple(

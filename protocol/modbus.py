@@ -31,9 +31,6 @@ class PositionRegisters:
     def count(self, words: Sequence[int]) -> int:
         """The count, from 0 to below the modulus.
 
-        Args:
-            words: As they were read, each from 0 to 65535.
-
         Raises:
             ValueError: Not so many words as expected.
         """

@@ -46,12 +46,7 @@ CONDITIONS = {
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How an encoder writes its position.
-
-    Attributes:
-        bits: Resolution of a turn.
-        turns: It counts turns too.
-    """
+    """How an encoder writes its position."""
 
     bits: int
     turns: bool = False
@@ -111,13 +106,7 @@ class Position:
 
 
 def position(reply: bytes, request: bytes, layout: Layout) -> Position | None:
-    """Read a whole reply; None where it cannot be one.
-
-    Args:
-        reply: `Layout.reply_bytes` bytes.
-        request: One that is answered with a position.
-        layout: Of the encoder.
-    """
+    """Read a whole reply; None where it cannot be one."""
     head = b"" if request == SHORT else request
     if len(reply) != layout.reply_bytes(request) or not reply.startswith(head):
         return None
@@ -161,9 +150,7 @@ class Replies:
     A header may also occur inside a reply. So after anything that does not fit, two
     replies in a row are required before one is valid, and the third header after them.
 
-    Args:
-        request: That is answered again and again; one whose reply has a header.
-        layout: Of the encoder.
+    The request is one whose reply has a header.
 
     Attributes:
         skipped: Bytes that were no part of a reply.

@@ -19,12 +19,7 @@ _NOT_IN_LEVEL = re.compile(r"[/+#\x00-\x1f\x7f-\x9f]")
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """How messages of one kind are sent.
-
-    Attributes:
-        qos: MQTT quality of service.
-        retained: whether the broker keeps the last one for newcomers.
-    """
+    """How messages of one kind are sent."""
 
     qos: int
     retained: bool
@@ -50,10 +45,7 @@ NAMED: Final = ("cmd", "reply")
 class Topic:
     """A topic taken apart.
 
-    Attributes:
-        arm: name of the arm.
-        kind: a key of CHANNELS.
-        command: name of the command for "cmd" and "reply", else None.
+    The kind is a key of `CHANNELS`; others than "cmd" and "reply" have no command.
     """
 
     arm: str

@@ -23,11 +23,7 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """The host's monotonic clock, from 0 at its making.
-
-    Attributes:
-        origin_ns: The host's monotonic clock at 0.
-    """
+    """The host's monotonic clock, from 0 at its making."""
 
     def __init__(self) -> None:
         self.origin_ns = time.monotonic_ns()
@@ -46,12 +42,7 @@ def live_real(
 ) -> None:
     """Follow the clock. Instants are absolute, so nothing drifts.
 
-    Args:
-        devices: All of them.
-        clock: Time of the simulation.
-        script: When the script began.
-        end_s: End of the script, None to continue.
-        stopped: Whether to end.
+    Without ``end_s`` it continues after the script.
     """
     while not stopped():
         now_s = clock.now_s()

@@ -37,11 +37,8 @@ WIDEST_WORD = 2**32
 class VirtualArm:
     """The simulated arm.
 
-    Attributes:
-        truth: Geometry as it really is.
-        faulty: The same with all effects of the arm file.
-        limits_rad: (n_joints, 2)
-        encoders: Of each device, in the order of the configuration.
+    ``faulty`` has all effects of the arm file; limits are (n_joints, 2), encoders
+    in the order of the configuration.
     """
 
     truth: TrueArm
@@ -53,10 +50,7 @@ class VirtualArm:
 def build_arm(config: SimulatorConfig, folder: Path, source: str) -> VirtualArm:
     """Make the virtual arm.
 
-    Args:
-        config: Of the simulator.
-        folder: Paths in the configuration are relative to it.
-        source: Of the configuration, for messages.
+    Paths are relative to the folder; messages name ``source``.
 
     Raises:
         FileError: With all that does not fit together.
@@ -113,11 +107,7 @@ def build_script(
 ) -> Script:
     """Play all motions into one course.
 
-    Args:
-        config: Of the simulator.
-        arm: That moves.
-        folder: Paths in the configuration are relative to it.
-        source: Of the configuration, for messages.
+    Paths are relative to the folder; messages name ``source``.
 
     Raises:
         FileError: Naming the motions with targets that the arm cannot reach.

@@ -61,7 +61,7 @@ class Amt21Line:
     Attributes:
         exchange_ns: how long an exchange takes, on average.
         longest_ns: the longest so far.
-        strays: unexpected bytes, late replies among them.
+        unrequested_bytes: unexpected bytes, late replies among them.
     """
 
     def __init__(
@@ -120,9 +120,7 @@ class Amt21Line:
     def ask(self, request: bytes, *, patient: bool = True) -> TimedValue | ReadError:
         """Send a request and wait for its reply.
 
-        Args:
-            request: to one encoder.
-            patient: wait as long as any reply may take; else as long as most do.
+        Unless ``patient`` it waits only as long as most replies take.
 
         Raises:
             DeviceError: the port has disappeared.

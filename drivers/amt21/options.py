@@ -9,16 +9,7 @@ from traverse.protocol import amt21
 
 
 class Amt21Options(PolledOptions):
-    """Options of the driver `amt21`; channel i is the encoder ``addresses[i]``.
-
-    Attributes:
-        port: path of the serial port.
-        baud_rate: of the line.
-        addresses: of the encoders.
-        bits: resolution of the encoders, 12 or 14.
-        turns: they count whole turns, which are to be read too.
-        echo: whether the adapter echoes what is sent.
-    """
+    """Options of the driver `amt21`; channel i is the encoder ``addresses[i]``."""
 
     port: str = Field(min_length=1)
     baud_rate: int = Field(default=2_000_000, ge=9600, le=2_000_000)

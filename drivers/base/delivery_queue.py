@@ -36,11 +36,7 @@ RESERVED_FOR_STATES = 64
 class DeliveryQueue:
     """A bounded queue with one producing thread and one consuming event loop.
 
-    Args:
-        loop: the consumer's event loop.
-        max_samples: timed samples that may wait.
-        max_others: deliveries of every other kind that may wait.
-        monotonic_ns: the host's clock.
+    ``max_others`` bounds the deliveries of every kind but timed samples.
 
     Attributes:
         batch_window_ns: timed samples are collected so long; the consumer sets it.

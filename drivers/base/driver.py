@@ -39,19 +39,7 @@ CLOSE_S = 10.0
 
 
 class Driver(ABC):
-    """A device being read. Use as a context manager, or `start` and `close`.
-
-    Args:
-        device: id in the configuration.
-        options: its table in the configuration.
-        delivery_queue: where deliveries go.
-        monotonic_ns: the host's clock.
-
-    Attributes:
-        options_class: model of its table in the configuration.
-        heartbeat: the reader thread's signs of life.
-        thread: the reader thread.
-    """
+    """A device being read. Use as a context manager, or `start` and `close`."""
 
     options_class: ClassVar[type[DriverOptions]]
 

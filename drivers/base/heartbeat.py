@@ -9,12 +9,7 @@ from collections.abc import Callable
 
 
 class Heartbeat:
-    """Beaten by one thread, read by another; no lock, since it is one value.
-
-    Args:
-        name: of the thread, for people.
-        monotonic_ns: the host's clock.
-    """
+    """Beaten by one thread, read by another; no lock, since it is one value."""
 
     def __init__(
         self, name: str, monotonic_ns: Callable[[], int] = time.monotonic_ns
@@ -32,11 +27,7 @@ class Heartbeat:
         self._last_beat = None
 
     def overdue_s(self, limit_s: float) -> float | None:
-        """For how long it has been silent, if that is longer than it may be.
-
-        Args:
-            limit_s: how long any turn may take, unless a longer time was given.
-        """
+        """For how long it has been silent, if that is longer than it may be [s]."""
         beaten = self._last_beat
         if beaten is None:
             return None

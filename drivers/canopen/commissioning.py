@@ -20,10 +20,7 @@ STORE_S = 2.0  # writing to its memory takes an encoder longer than an answer ma
 class NodeActivity:
     """Frames that a node has sent without a request.
 
-    Attributes:
-        answers: to a single request.
-        state: of its last heartbeat; None for none.
-        emergencies: codes, in order.
+    The state is that of its last heartbeat.
     """
 
     answers: int = 0
@@ -50,12 +47,6 @@ class FoundNode:
 
 class Commissioning:
     """An open bus and questions to its nodes. Use as a context manager.
-
-    Args:
-        interface: of python-can.
-        channel: of that interface.
-        bit_rate: of the bus.
-        answer_s: how long an answer may take.
 
     Raises:
         DeviceNotFoundError: the bus cannot be opened.

@@ -26,12 +26,7 @@ ADAPTER_JITTER_NS = 1_000_000
 
 
 class NodeDiscovery:
-    """Which nodes answer a request to all.
-
-    Attributes:
-        answers: how often each node has answered.
-        asked: number of requests.
-    """
+    """Which nodes answer a request to all."""
 
     def __init__(self, nodes: Sequence[int]) -> None:
         self._nodes = nodes
@@ -48,12 +43,7 @@ class NodeDiscovery:
     ) -> None:
         """Repeat the request until all have answered, within the options' limit.
 
-        Args:
-            bus: open.
-            poll_bus: reads it once and counts answers in `n_answers`.
-            options: of the driver.
-            now_ns: the host's clock.
-            stopping: polled between waits; True ends the call.
+        ``poll_bus`` reads the bus once and counts answers in `n_answers`.
         """
         for _ in range(options.answer_tries):
             for node in self.silent:
@@ -127,12 +117,7 @@ class NodeDiscovery:
 
 @dataclass(frozen=True, slots=True)
 class NodeSetup:
-    """All nodes as they were found.
-
-    Attributes:
-        facts: by channel.
-        forgotten: some node had lost its settings.
-    """
+    """All nodes as they were found."""
 
     facts: tuple[NodeFacts, ...]
     forgotten: bool

@@ -16,20 +16,7 @@ MOST_READS = 50  # before a SYNC; a bus transports no more in that time
 
 
 class FrameDispatcher:
-    """Dispatch the frames of one connection; its parts are set as nodes are started.
-
-    Args:
-        bus: open.
-        nodes: their numbers, by channel.
-        counters: of the driver.
-
-    Attributes:
-        discovery: counts answers while all nodes are called.
-        sdos: by node; take answers from then on.
-        cycles: take positions once there are SYNCs.
-        scheduler: schedule of the SYNCs that are sent or received.
-        supervisor: looks after the nodes that were started.
-    """
+    """Dispatch the frames of one connection; its parts are set as nodes are started."""
 
     def __init__(
         self, bus: CanBus, nodes: Sequence[int], counters: Counter[str]

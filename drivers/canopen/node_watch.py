@@ -34,9 +34,7 @@ REMEDIES = {
 class Conditions:
     """Alarms of a device that begin and end, reported once each way.
 
-    Args:
-        device: id in the configuration.
-        put: passes an alarm on; False if there was no room, then it is repeated later.
+    What ``put`` has no room for is reported again later.
     """
 
     def __init__(self, device: str, put: Callable[[DeviceAlarm], bool]) -> None:
@@ -100,17 +98,7 @@ class _Node:
 
 
 class NodeMonitor:
-    """Follows all nodes of a bus, by channel.
-
-    Args:
-        nodes: their numbers.
-        heartbeat_ms: interval of each heartbeat.
-        conditions: receives alarms.
-        now_ns: they are taken to live now.
-
-    Attributes:
-        boot_ups: how often nodes have restarted.
-    """
+    """Follows all nodes of a bus, by channel."""
 
     def __init__(
         self,

@@ -40,12 +40,7 @@ Fault = Callable[[str, str, str, int], None]
 class NodeSupervisor:
     """Looks after the nodes of one connection.
 
-    Attributes:
-        sdos: by channel.
-        facts: by channel, as they were found.
-        options: of the driver.
-        report_fault: reports survived faults: code, text, remedy, how often.
-        counters: of the driver.
+    ``report_fault`` takes code, text, remedy, and how often.
     """
 
     bus: CanBus

@@ -21,9 +21,6 @@ from traverse.drivers.base.values import STATUS_LATE, STATUS_MISSING
 class SyncAttribution:
     """Of all nodes, by channel; masks have bit i for channel i.
 
-    Args:
-        n_nodes: how many.
-
     Attributes:
         pending: has not answered some SYNC, and may do so yet.
         invalidated: has answered more often than requested, or frames were lost that

@@ -24,13 +24,8 @@ PAUSE_EVERY = 5  # times ``late_ns`` at least: so much of the time SYNCs continu
 class SyncCycleAssembler:
     """Positions of one stream, gathered by SYNC.
 
-    Args:
-        device: id in the configuration.
-        nodes: by channel.
-        moduli: by channel, where counts wrap.
-        counts: by channel, the last known.
-        deliver: takes finished blocks.
-        late_ns: no answer arrives later than this after its SYNC.
+    ``counts`` are the last known; no answer arrives later than ``late_ns`` after
+    its SYNC.
 
     Attributes:
         status: by channel, further status of a node; set from outside.
@@ -93,10 +88,7 @@ class SyncCycleAssembler:
     def sync(self, time_ns: int, steps: int = 1) -> None:
         """A SYNC has been sent.
 
-        Args:
-            time_ns: when.
-            steps: instants of the schedule since the last one; more than 1 where
-                SYNCs were left out.
+        ``steps`` is more than 1 where SYNCs of the schedule were left out.
         """
         ambiguous = self.ambiguous
         if self._open:

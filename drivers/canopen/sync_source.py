@@ -26,9 +26,7 @@ class HostSchedule:
     A busy computer sends late: then the next ones follow closer until the schedule is
     reached again, so that none is left out; only what is far behind is skipped.
 
-    Args:
-        rate_hz: how often.
-        now_ns: the first is sent one period later.
+    The first is sent one period after ``now_ns``.
     """
 
     def __init__(self, rate_hz: float, now_ns: int) -> None:
@@ -59,8 +57,7 @@ class ObservedSchedule:
     catches up: what it is late adds up. So a schedule of its own, at the rate that was
     requested, would drift away from it and find SYNCs missing that were never due.
 
-    Args:
-        rate_hz: the kernel's; None if another master's is unknown.
+    The rate is None if it is another master's and unknown.
     """
 
     def __init__(self, rate_hz: float | None) -> None:
@@ -80,11 +77,7 @@ class ObservedSchedule:
 class SyncScheduler:
     """The SYNCs of one connection, from whatever source.
 
-    Args:
-        bus: open.
-        wanted: of the options; "auto" is the kernel where it can, else this program.
-        fault: reports survived faults: code, text, remedy.
-        now_ns: the host's clock.
+    ``fault`` takes code, text and remedy of a survived fault.
 
     Attributes:
         sent: the schedule where this program sends; else None.

@@ -48,11 +48,6 @@ SLCAN_WAIT_S = 0.1  # python-can waits 2 s, for boards that restart when opened
 class SocketFrames:
     """Read the frames of an open CAN_RAW socket; closed by its owner.
 
-    Args:
-        port: the socket.
-        monotonic_ns: the host's clock, to which the kernel's stamps are converted.
-        realtime_ns: the clock of those stamps.
-
     Attributes:
         dropped: frames for which the socket's buffer had no room.
     """

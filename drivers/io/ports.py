@@ -61,10 +61,7 @@ def wait_for_wake(wake_fd: int, seconds: float) -> None:
 def wait_for_any(ports: Sequence[BytePort], wake_fd: int, seconds: float) -> list[int]:
     """Wait for bytes; numbers of the ports that have some, none after ``seconds``.
 
-    Args:
-        ports: to wait for.
-        wake_fd: a non-blocking pipe; bytes in it end the wait early and are eaten.
-        seconds: to wait at most.
+    Bytes in the non-blocking pipe ``wake_fd`` end the wait early and are eaten.
     """
     numbers = [port.fileno() for port in ports]
     ready, _, _ = select.select([*numbers, wake_fd], [], [], seconds)

@@ -241,11 +241,8 @@ class MicroscribeDriver(Driver):
     ) -> None:
         """Take a packet.
 
-        Args:
-            session: with the arm.
-            heard: the received packet.
-            seq: its number where it belongs to the stream.
-            reported: sent without a request, because something had changed.
+        ``seq`` is given where it belongs to the stream, ``reported`` where it
+        was sent because something had changed.
         """
         self._answered_ns = heard.received_ns
         self._old_before = session.line.old

@@ -9,17 +9,7 @@ from traverse.protocol.microscribe.session import Maxes
 
 @dataclass(frozen=True, slots=True)
 class MicroscribeIdentification:
-    """Properties that an arm reports.
-
-    Attributes:
-        box: its answer to sign-on.
-        product: its name.
-        model: of it.
-        serial: its number.
-        version: of its program.
-        maxes: greatest counts.
-        baud_rate: at which it answered.
-    """
+    """Properties that an arm reports."""
 
     box: str
     product: str

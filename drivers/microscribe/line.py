@@ -47,11 +47,7 @@ class TimedPacket:
 class MicroscribeLine:
     """One connection to an arm.
 
-    Args:
-        port: open port; closed by its owner.
-        baud_rate: that it was opened with.
-        monotonic_ns: the host's clock.
-        stopping: polled between waits; True ends the wait.
+    The port is closed by its owner; ``stopping`` ends waits.
 
     Attributes:
         stray: bytes without a request.
@@ -151,9 +147,7 @@ class MicroscribeLine:
     ) -> TimedPacket | None:
         """Request a packet with timer; None if none arrives.
 
-        Args:
-            decoder: of such packets.
-            old: whether a packet is an answer to an earlier request.
+        ``old`` tells an answer to an earlier request.
         """
         self.drop_stray()
         self.port.write(packet_request(timer=True))

@@ -12,13 +12,8 @@ BaudRate = Literal[9600, 14400, 19200, 28800, 38400, 57600, 115200]
 class MicroscribeOptions(DriverOptions):
     """Of a MicroScribe.
 
-    Attributes:
-        port: path of the serial port.
-        baud_rate: the arm follows whatever it is.
-        report: packets by "request", or by the arm's own "motion".
-        timer_rate_hz: of the arm's timer; 0 not to use it.
-        debounce_ms: a pedal's next edge is not looked for earlier.
-        max_speed_rad_s: no joint turns faster.
+    Packets are sent on "request", or by the arm's own "motion"; 0 as timer rate
+    leaves its timer unused.
     """
 
     port: str = Field(min_length=1)

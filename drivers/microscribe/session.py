@@ -88,12 +88,6 @@ def sign_on_at_any_rate(
 ) -> tuple[MicroscribeLine, str, int]:
     """Open a port and begin a session at the first rate that the arm follows.
 
-    Args:
-        open_port: opens it at a baud rate.
-        rates: to be tried, in this order.
-        monotonic_ns: the host's clock.
-        stopping: polled between waits.
-
     Returns:
         The line, the arm's identity, and the rate.
 
@@ -126,11 +120,7 @@ def sign_on_at_any_rate(
 class MicroscribeSession:
     """Packets of one arm on one line, judged.
 
-    Args:
-        opened: the line and the arm.
-        timer_rate_hz: of the arm's timer, 0 not to use it.
-        max_speed_rad_s: no joint turns faster.
-        monotonic_ns: the host's clock.
+    A ``timer_rate_hz`` of 0 leaves the timer unused.
 
     Attributes:
         channels: description of the encoders.
@@ -255,11 +245,6 @@ class MotionReport:
     While nothing changes nothing is sent, and a quiet arm looks like a dead one. So
     after a while of silence the report is ended, one packet is requested, and the
     report begins again.
-
-    Args:
-        session: with the arm.
-        delay_ms: the arm waits so long between packets.
-        monotonic_ns: the host's clock.
     """
 
     def __init__(

@@ -28,7 +28,7 @@ class ModbusClient(ModbusBaseSyncClient):
     Attributes:
         sent_ns: when the last request had been written.
         received_ns: when the last bytes of its reply were read.
-        strays: unexpected bytes.
+        unrequested_bytes: unexpected bytes.
     """
 
     def __init__(

@@ -81,14 +81,7 @@ class ModbusEncoder(BaseModel):
 class ModbusOptions(PolledOptions):
     """Options of the driver `modbus`; channel i is the encoder ``encoders[i]``.
 
-    Attributes:
-        port: path of the serial port.
-        encoders: tables as `ModbusEncoder` describes them.
-        baud_rate: of the line.
-        parity: of its bytes.
-        stop_bits: of its bytes.
-        echo: the adapter echoes what is sent.
-        status_period_s: so often each one's status register is read; 0 for never.
+    A status period of 0 reads no status register.
     """
 
     port: str = Field(min_length=1)

@@ -12,13 +12,7 @@ REPORT_INTERVAL_NS = 200_000_000  # so often at most, together
 
 
 class ReadErrorLog:
-    """Alarms of the encoders of one device; lives as long as its driver.
-
-    Args:
-        device: id in the configuration.
-        put: hands a report over; False where there is no room.
-        counters: of the driver.
-    """
+    """Alarms of the encoders of one device; lives as long as its driver."""
 
     def __init__(
         self,
@@ -96,13 +90,7 @@ class Condition:
 
 
 class ConditionAlarms:
-    """The conditions of one device's encoders; lives as long as its driver.
-
-    Args:
-        device: id in the configuration.
-        put: hands an alarm over; False where there is no room.
-        conditions: by the code of the alarm.
-    """
+    """The conditions of one device's encoders; lives as long as its driver."""
 
     def __init__(
         self,
@@ -124,12 +112,7 @@ class ConditionAlarms:
         self._seen.update((channel, code) for code in codes)
 
     def report(self, names: Mapping[int, str], now_ns: int) -> None:
-        """Report what has begun, and what has not recurred since the last call.
-
-        Args:
-            names: of the encoders, by channel, for people.
-            now_ns: the host's clock.
-        """
+        """Report what has begun, and what has not recurred since the last call."""
         if now_ns - self._told_ns < REPORT_INTERVAL_NS:
             return
         self._told_ns = now_ns

@@ -47,12 +47,6 @@ UNCONFIRMED = ReadError("unconfirmed", "answers again", "")
 class PolledChannel:
     """State of one encoder.
 
-    Args:
-        name: for people, as in "encoder 0x54".
-        modulus: where its count wraps to 0.
-        counts_per_turn: of its shaft.
-        max_speed_rad_s: no joint turns faster.
-
     Attributes:
         count: the last good one; 0 before the first.
         time_ns: when that was; None before the first, and after it has been missing.

@@ -26,12 +26,7 @@ class PedalEdge:
 
 
 class PedalDebouncer:
-    """Confirmed levels of all pedals.
-
-    Args:
-        debounce_ns: after an edge further ones of that pedal are ignored so long.
-        n_inputs: how many there are.
-    """
+    """Confirmed levels of all pedals."""
 
     def __init__(self, debounce_ns: int, n_inputs: int) -> None:
         self._debounce_ns = debounce_ns
@@ -71,12 +66,7 @@ class PedalDebouncer:
 
 
 class PendingPedalEdges:
-    """Edges that wait until there is room for them; the arm keeps none.
-
-    Args:
-        device: id in the configuration.
-        put: hands an edge over; False where there is no room.
-    """
+    """Edges that wait until there is room for them; the arm keeps none."""
 
     def __init__(self, device: str, put: Callable[[LatchedCounts], bool]) -> None:
         self._device = device

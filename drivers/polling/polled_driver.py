@@ -73,13 +73,6 @@ class PolledDriver(Driver, Generic[LineT]):
     """A device whose channels are read one after the other.
 
     A child overrides `_open`, which sets `_line`, and `_read_channel`.
-
-    Args:
-        device: id in the configuration.
-        options: of the line and its encoders.
-        delivery_queue: where deliveries go.
-        monotonic_ns: the host's clock.
-        ports: opens ports and waits; another clock needs another one.
     """
 
     options: PolledOptions

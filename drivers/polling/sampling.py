@@ -13,12 +13,7 @@ MAX_SKEW_NS = 2**31 - 1
 
 
 class SampleSchedule:
-    """Instant k is ``begin + k / rate``, so that nothing drifts.
-
-    Args:
-        rate_hz: of the stream.
-        begin_ns: its first instant.
-    """
+    """Instant k is ``begin + k / rate``, so that nothing drifts."""
 
     def __init__(self, rate_hz: float, begin_ns: int) -> None:
         self._period_ns = 1e9 / rate_hz
@@ -87,11 +82,7 @@ def sample_of_readings(
 
 
 class SampleBlockBuilder:
-    """Samples that wait to be delivered together.
-
-    Args:
-        device: id in the configuration.
-    """
+    """Samples that wait to be delivered together."""
 
     def __init__(self, device: str) -> None:
         self._device = device

@@ -34,17 +34,12 @@ class TimedPosition:
 class RlsLine:
     """One encoder, from opening its port to losing it.
 
-    Args:
-        port: open port; closed by its owner.
-        layout: of the encoder.
-        monotonic_ns: the host's clock.
-        byte_ns: time of a byte on the wire.
-        doubt_ns: so long after a failed request its reply may still arrive.
+    A reply may arrive until ``doubt_ns`` after its request failed.
 
     Attributes:
         port: the port.
         request: the last one.
-        strays: unexpected bytes.
+        unrequested_bytes: unexpected bytes.
         latest: last reply of the continuous mode, until it is taken.
         last_ns: how long the last good exchange took.
         reply_duration_ns: time on the wire of an unsolicited reply.

@@ -13,21 +13,7 @@ DOUBTED_TIMEOUTS = 8  # a reply that arrives later than that is not to our reque
 
 
 class RlsLineGroup:
-    """All lines of a device, from opening the ports to losing one.
-
-    Args:
-        ports: open ports; `close_port` closes them.
-        layout: of the encoders.
-        baud_rate: of the ports.
-        timeout_s: within which a reply arrives.
-        monotonic_ns: the host's clock.
-        wait_any: waits for the first of several ports.
-        wait_for: waits.
-        wake_fd: ends waits early.
-
-    Attributes:
-        lines: by channel.
-    """
+    """All lines of a device, from opening the ports to losing one."""
 
     def __init__(
         self,
@@ -84,9 +70,7 @@ class RlsLineGroup:
     ) -> None:
         """Poll encoders, all at the same time, and wait for their replies.
 
-        Args:
-            requests: by channel.
-            impatient: channels whose replies are waited for as long as most take only.
+        Replies of ``impatient`` channels are awaited only as long as most take.
         """
         may_receive_late_reply = {
             n for n in requests if self.lines[n].may_receive_late_reply

@@ -30,15 +30,9 @@ CONDITIONS = {
 class RlsOptions(PolledOptions):
     """Options of the driver `rls`; channel i is the encoder on ``ports[i]``.
 
-    Attributes:
-        ports: paths of the serial ports.
-        baud_rate: of all of them.
-        bits: resolution of the encoders.
-        turns: they count whole turns.
-        mode: "asked", or "continuous": the encoders answer by themselves.
-        period_us: of the continuous mode.
-        detailed: read what an encoder complains of, too.
-        temperature_period_s: interval of each one's temperature; 0 for never.
+    In the mode "continuous" the encoders answer by themselves, every ``period_us``.
+    ``detailed`` reads what an encoder complains of; 0 as period reads no
+    temperature.
     """
 
     ports: tuple[str, ...] = Field(min_length=1, max_length=16)

@@ -58,9 +58,6 @@ class LineSplitter:
     """Whole lines out of received bytes, at most `MAX_LINE` bytes each.
 
     What arrives before the first line end may be the rest of a line: it is dropped.
-
-    Attributes:
-        overlong: how many lines had no end within `MAX_LINE` bytes.
     """
 
     def __init__(self) -> None:

@@ -40,10 +40,6 @@ class Debounce:
 
     The time of an edge is that of the first change away from the level that was known,
     as on a controller board: so debouncing delays the message and not the measurement.
-
-    Args:
-        hold_ns: how long a level must hold.
-        active: the level at the beginning, which is no edge.
     """
 
     def __init__(self, hold_ns: int, *, active: bool) -> None:
@@ -108,13 +104,6 @@ class TriggerDriver(Driver):
     """A device with inputs alone.
 
     A child overrides `_open`, `_levels`, `_changes` and `_disconnect`.
-
-    Args:
-        device: id in the configuration.
-        options: with how long a level must hold.
-        delivery_queue: where deliveries go.
-        n_inputs: how many inputs are watched.
-        monotonic_ns: the host's clock.
     """
 
     options: TriggerOptions

@@ -39,9 +39,7 @@ class BusCondition:
 def decode_error(can_id: int, data: bytes | bytearray) -> BusCondition:
     """Read an error frame.
 
-    Args:
-        can_id: with or without `ERROR_FLAG`.
-        data: up to eight bytes; the second is the controller's state.
+    The second of up to eight bytes is the controller's state.
     """
     state = data[1] if can_id & _CONTROLLER and len(data) > 1 else 0
     return BusCondition(

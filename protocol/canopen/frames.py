@@ -82,12 +82,7 @@ Message = Sync | Position | Emergency | Heartbeat | SdoAnswer
 
 
 def decode(can_id: int, data: bytes | bytearray) -> Message | None:
-    """The value of a frame; None for what is not of an encoder or has another length.
-
-    Args:
-        can_id: 11-bit identifier.
-        data: what the frame carries.
-    """
+    """The value of an encoder's frame; None for any other, or another length."""
     if can_id == SYNC:
         return Sync(data[0] if data else None) if len(data) <= 1 else None
     node, n = can_id & 0x7F, len(data)

@@ -66,10 +66,6 @@ class Packet:
 class PacketDecoder:
     """Finds packets in what is read; keeps less than one of them.
 
-    Args:
-        framing: of the arm.
-        timer: the packets were requested with their timer.
-
     Attributes:
         accepted: whole packets so far.
         faults: what else arrived, by name: "broken" packets that another one cut short,

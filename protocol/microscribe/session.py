@@ -133,9 +133,7 @@ def home_counts(block: bytes) -> tuple[int, ...]:
 def kinematics_of(block: bytes, comment: str) -> Kinematics:
     """The arm's geometry.
 
-    Args:
-        block: reply to `GEOMETRY` of an arm whose format is `DH_FORMAT`.
-        comment: of the arm.
+    The block is the reply to `GEOMETRY` of an arm whose format is `DH_FORMAT`.
 
     Raises:
         ValueError: the block is of another size.
@@ -160,10 +158,7 @@ def kinematics_of(block: bytes, comment: str) -> Kinematics:
 def motion_request(framing: Framing, delay_ms: int, *, timer: bool) -> bytes:
     """Request a packet whenever any button or any encoder has changed.
 
-    Args:
-        framing: of the arm.
-        delay_ms: the arm waits so long between packets.
-        timer: requested in the packets.
+    The arm waits ``delay_ms`` between packets.
     """
     any_button, no_analogs = b"\x7f", bytes([0xFF] * 8)
     smallest_step = b"\x00\x01" * framing.n_encoders

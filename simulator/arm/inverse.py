@@ -45,10 +45,7 @@ class Reach:
     ) -> tuple[Floats, Booleans]:
         """Find a posture for every target, each from a random start.
 
-        Args:
-            targets_mm: (n, 3) for the ball's centre.
-            shanks: (n, 3) directions of the shank, unit vectors.
-            tilt_rad: How far the shank may be off.
+        Of shapes (n, 3); the shank may be off by ``tilt_rad``.
 
         Returns:
             Turns (n, n_joints) and whether each target was reached.
@@ -79,9 +76,8 @@ class Reach:
     def along(self, starts_rad: Floats, targets_mm: Floats) -> Floats:
         """Follow targets with the smallest motion of the joints.
 
-        Args:
-            starts_rad: (n, n_joints) postures near the first targets.
-            targets_mm: (n_knots, n, 3), close to each other.
+        From postures (n, n_joints) near the first of (n_knots, n, 3) close
+        targets.
 
         Returns:
             (n_knots, n, n_joints)
@@ -130,11 +126,7 @@ class Reach:
     ) -> Floats:
         """Search from starts; the shank is turned only until it leans little enough.
 
-        Args:
-            turns: (n, n_joints) starts.
-            targets_mm: (n, 3)
-            shanks: (n, 3) required.
-            leans: (n,) cosines of the angles at which that is good enough.
+        ``leans`` are the cosines of the angles at which that is good enough.
         """
         low, high = self.limits_rad[:, 0], self.limits_rad[:, 1]
         for _ in range(N_SEARCH_STEPS):

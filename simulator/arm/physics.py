@@ -52,11 +52,7 @@ def turn_matrices(axis: Floats, origin_mm: Floats, turns_rad: Floats) -> Floats:
 
 
 def body_motions(mechanism: Mechanism, turns_rad: Floats) -> Floats:
-    """Motion of every body from the base posture.
-
-    Args:
-        mechanism: The arm.
-        turns_rad: (n, n_joints)
+    """Motion of every body from the base posture, for turns (n, n_joints).
 
     Returns:
         (n, n_joints + 1, 4, 4): the identity, then T_1 to T_n.

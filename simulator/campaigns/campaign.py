@@ -22,10 +22,7 @@ FIRST_LINE = 2  # of poses.csv with a pose; the header is line 1
 class StatedArtefact:
     """An artefact as a campaign states it.
 
-    Attributes:
-        id: Its name.
-        kind: What it is.
-        table: Further keys of contracts' `[[artefacts]]`, ready to be written.
+    The table has the further keys of `[[artefacts]]`, ready to be written.
     """
 
     id: str

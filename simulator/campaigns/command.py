@@ -17,14 +17,7 @@ Make = Callable[[Path, Path, int | None], Sequence[str]]
 def run_command(
     name: str, description: str, make: Make, arguments: Sequence[str] | None
 ) -> int:
-    """Run one; its exit status: 0 made, 2 the specification was refused.
-
-    Args:
-        name: How it is called.
-        description: What it makes.
-        make: Makes it.
-        arguments: Those of the command line where None.
-    """
+    """Run one; its exit status: 0 made, 2 the specification was refused."""
     parser = argparse.ArgumentParser(prog=name, description=description)
     parser.add_argument("spec", type=Path, help="specification, TOML")
     parser.add_argument("--out", type=Path, required=True, help="folder to write")

@@ -40,10 +40,7 @@ def draw_noise(
     campaign states is off by their standard deviations: so the same poses serve
     for any number of draws.
 
-    Args:
-        poses: Exact contacts.
-        seed: Equal seeds give equal errors.
-        noise: Instead of that of the specification.
+    Equal seeds give equal errors; ``noise`` replaces that of the specification.
     """
     noise = poses.spec.noise if noise is None else noise
     n_joints = poses.truth.mechanism.n_joints

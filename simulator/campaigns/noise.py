@@ -216,10 +216,7 @@ def serial_noise(
 def contact_shifts(poses: PoseSet, standard: Floats, stds_mm: Floats) -> Floats:
     """Displacements (n, 3): along the normal, in a seat in all directions.
 
-    Args:
-        poses: The contacts.
-        standard: (n, 3) standard normal; the first serves along the normal.
-        stds_mm: (n,)
+    Of (n, 3) standard normal numbers the first serves along the normal.
     """
     seated = np.isnan(poses.towards[:, :1])
     along = standard[:, :1] * np.nan_to_num(poses.towards)

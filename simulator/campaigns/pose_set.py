@@ -122,10 +122,7 @@ def with_effects(
     so that the ball of the arm as it then is touches. Vectors of wobble and runout are
     turned onto the true axes; the effects of the result are those.
 
-    Args:
-        poses: With or without effects.
-        effects: As an arm file has them.
-        faults: What else shall be wrong, also what no arm file can name.
+    ``faults`` may be some that no arm file can name.
 
     Raises:
         FileError: Naming all effects that cannot be played.

@@ -37,11 +37,8 @@ def make_poses(
 ) -> PoseSet:
     """Draw the true arm, place the artefacts, touch them.
 
-    Args:
-        arm: The arm file. Its effects are played: they are part of the truth.
-        spec: The specification.
-        seed: Equal seeds give equal poses.
-        truth: Instead of drawing it.
+    The effects of the arm file are played. Equal seeds give equal poses; a given
+    ``truth`` is not drawn.
 
     Raises:
         FileError: Everything in the specification that does not fit the arm, or all

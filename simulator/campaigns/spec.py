@@ -32,10 +32,7 @@ Maker = Callable[[str, int, float], Artefact]  # id, poses, width [mm]
 def mix_artefacts(name: str, n_poses: int, width_mm: float) -> tuple[Artefact, ...]:
     """Artefacts of a mix; the poses are dealt out evenly.
 
-    Args:
-        name: A key of `MIXES`.
-        n_poses: Of all artefacts together; an artefact without poses is left out.
-        width_mm: Of the arm's working volume.
+    The name is a key of `MIXES`; artefacts without poses are left out.
     """
     makers = MIXES[name]
     share, rest = divmod(n_poses, len(makers))

@@ -25,11 +25,8 @@ MOST_POINTS = 100  # more coordinates than that get a CSV file of their own
 def write_campaign(folder: Path, simulated: SimulatedCampaign, arm: Arm) -> None:
     """Write campaign.toml and poses.csv, arm.toml, and a folder truth.
 
-    Args:
-        folder: Made if it is not there.
-        simulated: What to write.
-        arm: The arm file; written too, to start an identification from,
-            but without effects: those of the truth are for others to find.
+    The arm file, to start an identification from, has no effects: others are to
+    find those of the truth.
     """
     folder.mkdir(parents=True, exist_ok=True)
     campaign = simulated.campaign

@@ -68,12 +68,7 @@ class Amt21Table(SerialTable):
 
 
 class SimulatedAmt21Line(SerialDevice):
-    """The encoders of a line.
-
-    Args:
-        table: Its configuration.
-        mounting: What it is wired to.
-    """
+    """The encoders of a line."""
 
     def __init__(self, table: Amt21Table, mounting: DeviceContext) -> None:
         self._channels = {a: number for number, a in enumerate(table.addresses)}

@@ -119,10 +119,8 @@ class DeviceContext:
     ) -> Wiring:
         """Wire the encoders and inputs up, anew at each power-up.
 
-        Args:
-            inputs: Names of the inputs, in order.
-            n_power_ups: Which power-up it is, from 1; each has noise of its own.
-            from_s: Time of the power-up; earlier changes are not reported.
+        Each power-up, counted from 1, has noise of its own; changes before
+        ``from_s`` are not reported.
         """
         return Wiring(
             self.source,

@@ -97,12 +97,7 @@ class ModbusTable(SerialTable):
 
 
 class SimulatedModbusLine(SerialDevice):
-    """The encoders of a line.
-
-    Args:
-        table: Its configuration.
-        mounting: What it is wired to.
-    """
+    """The encoders of a line."""
 
     def __init__(self, table: ModbusTable, mounting: DeviceContext) -> None:
         self._table = table

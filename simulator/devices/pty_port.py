@@ -20,9 +20,7 @@ class PtyPort:
 
     Nothing is sent while no host holds the other end, as on a USB line.
 
-    Args:
-        path: Where the host finds it: a symlink, made anew.
-        buffer_bytes: How much waits for a host that reads slowly.
+    The path is a symlink, made anew.
     """
 
     def __init__(self, path: Path, buffer_bytes: int) -> None:

@@ -76,12 +76,7 @@ class _Port:
 
 
 class SimulatedRls(SerialDevice):
-    """The encoders.
-
-    Args:
-        table: Its configuration.
-        mounting: What it is wired to.
-    """
+    """The encoders."""
 
     def __init__(self, table: RlsTable, mounting: DeviceContext) -> None:
         self._table = table

@@ -66,15 +66,7 @@ class SerialTable(DeviceTable):
 
 
 class SerialDevice(ABC):
-    """A device on one or more lines.
-
-    Args:
-        table: Its configuration.
-        mounting: What it is wired to.
-        ports: Of its lines.
-        inputs: Names of its inputs, in order.
-        bits_per_byte: On its lines.
-    """
+    """A device on one or more lines."""
 
     def __init__(
         self,
@@ -138,11 +130,8 @@ class SerialDevice(ABC):
     ) -> None:
         """Answer what was received at an instant, as faults allow.
 
-        Args:
-            line: To answer on.
-            data: The answer.
-            at_s: End of the request.
-            channel: Whose answer it is, None for the whole device's.
+        The instant is the end of the request; no channel means the whole
+        device.
         """
         script_s = self.mounting.clock.script_s(at_s)
         leaves_s = at_s + self._turnaround_s + self.disturbed.delay_s(script_s, channel)

@@ -62,10 +62,7 @@ class DisturbedLine:
     ) -> bytes:
         """Return the bytes that go out for a frame; none if it is lost.
 
-        Args:
-            frame: As it should be.
-            script_s: When.
-            channel: Whose word it is, None for the whole device's.
+        No channel means the whole device.
         """
         for number, fault in self._lasting(script_s, channel):
             if fault.kind in SPEECHLESS:
@@ -132,12 +129,7 @@ BUFFER_BYTES = 65_536
 class LineTiming:
     """What a line costs.
 
-    Attributes:
-        baud_rate: 0: bytes take no time.
-        request_delay_s: What an adapter adds to what the host sends.
-        reply_delay_s: What it adds to what the host gets.
-        echo: The host receives what it sends, as on many two-wire adapters.
-        bits_per_byte: On the wire; 11 with a parity bit.
+    Its fields are those of `SerialTable`.
     """
 
     baud_rate: int = 0
@@ -153,15 +145,7 @@ class LineTiming:
 
 
 class SerialLine:
-    """The device's end of a line.
-
-    Args:
-        path: Of the pty's symlink.
-        timing: What it costs.
-
-    Attributes:
-        n_dropped: Frames that the host did not take.
-    """
+    """The device's end of a line."""
 
     def __init__(self, path: Path, timing: LineTiming) -> None:
         self.timing = timing

@@ -104,9 +104,6 @@ class DeviceTable(KindTable):
     ) -> Iterator[tuple[str, str]]:
         """Report what does not match the arm file's encoders on this device.
 
-        Args:
-            counts_per_turn: By channel.
-
         Yields:
             A key of the table and what is wrong with it.
         """

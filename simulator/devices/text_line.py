@@ -25,10 +25,7 @@ from traverse.simulator.scenario.signals import InputChange, LatchedEdge
 class TextLineTable(SerialTable):
     """A board that prints lines.
 
-    Attributes:
-        form: Of its lines.
-        rate_hz: How many in a second.
-        buttons: Inputs on bit 0, 1, ...; only a ``sketch`` prints them.
+    Only a ``sketch`` prints buttons, on bit 0, 1, ...
     """
 
     FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS - {"status", "late"} | {"cut"}
@@ -43,12 +40,7 @@ class TextLineTable(SerialTable):
 
 
 class SimulatedTextLine(SerialDevice):
-    """The board.
-
-    Args:
-        table: Its configuration.
-        mounting: What it is wired to.
-    """
+    """The board."""
 
     def __init__(self, table: TextLineTable, mounting: DeviceContext) -> None:
         self._form = table.form

@@ -40,14 +40,7 @@ class MissedContactError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class FaultyArm:
-    """The true arm and all that is wrong with it.
-
-    Attributes:
-        build: Geometry and masses.
-        readings: What spoils readings.
-        bodies: What moves bodies.
-        touches: What the probe does.
-    """
+    """The true arm and all that is wrong with it."""
 
     build: Build
     readings: tuple[ReadingFault, ...]

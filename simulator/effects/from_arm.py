@@ -135,10 +135,7 @@ def faults_from_effects(
 ) -> tuple[Fault, ...]:
     """Make faults; those of standards are not the arm's and are left out.
 
-    Args:
-        arm: With the joints that effects name and their masses.
-        effects: In any order.
-        source: What to call them in messages.
+    Messages call them ``source``.
 
     Raises:
         FileError: With all effects that cannot be played.
@@ -195,10 +192,7 @@ def on_true_axes(
 
     A bearing wanders across the axis that it has, not across the one on paper.
 
-    Args:
-        arm: With the design axes.
-        effects: Whose vectors suit them.
-        axes: (n_joints, 3) true unit vectors.
+    Axes are true unit vectors (n_joints, 3).
     """
     names = [joint.name for joint in arm.joints]
     turned: list[Effect] = []

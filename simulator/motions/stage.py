@@ -52,18 +52,7 @@ class UnreachableError(ValueError):
 
 @dataclass(slots=True)
 class CourseBuilder:
-    """The course so far.
-
-    Attributes:
-        reach: The arm.
-        radius_mm: Of the probe's ball.
-        switching: The probe has a switch.
-        operator: Who leads it.
-        folder: Files are named relative to it.
-        posture_rad: (n_joints,) where the arm is now.
-        time_s: Now.
-        events: What happened to the inputs.
-    """
+    """The course so far."""
 
     reach: Reach
     radius_mm: float
@@ -113,9 +102,7 @@ class CourseBuilder:
     def follow(self, postures_rad: Floats, times_s: Floats) -> None:
         """Pass through postures (n, n_joints), the first is the present one.
 
-        Args:
-            postures_rad: (n, n_joints)
-            times_s: (n,) from now, beginning with 0.
+        Times (n,) count from now, beginning with 0.
         """
         pieces = spline_pieces(times_s, postures_rad)
         self._append([self.time_s + float(t) for t in times_s[1:]], pieces)

@@ -60,10 +60,8 @@ class Approach:
 def touch(stage: CourseBuilder, contacts: list[Contact], is_clear: IsClear) -> None:
     """Go to every contact in turn.
 
-    Args:
-        stage: The course so far.
-        contacts: In order.
-        is_clear: Whether balls at places (n, 3) of some radius are off the surface.
+    ``is_clear`` tells whether balls at places (n, 3) of some radius are off the
+    surface.
 
     Raises:
         UnreachableError: Naming the contacts that cannot be reached.

@@ -99,14 +99,7 @@ def _towards(event: ScriptEvent) -> Floats:
 
 
 class Course:
-    """The arm over the time of a script.
-
-    Args:
-        script: What it is led along.
-        arm: As it is.
-        climate: How warm it is.
-        start_utc_s: When the script begins, since 1970.
-    """
+    """The arm over the time of a script."""
 
     def __init__(
         self, script: Script, arm: FaultyArm, climate: ClimateTable, start_utc_s: float

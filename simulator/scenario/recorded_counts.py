@@ -22,9 +22,7 @@ INPUTS = ("button", "switch")
 class Recording:
     """A recorded stream.
 
-    Attributes:
-        times_s: (n,) from 0, increasing.
-        columns: (n,) of each column by its name.
+    Times (n,) rise from 0, columns are (n,) each.
     """
 
     times_s: Floats

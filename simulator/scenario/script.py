@@ -35,10 +35,7 @@ class ScriptEvent:
 class Script:
     """A course of the arm; times in a loop are taken modulo its duration.
 
-    Attributes:
-        trajectory: Turns over time.
-        events: In order of time, within the trajectory.
-        repeat: Start again at the end.
+    Its events are in order of time.
     """
 
     trajectory: Trajectory

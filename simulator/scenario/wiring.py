@@ -57,15 +57,8 @@ class ScriptClock:
 class Wiring:
     """Latched channels and inputs of one board.
 
-    Args:
-        source: Of the counts.
-        script: Of the inputs.
-        clock: When the script begins.
-        inputs: Names of the inputs, in order.
-        faults: Of its encoders.
-        moduli: (n_channels,)
-        seed: Of the noise.
-        from_script_s: Power-up; earlier changes are not reported.
+    Moduli have shape (n_channels,); changes before ``from_script_s``, the power-up,
+    are not reported.
     """
 
     def __init__(

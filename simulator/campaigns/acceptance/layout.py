@@ -21,11 +21,7 @@ from traverse.simulator.campaigns.artefacts.artefact import Placement, Table
 
 
 class CalibratedSphere(Sphere):
-    """A calibrated sphere whose touches have names of groups.
-
-    Attributes:
-        groups: The features.
-    """
+    """A calibrated sphere whose touches have names of groups."""
 
     kind: Literal["sphere"] = "sphere"
     known: bool = True
@@ -49,12 +45,7 @@ class SidedCone(Cone):
 
 
 class SeatBar(Points):
-    """A bar with a seat at each end.
-
-    Attributes:
-        length_mm: True distance of the seats.
-        length_std_mm: Of the distance that the campaign states.
-    """
+    """A bar with a seat at each end."""
 
     kind: Literal["points"] = "points"
     n_points: int = 2
@@ -143,11 +134,8 @@ def layout_of(
 ) -> Iterator[PlacedStandard]:
     """Place the standards.
 
-    Args:
-        standard: `iso10360-12`, `asme-b89.4.22` or `vdi2617-9`.
-        reach_mm: Of the arm, from its second joint.
-        ball_mm: Radius of its ball.
-        std_mm: Standard uncertainty of certified lengths and diameters.
+    The standard is `iso10360-12`, `asme-b89.4.22` or `vdi2617-9`. ``reach_mm`` is from
+    the second joint, ``ball_mm`` a radius; certificates state ``std_mm``.
     """
     if standard == "iso10360-12":
         yield from _iso(reach_mm, ball_mm, std_mm)

@@ -44,13 +44,7 @@ def acceptance_poses(
 ) -> PoseSet:
     """Place what a standard requires, and touch it, by the arm of the file.
 
-    Args:
-        arm: The arm file; without its effects.
-        standard: Its name.
-        seed: Equal seeds give equal poses.
-        noise: Between the truth and the file.
-        conditions: Under which it is measured.
-        std_mm: Standard uncertainty of the certificates.
+    Equal seeds give equal poses; ``noise`` lies between the truth and the file.
 
     Raises:
         UnreachableError: An artefact that fits nowhere.

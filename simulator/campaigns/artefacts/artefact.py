@@ -149,11 +149,7 @@ AnyArtefact = Annotated[SerializeAsAny[Artefact], BeforeValidator(Artefact.from_
 
 
 class Standard(Artefact):
-    """An artefact with a certificate.
-
-    Attributes:
-        expansion_per_c: Of all its lengths.
-    """
+    """An artefact with a certificate."""
 
     expansion_per_c: float = 0.0
 

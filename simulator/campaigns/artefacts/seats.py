@@ -40,10 +40,7 @@ class Cone(Artefact):
 class Seats(Standard):
     """A bar with cones: seats in a row, which expand about its middle.
 
-    Attributes:
-        n_seats: How many.
-        distance_mm: True distance from each to the next.
-        distance_std_mm: Of the distances that the campaign states.
+    The standard deviation is that of the stated distances.
     """
 
     kind: Literal["seats"] = "seats"

@@ -18,11 +18,7 @@ from traverse.simulator.campaigns.artefacts.artefact import (
 
 
 class Plane(Artefact):
-    """A square plate.
-
-    Attributes:
-        size_mm: Side of the square.
-    """
+    """A square plate."""
 
     kind: Literal["plane"] = "plane"
     size_mm: float = Field(gt=0.0)
@@ -49,11 +45,7 @@ INWARDS = -1.0
 class ParallelPlanes(Standard):
     """Two square faces, features 1 and 2.
 
-    Attributes:
-        distance_mm: True distance of the faces.
-        distance_std_mm: Of the distance that the campaign states.
-        size_mm: Side of the squares.
-        side: Outside of a block or inside of a gap.
+    The standard deviation is that of the stated distance.
     """
 
     kind: Literal["parallel_planes"] = "parallel_planes"
@@ -167,12 +159,7 @@ BAR_RAD = 0.6  # around the bar the spheres cannot be touched
 class BallBar(Standard):
     """Two spheres, features 1 and 2.
 
-    Attributes:
-        radius_mm: Of the first sphere, and of the second where that has none.
-        second_radius_mm: Of the second sphere.
-        distance_mm: True distance of the centres.
-        distance_std_mm: Of the distance that the campaign states.
-        radius_std_mm: Of the radii that it states.
+    The second has the radius of the first where it has none of its own.
     """
 
     kind: Literal["ball_bar"] = "ball_bar"

@@ -110,10 +110,6 @@ class CanLine(Protocol):
 class LibraryLine:
     """A bus of python-can: `virtual`, `udp_multicast`, `socketcan`.
 
-    Args:
-        interface: Of python-can.
-        channel: Of that interface.
-
     Raises:
         OSError: It cannot be opened.
     """

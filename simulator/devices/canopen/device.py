@@ -26,12 +26,7 @@ POSITION_ALARM, LIGHT_WARNING = 1, 2
 
 
 class CanOpenBus:
-    """All encoders on one bus.
-
-    Args:
-        table: Its configuration.
-        mounting: What they are wired to.
-    """
+    """All encoders on one bus."""
 
     streaming = False
     ahead = False

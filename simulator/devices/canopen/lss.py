@@ -16,10 +16,7 @@ WITHOUT_NUMBER = 0xFF  # only such nodes answer a fast scan
 class LssSlave:
     """The part of a node that answers on 7E5.
 
-    Args:
-        identity: Vendor, product, revision, serial number.
-        node: Its number.
-        answer: Sends the eight bytes of an answer.
+    The identity is vendor, product, revision and serial number.
 
     Attributes:
         node: The number that it has from the next reset on.

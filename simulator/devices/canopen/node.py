@@ -23,16 +23,7 @@ STORED = ((0x1017, 0), (0x6000, 0), (0x6001, 0), (0x6002, 0), (0x6200, 0), (0x65
 
 @dataclass(frozen=True, slots=True)
 class EncoderData:
-    """Properties of an encoder.
-
-    Attributes:
-        number: Of the node.
-        serial: Its serial number.
-        counts_per_turn: As it reports.
-        turns: That it distinguishes.
-        modulus: Where its counts wrap.
-        heartbeat_ms: As it was delivered; 0 for none.
-    """
+    """Properties of an encoder."""
 
     number: int
     serial: int
@@ -49,10 +40,6 @@ class EncoderData:
 
 class CanOpenEncoder:
     """An encoder on a bus.
-
-    Args:
-        data: What it is.
-        network: On which its frames go out.
 
     Attributes:
         count: What its disc shows, below its modulus; set before a request.

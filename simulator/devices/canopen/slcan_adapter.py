@@ -24,15 +24,8 @@ IGNORED = b"YMmZWXsQ"  # filters, stamps, timings: taken, without meaning here
 class SlcanAdapter:
     """The adapter's side of a pty.
 
-    Args:
-        path: Of the pty's symlink.
-
-    Attributes:
-        where: Where hosts find it.
-        poll_s: How often it must be polled; None, its descriptor shows it.
-        n_rejected: Commands that were answered with a bell.
-        n_dropped: Frames that the host did not take.
-        bus_off: No frame is received or sent.
+    Its attributes are those of `CanLine`; rejected commands are answered with a
+    bell.
     """
 
     poll_s: float | None = None

@@ -43,11 +43,7 @@ DROPPING_ENDS_S = 1.0  # so long without a loss, and the alarm is cleared
 
 
 class Alarms:
-    """Writes alarms and remembers which of the board's own are raised.
-
-    Attributes:
-        tx_dropped: Samples that the line did not take.
-    """
+    """Writes alarms and remembers which of the board's own are raised."""
 
     def __init__(self, ticks: TickCounter) -> None:
         self.tx_dropped = 0
@@ -108,14 +104,8 @@ class Alarms:
 class Board:
     """One board from power-up on.
 
-    Args:
-        identity: Its answer to HELLO.
-        ticks: Its counter.
-        latched: Its encoders and inputs.
-        temperatures_c: What its sensors show at first, None for a missing one.
-        warming_c: By how much they show more at a time.
-        power_up_s: Time of power-up.
-        on_edge: Called with every edge and its sequence number when it is reported.
+    At time t a sensor shows ``warming_c(t)`` more than at first, a missing one
+    None. ``on_edge`` takes every reported edge and its sequence number.
     """
 
     def __init__(

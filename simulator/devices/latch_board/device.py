@@ -18,12 +18,7 @@ from traverse.simulator.scenario.signals import LatchedEdge, OutgoingFrame
 
 
 class DropCounter:
-    """Notes each time that samples are dropped, from the first to the last in a row.
-
-    Args:
-        device: Whose.
-        notes: Where it is written when it is over.
-    """
+    """Notes each time that samples are dropped, from the first to the last in a row."""
 
     def __init__(self, device: str, notes: DeviceObserver) -> None:
         self._device, self._notes = device, notes
@@ -83,12 +78,7 @@ class LatchBoardTable(DeviceTable):
 
 
 class SimulatedLatchBoard:
-    """A board on a pty.
-
-    Args:
-        table: Its configuration.
-        mounting: What it is wired to.
-    """
+    """A board on a pty."""
 
     def __init__(self, table: LatchBoardTable, mounting: DeviceContext) -> None:
         self.id = table.id

@@ -18,12 +18,7 @@ class _Waiting:
 
 
 class EdgeQueue:
-    """The edges that were sent and not yet acknowledged, at most 16.
-
-    Attributes:
-        next_seq: What the next edge carries, without wrap.
-        n_lost: Edges for which there was no room.
-    """
+    """The edges that were sent and not yet acknowledged, at most 16."""
 
     def __init__(self) -> None:
         self.next_seq = 0

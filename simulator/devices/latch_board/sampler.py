@@ -58,11 +58,7 @@ class TickCounter:
 
 
 class InputLevels:
-    """Levels as they are, and as they are known to have held.
-
-    Attributes:
-        levels: Bit i set where input i is active.
-    """
+    """Levels as they are, and as they are known to have held."""
 
     def __init__(self) -> None:
         self.levels = 0
@@ -97,15 +93,7 @@ class InputLevels:
 
 @dataclass(slots=True)
 class Stream:
-    """A running stream; sample k is at first + round(k tick_rate 1000 / rate).
-
-    Attributes:
-        request: Of its START.
-        rate_millihz: Requested.
-        tick_rate_hz: Of the board.
-        first_tick: Of sample 0.
-        next_seq: Of the next sample, without wrap.
-    """
+    """A running stream; sample k is at first + round(k tick_rate 1000 / rate)."""
 
     request: int
     rate_millihz: int
@@ -150,12 +138,7 @@ STREAM, ON_REQUEST = 0, 1  # causes of a sample
 
 
 class Sampler:
-    """Latched values of a board, with times.
-
-    Attributes:
-        next_seq: What the next sample of the stream carries.
-        n_samples: Latched since power-up.
-    """
+    """Latched values of a board, with times."""
 
     def __init__(
         self,

@@ -74,11 +74,7 @@ def body_of(segment: bytes) -> bytes | None:
 
 
 class Segments:
-    """Cuts received bytes at the delimiters; never holds more than one segment.
-
-    Attributes:
-        n_too_long: Segments that were longer than any frame.
-    """
+    """Cuts received bytes at the delimiters; never holds more than one segment."""
 
     def __init__(self) -> None:
         self.n_too_long = 0

@@ -132,12 +132,7 @@ class MicroscribeTable(SerialTable):
 
 
 class SimulatedMicroscribe(SerialDevice):
-    """The arm.
-
-    Args:
-        table: Its configuration.
-        mounting: What it is wired to.
-    """
+    """The arm."""
 
     def __init__(self, table: MicroscribeTable, mounting: DeviceContext) -> None:
         moduli = mounting.encoders.moduli
