@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
-from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind
+from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.plurals import counted
 from traverse.strict_toml.problems import (
     Problem,
@@ -53,33 +53,14 @@ def effect_problems(
         )
     if kind.effect_class != "A" and "epoch_utc" in effect:
         yield Problem(f"{where}.epoch_utc", f"does not belong to {name}: remove it")
-    yield from _order_problems(where, effect, kind)
-    yield from _range_problems(where, effect, kind)
-    if "knots" in kind.keys:
-        yield from _knot_problems(where, effect)
-    axis = vector_in(axes.get(joint)) if isinstance(joint, str) else None
-    if axis is not None and any(axis) and kind.is_about_axis:
-        yield from _posture_problems(where, effect, kind.vectors, axis)
-
-
-def _order_problems(
-    where: str, effect: Mapping[str, Any], kind: EffectKind
-) -> Iterator[Problem]:
-    order = effect.get("order")
-    if "order" not in kind.keys or isinstance(order, bool):
-        return
+    order = None if isinstance(effect.get("order"), bool) else effect.get("order")
     least = kind.least_order(effect.get("component"))
-    if isinstance(order, int) and order < least:
+    if kind.has_order and isinstance(order, int) and order < least:
         yield Problem(
             f"{where}.order",
-            f"{order} is too small; {effect['kind']} starts at order {least} "
+            f"{order} is too small; {name} starts at order {least} "
             "(lower ones are part of the geometry or have their own kind)",
         )
-
-
-def _range_problems(
-    where: str, effect: Mapping[str, Any], kind: EffectKind
-) -> Iterator[Problem]:
     for key, most in kind.most.items():
         value = effect.get(key)
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -88,6 +69,11 @@ def _range_problems(
             yield Problem(
                 f"{where}.{key}", f"is {value:g}; expected above 0, up to {most:g}"
             )
+    if "knots" in kind.keys:
+        yield from _knot_problems(where, effect)
+    axis = vector_in(axes.get(joint)) if isinstance(joint, str) else None
+    if axis is not None and any(axis) and kind.is_about_axis:
+        yield from _posture_problems(where, effect, kind.vectors, axis)
 
 
 def _knot_problems(where: str, effect: Mapping[str, Any]) -> Iterator[Problem]:
@@ -149,7 +135,15 @@ _NOT_IN_TOPIC = re.compile(r"[/+#\x00-\x1f\x7f-\x9f]")
 
 def arm_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
     """Yield what is wrong between the keys of an arm file."""
-    yield from _name_problems(raw.get("name"))
+    name = raw.get("name")
+    if isinstance(name, str) and (
+        not name.strip() or len(name) > MAX_NAME_LENGTH or _NOT_IN_TOPIC.search(name)
+    ):
+        yield Problem(
+            "name",
+            f"{shown(name)} cannot be a level of an MQTT topic; "
+            f"use 1 to {MAX_NAME_LENGTH} letters, digits, '-' and '_', not / + #",
+        )
     joints = tables_in(raw.get("joints"))
     if raw.get("joints") == []:
         yield Problem("joints", "is empty; an arm has at least one joint")
@@ -164,18 +158,6 @@ def arm_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
     }
     for index, effect in enumerate(tables_in(raw.get("effects"))):
         yield from effect_problems(f"effects[{index}]", effect, axes)
-
-
-def _name_problems(name: object) -> Iterator[Problem]:
-    if not isinstance(name, str):
-        return
-    is_long = len(name) > MAX_NAME_LENGTH
-    if not name.strip() or is_long or _NOT_IN_TOPIC.search(name):
-        yield Problem(
-            "name",
-            f"{shown(name)} cannot be a level of an MQTT topic; "
-            f"use 1 to {MAX_NAME_LENGTH} letters, digits, '-' and '_', not / + #",
-        )
 
 
 def _joint_problems(joints: Sequence[Mapping[str, Any]]) -> Iterator[Problem]:

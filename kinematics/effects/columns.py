@@ -30,7 +30,8 @@ from traverse.kinematics.effects.base.correction import (
 )
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.effects.deflection import Deflection, deflection, totals
-from traverse.kinematics.effects.pose import checked, chunks, undeflected_posture
+from traverse.kinematics.effects.pose import checked, undeflected_posture
+from traverse.kinematics.model.forward import chunks
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.model.quaternion import rotate
 

@@ -25,10 +25,9 @@ from traverse.arrays import Booleans, Floats
 from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.contact import contact_seen
-from traverse.kinematics.effects.base.correction import FlagName
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.effects.deflection import Deflection, deflection, totals
-from traverse.kinematics.model.forward import numpy_pose, probe_pose
+from traverse.kinematics.model.forward import chunks, numpy_pose, probe_pose
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.model.kernel_choice import (
     KERNEL,
@@ -194,11 +193,8 @@ def contact_shifts(geometry: Geometry, effects: ArmEffects, block: Block) -> Flo
 
 def pose_flags(effects: ArmEffects, block: Block) -> PoseFlags:
     """Collect what all effects have to say about samples."""
-    found: dict[FlagName, Booleans] = {
-        "stale_effect": np.zeros(len(block), dtype=np.bool_),
-        "surface_unknown": np.zeros(len(block), dtype=np.bool_),
-        "empirical": np.zeros(len(block), dtype=np.bool_),
-        "beyond_knots": np.zeros(len(block), dtype=np.bool_),
+    found = {
+        field.name: np.zeros(len(block), dtype=np.bool_) for field in fields(PoseFlags)
     }
     for correction in effects.corrections:
         for name, which in correction.flags(block):
@@ -227,14 +223,6 @@ def deflected_arm(geometry: Geometry, effects: ArmEffects, block: Block) -> Defl
     posture = undeflected_posture(geometry, effects, block)
     amounts = totals(effects.mechanical, posture)
     return deflection(geometry, posture.turns_rad, amounts)
-
-
-def chunks(n_samples: int, chunk_samples: int) -> list[slice]:
-    """Cut a block into parts of at most so many samples."""
-    return [
-        slice(start, min(start + chunk_samples, n_samples))
-        for start in range(0, n_samples, chunk_samples)
-    ]
 
 
 def checked(geometry: Geometry, effects: ArmEffects, block: Block) -> None:

@@ -10,7 +10,6 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.fits.adjustment import (
-    Cloud,
     Precision,
     adjusted,
     cloud_of,
@@ -46,21 +45,7 @@ def fit_sphere(points_mm: Floats) -> Sphere:
     Raises:
         ValueError: Too few points, or all in one plane.
     """
-    cloud = cloud_of(points_mm, at_least=4)
-    cloud.refuse_degenerate("sphere", flat=True)
-    points = cloud.points
-
-    def linearised(state: _State) -> tuple[Floats, Floats]:
-        centre, radius = state
-        lengths, directions = _distances(points, centre)
-        design = np.column_stack([-directions, -np.ones(len(points))])
-        return lengths - radius, design
-
-    def moved(state: _State, step: Floats) -> _State:
-        return state[0] + step[:3], state[1] + float(step[3])
-
-    state = adjusted(_algebraic(points), linearised, moved, "sphere")
-    return _sphere(cloud, state, *linearised(state))
+    return _fit(points_mm, None)
 
 
 def fit_sphere_of_radius(points_mm: Floats, radius_mm: float) -> Sphere:
@@ -75,41 +60,34 @@ def fit_sphere_of_radius(points_mm: Floats, radius_mm: float) -> Sphere:
     """
     if not (np.isfinite(radius_mm) and radius_mm > 0.0):
         raise ValueError(f"radius_mm is {radius_mm}, expected a length above zero")
-    cloud = cloud_of(points_mm, at_least=4)
-    cloud.refuse_degenerate("sphere", flat=True)
-    points, radius = cloud.points, radius_mm / cloud.extent_mm
-
-    def linearised(state: _State) -> tuple[Floats, Floats]:
-        lengths, directions = _distances(points, state[0])
-        return lengths - radius, -directions
-
-    def moved(state: _State, step: Floats) -> _State:
-        return state[0] + step, radius
-
-    start, _ = _algebraic(points)
-    state = adjusted((start, radius), linearised, moved, "sphere")
-    found = _sphere(cloud, state, *linearised(state))
+    found = _fit(points_mm, radius_mm)
     return Sphere(found.centre_mm, radius_mm, found.rms_mm, found.precision)
 
 
-def _algebraic(local: Floats) -> _State:
-    design = np.column_stack([2.0 * local, np.ones(len(local))])
-    squares = np.einsum("ij,ij->i", local, local)
-    solution = np.linalg.lstsq(design, squares, rcond=None)[0]
-    centre: Floats = solution[:3]
-    return centre, float(np.sqrt(solution[3] + centre @ centre))
+def _fit(points_mm: Floats, radius_mm: float | None) -> Sphere:
+    cloud = cloud_of(points_mm, at_least=4)
+    cloud.refuse_degenerate("sphere", flat=True)
+    points = cloud.points
 
+    def linearised(state: _State) -> tuple[Floats, Floats]:
+        centre, radius = state
+        from_centre = points - centre
+        lengths = np.linalg.norm(from_centre, axis=1)
+        if not np.all(lengths > 0.0):
+            raise ValueError("a point lies in the centre of the sphere; leave it out")
+        design = -(from_centre / lengths[:, np.newaxis])
+        if radius_mm is None:
+            design = np.column_stack([design, -np.ones(len(points))])
+        return lengths - radius, design
 
-def _distances(local: Floats, centre: Floats) -> tuple[Floats, Floats]:
-    """Compute the distances from a centre, (n,), and unit vectors, (n, 3)."""
-    from_centre = local - centre
-    lengths: Floats = np.linalg.norm(from_centre, axis=1)
-    if not np.all(lengths > 0.0):
-        raise ValueError("a point lies in the centre of the sphere; leave it out")
-    return lengths, from_centre / lengths[:, np.newaxis]
+    def moved(state: _State, step: Floats) -> _State:
+        return state[0] + step[:3], state[1] + float(step[3:].sum())
 
-
-def _sphere(cloud: Cloud, state: _State, distances: Floats, design: Floats) -> Sphere:
+    centre, radius = _algebraic(points)
+    if radius_mm is not None:
+        radius = radius_mm / cloud.extent_mm
+    state = adjusted((centre, radius), linearised, moved, "sphere")
+    distances, design = linearised(state)
     squares_mm2 = cloud.extent_mm**2 * float(distances @ distances)
     return Sphere(
         centre_mm=cloud.mean_mm + cloud.extent_mm * state[0],
@@ -121,3 +99,11 @@ def _sphere(cloud: Cloud, state: _State, distances: Floats, design: Floats) -> S
             squares_mm2,
         ),
     )
+
+
+def _algebraic(local: Floats) -> _State:
+    design = np.column_stack([2.0 * local, np.ones(len(local))])
+    squares = np.einsum("ij,ij->i", local, local)
+    solution = np.linalg.lstsq(design, squares, rcond=None)[0]
+    centre: Floats = solution[:3]
+    return centre, float(np.sqrt(solution[3] + centre @ centre))

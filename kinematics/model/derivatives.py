@@ -20,7 +20,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.model.geometry import Geometry
-from traverse.kinematics.model.kernel_choice import aligned_floats, compiled_chain
+from traverse.kinematics.model.kernel_choice import checked_readings, compiled_chain
 from traverse.kinematics.model.quaternion import chain_rotations, rotate, turn
 
 # Samples computed at a time: 1.3 kB each for seven joints.
@@ -70,13 +70,7 @@ def probe_derivatives(geometry: Geometry, angles_rad: Floats) -> ProbeDerivative
         geometry: The arm.
         angles_rad: Readings, (n_samples, n_joints).
     """
-    expected = geometry.n_joints
-    if angles_rad.ndim != 2 or angles_rad.shape[1] != expected:
-        raise ValueError(
-            f"angles_rad has shape {angles_rad.shape}, expected (n_samples, "
-            f"{expected}): one column a joint of the arm"
-        )
-    angles_rad = aligned_floats(geometry.hinge_readings(angles_rad))
+    angles_rad = checked_readings(geometry, angles_rad)
     chain = compiled_chain(geometry)
     if chain is None:
         found = numpy_derivatives(geometry, angles_rad)

@@ -20,7 +20,7 @@ from traverse.kinematics.model.backward_recursion import (
     JointRotations,
 )
 from traverse.kinematics.model.geometry import Geometry
-from traverse.kinematics.model.kernel_choice import aligned_floats, compiled_chain
+from traverse.kinematics.model.kernel_choice import checked_readings, compiled_chain
 from traverse.kinematics.model.quaternion import chain_rotations, rotate, turn
 
 # Samples computed at a time: so many that calling NumPy costs less than its arithmetic,
@@ -41,7 +41,7 @@ def probe_pose(geometry: Geometry, angles_rad: Floats) -> tuple[Floats, Floats]:
         Centres of the ball in mm and unit directions of the shank, both
         (n_samples, 3).
     """
-    angles_rad = _checked(geometry, angles_rad)
+    angles_rad = checked_readings(geometry, angles_rad)
     chain = compiled_chain(geometry)
     if chain is None:
         return numpy_pose(geometry, angles_rad)
@@ -50,7 +50,7 @@ def probe_pose(geometry: Geometry, angles_rad: Floats) -> tuple[Floats, Floats]:
 
 def probe_centre(geometry: Geometry, angles_rad: Floats) -> Floats:
     """Compute the ball's centres in mm: (n_samples, n_joints) -> (n_samples, 3)."""
-    angles_rad = _checked(geometry, angles_rad)
+    angles_rad = checked_readings(geometry, angles_rad)
     chain = compiled_chain(geometry)
     if chain is None:
         return numpy_centre(geometry, angles_rad)
@@ -67,7 +67,7 @@ def joint_positions(geometry: Geometry, angles_rad: Floats) -> Floats:
     Returns:
         Positions in mm, (n_samples, n_joints + 1, 3).
     """
-    angles_rad = _checked(geometry, angles_rad)
+    angles_rad = checked_readings(geometry, angles_rad)
     chain = compiled_chain(geometry)
     if chain is None:
         return numpy_positions(geometry, angles_rad)
@@ -78,7 +78,7 @@ def numpy_pose(geometry: Geometry, angles_rad: Floats) -> tuple[Floats, Floats]:
     """Compute what `probe_pose` does, by NumPy: v <- R(u_k, theta_k) (r_k + v)."""
     centres_mm = np.empty((len(angles_rad), 3))
     directions = np.empty((len(angles_rad), 3))
-    for chunk in _chunks(len(angles_rad)):
+    for chunk in chunks(len(angles_rad)):
         turns = JointRotations(angles_rad[chunk], geometry.zeros_rad)
         centres_mm[chunk] = _centre_mm(geometry, turns)
         shank = BackwardRecursion(geometry.probe_direction, turns)
@@ -91,7 +91,7 @@ def numpy_pose(geometry: Geometry, angles_rad: Floats) -> tuple[Floats, Floats]:
 def numpy_centre(geometry: Geometry, angles_rad: Floats) -> Floats:
     """Compute what `probe_centre` does, by NumPy."""
     centres_mm = np.empty((len(angles_rad), 3))
-    for chunk in _chunks(len(angles_rad)):
+    for chunk in chunks(len(angles_rad)):
         turns = JointRotations(angles_rad[chunk], geometry.zeros_rad)
         centres_mm[chunk] = _centre_mm(geometry, turns)
     return centres_mm
@@ -100,16 +100,17 @@ def numpy_centre(geometry: Geometry, angles_rad: Floats) -> Floats:
 def numpy_positions(geometry: Geometry, angles_rad: Floats) -> Floats:
     """Compute what `joint_positions` does, by NumPy."""
     positions_mm = np.empty((len(angles_rad), geometry.n_joints + 1, 3))
-    for chunk in _chunks(len(angles_rad)):
+    for chunk in chunks(len(angles_rad)):
         rotations = _rotations(geometry, angles_rad[chunk])
         positions_mm[chunk] = _positions_mm(geometry, rotations).transpose(2, 1, 0)
     return positions_mm
 
 
-def _chunks(n_samples: int) -> list[slice]:
+def chunks(n_samples: int, chunk_samples: int = _CHUNK_SAMPLES) -> list[slice]:
+    """Cut samples into parts of at most so many."""
     return [
-        slice(start, min(start + _CHUNK_SAMPLES, n_samples))
-        for start in range(0, n_samples, _CHUNK_SAMPLES)
+        slice(start, min(start + chunk_samples, n_samples))
+        for start in range(0, n_samples, chunk_samples)
     ]
 
 
@@ -136,13 +137,3 @@ def _positions_mm(geometry: Geometry, rotations: Floats) -> Floats:
     steps_mm[:, 0] = geometry.origin_mm[:, np.newaxis]
     steps_mm[:, 1:] = rotate(rotations, links_mm.T[:, :, np.newaxis])
     return np.cumsum(steps_mm, axis=1)
-
-
-def _checked(geometry: Geometry, angles_rad: Floats) -> Floats:
-    expected = geometry.n_joints
-    if angles_rad.ndim != 2 or angles_rad.shape[1] != expected:
-        raise ValueError(
-            f"angles_rad has shape {angles_rad.shape}, expected (n_samples, "
-            f"{expected}): one column a joint of the arm"
-        )
-    return aligned_floats(geometry.hinge_readings(angles_rad))

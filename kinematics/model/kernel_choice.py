@@ -61,6 +61,21 @@ def aligned_floats(angles_rad: Floats) -> Floats:
     return floats if floats.flags.aligned else floats.copy()
 
 
+def checked_readings(geometry: Geometry, angles_rad: Floats) -> Floats:
+    """Return what encoders on the hinges would read, as the kernel takes it.
+
+    Raises:
+        ValueError: They are not of shape (n_samples, n_joints).
+    """
+    expected = geometry.n_joints
+    if angles_rad.ndim != 2 or angles_rad.shape[1] != expected:
+        raise ValueError(
+            f"angles_rad has shape {angles_rad.shape}, expected (n_samples, "
+            f"{expected}): one column a joint of the arm"
+        )
+    return aligned_floats(geometry.hinge_readings(angles_rad))
+
+
 # A geometry never changes, and most calls are for the same one.
 @lru_cache(maxsize=8)
 def _chain(geometry: Geometry) -> "Chain":

@@ -40,7 +40,8 @@ class ArtefactTable(StrictModel):
     @classmethod
     def variant(cls, table: object) -> type[StrictModel]:
         """Return the class of a table by its kind."""
-        return artefact_class(table)
+        kind = table.get("kind") if isinstance(table, Mapping) else None
+        return ARTEFACT_KINDS.get(str(kind), ArtefactTable)
 
     @field_validator("kind")
     @classmethod
@@ -48,14 +49,8 @@ class ArtefactTable(StrictModel):
         raise ValueError(unknown_name_message("kind", kind, ARTEFACT_KINDS))
 
 
-def artefact_class(table: object) -> type[StrictModel]:
-    """Return the class of a table by its kind."""
-    kind = table.get("kind") if isinstance(table, Mapping) else None
-    return ARTEFACT_KINDS.get(str(kind), ArtefactTable)
-
-
 def artefact_from_table(table: object) -> object:
     """Make an artefact of the class for its kind."""
     if isinstance(table, Artefact):
         return table
-    return artefact_class(table).model_validate(tuples_for_lists(table))
+    return ArtefactTable.variant(table).model_validate(tuples_for_lists(table))

@@ -255,6 +255,10 @@ def _campaign(
     directions = _columns(table, [f"direction_{axis}" for axis in "xyz"])
     if directions is not None:
         directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+    def each(quantity: str) -> Floats | None:
+        return _columns(table, [f"{name}_{quantity}" for name in joint_names])
+
     poses = Poses(
         lines=table.lines,
         time_s=table.time_s,
@@ -262,9 +266,9 @@ def _campaign(
         features=table.features,
         angles_rad=table.angles_rad,
         temperature_c=table.optional.get("temperature_c"),
-        joint_temperatures_c=_columns(table, _each(joint_names, "temperature_c")),
-        approaches=_columns(table, _each(joint_names, "approach")),
-        speeds_rad_s=_columns(table, _each(joint_names, "speed_rad_s")),
+        joint_temperatures_c=each("temperature_c"),
+        approaches=each("approach"),
+        speeds_rad_s=each("speed_rad_s"),
         directions=directions,
         force_n=table.optional.get("force_n"),
         lengths_mm=table.optional.get("length_mm"),
@@ -343,10 +347,6 @@ def _places(artefacts: Sequence[Artefact], poses: Poses) -> Floats:
             known_mm = np.array(list(artefact.points_mm.values()))
             places[mine] = known_mm[poses.features[mine]]
     return places
-
-
-def _each(joint_names: Sequence[str], quantity: str) -> list[str]:
-    return [f"{name}_{quantity}" for name in joint_names]
 
 
 def _columns(table: PoseTable, names: Sequence[str]) -> Floats | None:

@@ -97,7 +97,9 @@ def senses_of(time_s: Floats, angles_rad: Floats, speeds_rad_s: Floats) -> Float
     senses = np.zeros_like(angles_rad)
     rows = np.arange(len(time_s))
     for joint in range(angles_rad.shape[1]):
-        noise_rad = _FROM_MEDIAN * _median_size(bends_rad[:, joint]) / np.sqrt(6.0)
+        bends = np.abs(bends_rad[:, joint])
+        usual_bend_rad = float(np.median(bends)) if len(bends) else 0.0
+        noise_rad = _FROM_MEDIAN * usual_bend_rad / np.sqrt(6.0)
         slowest = _RESTING * noise_rad / (usual_s * np.sqrt(2.0 * np.sum(steps**2)))
         speeds = np.nan_to_num(speeds_rad_s[:, joint])
         last = np.maximum.accumulate(np.where(np.abs(speeds) > slowest, rows, -1))
@@ -111,10 +113,6 @@ def half_window(time_s: Floats) -> int:
         return _LEAST_HALF
     usual_s = float(np.median(np.diff(time_s)))
     return int(np.clip(round(_HALF_WINDOW_S / usual_s), _LEAST_HALF, _LARGEST_HALF))
-
-
-def _median_size(values: Floats) -> float:
-    return float(np.median(np.abs(values))) if len(values) else 0.0
 
 
 SUFFIX = ".mcap"

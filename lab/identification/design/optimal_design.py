@@ -120,7 +120,9 @@ def most_helpful_poses(adjustment: Adjustment, n_wanted: int) -> tuple[Suggestio
     while candidates and len(found) < n_wanted and start > 0.0:
         gains = [_gain(c.rows, covariance, metric) for c in candidates]
         best = candidates.pop(int(np.argmax(gains)))
-        covariance = _updated(best.rows, covariance)
+        cross = covariance @ best.rows.T
+        square = np.eye(len(best.rows)) + best.rows @ cross
+        covariance = covariance - cross @ np.linalg.solve(square, cross.T)
         left = float(np.sum(metric * covariance[:n_free, :n_free]))
         station = network.stations[best.station]
         feature = station.touches.feature_names[best.feature]
@@ -136,13 +138,6 @@ def _gain(rows: Floats, covariance: Floats, metric: Floats) -> float:
     inverse = np.linalg.inv(np.eye(len(rows)) + rows @ cross)
     arm = cross[:n_free]
     return float(np.sum((arm.T @ metric @ arm) * inverse))
-
-
-def _updated(rows: Floats, covariance: Floats) -> Floats:
-    cross = covariance @ rows.T
-    solved = np.linalg.solve(np.eye(len(rows)) + rows @ cross, cross.T)
-    updated: Floats = covariance - cross @ solved
-    return updated
 
 
 def _joint_covariance(adjustment: Adjustment) -> Floats:

@@ -184,19 +184,13 @@ class Parameters:
         )
         first = self.n_geometric - 4 * n
         tools_mm = values.tools_mm + rest[6 + n : first].reshape(-1, 3)
-        amplitudes = self._moved_amplitudes(values, moved, rest[first:])
+        amplitudes = values.amplitudes
+        if self.effects is not None:
+            # Vectors stay across or along axes.
+            before = self.effects.directions(geometry)
+            after = self.effects.directions(moved)
+            amplitudes = after @ (after.T @ (amplitudes + before @ rest[first:]))
         return ArmValues(moved, amplitudes, tools_mm)
-
-    def _moved_amplitudes(
-        self, values: ArmValues, moved: Geometry, step: Floats
-    ) -> Floats:
-        """Apply a step of the effects; vectors stay across or along axes."""
-        if self.effects is None:
-            return values.amplitudes
-        before = self.effects.directions(values.geometry)
-        after = self.effects.directions(moved)
-        amplitudes: Floats = after @ (after.T @ (values.amplitudes + before @ step))
-        return amplitudes
 
     def length_errors(self, values: ArmValues, artefact: str) -> tuple[float, Floats]:
         """Return by how many ppm a standard is off, and which parameters say so."""
@@ -212,6 +206,9 @@ class Parameters:
         """Return the step of all parameters from `at` to `to`, (n_all,)."""
         here, there = at.geometry, to.geometry
         basis = self.basis(here)
+        difference = to.amplitudes - at.amplitudes
+        if self.effects is not None:
+            difference = self.effects.directions(here).T @ difference
         joints = np.concatenate(
             [
                 np.einsum("kbi,ki->kb", basis, there.axes - here.axes),
@@ -226,15 +223,9 @@ class Parameters:
                 there.probe_vector_mm - here.probe_vector_mm,
                 there.zeros_rad - here.zeros_rad,
                 (to.tools_mm - at.tools_mm).ravel(),
-                self._amplitude_step(at, to.amplitudes - at.amplitudes),
+                difference,
             ]
         )
-
-    def _amplitude_step(self, at: ArmValues, difference: Floats) -> Floats:
-        if self.effects is None:
-            return difference
-        step: Floats = self.effects.directions(at.geometry).T @ difference
-        return step
 
 
 # Plausible deviations from the design, which are the units of rank decisions.

@@ -105,6 +105,11 @@ def report_page(
         provenance: Of the computation; default this user, now.
     """
     some_free = bool(result.parameters)
+    effects_mm = np.empty(0)
+    if some_free:  # of each parameter's standard deviation alone at the probe
+        stds = np.diag([entry.std for entry in result.parameters])
+        network, state = result.adjustment.network, result.adjustment.state
+        effects_mm = probe_effects_mm(network, state.arm, stds)
     pictures = {
         "artefacts": by_artefact(result),
         "joints": by_joint(result),
@@ -123,7 +128,7 @@ def report_page(
         provenance=provenance or campaign_provenance(result.campaign),
         controllability=_known(result, result.statistics.controllability),
         detectable_mm=_known(result, result.statistics.detectable_mm),
-        effects_mm=_effects_mm(result) if some_free else [],
+        effects_mm=effects_mm,
         held=_held(result),
         undetermined_mm=result.undetermined_effects_mm,
         noise_mm=_noise_mm(result),
@@ -138,13 +143,6 @@ def _known(result: Identification, values: Floats) -> list[float]:
     taken = values[result.included]
     known: list[float] = taken[np.isfinite(taken)].tolist()
     return known
-
-
-def _effects_mm(result: Identification) -> Floats:
-    """Effect of each parameter's standard deviation alone at the probe."""
-    stds = np.array([entry.std for entry in result.parameters])
-    adjustment = result.adjustment
-    return probe_effects_mm(adjustment.network, adjustment.state.arm, np.diag(stds))
 
 
 def _held(result: Identification) -> list[str]:

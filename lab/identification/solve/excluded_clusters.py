@@ -63,7 +63,11 @@ def with_clusters_back(
         )
         if place is None:
             break
-        there = _there(campaign, place) & ~run.included
+        there = np.zeros(len(poses), dtype=np.bool_)
+        if place.joint is not None:
+            read_rad = poses.angles_rad[:, campaign.joint_names.index(place.joint)]
+            there = (read_rad >= place.low) & (read_rad <= place.high)
+        there &= ~run.included
         if np.any(there):
             w = run.statistics.w
             there &= ~(w > _MUCH_WORSE * np.nanmedian(w[there]))
@@ -77,11 +81,3 @@ def with_clusters_back(
         staying |= there
         run = again(campaign, None, staying)
     return run, tuple(found)
-
-
-def _there(campaign: Campaign, place: Cluster) -> Booleans:
-    if place.joint is None:
-        return np.zeros(len(campaign.poses), dtype=np.bool_)
-    joint = campaign.joint_names.index(place.joint)
-    angles_rad = campaign.poses.angles_rad[:, joint]
-    return (angles_rad >= place.low) & (angles_rad <= place.high)

@@ -102,8 +102,11 @@ def coarse_start(
     tries = rng.uniform(-1.0, 1.0, (_N_STARTS, n_joints)) * _LARGEST_OFFSET_RAD
     tries[0] = 0.0
     tries *= zeros[4 * n_joints + 6 : 5 * n_joints + 6]
-    arms = [_with_zeros(design, offsets_rad) for offsets_rad in tries]
-    states = [start_state(network, arm) for arm in arms]
+    moved = [
+        replace(design.geometry, zeros_rad=design.geometry.zeros_rad + offsets_rad)
+        for offsets_rad in tries
+    ]
+    states = [start_state(network, replace(design, geometry=one)) for one in moved]
     states.sort(key=lambda state: _median_mm(network, state))
     best, best_mm = start_state(network, design), before_mm
     for state in [start_state(network, design), *states[:_N_ADJUSTED]]:
@@ -114,13 +117,6 @@ def coarse_start(
     if best_mm * _GAIN > before_mm:
         return design
     return best.arm
-
-
-def _with_zeros(design: ArmValues, offsets_rad: Floats) -> ArmValues:
-    geometry = design.geometry
-    return replace(
-        design, geometry=replace(geometry, zeros_rad=geometry.zeros_rad + offsets_rad)
-    )
 
 
 def _coarse_network(
