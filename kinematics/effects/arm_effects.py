@@ -37,7 +37,6 @@ class ArmEffects:
         corrections: In the order of the arm file.
         bodies: What weighs.
         gravity_m_s2: Where a block does not say otherwise, (3,).
-        readings: Those of the corrections that correct readings.
         mechanical: Those that move bodies of the arm.
         contacts: Those that depend on the touched surface.
         covariates: All that is needed, of some joint or of the arm.

@@ -36,7 +36,6 @@ class Deflection:
     """Where the bodies are; without slots, so that derivatives share what they use.
 
     Attributes:
-        geometry: The arm.
         rotations: Q_1 ... Q_n, (4, n_joints, n_samples).
         mount: Q_0, (4, n_samples), None where nothing turns it.
         pivot_mm: x_0 + b, (3, n_samples).

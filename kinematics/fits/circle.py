@@ -26,7 +26,6 @@ class Circle:
     Attributes:
         centre_mm: (3,).
         normal: Unit vector, its largest component positive, (3,).
-        radius_mm: As fitted.
         rms_mm: Root mean square of the distances.
         precision: Of centre (mm), normal, radius (mm): (7, 7).
     """

@@ -34,7 +34,6 @@ class Cylinder:
     Attributes:
         point_mm: Of the axis, the one nearest to the mean of the points, (3,).
         axis: Unit vector, its largest component positive, (3,).
-        radius_mm: As fitted.
         rms_mm: Root mean square of the distances.
         precision: Of the point (mm), which moves across the axis only, the axis, the
             radius (mm): (7, 7).

@@ -25,7 +25,6 @@ class Sphere:
 
     Attributes:
         centre_mm: (3,).
-        radius_mm: Fitted, or the argument.
         rms_mm: Root mean square of |p - c| - r over all points.
         precision: Of centre and radius, or of the centre alone.
     """

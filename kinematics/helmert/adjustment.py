@@ -46,7 +46,6 @@ class AdjustedHelmert:
     """A transformation with its covariance and residuals.
 
     Attributes:
-        transformation: The adjusted one.
         centre_mm: Reference point of xi, in the target system, (3,).
         cofactors: Of xi; with the stated covariances its covariance, (p, p).
         misclosures_mm: to - T(from), (n, 3).

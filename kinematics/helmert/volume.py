@@ -65,7 +65,6 @@ class Ball:
 
     Attributes:
         mean_mm: The place, (3,).
-        radius_mm: The distance.
     """
 
     mean_mm: Floats

@@ -58,7 +58,6 @@ class Robot:
     """A robot as described.
 
     Attributes:
-        name: Of the robot.
         source: The file, for errors.
         links: Every link's body, if it has a mass.
         joint_of_child: What carries each link but the root.

@@ -44,7 +44,6 @@ class Quantity:
     """Quantity that multiplies the rate of a term, or enters its spline.
 
     Attributes:
-        source: The kind.
         joint: Whose, counted from 0; None: of the arm as a whole.
         reference: What is taken from a temperature; of a step its seconds.
         span_ns: Epoch, start and end of the campaign in UTC since 1970.

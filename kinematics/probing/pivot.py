@@ -29,7 +29,6 @@ class Pivot:
         covariance_mm2: Of it, from the scatter of the poses, (3, 3).
         seat_mm: Where the ball sat, (3,).
         rms_mm: Of the distances of the poses' balls from the seat.
-        redundancy: Of the fit.
     """
 
     vector_mm: Floats

@@ -131,10 +131,6 @@ class Artefact(StrictModel):
 
     Attributes:
         id: What poses call it.
-        kind: What it is.
-        serial_number: Of the standard, as certificates name it.
-        calibration_date: Of its calibration.
-        certificate_number: Of that.
     """
 
     id: str = Field(min_length=1)

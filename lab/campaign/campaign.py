@@ -88,8 +88,6 @@ class Campaign:
     Attributes:
         artefacts: As in the file, in its order.
         feature_names: The features of every artefact, in the order of the indices.
-        joint_names: Of the arm, from the base outwards.
-        poses: What was touched.
         start_utc: From where time_s counts.
         time_is_order: time_s counts poses, not seconds.
         gravity_m_s2: Override of the arm's, or None.

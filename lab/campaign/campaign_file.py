@@ -73,15 +73,9 @@ class CampaignFile(StrictModel):
     """`campaign.toml` as written.
 
     Attributes:
-        schema_: Of the file.
-        poses: File beside it.
         start_utc: From where the poses' time_s counts.
-        operator: Who measured.
-        place: Where.
-        gravity_m_s2: Override of the arm's.
         noise: A-priori standard deviations.
         tools: What poses may name.
-        tables: The artefacts.
     """
 
     schema_: Literal["traverse/campaign/1"] = Field(alias="schema")

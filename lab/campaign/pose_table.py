@@ -33,10 +33,6 @@ class PoseColumns:
     """Where the columns of a file are; indices count from 0.
 
     Attributes:
-        names: The header.
-        time: Of time_s.
-        artefact: Of artefact.
-        feature: Of feature.
         angles: Of every joint's angle, in the order of the arm.
         optional: Index by name of every optional column that is there.
         tool: Of tool, where it is there.

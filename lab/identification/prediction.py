@@ -33,7 +33,6 @@ class Prediction:
     """Poses against an arm.
 
     Attributes:
-        campaign: Of the poses.
         misclosures_mm: NaN beyond those of a surface, (n_poses, 3).
         placed_by_itself: Ids of artefacts that were placed by these very poses.
     """

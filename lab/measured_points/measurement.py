@@ -76,8 +76,6 @@ class Occasion:
     Attributes:
         operator: As in the campaign file.
         place: As in the campaign file.
-        first_utc: Of the first touch.
-        last_utc: Of the last one.
     """
 
     operator: str | None = None
@@ -93,7 +91,6 @@ class Measurement:
     Attributes:
         artefacts: By id, as the campaign file has them.
         touched: By id; nothing for those not touched.
-        arm_name: Of the arm.
         shoulder_mm: Where the arm's reach is counted from, (3,).
         reach_mm: How far the ball gets from there, at most.
         notes: What is not as it should be, but no reason to refuse.

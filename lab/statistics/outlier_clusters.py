@@ -39,7 +39,6 @@ class Cluster:
         low: Of the covariate; NaN for an artefact.
         high: Likewise.
         n_excluded: Poses there that were left out.
-        n_poses: All that are there.
         log_p: That chance would bring so many together anywhere.
     """
 

@@ -20,7 +20,6 @@ class Need:
     """One covariate that every sample must have.
 
     Attributes:
-        covariate: Which.
         joint: Of this joint, counted from 0; None: of the arm as a whole.
     """
 

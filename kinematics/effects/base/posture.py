@@ -26,9 +26,6 @@ class Posture:
     """Without slots, so that what is computed for one effect is kept for the next.
 
     Attributes:
-        geometry: The arm.
-        block: The samples.
-        bodies: What weighs.
         gravity_m_s2: (3,).
         turns_rad: theta, (n_joints, n_samples).
     """

@@ -26,7 +26,6 @@ class TouchingPostures:
 
     Attributes:
         angles_rad: (n, n_joints).
-        equations: Of the artefact there.
         is_touching: Whether the ball touches, (n,).
     """
 

@@ -30,9 +30,6 @@ class JointCoverage:
     """Where a joint has been.
 
     Attributes:
-        joint: Its name.
-        least_rad: The smallest reading.
-        largest_rad: The largest one.
         sectors: Poses in each of 36 sectors of a turn, from reading 0 on, (36,).
     """
 
@@ -84,7 +81,6 @@ class Suggestion:
     """A pose worth measuring.
 
     Attributes:
-        artefact: What to touch.
         feature: Which feature; empty where there is only one.
         angles_rad: Readings of the joints, (n_joints,).
         variance_left: Mean variance of the probe after this pose and those before it

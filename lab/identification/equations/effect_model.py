@@ -30,7 +30,6 @@ class EffectModel:
     Attributes:
         effects: With the values to begin with.
         names: Of the coordinates along which values move, (n_coordinates,).
-        units: Of the coordinates.
         tolerances: Hopeless standard deviations of the coordinates.
         campaign: That is adjusted.
     """

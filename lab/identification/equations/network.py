@@ -46,10 +46,7 @@ class Station:
     """One artefact and the poses that touched it.
 
     Attributes:
-        artefact: With its equations.
-        index: Of the artefact in the campaign.
         poses: Indices of the campaign's poses, (n_poses,).
-        touches: How it was touched in these poses.
         scales: Hopeless standard deviations of its unknowns, (n_unknowns,).
     """
 
@@ -74,7 +71,6 @@ class State:
     """Everything that is estimated.
 
     Attributes:
-        arm: Its values.
         unknowns: Of each station.
         corrections: Of the readings [rad] and of the contact [mm] of each station's
             poses, where the equations are linearised, (n_poses, n_joints + 3).
@@ -90,10 +86,6 @@ class Network:
     """The adjustment problem: observations, parameters, noise.
 
     Attributes:
-        campaign: All poses.
-        stations: The artefacts that were touched.
-        parameters: Which parameters are free.
-        noise: The stochastic model.
         weights: Factors of the weights of all the campaign's poses, (n_poses,); all
             ones, but for a robust start.
     """

@@ -23,7 +23,6 @@ class ArmValues:
     """Values of all parameters: the geometry and the values of the effects.
 
     Attributes:
-        geometry: The arm in its base posture.
         amplitudes: Values of the effects in the order of the arm file, (n_values,).
         tools_mm: Vectors of the campaign's tools beside the arm's own, (n_tools, 3).
     """
@@ -53,7 +52,6 @@ class Parameters:
         free: Which are estimated, (n_all,).
         smallest: The component of each design axis that v_k is built from.
         effects: Of the arm, or None.
-        n_tools: Of the campaign, beside the arm's own.
     """
 
     names: tuple[str, ...]

@@ -29,7 +29,6 @@ class ZoneDifference:
 
     Attributes:
         name: near (to 20 % of the reach from the first joint), middle, far (from 80 %).
-        n_postures: Number of postures in it.
         rms_mm: Root mean square of the distances; NaN without postures.
         largest_mm: Largest distance; NaN without postures.
     """
@@ -45,16 +44,12 @@ class Comparison:
     """How two arms differ at the probe.
 
     Attributes:
-        n_postures: That were compared.
         rms_mm: Root mean square of the distances between the two balls.
-        median_mm: Their median.
-        largest_mm: The largest.
         largest_at_rad: The readings there, (n_joints,).
         largest_at_mm: The ball of the first arm there, (3,).
         shift_rms_mm: Root mean square of the distances before the motion of the whole
             arm was taken out.
         turn_rad: Angle of that motion.
-        zones: Near, middle and far.
     """
 
     n_postures: int

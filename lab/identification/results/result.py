@@ -35,7 +35,6 @@ class ParameterEstimate:
         name: For example `J3.link.v`.
         value: Change against the design, in the design's basis.
         unit: rad, mm, or a term's own.
-        std: Standard deviation.
         controllability: Which part of what the data say about it no other parameter
             can take away, 0 to 1: 1 / (N_ii C_ii).
     """
@@ -76,7 +75,6 @@ class ArtefactResult:
         n_all: Poses that were measured.
         rms_all_mm: As `rms_mm`, of all poses, the excluded ones too.
         mean_distance_all_mm: As `mean_distance_mm`, likewise.
-        lengths: As estimated.
         contact_mm: Standard deviation of a contact that was used.
         place: Its place in the arm's system, by the keys of its kind.
     """
@@ -124,8 +122,6 @@ class Identification:
 
     Attributes:
         arm: With the estimates and, in `[identification]`, their provenance.
-        design: The input arm.
-        campaign: What was measured.
         adjustment: The last one, with state, system and rank. Samples of a stream
             have as little weight in it as they have to say.
         converged: Whether it converged.
@@ -141,24 +137,20 @@ class Identification:
         serial_noise: What neighbouring samples of a stream share; None: single poses.
         rms_before_mm: Of scalar misclosures with the design.
         rms_after_mm: Of those of the poses that took part, with the estimates.
-        parameters: Every free one.
         covariance: Of the free parameters, (n_free, n_free).
         cartesian: The same over xyz components.
         undetermined: What the data do not say.
         weak: What they hardly say.
-        artefacts: Those that were touched.
         statistics: Of every pose; of excluded ones against the estimates.
         included: Which poses took part, (n_poses,).
         excluded: Those that did not.
         alternating: Lines of the excluded ones that contradict the others only while
             they take part.
         critical_w: Above which a pose was excluded.
-        coverage: Of the joints.
         condition_number: Of the arm's determined, column-scaled system.
         contradictions: Certificates that contradict the rest and took no part.
         lost_poses: Artefacts that lost more than a fifth of their poses.
         clusters: Where poses that contradicted the others lay together.
-        suggestions: Poses that would help most.
         zero_offsets_rad: Added to the zeros by the coarse start, (n_joints,).
         holdout: How poses that were kept aside are predicted, or None.
     """

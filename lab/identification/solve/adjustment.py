@@ -44,7 +44,6 @@ class System:
     """The linearised, whitened, reduced system at some state.
 
     Attributes:
-        eliminations: Of every station.
         upper: Of the arm's free parameters and the right side.
         whiteners: Of every station, (n_poses, n_rows, n_rows).
         offsets_mm: B v of every station, (n_poses, n_rows).
@@ -205,11 +204,7 @@ class Adjustment:
     """The result of one adjustment.
 
     Attributes:
-        network: What was adjusted.
-        state: The estimates.
-        system: Linearised there.
         split: Of the arm's parameters there.
-        iterations: What happened.
         converged: Whether the last step was negligible, and misclosures did not keep
             every parameter from being determined.
         redundancy: Equations and certificates less determined unknowns.

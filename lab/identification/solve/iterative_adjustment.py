@@ -47,7 +47,6 @@ class Options:
         family_level: Probability that a campaign without blunders loses any pose.
         variances: Which noise is estimated; None: what the campaign does not give.
         coarse_start: Whether wrong zeros are looked for where the design fits badly.
-        n_suggestions: Poses to suggest.
     """
 
     hold: tuple[str, ...] = ()
@@ -75,13 +74,11 @@ class IteratedAdjustment:
     """Where neither the poses that take part nor the noise changed any more.
 
     Attributes:
-        adjustment: The last one.
         statistics: Of all poses; of those that took no part: as predicted.
         included: Poses that took part, (n_poses,).
         alternating: Excluded because they contradict the others only while they take
             part, (n_poses,).
         critical: |w| above which a pose is excluded.
-        iterations: Of all adjustments.
         noise_estimated: Whether any noise was; with little redundancy it stays as
             assumed.
     """

@@ -54,7 +54,6 @@ class PoseStatistics:
         controllability: Between 0 and 1, (n_poses,).
         detectable_mm: Smallest contact error that the test finds, (n_poses,).
         corrections_rad: Of the readings, (n_poses, n_joints).
-        variances: Sums for the variance components.
     """
 
     misclosures_mm: Floats

@@ -21,7 +21,6 @@ class PostureSample:
     """Random postures within ranges; the first joint is in the middle of its own.
 
     Attributes:
-        geometry: The arm.
         least_rad: Smallest readings, (n_joints,).
         largest_rad: Largest readings, (n_joints,).
         angles_rad: Readings, (n_samples, n_joints).

@@ -46,7 +46,6 @@ class ArmUncertainty:
     """An arm with the covariance of its free parameters.
 
     Attributes:
-        geometry: As estimated.
         parameters: Of the geometry only; with the mask of the free ones.
         covariance: (n_free, n_free).
     """
@@ -179,7 +178,6 @@ class MapFigures:
         n_places: That are reached.
         median_mm: Half of the places are better.
         quantile_95_mm: 95 % of the places are better.
-        largest_mm: Worst place.
         worst_place_mm: Its radius and height.
     """
 
