@@ -33,12 +33,10 @@ async def run_service(
                 log.info("embedded broker on %s:%d", HOST, port)
             service = Service(inputs, section, path, embedded=embedded)
             await run(service, keep_trying=keep_trying)
-    except BrokerStartError as error:
-        log.error("%s", StartupError([str(error)], UNREACHABLE))
-        return UNREACHABLE
-    except StoreRefusedError as error:
-        log.error("%s", StartupError([str(error)], REFUSED))
-        return REFUSED
+    except (BrokerStartError, StoreRefusedError) as error:
+        status = REFUSED if isinstance(error, StoreRefusedError) else UNREACHABLE
+        log.error("%s", StartupError([str(error)], status))
+        return status
     except StartupError as error:
         log.error("%s", error)
         return error.status

@@ -6,20 +6,16 @@ say more.
 """
 
 import json
-from typing import Any, TypeGuard
+from typing import Any
 
-import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.protocol.arrays import ARRAY_CODE, bytes_to_array
-from traverse.protocol.message_error import MessageError
+from traverse.recording.maps import bytes_to_map
 from traverse.recording.values import TIMES, Conditions, Samples, Touching
 
 SCHEMA = "traverse/recording/1"
 TOPICS = ("samples", "touching", "conditions")
-# A block in memory at a time, and what its header may announce.
-_MOST_ELEMENTS = 1 << 16
 
 
 def bytes_to_samples(content: bytes, n_joints: int) -> Samples:
@@ -29,11 +25,9 @@ def bytes_to_samples(content: bytes, n_joints: int) -> Samples:
         ValueError: It is none; what was found and what was expected.
     """
     try:
-        table = msgpack.unpackb(content, ext_hook=_unpacked, max_map_len=_MOST_ELEMENTS)
-    except (MessageError, ValueError, msgpack.UnpackException) as error:
-        raise ValueError(f"samples: not MessagePack with arrays: {error}") from error
-    if not isinstance(table, dict):
-        raise ValueError(f"samples: a {type(table).__name__}, expected a map")
+        table = bytes_to_map(content)
+    except ValueError as error:
+        raise ValueError(f"samples: {error}") from error
     missing = [name for name in (*TIMES, "counts") if name not in table]
     if missing:
         raise ValueError(f"samples: {', '.join(missing)} missing; expected arrays")
@@ -54,12 +48,8 @@ def bytes_to_touching(content: bytes) -> Touching:
     Raises:
         ValueError: It is none; what was found and what was expected.
     """
-    table = _json_table("touching", content)
-    at_ns, artefact, feature = (
-        table.get(key) for key in ("sample_time_ns", "artefact", "feature")
-    )
-    if not _is_moment(at_ns):
-        raise ValueError(f"touching: sample_time_ns is {at_ns!r}, expected ns")
+    table, at_ns = _json_table("touching", content)
+    artefact, feature = table.get("artefact"), table.get("feature")
     if not isinstance(artefact, str | None):
         raise ValueError(f"touching: artefact is {artefact!r}, expected a name or null")
     if not isinstance(feature, str):
@@ -73,11 +63,7 @@ def bytes_to_conditions(content: bytes) -> Conditions:
     Raises:
         ValueError: They are none; what was found and what was expected.
     """
-    table = _json_table("conditions", content)
-    at_ns = table.get("sample_time_ns")
-    if not _is_moment(at_ns):
-        found = repr(at_ns)
-        raise ValueError(f"conditions: sample_time_ns is {found}, expected ns")
+    table, at_ns = _json_table("conditions", content)
     numbers: list[float | None] = []
     for key in ("temperature_c", "force_n"):
         value = table.get(key)
@@ -88,12 +74,6 @@ def bytes_to_conditions(content: bytes) -> Conditions:
     return Conditions(at_ns, *numbers)
 
 
-def _unpacked(code: int, content: bytes) -> NDArray[Any]:
-    if code != ARRAY_CODE:
-        raise ValueError(f"extension type {code}, expected {ARRAY_CODE}, an array")
-    return bytes_to_array(content)
-
-
 def _integers(table: dict[str, Any], key: str) -> NDArray[Any]:
     array = table[key]
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "iu":
@@ -101,17 +81,15 @@ def _integers(table: dict[str, Any], key: str) -> NDArray[Any]:
     return array
 
 
-def _json_table(topic: str, content: bytes) -> dict[str, Any]:
+def _json_table(topic: str, content: bytes) -> tuple[dict[str, Any], int]:
+    """An object of JSON, and its moment."""
     try:
         table = json.loads(content)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{topic}: not JSON: {error}") from error
     if not isinstance(table, dict):
         raise ValueError(f"{topic}: a {type(table).__name__}, expected an object")
-    return table
-
-
-def _is_moment(value: object) -> TypeGuard[int]:
-    if not isinstance(value, int) or isinstance(value, bool):
-        return False
-    return abs(value) < 2**63
+    at_ns = table.get("sample_time_ns")
+    if type(at_ns) is not int or abs(at_ns) >= 2**63:
+        raise ValueError(f"{topic}: sample_time_ns is {at_ns!r}, expected ns")
+    return table, at_ns

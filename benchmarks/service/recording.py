@@ -23,8 +23,8 @@ from benchmarks.tools import rig
 from benchmarks.tools.rounds import load, write_json
 from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
+from traverse.daemon.replay.compare import ReplayResult
 from traverse.daemon.replay.replay import Replay
-from traverse.daemon.replay.result import ReplayResult
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Command, Health, RecordArgs, Reply
 from traverse.protocol.topics import command_topic

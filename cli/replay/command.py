@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from traverse.client.mqtt.address import BrokerAddress
-    from traverse.daemon.replay.result import ReplayResult
+    from traverse.daemon.replay.compare import ReplayResult
     from traverse.protocol.messages import Point
     from traverse.recording.run_reader import RunReader
 

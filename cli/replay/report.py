@@ -3,8 +3,7 @@
 import json
 from collections.abc import Mapping
 
-from traverse.daemon.replay.compare import Tally
-from traverse.daemon.replay.result import ReplayResult
+from traverse.daemon.replay.compare import ReplayResult, Tally
 from traverse.plurals import counted
 
 

@@ -1,7 +1,7 @@
 """From values to messages on their way: topic, quality of service, encoding."""
 
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, field, replace
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.monitoring.events import Occurrence
@@ -12,22 +12,15 @@ from traverse.protocol.encoding import Encoding, encode
 from traverse.protocol.messages import Event, Message
 
 
+@dataclass(eq=False)
 class MessagePublisher:
     """Encodes the arm's messages and puts them into the outgoing queue."""
 
-    def __init__(
-        self,
-        arm: str,
-        encoding: Encoding,
-        queue: OutgoingQueue,
-        clock: HostClock,
-        listener: StepListener | None = None,
-    ) -> None:
-        self.arm = arm
-        self.encoding: Encoding = encoding
-        self.queue = queue
-        self.clock = clock
-        self.listener = listener or StepListener()
+    arm: str
+    encoding: Encoding
+    queue: OutgoingQueue
+    clock: HostClock
+    listener: StepListener = field(default_factory=StepListener)
 
     def outgoing(
         self, kind: str, message: Message, sent: Callable[[], None] | None = None

@@ -21,8 +21,11 @@ from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.recorder.file import STEPS
 from traverse.daemon.recorder.recorded_inputs import read_recorded_inputs
 from traverse.daemon.recorder.snapshot import WARM_UP_NS
-from traverse.daemon.replay.compare import PointComparison, ScanComparison
-from traverse.daemon.replay.result import ReplayResult
+from traverse.daemon.replay.compare import (
+    PointComparison,
+    ReplayResult,
+    ScanComparison,
+)
 from traverse.daemon.step_listener import StepListener
 from traverse.daemon.store.records import PendingPoint
 from traverse.drivers.base.delivery_maps import delivery_from_map

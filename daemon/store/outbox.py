@@ -1,7 +1,9 @@
 """The outbox: a point is on the disk before it is acknowledged."""
 
 import contextlib
-from collections.abc import AsyncIterator, Callable, Mapping
+import fcntl
+import os
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from pathlib import Path
 
 from traverse.daemon.config.schema import OutboxSection
@@ -9,10 +11,15 @@ from traverse.daemon.current_request import CURRENT_REQUEST
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.message_publisher import MessagePublisher
+from traverse.daemon.state_dir import OWNER_ONLY
 from traverse.daemon.store.durable_queue import DurableQueue, QueueProfile
-from traverse.daemon.store.folder_lock import exclusive_state_dir
 from traverse.daemon.store.queries import read_requested
-from traverse.daemon.store.records import NewMessage, PendingPoint, RetentionRules
+from traverse.daemon.store.records import (
+    NewMessage,
+    PendingPoint,
+    RetentionRules,
+    StoreRefusedError,
+)
 from traverse.protocol.encoding import Encoding, decode, encode
 from traverse.protocol.messages import OutboxHealth, Point
 from traverse.protocol.topics import point_topic
@@ -138,3 +145,32 @@ class Outbox(DurableQueue):
             bytes=statistics.size_bytes,
             oldest_unsent_ns=statistics.oldest_unsent_ns,
         )
+
+
+@contextlib.contextmanager
+def exclusive_state_dir(folder: Path) -> Iterator[None]:
+    """Use a state folder as the only daemon.
+
+    The lock is one of the system's, on the folder itself: it ends with the process,
+    however that ends, and needs no file.
+
+    Raises:
+        StoreRefusedError: another one does, or it cannot be had.
+    """
+    with contextlib.ExitStack() as stack:
+        try:
+            folder.mkdir(mode=OWNER_ONLY, parents=True, exist_ok=True)
+            descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+            stack.callback(os.close, descriptor)
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise StoreRefusedError(
+                f"{folder}: another daemon uses this state folder; end it, or give "
+                "this one a configuration in another folder"
+            ) from error
+        except OSError as error:
+            raise StoreRefusedError(
+                f"{folder}: the state folder cannot be used: {error.strerror}; make it "
+                "writable for the daemon's user, or set STATE_DIRECTORY to another"
+            ) from error
+        yield

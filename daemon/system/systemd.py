@@ -188,15 +188,12 @@ class Watchdog:
                     yield f"taker of {name}", text
 
     def _report(self, name: str, text: str, *, active: bool) -> None:
+        who = "systemd starts" if self.notifier.watchdog_s else "start"
         self.events.change(
             active,
             "error",
             "watchdog.stuck",
             text,
             source=name.replace(" ", "-"),
-            remedy="systemd starts the daemon anew; report it with the log"
-            if active and self.notifier.watchdog_s
-            else "start the daemon anew; report it with the log"
-            if active
-            else "",
+            remedy=f"{who} the daemon anew; report it with the log" if active else "",
         )

@@ -7,8 +7,7 @@ from typer.testing import CliRunner
 
 from traverse.cli.__main__ import app
 from traverse.cli.replay.report import report_of, report_text
-from traverse.daemon.replay.compare import Tally
-from traverse.daemon.replay.result import ReplayResult
+from traverse.daemon.replay.compare import ReplayResult, Tally
 from traverse.recording.run_writer import RunHead, RunWriter
 
 RESULT = {

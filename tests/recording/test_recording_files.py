@@ -203,7 +203,7 @@ def test_a_file_by_hand_is_read(tmp_path):
         ({"metadata": {**GOOD, "joints": "["}}, "joints are not JSON"),
         ({"arm": False}, "no attachment arm.toml"),
         ({"messages": []}, "no samples"),
-        ({"messages": [("samples", b"\xc1")]}, "not MessagePack"),
+        ({"messages": [("samples", b"\xc1")]}, "samples: not a MessagePack map"),
         ({"messages": [("samples", b"\x01")]}, "a int, expected a map"),
         ({"messages": [("samples", block(counts=3))]}, "counts is no array"),
         (
