@@ -1,5 +1,6 @@
 """Options of commands that go to a broker, and the address that they make."""
 
+import asyncio
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -7,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.options import with_options
-from traverse.cli.refusals import refuse
+from traverse.cli.refusals import UNREACHABLE, end, refuse
 
 if TYPE_CHECKING:
     from traverse.client.mqtt.address import BrokerAddress
@@ -58,6 +59,17 @@ class BrokerOptions:
         except (OSError, ValueError) as error:
             refuse(command, str(error))
         return address
+
+
+def arms_at(broker: "BrokerAddress", seconds: float) -> list[str]:
+    """Names of all arms with a status at a broker; ends the command without one."""
+    from traverse.client.errors import BrokerUnreachableError  # noqa: PLC0415
+    from traverse.client.mqtt.discovery import find_arms  # noqa: PLC0415
+
+    try:
+        return asyncio.run(find_arms(broker, seconds))
+    except BrokerUnreachableError as error:
+        end(UNREACHABLE, str(error))
 
 
 with_broker = with_options("broker", BrokerOptions)

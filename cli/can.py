@@ -136,7 +136,6 @@ def _report(found: "FoundNode") -> dict[str, Any]:
 
 
 def _line(one: dict[str, Any]) -> str:
-    """A node for people."""
     from traverse.protocol.canopen.objects import alarm_text, warning_text  # noqa: PLC0415
 
     text = f"node {one['node']:3d}: "

@@ -147,7 +147,6 @@ async def _demonstrate(
 
 
 def _is_free(port: int) -> bool:
-    """Whether a port of this machine is free."""
     with socket.socket() as probe:
         return probe.connect_ex(("127.0.0.1", port)) != 0
 

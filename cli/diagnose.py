@@ -116,7 +116,6 @@ def diagnose(
 def _diagnosed(
     folder: Path, arm_file: Path, options: "DiagnosisOptions"
 ) -> "tuple[Diagnosis, StreamDiagnosis | None]":
-    """Read, diagnose, and print the summary."""
     import numpy as np  # noqa: PLC0415
 
     from traverse.lab.diagnosis.diagnose import diagnose as found_by  # noqa: PLC0415
@@ -154,7 +153,6 @@ def _written(
     *,
     accept: bool,
 ) -> list[str]:
-    """Write the results and print the summary."""
     from traverse.lab.diagnosis.report import summary_lines  # noqa: PLC0415
     from traverse.lab.diagnosis.report.adapted_arm import write_adapted  # noqa: PLC0415
     from traverse.lab.diagnosis.report.files import write_diagnosis  # noqa: PLC0415

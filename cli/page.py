@@ -1,13 +1,12 @@
 """`traverse page`: the operator's page in a browser."""
 
-import asyncio
 import ssl
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.broker_options import BrokerOptions, arms_at, with_broker
 from traverse.cli.refusals import REFUSED, UNREACHABLE, end, refusals, refuse
 
 if TYPE_CHECKING:
@@ -108,14 +107,7 @@ def _notify_absence(change: "Change") -> None:
 
 
 def _only_arm(address: "BrokerAddress") -> str:
-    """The only arm with a status at a broker."""
-    from traverse.client.errors import BrokerUnreachableError  # noqa: PLC0415
-    from traverse.client.mqtt.discovery import find_arms  # noqa: PLC0415
-
-    try:
-        arms = asyncio.run(find_arms(address, FIND_S))
-    except BrokerUnreachableError as error:
-        end(UNREACHABLE, str(error))
+    arms = arms_at(address, FIND_S)
     if len(arms) != 1:
         told = f"there are {', '.join(arms)}" if arms else "there is none yet"
         status = REFUSED if arms else UNREACHABLE

@@ -1,6 +1,5 @@
 """`traverse verify`: acceptance figures, their plan, and checking certificates."""
 
-import hashlib
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -112,7 +111,6 @@ def _certificate(
     limits_file: Path | None,
     computed_by: str | None,
 ) -> "SealedCertificate":
-    """Read everything, compute everything."""
     from traverse.lab.acceptance.certificate.administration import (  # noqa: PLC0415
         administration_of,
     )
@@ -123,6 +121,7 @@ def _certificate(
     from traverse.lab.measured_points.reading import files_read, read_measured  # noqa: PLC0415
     from traverse.lab.report.provenance import (  # noqa: PLC0415
         ReportSource,
+        digest_of_files,
         report_provenance,
     )
 
@@ -130,10 +129,7 @@ def _certificate(
     permitted = NO_LIMITS if limits_file is None else read_limits(limits_file)
     measured = read_measured(data, arm)
     files = {path.name: bytes_of(path) for path in files_read(data)}
-    digest = hashlib.sha256()
-    for content in files.values():
-        digest.update(content)
-    source = ReportSource(data.resolve().name, digest.hexdigest())
+    source = ReportSource(data.resolve().name, digest_of_files(files_read(data)))
     files[ARM] = text
     if limits_file is not None:
         files[LIMITS] = bytes_of(limits_file)

@@ -413,7 +413,6 @@ async def _drain(service: Service) -> None:
 
 
 async def _consume(service: Service, device: Device) -> None:
-    """Process what a device delivers."""
     clock, measurement = service.clock, service.measurement
     handling = service.latencies["handling"]
     while True:
@@ -456,7 +455,6 @@ async def _poll_periodically(service: Service) -> None:
 
 
 async def _publish_changes(service: Service) -> None:
-    """Publish the status whenever it has changed."""
     while True:
         await service.status_due.wait()
         service.status_due.clear()

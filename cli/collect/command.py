@@ -1,9 +1,6 @@
 """`traverse collect`: a campaign collected at the terminal, point by point."""
 
-import asyncio
 import json
-import sys
-from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +8,7 @@ import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.options import Json
-from traverse.cli.refusals import FAILED, UNREACHABLE, refusals, refuse
+from traverse.cli.refusals import FAILED, refusals, refuse
 
 
 @with_broker
@@ -53,7 +50,7 @@ def collect(
     flags = frozenset(flag.strip() for flag in allow.split(",") if flag.strip())
     address = broker.address("collect")
     with refusals("collect"):
-        from traverse.cli.collect.session import collected  # noqa: PLC0415
+        from traverse.cli.collect.session import run_collection  # noqa: PLC0415
         from traverse.lab.campaign.campaign_file import (  # noqa: PLC0415
             example_problems,
             read_campaign_file,
@@ -106,11 +103,7 @@ def collect(
             plan,
         )
         collection.resume()
-        # Standard output is the report's, where that is JSON.
-        with redirect_stdout(sys.stderr) if as_json else nullcontext():
-            reached = asyncio.run(collected(collection, model.name, address, flags))
-    if not reached:
-        raise typer.Exit(UNREACHABLE)
+        run_collection(collection, model.name, address, flags, quiet=as_json)
     if as_json:
         typer.echo(json.dumps(collection_report(collection), indent=1))
     if collection.unfinished():

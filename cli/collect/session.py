@@ -16,6 +16,7 @@ from rich.console import Console, RenderableType
 from rich.live import Live as LivePicture
 
 from traverse.cli.collect.view import instruction, shown, summary
+from traverse.cli.refusals import UNREACHABLE
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
@@ -32,13 +33,28 @@ LINES_SHOWN = 6
 ANSWERS = "y: yes, count it; b: yes, and the others were not; else touch again."
 
 
-async def collected(
-    collection: Collection, arm: str, broker: BrokerAddress, allowed: frozenset[str]
-) -> bool:
+def run_collection(
+    collection: Collection,
+    arm: str,
+    broker: BrokerAddress,
+    allowed: frozenset[str],
+    *,
+    quiet: bool,
+) -> None:
     """Collect until the operator quits, or all is done and there is no terminal.
 
-    False where the broker could not be reached at the start.
+    With ``quiet`` standard output is left to a report. Ends the command where the
+    broker could not be reached at the start.
     """
+    with contextlib.redirect_stdout(sys.stderr) if quiet else contextlib.nullcontext():
+        reached = asyncio.run(_collected(collection, arm, broker, allowed))
+    if not reached:
+        raise typer.Exit(UNREACHABLE)
+
+
+async def _collected(
+    collection: Collection, arm: str, broker: BrokerAddress, allowed: frozenset[str]
+) -> bool:
     session = _Session(collection, allowed)
     with session.picture():
         listening = asyncio.ensure_future(session.listen(arm, broker))

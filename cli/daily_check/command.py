@@ -1,6 +1,5 @@
 """`traverse daily-check`: the daily two-minute check with a cone and a sphere."""
 
-import asyncio
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +11,6 @@ from traverse.cli.options import Json
 from traverse.cli.refusals import (
     FAILED,
     REFUSED,
-    UNREACHABLE,
     end,
     print_report,
     refusals,
@@ -184,10 +182,7 @@ def _collected(
 
     `again` is the command that computes a folder later.
     """
-    import contextlib  # noqa: PLC0415 - keeps --help quick
-    import sys  # noqa: PLC0415
-
-    from traverse.cli.collect.session import collected  # noqa: PLC0415
+    from traverse.cli.collect.session import run_collection  # noqa: PLC0415
     from traverse.lab.acceptance.plan import CAMPAIGN  # noqa: PLC0415
     from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
     from traverse.lab.collection.collection import Collection  # noqa: PLC0415
@@ -211,14 +206,7 @@ def _collected(
         planned_targets(plan, file, str(folder / PLAN)),
         plan,
     )
-    # Standard output is the report's, where that is JSON.
-    where = (
-        contextlib.redirect_stdout(sys.stderr) if quiet else contextlib.nullcontext()
-    )
-    with where:
-        reached = asyncio.run(collected(collection, arm.name, broker, ALLOWED))
-    if not reached:
-        raise typer.Exit(UNREACHABLE)
+    run_collection(collection, arm.name, broker, ALLOWED, quiet=quiet)
     if unfinished := collection.unfinished():
         end(
             FAILED,

@@ -180,7 +180,6 @@ def _split(
 def _written(
     result: "Identification", out: Path, provenance: "ReportProvenance"
 ) -> list[str]:
-    """Write the results and print the summary."""
     from traverse.lab.identification.report.page import (  # noqa: PLC0415
         result_map,
         summary_lines,

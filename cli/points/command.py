@@ -135,7 +135,6 @@ def export(
 def _opened(
     command: str, db: Path | None, config: Path | None
 ) -> Iterator["Connection"]:
-    """The outbox, open for reading."""
     import sqlite3  # noqa: PLC0415 - keeps --help quick
 
     from traverse.daemon.state_dir import OUTBOX, state_path  # noqa: PLC0415

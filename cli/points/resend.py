@@ -61,7 +61,6 @@ def resend(
 
 
 def _lines(answer: dict[str, Any]) -> list[str]:
-    """The answer in words."""
     if "sessions" in answer:
         sessions = [
             f"{one['session']}  {one['first_seq']} to {one['last_seq']}"

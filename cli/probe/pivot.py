@@ -160,7 +160,6 @@ def write_vector(
 
 
 def _cone(folder: Path, campaign: Campaign, wanted: str | None) -> int:
-    """Which artefact is the cone."""
     cones = {a.id: i for i, a in enumerate(campaign.artefacts) if a.kind == "cone"}
     if wanted is None and len(cones) == 1:
         return next(iter(cones.values()))

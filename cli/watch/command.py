@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, with_broker
-from traverse.cli.refusals import UNREACHABLE, end
+from traverse.cli.broker_options import BrokerOptions, arms_at, with_broker
+from traverse.cli.refusals import UNREACHABLE
 
 if TYPE_CHECKING:
     from traverse.client.mqtt.address import BrokerAddress
@@ -49,27 +49,13 @@ def watch(
     address = broker.address("watch")
     try:
         if sys.stdout.isatty() and not (lines or as_json):
-            name = _only_arm(address) if arm == "+" else arm
-            if name is not None:
-                asyncio.run(_display(address, name))
+            arms = arms_at(address, FIND_S) if arm == "+" else [arm]
+            if len(arms) == 1:
+                asyncio.run(_display(address, arms[0]))
                 return
         asyncio.run(_follow(address, arm, wanted, as_json))
     except KeyboardInterrupt:
         raise typer.Exit(0) from None
-
-
-def _only_arm(broker: "BrokerAddress") -> str | None:
-    """The one arm on a broker; None where there are several, or none."""
-    from traverse.client.errors import (  # noqa: PLC0415 - keeps --help quick
-        BrokerUnreachableError,
-    )
-    from traverse.client.mqtt.discovery import find_arms  # noqa: PLC0415
-
-    try:
-        arms = asyncio.run(find_arms(broker, FIND_S))
-    except BrokerUnreachableError as error:
-        end(UNREACHABLE, str(error))
-    return arms[0] if len(arms) == 1 else None
 
 
 async def _display(broker: "BrokerAddress", arm: str) -> None:

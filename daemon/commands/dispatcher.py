@@ -103,11 +103,10 @@ class CommandDispatcher:
 
     async def close(self) -> None:
         """Abandon what is still running."""
-        tasks = tuple(self._running)
+        tasks: list[asyncio.Future[Any]] = [*self._running, *self._answers.executing]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        await self._answers.close()
 
     async def _answer(self, incoming: IncomingCommand) -> None:
         try:
@@ -201,7 +200,7 @@ class CommandDispatcher:
         return None
 
     def _problem_of_rate(self, name: str) -> RequestRefusedError | None:
-        if self._answers.n_executing < MAX_RUNNING and self._limits.admit_kind(name):
+        if len(self._answers.executing) < MAX_RUNNING and self._limits.admit_kind(name):
             return None
         return RequestRefusedError(
             "command.too_many",
@@ -250,18 +249,13 @@ class CommandDispatcher:
 class ReplyCache:
     """The first answer to each request, by the command's name and the request.
 
-    An answer that is still being worked on is never forgotten.
+    An answer that is still being worked on, in `executing`, is never forgotten.
     """
 
     def __init__(self) -> None:
         self._answers: OrderedDict[tuple[str, str], Answer] = OrderedDict()
-        self._working: set[Answer] = set()
+        self.executing: set[Answer] = set()
         self._bytes = 0
-
-    @property
-    def n_executing(self) -> int:
-        """How many are being worked on."""
-        return len(self._working)
 
     def find(self, name: str, request: str) -> Answer | None:
         """The first answer to a request, finished or not, if it is remembered."""
@@ -279,20 +273,13 @@ class ReplyCache:
     ) -> Answer:
         """Work on an answer and remember it."""
         task = asyncio.create_task(work)
-        self._working.add(task)
+        self.executing.add(task)
         self._answers[name, request] = task
         task.add_done_callback(self._ended)
         return task
 
-    async def close(self) -> None:
-        """Abandon what is being worked on."""
-        tasks = tuple(self._working)
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-
     def _ended(self, task: Answer) -> None:
-        self._working.discard(task)
+        self.executing.discard(task)
         self._bytes += _size(task)
         while len(self._answers) > MAX_REMEMBERED or self._bytes > MAX_REMEMBERED_BYTES:
             done = (key for key, one in self._answers.items() if one.done())

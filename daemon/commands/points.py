@@ -154,7 +154,6 @@ class PointCommands:
         )
 
     async def _latched_point(self, device: Device) -> Point:
-        """A point of what a device latches now."""
         try:
             token = device.driver.request_latch()
         except DeviceError as error:

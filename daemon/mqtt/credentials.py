@@ -114,7 +114,6 @@ def _files(address: BrokerAddress) -> Iterator[tuple[str, Path]]:
 
 
 def _path(key: str, name: str, folder: Path) -> Path:
-    """The file that a name means."""
     try:
         return credential_file(name, folder)
     except ValueError as error:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.daemon.clock import HostClock
 from traverse.daemon.pose.alignment import ActiveAlignment
 from traverse.daemon.pose.arm_model import ArmModel
@@ -20,8 +21,7 @@ class LivePoseSampler:
         self._part = part or ActiveAlignment()
         self.use_rate(rate_hz)
         self._due_ns = 0
-        self._last: tuple[int, np.ndarray[tuple[int], np.dtype[np.float64]]] | None
-        self._last = None
+        self._last: tuple[int, Floats] | None = None
         self.thinned = 0
 
     def use_rate(self, rate_hz: float) -> None:

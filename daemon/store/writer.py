@@ -171,7 +171,6 @@ class StoreWriter:
             return
 
     def _write(self, first: NewMessage, waiting: deque[Job]) -> None:
-        """Store a message, together with those that follow it."""
         messages = [first]
         while waiting and len(messages) < MAX_BATCH:
             if not isinstance(waiting[0], NewMessage):
