@@ -59,13 +59,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A campaign to be collected.
-
-    Attributes:
-        artefacts: Tables of `campaign.toml`, by id.
-        shoulder_mm: Middle of the working volume.
-        reach_mm: Its radius.
-    """
+    """A campaign to be collected about the shoulder: artefacts by id, and steps."""
 
     artefacts: Mapping[str, Mapping[str, Any]]
     steps: tuple[Step, ...]

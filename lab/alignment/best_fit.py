@@ -49,16 +49,7 @@ def best_fit_alignment(
     with_scale: bool = False,
     remarks: Sequence[str] = (),
 ) -> AlignmentResult:
-    """Adjust the transformation, and say what it is worth.
-
-    Args:
-        common: Points with two places.
-        volume_of: Where it will be used, see
-            `traverse.lab.alignment.nominal`.
-        volume_source: Source of the volume.
-        method: What to call it.
-        with_scale: Seven parameters.
-        remarks: What is to be said of the points.
+    """Adjust the transformation (with a scale: seven parameters); say what it is worth.
 
     Raises:
         HelmertError: The points do not determine it; says what is left open.

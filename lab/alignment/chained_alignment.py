@@ -21,11 +21,6 @@ def chained_values(
 ) -> dict[str, Any]:
     """Put an alignment before another one: arm to station 1, station 1 to the part.
 
-    Args:
-        values: Of the leapfrog, into the system of the first station.
-        first: Of the first station, into that of the part.
-        source: File of the first one.
-
     Returns:
         The values with the joined alignment, its covariance, and the volume, turned
         into the part's system; residuals and points stay those of the leapfrog.

@@ -29,10 +29,8 @@ REACH = "reach"
 def volume_from_text(text: str, arm: Arm | None) -> VolumeFunction:
     """Parse the option for a volume.
 
-    Args:
-        text: "x,y,z,x,y,z", two corners of a box in the part's system; "x,y,z,r", a
-            ball there; or "reach", all that the arm can reach.
-        arm: Needed for its reach.
+    "x,y,z,x,y,z" are two corners of a box in the part's system, "x,y,z,r" is a ball
+    there, and "reach" all that the arm can reach, which needs the arm.
 
     Raises:
         ValueError: It is none of these.

@@ -102,14 +102,9 @@ def align_plane_line_point(
     *,
     std_mm: float | None,
 ) -> AlignmentResult:
-    """Align by plane, line and point.
+    """Align by plane, line and point; the touches of the line are in their order.
 
-    Args:
-        touches: With the features' names; those of the line in their order.
-        nominal: With plane, line, point.
-        volume_of: Where it will be used.
-        volume_source: Source of the volume.
-        std_mm: Of each coordinate of a touch; None: as the touches say.
+    Each coordinate of a touch has the standard deviation; None: as the touches say.
 
     Raises:
         ValueError: A feature is not there, not touched often enough, or touched so that

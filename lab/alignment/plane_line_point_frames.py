@@ -33,12 +33,9 @@ class PartFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneLinePointTouches:
-    """The touches of the three features, in the order in which they were made.
+    """The touches of the three features in their order, (n, 3): at least 3, 2 and 1.
 
-    Attributes:
-        plane_mm: At least 3, (n, 3).
-        line_mm: At least 2, from the line's start to its end, (n, 3).
-        point_mm: At least 1, (n, 3).
+    Those of the line go from its start to its end.
     """
 
     plane_mm: Floats

@@ -98,8 +98,7 @@ def point_p_value(statistic: float, degrees: int) -> float | None:
 class AlignmentWarning:
     """A warning to be read before the alignment is used.
 
-    Attributes:
-        direction: In the system that it leads to, (3,); None where there is none.
+    Its direction, if any, is in the system that the alignment leads to, (3,).
     """
 
     code: str

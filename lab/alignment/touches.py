@@ -202,13 +202,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CommonPoints:
-    """Places that are known in two systems.
-
-    Attributes:
-        names: (n,).
-        measured: In the arm's system, (n,).
-        nominal: In the system that it leads to, (n,).
-    """
+    """Places that are known in the arm's system and in that it leads to, (n,) each."""
 
     names: tuple[str, ...]
     measured: tuple[Place, ...]
@@ -222,16 +216,12 @@ def places_by_name(
     std_mm: float | None,
     spheres: bool,
 ) -> tuple[dict[str, Place], list[str]]:
-    """Sort touches by name, and make one place of each name.
+    """Sort touches by name, and make one place of each name that is known (None: all).
 
     The covariance of a mean is the mean of the covariances, not divided by their
-    number: an arm's errors in one place are much the same each time.
-
-    Args:
-        touches: In their order.
-        known: Names that count; None: all.
-        std_mm: Of every coordinate of a touch; None: as the touches say.
-        spheres: Whether a name's touches lie on a sphere whose centre counts.
+    number: an arm's errors in one place are much the same each time. The standard
+    deviation is of every coordinate of a touch; None: as the touches say. Spheres:
+    a name's touches lie on a sphere whose centre counts.
 
     Returns:
         Places by name, and remarks on touches that were left out or are doubtful.

@@ -29,13 +29,7 @@ class PlanStep(StrictModel):
 
 
 class PlanFile(StrictModel):
-    """`plan.toml` as written.
-
-    Attributes:
-        centre_mm: Middle of the working volume.
-        reach_mm: Its radius.
-        steps: In the order in which they are done.
-    """
+    """`plan.toml` as written: steps in their order, and the working volume."""
 
     schema_: Literal["traverse/collection-plan/1"] = Field(alias="schema")
     centre_mm: Vector = (0.0, 0.0, 0.0)
@@ -84,11 +78,7 @@ def volume_counts(places_mm: Floats, plan: PlanFile) -> Integers:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Something to be touched so many times.
-
-    Attributes:
-        say: What to do, in a sentence; empty where the names are enough.
-    """
+    """Something to be touched so many times; nothing is said where names are enough."""
 
     artefact: str
     feature: str

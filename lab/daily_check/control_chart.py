@@ -84,12 +84,7 @@ FEWEST = 2  # values that make a first comparison
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A rule of the chart.
-
-    Attributes:
-        name: In words, as people and JSON get it.
-        rate: False alarms a check.
-    """
+    """A rule of the chart in words, and its false alarms a check."""
 
     name: str
     rate: float
@@ -134,12 +129,9 @@ def rules(side: Side) -> tuple[Rule, Rule, Rule]:
 def charted(
     values: Sequence[float], *, positive: bool, most: float = np.inf
 ) -> list[ChartPoint]:
-    """Judge values in the order in which they were measured.
+    """Judge values of one figure in the order in which they were measured.
 
-    Args:
-        values: Of one figure.
-        positive: They cannot be negative.
-        most: Values beyond it are judged, but are no base for later ones.
+    Values beyond the most are judged, but are no base for later ones.
 
     Raises:
         ValueError: A positive figure is not, or a value is no number.

@@ -20,12 +20,9 @@ SCHEMA = "traverse/interim/1"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FigureChart:
-    """The chart of one figure.
+    """The chart of one figure since the base began.
 
-    Attributes:
-        points: Since the base began.
-        limit_mm: Permitted; None where nothing says so.
-        accepted_mm: Of the last acceptance; None without.
+    Beside it what is permitted, and what the last acceptance found, where known.
     """
 
     kind: FigureKind

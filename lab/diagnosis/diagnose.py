@@ -48,14 +48,10 @@ def diagnose(
     options: DiagnosisOptions | None = None,
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """Diagnose an arm.
+    """Diagnose an arm: the design, or an identified one.
 
-    Args:
-        campaign: What was measured.
-        arm: The design, or an identified arm; the geometry and all effects that it
-            has already are estimated together with what is added.
-        options: Wishes.
-        progress: Told what is done, and which part of the work that is (0 to 1).
+    The geometry and all effects that it has already are estimated together with what is
+    added. Progress is what is done, and which part of the work that is (0 to 1).
 
     Raises:
         IdentificationError: Arm and campaign do not fit together.

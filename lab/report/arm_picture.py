@@ -31,12 +31,9 @@ _Box = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """A direction to look in: which way x and y of the paper point in the arm's system.
+    """A direction to look in: components of the arm's system on the paper.
 
-    Attributes:
-        right: Component of the arm's system that grows to the right.
-        up: Component that grows upwards.
-        away: Component along the look, with its sign: 1 if it grows away from the eye.
+    To the right, upwards, and along the look, 1 if it grows away from the eye.
     """
 
     title: str

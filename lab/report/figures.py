@@ -6,6 +6,7 @@ also differs in shape.
 
 import io
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
 import matplotlib as mpl
 import numpy as np
@@ -14,7 +15,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from traverse.arrays import Floats, Integers
-from traverse.lab.report.binning import Bins
 
 Paint = Callable[[Figure], None]
 # Colour, mark, and label of the legend.
@@ -25,6 +25,12 @@ BLUE, ORANGE, VERMILION, GREY = "#0072B2", "#E69F00", "#D55E00", "#707070"
 STATE_COLOURS = {"good": BLUE, "doubt": ORANGE, "bad": VERMILION, "open": GREY}
 # More dots are not visible, and the page stays small.
 MOST_DOTS = 12_000
+
+# Means over parts of a range, where single poses are too noisy to look at.
+_MOST_BINS = 24
+_LEAST_IN_A_BIN = 5
+# Few different values are groups by themselves: senses of approach, features.
+_GROUPS = 6
 
 _INCHES_PER_MM = 1.0 / 25.4
 _DPI = 150
@@ -101,6 +107,43 @@ def symmetric_limit(values: Floats, part: float = 0.999) -> float:
         return 1.0
     limit = 1.15 * float(np.quantile(finite, part))
     return limit if limit > 0.0 else 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bins:
+    """Means over parts of a range and their standard errors, each (n_bins,)."""
+
+    centres: Floats
+    means: Floats
+    errors: Floats
+
+
+def binned(covariate: Floats, values: Floats, stds: Floats | None = None) -> Bins:
+    """Average values over parts of a covariate's range with equally many poses.
+
+    Values and covariate are (n_poses,), NaN where unknown; their standard deviations
+    are weights, default equal ones.
+    """
+    weights = np.ones_like(values) if stds is None else 1.0 / stds**2
+    good = np.isfinite(covariate) & np.isfinite(values) & np.isfinite(weights)
+    x, y, w = covariate[good], values[good], weights[good]
+    if len(x) == 0:
+        return Bins(np.empty(0), np.empty(0), np.empty(0))
+    groups, places = np.unique(x, return_inverse=True)
+    if len(groups) > _GROUPS:
+        n_bins = int(np.clip(len(x) // (2 * _LEAST_IN_A_BIN), 1, _MOST_BINS))
+        order = np.argsort(x, kind="stable")
+        places = np.empty(len(x), dtype=np.int64)
+        places[order] = np.arange(len(x)) * n_bins // len(x)
+    n_bins = int(places.max()) + 1
+    total = np.bincount(places, w, n_bins)
+    means = np.bincount(places, w * y, n_bins) / total
+    centres = np.bincount(places, w * x, n_bins) / total
+    counts = np.bincount(places, minlength=n_bins)
+    squares = np.bincount(places, w * (y - means[places]) ** 2, n_bins) / total
+    kept = counts > 1
+    errors = np.sqrt(squares[kept] / (counts[kept] - 1))
+    return Bins(centres[kept], means[kept], errors)
 
 
 def draw_means(axes: Axes, bins: Bins, look: Look, factor: float = 1.0) -> None:

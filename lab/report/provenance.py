@@ -21,12 +21,7 @@ OPERATOR_VARIABLE = "TRAVERSE_OPERATOR"
 
 @dataclass(frozen=True, slots=True)
 class ReportSource:
-    """Measurement that a report is about.
-
-    Attributes:
-        name: Of the campaign's folder, or of the file.
-        sha256: Over its files; empty where there were none.
-    """
+    """Measurement that a report is about: folder or file, and its SHA-256, if any."""
 
     name: str
     sha256: str

@@ -276,11 +276,7 @@ def judged_figure(
 
 @dataclass(frozen=True, slots=True)
 class Missing:
-    """A figure that cannot be computed.
-
-    Attributes:
-        what: What is missing or too much, one line each.
-    """
+    """A figure that cannot be computed: what is missing or too much, a line each."""
 
     name: str
     what: tuple[str, ...]
@@ -310,11 +306,7 @@ class LengthError:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scatter:
-    """Distances of touched points from a fitted shape, for plots.
-
-    Attributes:
-        deviations_mm: In the order of the touches.
-    """
+    """Distances of touches, in their order, from a fitted shape, for plots."""
 
     name: str
     deviations_mm: tuple[float, ...]

@@ -26,11 +26,7 @@ from traverse.lab.diagnosis.model.observation_equations import ObservationEquati
 
 @dataclass(frozen=True, slots=True)
 class KnownPair:
-    """Two effects that are hard to separate.
-
-    Attributes:
-        is_structural: No poses of the kinds that the campaign has would.
-    """
+    """Two effects that are hard to separate; by structure: no such poses ever would."""
 
     why: str
     experiment: str

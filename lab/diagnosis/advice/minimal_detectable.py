@@ -113,16 +113,10 @@ def detectable(
     absent: Sequence[tuple[Candidate, str]] = (),
     log_p: float | None = None,
 ) -> tuple[Detectable, ...]:
-    """Compute the minimal detectable size of every candidate.
+    """Compute the minimal detectable size of every candidate of a bank of names.
 
-    Args:
-        rows: Of the fit that is final, or of a planned campaign.
-        bank: Of names.
-        absent: Names that have no columns, with the reason.
-        log_p: Threshold of the bank, natural logarithm; default Bonferroni's.
-
-    Returns:
-        In the order of the bank, then the absent ones.
+    After them come the absent ones, which have no columns, with the reason. The
+    threshold of the bank is a natural logarithm; default Bonferroni's.
     """
     if log_p is None:
         log_p = float(np.log(_FAMILY_LEVEL / max(len(bank.candidates), 1)))

@@ -41,15 +41,10 @@ def further_contacts(
 ) -> Poses:
     """Draw postures that touch the fit's artefacts.
 
-    What else a pose says (time, temperature, motion, force) is taken from a random
-    pose of the same artefact; the direction of a surface is its normal.
-
-    Args:
-        adjustment: The fit: places of artefacts, included poses.
-        n_tries: Of every artefact; those that do not reach it fall away.
-        seed: Of the postures.
-        wider_rad: By how much each joint may go beyond either end of what it has
-            travelled, (n_joints,).
+    So many of every artefact; those that do not reach it fall away. Each joint may go
+    beyond either end of what it has travelled, (n_joints,). What else a pose says
+    (time, temperature, motion, force) is taken from a random pose of the same
+    artefact; the direction of a surface is its normal.
     """
     rng = np.random.default_rng(seed)
     network = adjustment.network

@@ -48,10 +48,8 @@ class _Entry:
 def library_bank(rows: ObservationEquations, arm: Arm) -> Bank:
     """Compute the columns of all effects that the campaign can speak about.
 
-    Args:
-        rows: Of the fit; columns are taken at its estimates, its effects applied.
-        arm: With masses, reference temperature and joint names; its geometry and its
-            effects are not looked at.
+    At the estimates of the fit, its effects applied; of the arm only masses, reference
+    temperature and joint names are looked at.
 
     Returns:
         Columns in units of plausible amplitudes, whitened, (n_rows, n_columns).

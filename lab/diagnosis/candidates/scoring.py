@@ -165,17 +165,10 @@ def log_evidences(
 
 
 def log_p_values(parts: Floats, degrees: Integers, redundancy: int) -> Floats:
-    """Compute log p of F tests, without underflow.
+    """Compute log p of F tests of T/T_0, (...,), without underflow.
 
-    P(F > f) = I_x(a, b) with x = 1 - T/T_0, a = (r - q)/2, b = q/2.
-
-    Args:
-        parts: T/T_0, (...,).
-        degrees: q, (...,).
-        redundancy: r.
-
-    Returns:
-        (...,); 0 where nothing is tested: without columns, or with as many as r.
+    P(F > f) = I_x(a, b) with x = 1 - T/T_0, a = (r - q)/2, b = q/2, degrees q and
+    redundancy r. 0 where nothing is tested: without columns, or with as many as r.
     """
     parts = np.clip(parts, 0.0, 1.0 - 1e-15)
     shown = np.maximum(degrees, 1)

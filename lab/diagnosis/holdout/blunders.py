@@ -32,17 +32,10 @@ _SHARE_LEVEL = 1e-3
 def find_blunders(
     campaign: Campaign, misclosures_mm: Floats, choosing: Booleans, held_out: Booleans
 ) -> Booleans:
-    """Find the held-out poses that contradict their neighbours.
+    """Find the held-out poses that contradict their neighbours, (n_poses,).
 
-    Args:
-        campaign: What was measured.
-        misclosures_mm: Of all poses against the model without terms, NaN where there
-            are none, (n_poses, 3).
-        choosing: Poses that were not kept aside, (n_poses,).
-        held_out: Poses to judge, (n_poses,).
-
-    Returns:
-        (n_poses,); none for features with fewer than six poses.
+    By the misclosures of all poses against the model without terms, NaN where there are
+    none, (n_poses, 3). None of features with fewer than six poses.
     """
     w = np.zeros(len(campaign.poses))
     poses = campaign.poses

@@ -43,17 +43,11 @@ def fitted(
     *,
     snooping: bool = True,
 ) -> Fit:
-    """Fit an arm and all its effects.
+    """Fit an arm and all its effects to eligible poses, (n_poses,).
 
-    Contradicting poses are left out; poses left out of an earlier fit are tried
-    again. The noise that the campaign does not state is estimated.
-
-    Args:
-        campaign: What was measured.
-        arm: Where to begin.
-        eligible: Poses that may take part, (n_poses,).
-        before: An earlier fit, whose noise and poses are begun with.
-        snooping: Whether contradicting poses are left out at all.
+    Contradicting poses are left out when snooping; poses left out of an earlier fit,
+    whose noise and poses are begun with, are tried again. The noise that the campaign
+    does not state is estimated.
 
     Raises:
         IdentificationError: The campaign lacks data that effects need.

@@ -118,14 +118,10 @@ class ObservationEquations:
         return angles_rad
 
     def moved(self, moves: Floats) -> Floats:
-        """Turn moves of the model's centres into changes of values.
+        """Turn moves of the model's centres into changes of values, not yet projected.
 
-        Args:
-            moves: mm per unit of each column, of every pose of the campaign,
-                (n_poses, 3, n_columns).
-
-        Returns:
-            C, (n_rows, n_columns); not yet projected.
+        From mm per unit of each column, of every pose of the campaign, (n_poses, 3,
+        n_columns), to C, (n_rows, n_columns).
         """
         return self.decorrelated(
             np.einsum("ri,rik->rk", self.by_centre, moves[self.poses])

@@ -17,11 +17,9 @@ Verdict = Literal["clean", "named", "tentative", "unknown"]
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A key of an effect as estimated, with its standard deviation.
+    """A key of an effect as estimated, with its standard deviation, of the same shape.
 
-    Attributes:
-        value: A number, or a vector's components, or a spline's values.
-        std: Of the same shape.
+    A number, or a vector's components, or a spline's values.
     """
 
     value: float | tuple[float, ...]
@@ -171,13 +169,7 @@ class HoldoutComparison:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A line of the ledger.
-
-    Attributes:
-        effect: What was added, or None for the start.
-        held_out: With it and all before it.
-        sigma0: On the poses used for choosing.
-    """
+    """A line of the ledger: figures with an effect, or none, and all before it."""
 
     effect: str | None
     held_out: HoldoutResult
@@ -203,11 +195,7 @@ class NoiseEstimate:
 
 @dataclass(frozen=True, slots=True)
 class BankRemainder:
-    """The largest finding of a bank when nothing more was added.
-
-    Attributes:
-        threshold_log10_p: What it would have needed.
-    """
+    """The largest finding of a bank when nothing more was added, and what it needed."""
 
     bank: BankName
     candidate: Candidate

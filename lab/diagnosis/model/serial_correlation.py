@@ -28,12 +28,7 @@ _LARGEST_SHARE = 0.9
 
 @dataclass(frozen=True, slots=True)
 class SerialCorrelation:
-    """Correlated part of the noise.
-
-    Attributes:
-        share: Of the variance.
-        phi: Correlation from one pose to the next.
-    """
+    """Correlated part of the noise: share of the variance, and phi from pose to pose."""
 
     share: float
     phi: float
@@ -98,15 +93,10 @@ def _order(rows: ObservationEquations) -> Integers:
 
 
 def _lagged(rows: ObservationEquations, residuals: Floats) -> tuple[Floats, Floats]:
-    """Sum products of residuals of poses some steps apart.
+    """Sum products of residuals, (n_rows, n_many), of poses some steps apart.
 
-    Args:
-        rows: Of a fit.
-        residuals: (n_rows, n_many).
-
-    Returns:
-        For every lag, the sum of v_t^T K v_(t+l), (n_lags, n_many), with K the
-        correlation that common sources would give, and the sum of squares of K.
+    For every lag, the sum of v_t^T K v_(t+l), (n_lags, n_many), with K the correlation
+    that common sources would give, and the sum of squares of K.
     """
     order = _order(rows)
     seen = order >= 0

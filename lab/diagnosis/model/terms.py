@@ -20,13 +20,7 @@ from traverse.lab.identification.equations.effect_model import EffectModel
 
 @dataclass(frozen=True, slots=True)
 class AddedTerm:
-    """A term in the model.
-
-    Attributes:
-        candidate: What it was chosen as.
-        bank: Where it was found.
-        index: Of the effect in the arm.
-    """
+    """A term in the model: as chosen, its bank, and its index among the effects."""
 
     candidate: Candidate
     bank: BankName

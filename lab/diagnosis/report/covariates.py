@@ -37,13 +37,9 @@ class DrawnCovariate:
 def covariate_of(
     term: Term, campaign: Campaign, amounts: Floats, reference_c: float
 ) -> DrawnCovariate:
-    """Choose what a term is drawn over.
+    """Choose what a term is drawn over; the last resort is what it does to each pose.
 
-    Args:
-        term: To draw.
-        campaign: With the covariates.
-        amounts: What the term does to each pose, (n_poses,): the last resort.
-        reference_c: Temperature at which thermal effects are zero.
+    Thermal effects are zero at the reference temperature.
     """
     kind, joint = term.candidate.kind, term.candidate.joint
     poses = campaign.poses

@@ -10,11 +10,12 @@ from traverse.arrays import Booleans, Floats
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.report.covariates import time_label
 from traverse.lab.diagnosis.report.discrepancies import Discrepancies
-from traverse.lab.report.binning import Bins, binned
 from traverse.lab.report.figures import (
     BLUE,
     GREY,
     VERMILION,
+    Bins,
+    binned,
     dot_size,
     draw_means,
     picture,

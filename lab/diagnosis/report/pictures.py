@@ -8,12 +8,12 @@ from traverse.arrays import Booleans, Floats
 from traverse.lab.diagnosis.model.result import Diagnosis
 from traverse.lab.diagnosis.report.names import step_names
 from traverse.lab.diagnosis.report.term_curve import TermCurve
-from traverse.lab.report.binning import binned
 from traverse.lab.report.figures import (
     BLUE,
     GREY,
     ORANGE,
     VERMILION,
+    binned,
     dot_size,
     draw_means,
     picture,

@@ -190,10 +190,8 @@ def _window(campaign: Campaign, poses: Integers) -> int:
 def _lasting(values: Floats, stretches: Integers, window: int) -> int:
     """Find the first lag at which noise is hardly correlated any more.
 
-    Args:
-        values: Misclosures in the order of time, (n, n_rows).
-        stretches: Numbers of their stretches, (n,).
-        window: Of the running mean, in samples.
+    From misclosures in the order of time, (n, n_rows), less their running mean over a
+    window in samples; stretches are numbered, (n,).
     """
     values, stretches = values[:_MOST_LOOKED_AT], stretches[:_MOST_LOOKED_AT]
     ends = np.flatnonzero(np.append(np.diff(stretches) != 0, True)) + 1

@@ -49,13 +49,7 @@ _UNCONTROLLED = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseGroup:
-    """Poses with equally many rows.
-
-    Attributes:
-        poses: Of the campaign, (n,).
-        places: Of their rows, (n, n_rows_each).
-        limit: c^2.
-    """
+    """Poses with equally many rows, (n,), their rows, (n, n_rows_each), and c^2."""
 
     poses: Integers
     places: Integers
@@ -140,13 +134,10 @@ def pose_groups(
 def shifted(
     groups: tuple[PoseGroup, ...], basis: Floats, residuals: Floats, poses: Booleans
 ) -> MeanShifts:
-    """Estimate the shifts of some poses.
+    """Estimate the shifts of some poses, of all the campaign's, (n_poses,).
 
-    Args:
-        groups: All poses.
-        basis: Of all else, orthonormal, (n_rows, n_absorbed).
-        residuals: v, without what the basis absorbs, (n_rows,).
-        poses: Which are shifted, of all the campaign's, (n_poses,).
+    The basis of all else is orthonormal, (n_rows, n_absorbed); the residuals are v,
+    without what it absorbs, (n_rows,).
     """
     numbers: list[int] = []
     places: list[Integers] = []
@@ -234,16 +225,10 @@ def recover_outliers(
     log_p: float,
     joints_with_own_curve: Collection[str] = (),
 ) -> Booleans | None:
-    """Find who takes part if the best curve is right.
+    """Find who takes part if the best curve is right, (n_poses,).
 
-    Args:
-        fit: That left out some poses.
-        eligible: Poses that may take part, (n_poses,).
-        log_p: Below which a curve is believed.
-        joints_with_own_curve: Joints whose own angle has an empirical curve already.
-
-    Returns:
-        Who takes part, (n_poses,); None: no curve explains why poses were left out.
+    A curve is believed below that log p; joints whose own angle has an empirical curve
+    already get none. None: no curve explains why poses were left out.
     """
     outside = eligible & ~fit.included
     if not np.any(outside):

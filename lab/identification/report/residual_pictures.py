@@ -6,12 +6,12 @@ from matplotlib.figure import Figure
 
 from traverse.arrays import Floats
 from traverse.lab.identification.results.result import Identification
-from traverse.lab.report.binning import binned
 from traverse.lab.report.figures import (
     BLUE,
     GREY,
     ORANGE,
     VERMILION,
+    binned,
     dot_size,
     draw_means,
     picture,

@@ -12,7 +12,7 @@ from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.model.result import Estimate
 from traverse.lab.diagnosis.report import plots_of, report_page
 from traverse.lab.diagnosis.report.term_curve import term_curve
-from traverse.lab.report.binning import binned
+from traverse.lab.report.figures import binned
 
 SECTIONS = [
     "verdict",
