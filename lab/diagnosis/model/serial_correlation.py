@@ -28,7 +28,7 @@ _LARGEST_SHARE = 0.9
 
 @dataclass(frozen=True, slots=True)
 class SerialCorrelation:
-    """Correlated part of the noise: share of the variance, and phi from pose to pose."""
+    """Correlated part of the noise: share of its variance, phi from pose to pose."""
 
     share: float
     phi: float
