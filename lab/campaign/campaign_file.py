@@ -36,10 +36,7 @@ class KeysByKind:
 
     model_fields: ClassVar[Mapping[str, object]] = {}
 
-    @staticmethod
-    def variant(table: object) -> type[StrictModel]:
-        """Return the class of a table by its kind."""
-        return ArtefactTable.variant(table)
+    variant = staticmethod(ArtefactTable.variant)
 
 
 class Noise(StrictModel):

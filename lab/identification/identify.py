@@ -91,7 +91,12 @@ def identify(
             no parameter.
     """
     options = options or Options()
-    _check(campaign, arm)
+    names = tuple(joint.name for joint in arm.joints)
+    if names != campaign.joint_names:
+        raise IdentificationError(
+            f"the campaign has the joints {', '.join(campaign.joint_names)}, the arm "
+            f"{', '.join(names)}; take the arm file that the campaign was measured with"
+        )
     design, parameters = prepared(campaign, arm, options)
     radius_mm = arm.probe.radius_mm
     every = np.ones(len(campaign.poses), dtype=np.bool_)
@@ -257,12 +262,3 @@ def _held_tools(campaign: Campaign) -> list[str]:
         for number, tool in enumerate(campaign.tools, start=1)
         if tool.held or number not in used or number == used[0]
     ]
-
-
-def _check(campaign: Campaign, arm: Arm) -> None:
-    names = tuple(joint.name for joint in arm.joints)
-    if names != campaign.joint_names:
-        raise IdentificationError(
-            f"the campaign has the joints {', '.join(campaign.joint_names)}, the arm "
-            f"{', '.join(names)}; take the arm file that the campaign was measured with"
-        )

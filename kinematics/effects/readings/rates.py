@@ -24,15 +24,7 @@ if TYPE_CHECKING:
 class SingleRate(ReadingCorrection):
     """One value, the same for every joint that it belongs to."""
 
-    per_value: ClassVar[float] = 1.0  # regressor over quantity
-
-    @abstractmethod
-    def regressor(self, geometry: Geometry, block: Block) -> Floats:
-        """d_alpha for the value 1, (n_chosen, n_samples)."""
-
-    def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
-        """The regressor alone, (1, n_chosen, n_samples)."""
-        return self.regressor(geometry, block)[np.newaxis]
+    per_value: ClassVar[float] = 1.0  # unit amount over quantity
 
     @abstractmethod
     def quantity(self, joint: int) -> Quantity:
@@ -59,10 +51,11 @@ class EncoderScale(SingleRate):
     kind: ClassVar[str] = "encoder_scale"
     per_value: ClassVar[float] = 1e-6
 
-    def regressor(self, geometry: Geometry, block: Block) -> Floats:
-        """A millionth of the turn since the base posture, (1, n_samples) rad/ppm."""
+    def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
+        """A millionth of the turn since the base posture, (1, 1, n_samples) rad/ppm."""
         zeros_rad = geometry.zeros_rad[self.joints, np.newaxis]
-        return 1e-6 * (block.rows("angles_rad", self.joints) - zeros_rad)
+        turns_rad = block.rows("angles_rad", self.joints) - zeros_rad
+        return 1e-6 * turns_rad[np.newaxis]
 
     def quantity(self, joint: int) -> Quantity:
         """The turn since the base posture."""
@@ -84,10 +77,10 @@ class EncoderLatency(SingleRate):
         """The speeds of its joints."""
         return needs_of(Covariate.SPEED, self.joints, self.joints.stop)
 
-    def regressor(self, geometry: Geometry, block: Block) -> Floats:
-        """-d(alpha)/dt, (n_chosen, n_samples) rad/s."""
+    def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
+        """-d(alpha)/dt, (1, n_chosen, n_samples) rad/s."""
         del geometry
-        return -block.rows("speeds_rad_s", self.joints)
+        return -block.rows("speeds_rad_s", self.joints)[np.newaxis]
 
     def quantity(self, joint: int) -> Quantity:
         """d(alpha)/dt."""
@@ -109,10 +102,10 @@ class Backlash(SingleRate):
         """The joint's sense of approach."""
         return (Need(Covariate.APPROACH, self.joints.start),)
 
-    def regressor(self, geometry: Geometry, block: Block) -> Floats:
-        """-1, 0 or +1, (1, n_samples)."""
+    def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
+        """-1, 0 or +1, (1, 1, n_samples)."""
         del geometry
-        return np.sign(block.rows("approaches", self.joints))
+        return np.sign(block.rows("approaches", self.joints))[np.newaxis]
 
     def quantity(self, joint: int) -> Quantity:
         """-1, 0 or +1."""
@@ -141,10 +134,10 @@ class EncoderTemperature(SingleRate):
         """The joint's temperature."""
         return (Need(Covariate.TEMPERATURE, self.joints.start),)
 
-    def regressor(self, geometry: Geometry, block: Block) -> Floats:
-        """T - T_ref, (1, n_samples)."""
+    def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
+        """T - T_ref, (1, 1, n_samples)."""
         del geometry
-        return block.temperatures_c(self.joints) - self.reference_c
+        return (block.temperatures_c(self.joints) - self.reference_c)[np.newaxis]
 
     def quantity(self, joint: int) -> Quantity:
         """T - T_ref."""
@@ -173,10 +166,10 @@ class TimedReading(SingleRate):
         """Those of the time."""
         return self.time.flags(block)
 
-    def regressor(self, geometry: Geometry, block: Block) -> Floats:
-        """Factor of the time, (1, n_samples)."""
+    def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
+        """Factor of the time, (1, 1, n_samples)."""
         del geometry
-        return self.time.amounts(block)[None]
+        return self.time.amounts(block)[np.newaxis, np.newaxis]
 
     def quantity(self, joint: int) -> Quantity:
         """Factor of the time."""

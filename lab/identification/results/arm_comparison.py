@@ -136,15 +136,8 @@ def _zones(parts: Floats, apart_mm: Floats) -> tuple[ZoneDifference, ...]:
     found = []
     for name, (least, most) in _ZONES.items():
         mine = apart_mm[(parts >= least) & (parts < most)]
-        some = len(mine) > 0
-        found.append(
-            ZoneDifference(
-                name,
-                len(mine),
-                _rms(mine) if some else float("nan"),
-                float(mine.max()) if some else float("nan"),
-            )
-        )
+        figures = (_rms(mine), float(mine.max())) if len(mine) else (np.nan, np.nan)
+        found.append(ZoneDifference(name, len(mine), *figures))
     return tuple(found)
 
 

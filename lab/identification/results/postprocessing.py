@@ -8,7 +8,6 @@ from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm, Probe
 from traverse.kinematics.uncertainty.arm_covariance import parameter_names
 from traverse.lab.artefacts.artefact import Artefact, Length
-from traverse.lab.identification.equations.network import Station
 from traverse.lab.identification.equations.parameters import ArmValues
 from traverse.lab.identification.results.result import (
     ArtefactResult,
@@ -153,10 +152,31 @@ def artefact_results(
     adjustment: Adjustment, found: PoseStatistics, factor: float
 ) -> tuple[ArtefactResult, ...]:
     """Summarise the result of every artefact."""
-    return tuple(
-        _artefact_result(adjustment, at, station, found, factor)
-        for at, station in enumerate(adjustment.network.stations)
-    )
+    network, results = adjustment.network, []
+    for at, station in enumerate(network.stations):
+        artefact, unknowns = station.artefact, adjustment.state.unknowns[at]
+        everyone = np.flatnonzero(network.campaign.poses.artefacts == station.index)
+        rms_mm, mean_distance_mm = _sizes(found, station.poses, artefact)
+        rms_all_mm, mean_distance_all_mm = _sizes(found, everyone, artefact)
+        results.append(
+            ArtefactResult(
+                id=artefact.id,
+                kind=artefact.kind,
+                n_poses=len(station.poses),
+                rms_mm=rms_mm,
+                mean_distance_mm=mean_distance_mm,
+                n_all=len(everyone),
+                rms_all_mm=rms_all_mm,
+                mean_distance_all_mm=mean_distance_all_mm,
+                lengths=tuple(
+                    _estimated_length(adjustment, at, length, factor)
+                    for length in artefact.lengths(unknowns)
+                ),
+                contact_mm=float(network.noise.contact_mm[station.index]),
+                place=artefact.place(unknowns),
+            )
+        )
+    return tuple(results)
 
 
 def condition_number(adjustment: Adjustment) -> float:
@@ -167,36 +187,6 @@ def condition_number(adjustment: Adjustment) -> float:
     sizes = np.linalg.norm(columns, axis=0)
     values = np.linalg.svd(columns / np.where(sizes > 0.0, sizes, 1.0))[1]
     return float(values[0] / values[adjustment.split.n_determined - 1])
-
-
-def _artefact_result(
-    adjustment: Adjustment,
-    at: int,
-    station: Station,
-    found: PoseStatistics,
-    factor: float,
-) -> ArtefactResult:
-    artefact = station.artefact
-    poses = adjustment.network.campaign.poses
-    everyone = np.flatnonzero(poses.artefacts == station.index)
-    rms_mm, mean_distance_mm = _sizes(found, station.poses, artefact)
-    rms_all_mm, mean_distance_all_mm = _sizes(found, everyone, artefact)
-    return ArtefactResult(
-        id=artefact.id,
-        kind=artefact.kind,
-        n_poses=len(station.poses),
-        rms_mm=rms_mm,
-        mean_distance_mm=mean_distance_mm,
-        n_all=len(everyone),
-        rms_all_mm=rms_all_mm,
-        mean_distance_all_mm=mean_distance_all_mm,
-        lengths=tuple(
-            _estimated_length(adjustment, at, length, factor)
-            for length in artefact.lengths(adjustment.state.unknowns[at])
-        ),
-        contact_mm=float(adjustment.network.noise.contact_mm[station.index]),
-        place=artefact.place(adjustment.state.unknowns[at]),
-    )
 
 
 def _sizes(
