@@ -1,6 +1,5 @@
 """A probe checked by pivoting in a cone: the result beside the previous vector."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -165,14 +164,10 @@ def _cone(folder: Path, campaign: Campaign, wanted: str | None) -> int:
         return next(iter(cones.values()))
     if wanted in cones:
         return cones[wanted]
-    known = _listed(list(cones))
+    known = ", ".join(cones) or "none"
     text = (
         f"has the cones {known}; name one with --cone"
         if wanted is None
         else f"has no cone {wanted!r}; it has: {known}"
     )
     raise FileError(str(folder / "campaign.toml"), [Problem("artefacts", text)])
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names) or "none"

@@ -196,13 +196,9 @@ class OrderedReplies:
             if isinstance(outcome, PendingPoint):
                 if not outcome.is_settled:
                     return
-                outcome = _settled(outcome)
+                trouble, outcome = outcome.trouble, outcome.point
+                if trouble is not None:
+                    told = trouble.text, trouble.remedy, "outbox.failed"
+                    outcome = CaptureRefusedError(*told)
             self._waiting.popleft()
             self._tell(request, outcome)
-
-
-def _settled(keeping: PendingPoint) -> Outcome:
-    trouble = keeping.trouble
-    if trouble is None:
-        return keeping.point
-    return CaptureRefusedError(trouble.text, trouble.remedy, "outbox.failed")

@@ -34,23 +34,20 @@ from traverse.kinematics.effects.pose import PoseFlags, corrected_pose
 from traverse.kinematics.model.readings import Encoders, Unwrapper, counts_to_angles
 from traverse.protocol.messages import QualityFlag
 
-
-def _quality_of_status() -> Bits:
-    """For each status byte, its quality bits."""
-    status = np.arange(256)
-    quality = (
-        ((status & STATUS_ERROR) != 0) * QualityFlag.ENCODER_ERROR
-        | ((status & STATUS_WARNING) != 0) * QualityFlag.ENCODER_WARNING
-        | ((status & STATUS_LATE) != 0) * QualityFlag.LATE
-        | ((status & STATUS_STALE) != 0) * QualityFlag.STALE
-        | ((status & STATUS_MISSING) != 0) * QualityFlag.INCOMPLETE
-        | ((status & STATUS_INTERPOLATED) != 0) * QualityFlag.INTERPOLATED
-        | ((status & STATUS_TIME_UNCERTAIN) != 0) * QualityFlag.TIME_UNCERTAIN
-    )
-    return np.asarray(quality, dtype=np.uint32)
-
-
-QUALITY_OF_STATUS = _quality_of_status()
+FLAG_OF_STATUS = {
+    STATUS_ERROR: QualityFlag.ENCODER_ERROR,
+    STATUS_WARNING: QualityFlag.ENCODER_WARNING,
+    STATUS_LATE: QualityFlag.LATE,
+    STATUS_STALE: QualityFlag.STALE,
+    STATUS_MISSING: QualityFlag.INCOMPLETE,
+    STATUS_INTERPOLATED: QualityFlag.INTERPOLATED,
+    STATUS_TIME_UNCERTAIN: QualityFlag.TIME_UNCERTAIN,
+}
+QUALITY_OF_STATUS: Bits = np.array(
+    [sum(flag for bit, flag in FLAG_OF_STATUS.items() if s & bit) for s in range(256)],
+    dtype=np.uint32,
+)
+"""For each status byte, its quality bits."""
 QUALITY_OF_POSE = {
     "stale_effect": QualityFlag.STALE_EFFECT,
     "surface_unknown": QualityFlag.SURFACE_UNKNOWN,

@@ -210,14 +210,10 @@ class FlightRecorder:
             segment = older[index]
             follower = older[index + 1] if index + 1 < len(older) else newest
             room -= segment.stat().st_size
-            if room < 0 or _segment_time_ns(follower) < oldest_ns:
+            if room < 0 or int(follower.stem.removeprefix("segment-")) < oldest_ns:
                 for gone in older[: index + 1]:
                     gone.unlink(missing_ok=True)
                 return
-
-
-def _segment_time_ns(segment: Path) -> int:
-    return int(segment.stem.removeprefix("segment-"))
 
 
 def _is_whole(segment: Path) -> bool:
