@@ -68,7 +68,7 @@ class ModbusDriver(PolledDriver[ModbusClient]):
             options.port,
             options.baud_rate,
             self._wake_read,
-            parity=options.parity_letter,
+            parity=options.parity[0].upper(),
             stop_bits=options.stop_bits,
         )
         self._line = ModbusClient(

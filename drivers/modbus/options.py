@@ -13,7 +13,6 @@ FIXED_SILENCE_ABOVE_BAUD = 19_200
 FAST_SILENCE_S = 0.00175  # between two frames above that
 SILENCE_CHARACTERS = 3.5
 BITS_OF_BYTE = {"none": 10, "even": 11, "odd": 11}
-PARITY_LETTERS = {"none": "N", "even": "E", "odd": "O"}
 CONDITIONS = {
     "encoder_error": Condition(
         "its position is not valid", "see the encoder's manual for its status register"
@@ -111,8 +110,3 @@ class ModbusOptions(PolledOptions):
         if self.baud_rate > FIXED_SILENCE_ABOVE_BAUD:
             return FAST_SILENCE_S
         return SILENCE_CHARACTERS * BITS_OF_BYTE[self.parity] / self.baud_rate
-
-    @property
-    def parity_letter(self) -> str:
-        """As serial ports name it."""
-        return PARITY_LETTERS[self.parity]

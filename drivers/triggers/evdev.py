@@ -128,31 +128,21 @@ class EvdevDriver(TriggerDriver):
         options: EvdevOptions,
         delivery_queue: DeliveryQueue,
         *,
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
         ask_kernel: AskKernel = ask_kernel,
     ) -> None:
-        super().__init__(
-            device,
-            options,
-            delivery_queue,
-            n_inputs=len(options.keys),
-            monotonic_ns=monotonic_ns,
-        )
-        self._path = options.port
+        super().__init__(device, options, delivery_queue)
         self._numbers = {key_code(key): n for n, key in enumerate(options.keys)}
         self._ask_kernel = ask_kernel
         self._decoder = InputEventDecoder()
         self._stamps_ours = False
         self._dropped = False
-        self._open_fd: int | None = None
 
     def _open(self) -> tuple[str, int]:
         try:
             flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
-            fd = os.open(self._path, flags)
+            self._fd = os.open(self._path, flags)
         except OSError as error:
             raise _explain(self._path, error) from error
-        self._open_fd = fd
         self._decoder, self._dropped = InputEventDecoder(), False
         monotonic = struct.pack("@i", time.CLOCK_MONOTONIC)
         self._stamps_ours = self._asked(EVIOCSCLOCKID, monotonic) is not None
@@ -165,12 +155,12 @@ class EvdevDriver(TriggerDriver):
             )
         if self.options.exclusive and self._asked(EVIOCGRAB, 1) is None:
             self._counters["not_exclusive"] += 1
-        return f"keys of {self._path}", fd
+        return f"keys of {self._path}", self._fd
 
     def _disconnect(self) -> None:
-        if self._open_fd is not None:
-            os.close(self._open_fd)
-            self._open_fd = None
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
 
     def _levels(self) -> Sequence[bool]:
         held = self._asked(EVIOCGKEY, bytes(KEY_BYTES))
@@ -210,12 +200,9 @@ class EvdevDriver(TriggerDriver):
     def _asked(self, request: int, argument: int | bytes) -> int | bytes | None:
         """The kernel's answer; None where this file has no such request."""
         try:
-            return self._ask_kernel(self._fd_now(), request, argument)
+            return self._ask_kernel(self._fd, request, argument)
         except OSError:
             return None
-
-    def _fd_now(self) -> int:
-        return -1 if self._open_fd is None else self._open_fd
 
 
 def _explain(path: str, error: OSError) -> DeviceNotFoundError:

@@ -5,7 +5,6 @@ requested for every change, and debouncing is done here, from the first one.
 """
 
 import errno
-import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Literal, Protocol
 
@@ -115,17 +114,9 @@ class GpioDriver(TriggerDriver):
         options: GpioOptions,
         delivery_queue: DeliveryQueue,
         *,
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
         request: RequestLines = request_lines,
     ) -> None:
-        super().__init__(
-            device,
-            options,
-            delivery_queue,
-            n_inputs=len(options.lines),
-            monotonic_ns=monotonic_ns,
-        )
-        self._path = options.port
+        super().__init__(device, options, delivery_queue)
         self._names = options.lines
         self._settings = gpiod.LineSettings(
             direction=Direction.INPUT,

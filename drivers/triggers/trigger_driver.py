@@ -6,17 +6,15 @@ are read, so what finds no room in the delivery_queue waits here, bounded.
 """
 
 import select
-import time
 from abc import abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from os import read
 
 from pydantic import Field
 
-from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.values import DeviceUp, Identity, LatchedCounts
@@ -108,17 +106,8 @@ class TriggerDriver(Driver):
 
     options: TriggerOptions
 
-    def __init__(
-        self,
-        device: str,
-        options: TriggerOptions,
-        delivery_queue: DeliveryQueue,
-        *,
-        n_inputs: int,
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
-        super().__init__(device, options, delivery_queue, monotonic_ns=monotonic_ns)
-        self._n_inputs = n_inputs
+    def _prepare(self) -> None:
+        self._path = self.options.port
         self._inputs: list[Debounce] = []
         self._waiting: deque[LatchedCounts] = deque()
         self._token = 0
@@ -155,7 +144,7 @@ class TriggerDriver(Driver):
         self._inputs = [
             Debounce(self.options.hold_ns, active=a) for a in self._levels()
         ]
-        identity = Identity(name, "", (), self._n_inputs, 0.0, latches=False)
+        identity = Identity(name, "", (), len(self._inputs), 0.0, latches=False)
         self._deliver_state(DeviceUp(self.device, identity, restarted=False))
 
     def _serve(self) -> None:

@@ -169,7 +169,8 @@ class SimulatedModbusLine(SerialDevice):
     def _registers(self, channel: int, at_s: float) -> dict[int, int]:
         table = self._table
         count, flags = self.latch(channel, at_s)
-        position = (count - self._zeros[channel]) % self._modulus(channel)
+        modulus = int(self.mounting.encoders.moduli[channel])
+        position = (count - self._zeros[channel]) % modulus
         words = [position >> 16, position & 0xFFFF][-table.words :]
         if table.word_order == "low":
             words.reverse()
@@ -187,9 +188,6 @@ class SimulatedModbusLine(SerialDevice):
             return
         for number, word in enumerate(words, start=first):
             self._written[channel, number] = word
-
-    def _modulus(self, channel: int) -> int:
-        return int(self.mounting.encoders.moduli[channel])
 
     def _send(self, line: int, channel: int, answer: bytes, at_s: float) -> None:
         script_s = self.mounting.clock.script_s(at_s)
