@@ -133,7 +133,9 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
     def _jitter_ns(self) -> int:
         """How far the instant of a reading may be off: by half of an exchange."""
         group = self._open_line
-        return group.reply_ns // 2 if self._continuous else group.usual_ns // 2
+        if self._continuous:
+            return group.lines[0].reply_duration_ns // 2
+        return group.usual_ns // 2
 
     def _poll_all(self, group: RlsLineGroup) -> None:
         """Poll every encoder that is due in this cycle, one for its temperature."""

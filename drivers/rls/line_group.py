@@ -55,11 +55,6 @@ class RlsLineGroup:
         """How long the last good exchanges took."""
         return round(median(line.last_ns for line in self.lines))
 
-    @property
-    def reply_ns(self) -> int:
-        """Time on the wire of an unsolicited reply."""
-        return self.lines[0].reply_duration_ns
-
     def close_port(self) -> None:
         """Close the ports."""
         for line in self.lines:

@@ -5,7 +5,6 @@ The tables are frozen values: made in Python, or read from a TOML file.
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from functools import partial
 from typing import Any, Literal
 
 from pydantic import AwareDatetime, Field, field_validator
@@ -41,104 +40,48 @@ def mix_artefacts(name: str, n_poses: int, width_mm: float) -> tuple[Artefact, .
     return tuple(maker(id_, count, width_mm) for (id_, maker), count in made if count)
 
 
-def _rounded_mm(share: float, width_mm: float) -> float:
-    """A length in whole millimetres, as makers of standards like it."""
-    return max(1.0, round(share * width_mm))
+def _maker(
+    kind: type[Artefact],
+    shares: Mapping[str, float] | None = None,
+    **values: float | str,
+) -> Maker:
+    """A maker of artefacts with lengths that are shares of the width."""
+
+    def make(name: str, n_poses: int, width_mm: float) -> Artefact:
+        # Whole millimetres, as makers of standards like them.
+        lengths_mm = {
+            key: max(1.0, round(share * width_mm))
+            for key, share in (shares or {}).items()
+        }
+        keys: dict[str, Any] = {**lengths_mm, **values}
+        return kind(id=name, n_poses=n_poses, **keys)
+
+    return make
 
 
-def _cone(name: str, n_poses: int, _width_mm: float) -> Artefact:
-    return Cone(id=name, n_poses=n_poses)
-
-
-def _seats(name: str, n_poses: int, width_mm: float) -> Artefact:
-    return Seats(
-        id=name,
-        n_poses=n_poses,
-        distance_mm=_rounded_mm(0.3, width_mm),
-        distance_std_mm=0.0005,
-    )
-
-
-def _wire(name: str, n_poses: int, width_mm: float) -> Artefact:
-    return DrawWire(
-        id=name,
-        n_poses=n_poses,
-        shortest_mm=_rounded_mm(0.1, width_mm),
-        longest_mm=_rounded_mm(0.6, width_mm),
-        offset_mm=35.0,
-    )
-
-
-def _bar(name: str, n_poses: int, width_mm: float, share: float = 0.45) -> Artefact:
-    return BallBar(
-        id=name,
-        n_poses=n_poses,
-        radius_mm=12.7,
-        distance_mm=_rounded_mm(share, width_mm),
-        distance_std_mm=0.0005,
-    )
-
-
-def _sphere(name: str, n_poses: int, width_mm: float) -> Artefact:
-    return Sphere(id=name, n_poses=n_poses, radius_mm=_rounded_mm(0.03, width_mm))
-
-
-def _known_sphere(name: str, n_poses: int, width_mm: float) -> Artefact:
-    return Sphere(
-        id=name,
-        n_poses=n_poses,
-        radius_mm=_rounded_mm(0.04, width_mm),
-        known=True,
-        radius_std_mm=0.0002,
-    )
-
-
-def _hollow_sphere(name: str, n_poses: int, width_mm: float) -> Artefact:
-    return Sphere(
-        id=name, n_poses=n_poses, radius_mm=_rounded_mm(0.05, width_mm), side="inside"
-    )
-
-
-def _plane(name: str, n_poses: int, width_mm: float) -> Artefact:
-    return Plane(id=name, n_poses=n_poses, size_mm=_rounded_mm(0.3, width_mm))
-
-
-def _gauge(name: str, n_poses: int, width_mm: float) -> Artefact:
-    return ParallelPlanes(
-        id=name,
-        n_poses=n_poses,
-        distance_mm=_rounded_mm(0.3, width_mm),
-        distance_std_mm=0.0005,
-        size_mm=_rounded_mm(0.08, width_mm),
-    )
-
-
-def _gap(name: str, n_poses: int, width_mm: float) -> Artefact:
-    return ParallelPlanes(
-        id=name,
-        n_poses=n_poses,
-        distance_mm=_rounded_mm(0.2, width_mm),
-        distance_std_mm=0.0005,
-        size_mm=_rounded_mm(0.08, width_mm),
-        side="inside",
-    )
-
-
-def _arm_points(name: str, n_poses: int, width_mm: float) -> Artefact:
-    size_mm = _rounded_mm(0.25, width_mm)
-    return Points(id=name, n_poses=n_poses, size_mm=size_mm, frame="arm")
-
-
-def _own_points(name: str, n_poses: int, width_mm: float) -> Artefact:
-    size_mm = _rounded_mm(0.25, width_mm)
-    return Points(id=name, n_poses=n_poses, size_mm=size_mm, frame="own")
-
-
-def _scaled_points(name: str, n_poses: int, width_mm: float) -> Artefact:
-    size_mm = _rounded_mm(0.25, width_mm)
-    return Points(
-        id=name, n_poses=n_poses, size_mm=size_mm, frame="own_scaled", scale=1.0005
-    )
+_cone = _maker(Cone)
+_seats = _maker(Seats, {"distance_mm": 0.3}, distance_std_mm=0.0005)
+_wire = _maker(DrawWire, {"shortest_mm": 0.1, "longest_mm": 0.6}, offset_mm=35.0)
+_bar, _short_bar = (
+    _maker(BallBar, {"distance_mm": share}, radius_mm=12.7, distance_std_mm=0.0005)
+    for share in (0.45, 0.25)
+)
+_sphere = _maker(Sphere, {"radius_mm": 0.03})
+_known_sphere = _maker(Sphere, {"radius_mm": 0.04}, known=True, radius_std_mm=0.0002)
+_hollow_sphere = _maker(Sphere, {"radius_mm": 0.05}, side="inside")
+_plane = _maker(Plane, {"size_mm": 0.3})
+_gauge = _maker(
+    ParallelPlanes, {"distance_mm": 0.3, "size_mm": 0.08}, distance_std_mm=0.0005
+)
+_gap = _maker(
+    ParallelPlanes,
+    {"distance_mm": 0.2, "size_mm": 0.08},
+    distance_std_mm=0.0005,
+    side="inside",
+)
+_arm_points = _maker(Points, {"size_mm": 0.25}, frame="arm")
+_own_points = _maker(Points, {"size_mm": 0.25}, frame="own")
+_scaled_points = _maker(Points, {"size_mm": 0.25}, frame="own_scaled", scale=1.0005)
 
 
 def _several(name: str, maker: Maker, count: int) -> dict[str, Maker]:
@@ -150,7 +93,7 @@ MIXES: Mapping[str, Mapping[str, Maker]] = {
     "cones+bar": {**_several("cone", _cone, 5), "bar": _bar},
     "bars": {
         **_several("bar", _bar, 4),
-        **_several("short-bar", partial(_bar, share=0.25), 2),
+        **_several("short-bar", _short_bar, 2),
     },
     "seats": _several("bar", _seats, 4),
     "wires": _several("wire", _wire, 3),

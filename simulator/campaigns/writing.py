@@ -37,7 +37,8 @@ def write_campaign(folder: Path, simulated: SimulatedCampaign, arm: Arm) -> None
             (folder / _points_name(artefact)).write_text(text, encoding="utf-8")
     with (folder / "poses.csv").open("w", encoding="utf-8", newline="") as file:
         file.writelines(pose_lines(campaign))
-    write_arm(folder / "arm.toml", _without_effects(arm))
+    stated = arm.model_copy(update={"effects": ()}) if arm.effects else arm
+    write_arm(folder / "arm.toml", stated)
     _write_truth(folder / "truth", simulated.truth, arm)
 
 
@@ -170,10 +171,6 @@ def _write_truth(folder: Path, truth: Truth, arm: Arm) -> None:
     }
     text = json.dumps(table, indent=1, allow_nan=False) + "\n"
     (folder / "truth.json").write_text(text, encoding="utf-8")
-
-
-def _without_effects(arm: Arm) -> Arm:
-    return arm.model_copy(update={"effects": ()}) if arm.effects else arm
 
 
 def _has_many_points(artefact: StatedArtefact) -> bool:

@@ -86,7 +86,8 @@ class FaultyArm:
         mechanism = self.build.mechanism
         ends_mm: Floats = motion[:, :3, :3] @ mechanism.probe_mm + motion[:, :3, 3]
         if self.touches:
-            touch = Touch(self.build, motion, around.towards_or_nothing, around.force_n)
+            towards = np.nan_to_num(around.towards)  # zero where nothing is touched
+            touch = Touch(self.build, motion, towards, around.force_n)
             for fault in self.touches:
                 ends_mm = ends_mm - fault.offsets_mm(touch)
         return ends_mm, motion[:, :3, :3] @ mechanism.shank

@@ -40,11 +40,6 @@ class Surroundings:
     towards: Floats
     force_n: Floats
 
-    @property
-    def towards_or_nothing(self) -> Floats:
-        """Directions (n, 3), zero where there is none."""
-        return np.nan_to_num(self.towards)
-
     def since_s(self, epoch_utc_s: float) -> Floats:
         """Seconds (n,) since a moment.
 

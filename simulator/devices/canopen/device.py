@@ -171,8 +171,12 @@ class CanOpenBus:
             bits = int(status[0, channel])
             encoder.alarms = POSITION_ALARM if bits & ERROR else 0
             encoder.warnings = LIGHT_WARNING if bits & WARNING else 0
-            for fault in self._emergencies():
-                if fault.channel == channel and fault.lasts(script_s):
+            for fault in self._mounting.faults:
+                if (
+                    isinstance(fault, EmcyFault)
+                    and fault.channel == channel
+                    and fault.lasts(script_s)
+                ):
                     encoder.alarms |= fault.alarms
                     encoder.warnings |= fault.warnings
 
@@ -244,9 +248,6 @@ class CanOpenBus:
                     encoder.power_down()
                 else:
                     encoder.power_up()
-
-    def _emergencies(self) -> list[EmcyFault]:
-        return [f for f in self._mounting.faults if isinstance(f, EmcyFault)]
 
     def _lasts(self, kind: str, channel: int | None, script_s: float) -> bool:
         return self._mounting.clock.begin_s is not None and any(

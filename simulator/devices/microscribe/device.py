@@ -169,7 +169,8 @@ class SimulatedMicroscribe(SerialDevice):
         if self._is_reset(at_s):
             return
         before = self._box.report
-        answer = self._box.receive_byte(byte, at_s, self._host_baud_rate())
+        baud_rate = BAUD_RATES.get(self._lines[0].host_speed, 0)
+        answer = self._box.receive_byte(byte, at_s, baud_rate)
         if self._box.report is not before:
             self._sent = None
             report = self._box.report
@@ -195,9 +196,6 @@ class SimulatedMicroscribe(SerialDevice):
     def totals(self) -> dict[str, Any]:
         """Final counters, over all power-ups."""
         return {**super().totals(), "edges": self._n_edges}
-
-    def _host_baud_rate(self) -> int:
-        return BAUD_RATES.get(self._lines[0].host_speed, 0)
 
     def _is_reset(self, at_s: float) -> bool:
         script_s = self.mounting.clock.script_s(at_s)
