@@ -111,11 +111,12 @@ def identify(
 
 def _options(hold: list[str], free: list[str], masks: Path | None) -> "Options":
     """The masks of the command line, and of a file."""
-    from traverse.lab.identification.mask_file import read_masks  # noqa: PLC0415
+    from traverse.lab.identification.mask_file import Masks  # noqa: PLC0415
     from traverse.lab.identification.solve.iterative_adjustment import Options  # noqa: PLC0415
+    from traverse.strict_toml.reader import read_strict  # noqa: PLC0415
 
     if masks is not None:
-        found = read_masks(masks)
+        found = read_strict(masks, Masks)
         hold, free = [*hold, *found.hold], [*free, *found.free]
     return Options(hold=tuple(hold), free=tuple(free))
 
@@ -181,9 +182,9 @@ def _written(
     result: "Identification", out: Path, provenance: "ReportProvenance"
 ) -> list[str]:
     from traverse.lab.identification.report.page import (  # noqa: PLC0415
+        report_page,
         result_map,
         summary_lines,
-        write_report,
     )
     from traverse.lab.identification.results.files import (  # noqa: PLC0415
         identification_json,
@@ -198,10 +199,10 @@ def _written(
         out.mkdir(parents=True, exist_ok=True)
         text = json.dumps(identification_json(result, provenance), indent=1) + "\n"
         write_atomically(out / "identification.json", text)
-        write_report(result, found, out / "report.html", provenance)
+        write_atomically(out / "report.html", report_page(result, found, provenance))
         return [*lines, f"wrote {out}: identification.json, report.html; no arm.toml"]
     write_result(result, out, provenance=provenance)
-    write_report(result, found, out / "report.html", provenance)
+    write_atomically(out / "report.html", report_page(result, found, provenance))
     names = "arm.toml, arm.cov.npz, identification.json, residuals.csv, report.html"
     return [*lines, f"wrote {out}: {names}"]
 

@@ -5,12 +5,11 @@ hold = ["J7.*"]
 free = ["probe.vector.*"]
 """
 
-from pathlib import Path
 from typing import Literal
 
 from pydantic import Field
 
-from traverse.strict_toml.reader import StrictModel, read_strict
+from traverse.strict_toml.reader import StrictModel
 
 
 class Masks(StrictModel):
@@ -19,12 +18,3 @@ class Masks(StrictModel):
     schema_: Literal["traverse/identification-masks/1"] = Field(alias="schema")
     hold: tuple[str, ...] = ()
     free: tuple[str, ...] = ()
-
-
-def read_masks(path: Path) -> Masks:
-    """Read a file of masks.
-
-    Raises:
-        FileError: With everything that is wrong with it.
-    """
-    return read_strict(path, Masks)

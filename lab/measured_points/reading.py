@@ -47,11 +47,6 @@ _PLACE = ("x_mm", "y_mm", "z_mm")
 _COLUMNS = ("artefact", "feature", *_PLACE)
 
 
-def is_point_table(path: Path) -> bool:
-    """Return whether a table has coordinates in place of readings."""
-    return path.suffix == ".csv" and _PLACE[0] in _header(path)
-
-
 def _header(path: Path) -> list[str]:
     try:
         with table_lines(path) as file:
@@ -132,7 +127,8 @@ def read_measured(data: Path, arm: Arm) -> Measurement:
         return _from_recording(data, arm)
     file = read_campaign_file(data / "campaign.toml")
     poses = data / file.poses
-    if is_point_table(poses):
+    # Coordinates in place of readings?
+    if poses.suffix == ".csv" and _PLACE[0] in _header(poses):
         if problems := example_problems(file):
             raise FileError(str(data / "campaign.toml"), problems)
         return read_points_table(poses, file, arm)

@@ -1,7 +1,6 @@
 """The report of an identification: one page without references, lines for terminals."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,6 @@ from traverse.lab.identification.volume.uncertainty_map import (
 )
 from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
 from traverse.lab.report.templates import Filters, Words, page
-from traverse.strict_toml.writing import write_atomically
 
 _SEED = 4
 _N_PAIRS = 200
@@ -80,16 +78,6 @@ def comparison_lines(values: Mapping[str, Any]) -> list[str]:
         values: As in the JSON of `traverse identify --compare`.
     """
     return WORDS.lines("comparison", values)
-
-
-def write_report(
-    result: Identification,
-    found: UncertaintyMap,
-    path: Path,
-    provenance: ReportProvenance | None = None,
-) -> None:
-    """Write the page in place of an old one, whole or not at all."""
-    write_atomically(path, report_page(result, found, provenance))
 
 
 def report_page(

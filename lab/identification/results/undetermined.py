@@ -170,7 +170,8 @@ def _reason(
         )
     names = network.campaign.joint_names
     last = names[-1]
-    offset_mm = probe_offset_mm(geometry)
+    reach_mm, axis = geometry.links_mm[-1] + geometry.probe_vector_mm, geometry.axes[-1]
+    offset_mm = float(np.linalg.norm(reach_mm - (reach_mm @ axis) * axis))
     if last in joints and offset_mm < _ON_THE_AXIS_MM:
         return (
             f"the probe lies on the axis of {last} ({offset_mm:.2g} mm from it): "
@@ -184,10 +185,3 @@ def _reason(
         f"{least.joint}, {np.degrees(least.travel_rad):.0f} degrees); measure more "
         "and more varied postures"
     )
-
-
-def probe_offset_mm(geometry: Geometry) -> float:
-    """Return how far the ball is from the last axis."""
-    reach_mm = geometry.links_mm[-1] + geometry.probe_vector_mm
-    axis = geometry.axes[-1]
-    return float(np.linalg.norm(reach_mm - (reach_mm @ axis) * axis))
