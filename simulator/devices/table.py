@@ -9,18 +9,14 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import (
-    BeforeValidator,
-    Field,
-    SerializeAsAny,
-)
+from pydantic import BeforeValidator, Field, SerializeAsAny
 
 from traverse.simulator.kind_table import KindTable
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """Where a kind is found, as "module:Class".
+    """Where a kind is found, as "module:Class" with a module of this folder.
 
     Attributes:
         table: A child of `DeviceTable`: its keys of the configuration.
@@ -32,42 +28,27 @@ class Kind:
 
 
 def class_named(name: str) -> type[Any]:
-    """Import a class by its name, "module:Class"."""
+    """Import a class by its name, "module:Class" with a module of this folder."""
     module, _, found = name.partition(":")
-    named: type[Any] = getattr(import_module(module), found)
+    named: type[Any] = getattr(
+        import_module(f"traverse.simulator.devices.{module}"), found
+    )
     return named
 
 
 DEFAULT = "latch-board"
 KINDS = {
     "latch-board": Kind(
-        "traverse.simulator.devices.latch_board.device:LatchBoardTable",
-        "traverse.simulator.devices.latch_board.device:SimulatedLatchBoard",
+        "latch_board.device:LatchBoardTable", "latch_board.device:SimulatedLatchBoard"
     ),
-    "canopen": Kind(
-        "traverse.simulator.devices.canopen.table:CanOpenTable",
-        "traverse.simulator.devices.canopen.device:CanOpenBus",
-    ),
-    "amt21": Kind(
-        "traverse.simulator.devices.amt21:Amt21Table",
-        "traverse.simulator.devices.amt21:SimulatedAmt21Line",
-    ),
+    "canopen": Kind("canopen.table:CanOpenTable", "canopen.device:CanOpenBus"),
+    "amt21": Kind("amt21:Amt21Table", "amt21:SimulatedAmt21Line"),
     "microscribe": Kind(
-        "traverse.simulator.devices.microscribe.device:MicroscribeTable",
-        "traverse.simulator.devices.microscribe.device:SimulatedMicroscribe",
+        "microscribe.device:MicroscribeTable", "microscribe.device:SimulatedMicroscribe"
     ),
-    "text-line": Kind(
-        "traverse.simulator.devices.text_line:TextLineTable",
-        "traverse.simulator.devices.text_line:SimulatedTextLine",
-    ),
-    "modbus": Kind(
-        "traverse.simulator.devices.modbus:ModbusTable",
-        "traverse.simulator.devices.modbus:SimulatedModbusLine",
-    ),
-    "rls": Kind(
-        "traverse.simulator.devices.rls:RlsTable",
-        "traverse.simulator.devices.rls:SimulatedRls",
-    ),
+    "text-line": Kind("text_line:TextLineTable", "text_line:SimulatedTextLine"),
+    "modbus": Kind("modbus:ModbusTable", "modbus:SimulatedModbusLine"),
+    "rls": Kind("rls:RlsTable", "rls:SimulatedRls"),
 }
 
 
