@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from traverse.plurals import counted
+from traverse.simulator.devices.serial_device import SerialTable
 from traverse.simulator.devices.table import DeviceTable
 
 NodeNumber = Annotated[int, Field(ge=1, le=127)]
@@ -23,22 +24,11 @@ class CanOpenTable(DeviceTable):
         told_counts_per_turn: What they report; default what they have.
     """
 
-    FAULTS: ClassVar[frozenset[str]] = frozenset(
-        [
-            "lost",
-            "repeated",
-            "late",
-            "stuck",
-            "jump",
-            "status",
-            "gone",
-            "silent",
-            "reset",
-            "emcy",
-            "duplicate",
-            "bus_off",
-        ]
-    )
+    FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS - {"corrupted", "garbage"} | {
+        "emcy",
+        "duplicate",
+        "bus_off",
+    }
     BY_CHANNEL: ClassVar[bool] = True
 
     interface: Literal["slcan", "virtual", "udp_multicast", "socketcan"] = "slcan"

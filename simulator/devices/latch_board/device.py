@@ -12,6 +12,7 @@ from traverse.simulator.devices.latch_board import wire
 from traverse.simulator.devices.latch_board.board import Board
 from traverse.simulator.devices.latch_board.sampler import TickCounter
 from traverse.simulator.devices.pty_port import PtyPort
+from traverse.simulator.devices.serial_device import SerialTable
 from traverse.simulator.devices.serial_line import DisturbedLine
 from traverse.simulator.devices.table import DeviceTable
 from traverse.simulator.scenario.signals import LatchedEdge, OutgoingFrame
@@ -53,19 +54,7 @@ MOST_EDGES_AHEAD = 4  # unacknowledged, before fast time waits for the host
 class LatchBoardTable(DeviceTable):
     """A controller board on a pty."""
 
-    FAULTS: ClassVar[frozenset[str]] = frozenset(
-        [
-            "lost",
-            "corrupted",
-            "repeated",
-            "garbage",
-            "stuck",
-            "jump",
-            "status",
-            "gone",
-            "silent",
-        ]
-    )
+    FAULTS: ClassVar[frozenset[str]] = SerialTable.FAULTS - {"late", "reset"}
 
     port: str = Field(min_length=1)
     tick_rate_hz: int = Field(default=1_000_000, ge=100_000, le=100_000_000)
