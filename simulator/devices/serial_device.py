@@ -139,6 +139,12 @@ class SerialDevice(ABC):
         if data:
             self._lines[line].say(data, leaves_s)
 
+    def is_reset(self, at_s: float) -> bool:
+        """Whether a fault has taken its power at an instant."""
+        script_s = self.mounting.clock.script_s(at_s)
+        faults = self.mounting.line_faults
+        return any(f.kind == "reset" and f.lasts(script_s) for f in faults)
+
     @property
     def ahead(self) -> bool:
         """Bytes wait for a host."""

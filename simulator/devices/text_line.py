@@ -83,9 +83,7 @@ class SimulatedTextLine(SerialDevice):
             at_s = self._next_s
             self._next_s = at_s + self._period_s
             self.say(0, self._line(at_s), at_s)
-        script_s = self.mounting.clock.script_s(to_s)
-        faults = self.mounting.line_faults
-        if any(f.kind == "reset" and f.lasts(script_s) for f in faults):
+        if self.is_reset(to_s):
             self.power_up(to_s)
 
     def own_due_s(self) -> float:

@@ -1,5 +1,7 @@
 """Cone: the ball sits in a seat while the arm articulates around it."""
 
+from functools import partial
+
 import numpy as np
 from pydantic import Field
 
@@ -55,11 +57,8 @@ class Cone(Motion):
                     stage.follow(_way_out(stage, targets[:, 0]), approach.times_s)
                 stage.move(entries[0, number], stage.operator.move_s)
                 stage.follow(entries[:, number], approach.times_s)
-            stage.press(self._change)
+            stage.press(partial(ScriptEvent, artefact=self.artefact))
         stage.follow(_way_out(stage, targets[:, 0]), approach.times_s)
-
-    def _change(self, time_s: float, input_name: str, level: int) -> ScriptEvent:
-        return ScriptEvent(time_s, input_name, level, self.artefact)
 
 
 def _articulation(

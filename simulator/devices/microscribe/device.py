@@ -166,7 +166,7 @@ class SimulatedMicroscribe(SerialDevice):
 
     def receive_byte(self, line: int, byte: int, at_s: float) -> None:
         """Answer, unless it is just losing power."""
-        if self._is_reset(at_s):
+        if self.is_reset(at_s):
             return
         before = self._box.report
         baud_rate = BAUD_RATES.get(self._lines[0].host_speed, 0)
@@ -180,7 +180,7 @@ class SimulatedMicroscribe(SerialDevice):
 
     def advance(self, to_s: float) -> None:
         """Check whether something has moved, and report it."""
-        if self._is_reset(to_s):
+        if self.is_reset(to_s):
             self.power_up(to_s)
         while (report := self._box.report) and (at_s := self._next_look_s) <= to_s:
             self._next_look_s = at_s + report.delay_s
@@ -196,11 +196,6 @@ class SimulatedMicroscribe(SerialDevice):
     def totals(self) -> dict[str, Any]:
         """Final counters, over all power-ups."""
         return {**super().totals(), "edges": self._n_edges}
-
-    def _is_reset(self, at_s: float) -> bool:
-        script_s = self.mounting.clock.script_s(at_s)
-        faults = self.mounting.line_faults
-        return any(f.kind == "reset" and f.lasts(script_s) for f in faults)
 
     def _has_changed(self, state: wire.State, report: wire.Report) -> bool:
         if self._sent is None:
