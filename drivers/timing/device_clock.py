@@ -60,12 +60,12 @@ class DeviceClock:
     def is_uncertain(self) -> bool:
         """Whether times may be late because the first reads were.
 
-        Until it is tied, or has learned for half a second of the device and of the
-        host and has followed what it learned: a host that stood still reads all of a
-        while at once, and finds a smaller delay after that.
+        Until it is tied, or two half seconds of the device agree on the smallest delay,
+        half a second of the host has passed, and it has followed what it learned: a
+        host that stood still reads all of a while at once, a busy one all of it late.
         """
         return not self._tied and (
-            not self._bins
+            not self._is_confirmed
             or self._received_ns - self._anchor_ns < BIN_S * 1e9
             or self._jump_ns * self._share_left(self._last or 0) > MAX_LAG_NS
         )
@@ -153,7 +153,7 @@ class DeviceClock:
     def _restart(self, ticks: int, received_ns: int) -> None:
         self._anchor_ticks = ticks
         self._anchor_ns = self._received_ns = received_ns
-        self._tied = False
+        self._tied = self._is_confirmed = False
         self._bins.clear()
         self._bin_index = 0
         self._bin_best = None
@@ -169,9 +169,14 @@ class DeviceClock:
         if len(self._bins) < BINS_FOR_SLOPE:
             # No crystal drifts like the delays of a host that stands still for a bin.
             drift_ns = MAX_RATE_ERROR * self._ns_per_tick * (at[-1] - at)
-            slope, height_ns = 0.0, float(np.min(offsets_ns + drift_ns))
+            lowest_ns = np.sort(offsets_ns + drift_ns)
+            slope, height_ns = 0.0, float(lowest_ns[0])
+            # Where all of a bin is late, another one is not late by as much.
+            agrees = len(lowest_ns) > 1 and lowest_ns[1] - lowest_ns[0] < MAX_LAG_NS
+            self._is_confirmed = bool(agrees)
         else:
             elapsed_ns = at * self._ns_per_tick
+            self._is_confirmed = True
             slope = _slope_below(elapsed_ns.tolist(), offsets_ns.tolist())
             slope = min(MAX_RATE_ERROR, max(-MAX_RATE_ERROR, slope))
             height_ns = float(np.min(offsets_ns - slope * elapsed_ns))

@@ -156,3 +156,17 @@ def test_times_after_reads_of_a_host_that_stood_still_are_uncertain(stalls):
 @pytest.mark.parametrize("stall", [(0.0, 0.4), (1.0, 1.5), (5.0, 3.0)])
 def test_a_host_that_stands_still_moves_no_clock(stall):
     assert worst_while_certain_ns([stall]) < MAX_LAG_NS + 200_000
+
+
+def test_a_first_half_second_that_was_late_all_along_makes_no_time_certain():
+    """Until two others agree: one alone cannot be told from an undisturbed one."""
+    clock, certain_from = DeviceClock(RATE_HZ), None
+    for k in range(200):
+        sent_ns = k * PERIOD_NS
+        late_ns = 15_000_000 if sent_ns < 600_000_000 else 100_000
+        clock.update(sent_ns // 1000, sent_ns + late_ns)
+        if not clock.is_uncertain:
+            certain_from = certain_from or sent_ns
+            assert abs(clock.to_ns(sent_ns // 1000) - sent_ns) < MAX_LAG_NS + 200_000
+    assert certain_from is not None
+    assert certain_from < 2.1e9
