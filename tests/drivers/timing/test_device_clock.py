@@ -159,7 +159,7 @@ def test_a_host_that_stands_still_moves_no_clock(stall):
 
 
 def test_a_first_half_second_that_was_late_all_along_makes_no_time_certain():
-    """Until two others agree: one alone cannot be told from an undisturbed one."""
+    """Until two others agree: one alone looks like an undisturbed one."""
     clock, certain_from = DeviceClock(RATE_HZ), None
     for k in range(200):
         sent_ns = k * PERIOD_NS
