@@ -18,6 +18,7 @@ from traverse.cli.amt21 import amt21
 from traverse.cli.arm.command import arm
 from traverse.cli.artefact import artefact
 from traverse.cli.can import can
+from traverse.cli.certify import certify
 from traverse.cli.check import check
 from traverse.cli.collect.command import collect
 from traverse.cli.control import confirm, label, point, reload, scan, session, undo
@@ -80,6 +81,7 @@ COMMANDS: tuple[Callable[..., None], ...] = (
         predict,
         diagnose,
         verify,
+        certify,
     ),
     *(daily_check, align, record, replay, export),
     *(point, undo, scan, label, session, reload, confirm),

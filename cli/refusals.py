@@ -17,6 +17,7 @@ FAILED, REFUSED, UNREACHABLE = 1, 2, 3
 _OF_THE_LAB = (
     "align",
     "artefact",
+    "certify",
     "daily-check",
     "diagnose",
     "identify",

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from traverse.cli.certify import Schemas
 from traverse.cli.options import Json, Operator, campaign_folder
 from traverse.cli.refusals import FAILED, print_report, refusals, refuse
 from traverse.strict_toml.files import bytes_of
@@ -47,6 +48,14 @@ def verify(
     check: Annotated[
         Path | None, typer.Option(help="Check a certificate instead.")
     ] = None,
+    trust: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="With --check: X.509 certificate of a signer, or of who vouches for "
+            "it, PEM. Repeatable."
+        ),
+    ] = None,
+    schemas: Schemas = None,
     operator: Operator = None,
     as_json: Json = False,
 ) -> None:
@@ -57,7 +66,7 @@ def verify(
     """
     with refusals("verify"):
         if check is not None:
-            _checked(check, as_json=as_json)
+            _checked(check, trust or [], schemas, as_json=as_json)
             return
         if plan is not None:
             known = _known(plan, "--plan")
@@ -169,16 +178,34 @@ def _planned(
     return write_plan(found, standard, out)
 
 
-def _checked(path: Path, *, as_json: bool) -> None:
+def _checked(
+    path: Path, trust: list[Path], schemas: Path | None, *, as_json: bool
+) -> None:
     from traverse.lab.acceptance.certificate.check import (  # noqa: PLC0415
         certificate_problems,
     )
 
-    problems = certificate_problems(path)
-    lines = [f"{path}: {problem}" for problem in problems] or [
-        f"{path}: digests agree, and the figures follow from the data"
-    ]
-    report = {"certificate": str(path), "problems": problems}
+    folder = path if path.is_dir() else path.parent
+    if (folder / "dcc.xml").is_file():
+        from traverse.lab.certificates.certificate import checked_certificate  # noqa: PLC0415
+        from traverse.lab.certificates.signature import read_certificate  # noqa: PLC0415
+
+        trusted = [read_certificate(one) for one in trust]
+        found = checked_certificate(folder, trusted, schemas)
+        problems, notes = list(found.problems), list(found.notes)
+    elif trust:
+        refuse("verify", f"--trust: {folder} has no dcc.xml; `traverse certify` signs")
+    else:
+        problems = certificate_problems(path)
+        notes = []
+        if not (folder / "SHA256SUMS").is_file():
+            notes.append(
+                "no SHA256SUMS: the pages certificate.html and .pdf are not checked"
+            )
+    if not problems:
+        notes.insert(0, "digests agree, and the figures follow from the data")
+    lines = [f"{path}: {line}" for line in (*problems, *notes)]
+    report = {"certificate": str(path), "problems": problems, "notes": notes}
     print_report(report, lines, as_json=as_json)
     if problems:
         raise typer.Exit(FAILED)

@@ -190,6 +190,7 @@ def identify(
         clusters=clusters,
         suggestions=most_helpful_poses(adjustment, options.n_suggestions),
         zero_offsets_rad=zero_offsets_rad,
+        options=options,
     )
 
 

@@ -27,6 +27,9 @@ EXTRAS = {
     "pynput": "keys",
     "evdev": "keys",
     "foxglove": "live",
+    "lxml": "certificate",
+    "signxml": "certificate",
+    "cryptography": "certificate",
 }
 """Extra with a library, by the imported name."""
 
@@ -34,6 +37,7 @@ _NOT_IN_DEBIAN = {
     "parquet": "write another kind of file",
     "keys": "use `traverse gateway lines`",
     "live": "use `traverse page`",
+    "certificate": "certify on another computer, with pip",
 }
 PACKAGED = "/usr/lib/traverse"
 

@@ -1,20 +1,35 @@
 """Checking a certificate: its digests, and whether its figures follow from its data."""
 
 import hashlib
+import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.acceptance.certificate.administration import administration_of
-from traverse.lab.acceptance.certificate.values import SCHEMA, digest_values
+from traverse.lab.acceptance.certificate.values import (
+    SCHEMA,
+    SealedCertificate,
+    digest_values,
+    result_values,
+)
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
 from traverse.lab.acceptance.standards import STANDARDS, verified
-from traverse.lab.measured_points.reading import read_measured
+from traverse.lab.measured_points.reading import files_read, read_measured
+from traverse.lab.report.checksums import sums_problems
+from traverse.lab.report.differences import differences
+from traverse.lab.report.provenance import (
+    ReportSource,
+    digest_of_files,
+    report_provenance,
+)
 from traverse.strict_toml.files import bytes_of, json_of
 from traverse.strict_toml.problems import FileError, Problem
 
-_SAME_MM = 1e-9
+# When, by whom and with what it was computed.
+_NOT_COMPARED = ("date_utc", "provenance")
+CERTIFICATE = "certificate.json"
 ARM, LIMITS = "arm.toml", "limits.toml"
 DATA = "data"
 
@@ -27,14 +42,15 @@ def certificate_problems(path: Path) -> list[str]:
     Raises:
         FileError: It is no certificate.
     """
-    file = path / "certificate.json" if path.is_dir() else path
+    file = path / CERTIFICATE if path.is_dir() else path
     values = _read(file)
     folder = file.parent / DATA
     stated = values.pop("digest")
-    problems = list(_digest_problems(values, stated, folder))
-    if not problems:
-        problems = list(_figure_problems(values, folder))
-    return problems
+    return (
+        list(_digest_problems(values, stated, folder))
+        or list(sums_problems(file.parent))
+        or list(_figure_problems(values, folder))
+    )
 
 
 def _read(file: Path) -> dict[str, Any]:
@@ -77,37 +93,38 @@ def _digest_problems(
 
 def _figure_problems(values: Mapping[str, Any], folder: Path) -> Iterator[str]:
     """Compute everything again from the data of the certificate."""
-    if values.get("standard") not in STANDARDS:
-        yield f"standard {values.get('standard')!r} is not known here"
+    standard = str(values.get("standard"))
+    if standard not in STANDARDS:
+        yield f"standard {standard!r} is not known here"
         return
-    limits = folder / LIMITS
+    file = folder / LIMITS
+    limits = read_limits(file) if file.is_file() else NO_LIMITS
     recordings = sorted(folder.glob("*.mcap"))
     has_campaign = (folder / "campaign.toml").is_file()
     data = folder if has_campaign or not recordings else recordings[0]
     arm = read_arm(folder / ARM)
     measured = read_measured(data, arm)
-    administration = administration_of(measured, arm)
-    if values.get("administration", administration) != administration:
-        yield "operator, dates, temperature or standards are not those of the data"
-    again = verified(
-        measured,
-        str(values["standard"]),
-        read_limits(limits) if limits.is_file() else NO_LIMITS,
+    again = SealedCertificate(
+        verified(measured, standard, limits),
+        arm,
+        limits,
+        {},
+        administration_of(measured, arm),
+        report_provenance(ReportSource(data.name, digest_of_files(files_read(data)))),
     )
-    stated = {figure["key"]: figure for figure in values["figures"]}
-    if set(stated) != {figure.key for figure in again.figures}:
-        yield "the data give other figures than the certificate"
-        return
-    for figure in again.figures:
-        value_mm = float(stated[figure.key]["value_mm"])
-        if not abs(value_mm - figure.value_mm) <= _SAME_MM:
-            yield (
-                f"{figure.name}: the data give {figure.value_mm:.6f} mm, the "
-                f"certificate says {value_mm:.6f} mm"
-            )
-        verdict = None if figure.decision is None else figure.decision.verdict
-        if verdict != stated[figure.key]["verdict"]:
-            yield (
-                f"{figure.name}: the data give {verdict}, the certificate says "
-                f"{stated[figure.key]['verdict']}"
-            )
+    found = json.loads(json.dumps(result_values(again)))
+    stated = dict(values)
+    for name in _NOT_COMPARED:
+        source = (found.pop(name, None), stated.pop(name, None))
+        if name == "provenance" and not _same_campaign(*source):
+            yield "the campaign is not the one that its provenance names"
+    if "administration" not in stated:  # certificates of early versions
+        found.pop("administration")
+    yield from differences(stated, found)
+
+
+def _same_campaign(found: Any, stated: Any) -> bool:  # noqa: ANN401 - of a file
+    try:
+        return bool(found["campaign"]["sha256"] == stated["campaign"]["sha256"])
+    except (KeyError, TypeError):
+        return False

@@ -1,21 +1,20 @@
-"""Files of a verification: certificate.json, .html, .pdf, and the data beside it."""
+"""Files of a verification: certificate.json, .html, .pdf, the data, and SHA256SUMS."""
 
 import json
 from pathlib import Path
 
-from traverse.lab.acceptance.certificate.check import DATA
+from traverse.lab.acceptance.certificate.check import CERTIFICATE, DATA
 from traverse.lab.acceptance.certificate.page import certificate_page
 from traverse.lab.acceptance.certificate.pdf import certificate_pdf
 from traverse.lab.acceptance.certificate.values import SealedCertificate
+from traverse.lab.report.checksums import sums_of, write_sums
 from traverse.strict_toml.writing import write_atomically
-
-CERTIFICATE = "certificate.json"
 
 
 def write_certificate(certificate: SealedCertificate, folder: Path) -> None:
     """Write everything into a folder, which is made if need be.
 
-    The JSON is written last: the files that it lists exist.
+    The JSON is written after the files that it lists, and the digests of all last.
 
     Raises:
         OSError: The folder cannot be written.
@@ -31,3 +30,6 @@ def write_certificate(certificate: SealedCertificate, folder: Path) -> None:
     document = certificate_pdf(values, {**certificate.files, CERTIFICATE: text})
     (folder / "certificate.pdf").write_bytes(document)
     write_atomically(folder / CERTIFICATE, text.decode())
+    own = (CERTIFICATE, "certificate.html", "certificate.pdf")
+    names = (*own, *(f"{DATA}/{name}" for name in certificate.files))
+    write_sums(folder, sums_of(folder, names))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.arm_file.arm import Arm, write_arm
+from traverse.kinematics.arm_file.arm import Arm, arm_digest, write_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.lab.identification.results.result import (
     ArtefactResult,
@@ -23,6 +23,7 @@ from traverse.strict_toml.files import bytes_of
 from traverse.strict_toml.writing import write_atomically
 
 SCHEMA = "traverse/identification/1"
+IDENTIFICATION = "identification.json"
 COVARIANCE_FILE = "arm.cov.npz"
 
 _BLOCK_ROWS = 10_000
@@ -64,7 +65,7 @@ def write_result(
     write_arm(target / "arm.toml", arm)
     values = identification_json(result, provenance)
     text = json.dumps(values, indent=1, allow_nan=False)
-    write_atomically(target / "identification.json", text + "\n")
+    write_atomically(target / IDENTIFICATION, text + "\n")
     _write_residuals(result, target / "residuals.csv")
     return arm
 
@@ -82,6 +83,11 @@ def identification_json(
     return {
         "schema": SCHEMA,
         "provenance": (provenance or campaign_provenance(result.campaign)).values,
+        "inputs": {
+            "arm_digest": arm_digest(result.design),
+            "hold": list(result.options.hold),
+            "free": list(result.options.free),
+        },
         "converged": result.converged,
         "iterations": len(result.iterations),
         "sigma0": result.sigma0,

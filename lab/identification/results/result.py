@@ -19,6 +19,7 @@ from traverse.lab.identification.solve.certificate_test import (
     LostPoses,
 )
 from traverse.lab.identification.solve.excluded_clusters import ExcludedCluster
+from traverse.lab.identification.solve.iterative_adjustment import Options
 from traverse.lab.identification.solve.reliability import PoseStatistics
 from traverse.lab.identification.solve.serial_noise import SerialNoise
 from traverse.lab.statistics.distributions import GlobalTest
@@ -152,6 +153,7 @@ class Identification:
         lost_poses: Artefacts that lost more than a fifth of their poses.
         clusters: Where poses that contradicted the others lay together.
         zero_offsets_rad: Added to the zeros by the coarse start, (n_joints,).
+        options: Wishes that it was made by.
         holdout: How poses that were kept aside are predicted, or None.
     """
 
@@ -187,6 +189,7 @@ class Identification:
     clusters: tuple[ExcludedCluster, ...]
     suggestions: tuple[Suggestion, ...]
     zero_offsets_rad: Floats
+    options: Options
     holdout: Mapping[str, Any] | None = None
 
     @property

@@ -20,7 +20,12 @@ from traverse.lab.acceptance.certificate.values import SealedCertificate
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
 from traverse.lab.acceptance.standards import verified
 from traverse.lab.measured_points.reading import files_read, read_measured
-from traverse.lab.report.provenance import ReportSource, report_provenance
+from traverse.lab.report.checksums import read_sums, sums_of, write_sums
+from traverse.lab.report.provenance import (
+    ReportSource,
+    digest_of_files,
+    report_provenance,
+)
 from traverse.simulator.campaigns import write_campaign
 from traverse.simulator.campaigns.acceptance.poses import (
     acceptance_poses,
@@ -73,7 +78,11 @@ def made(tmp_path_factory):
         limits,
         files,
         administration_of(measured, arm),
-        report_provenance(ReportSource("interim", "0" * 64), "C. Gauss", when),
+        report_provenance(
+            ReportSource("interim", digest_of_files(files_read(folder))),
+            "C. Gauss",
+            when,
+        ),
     )
 
 
@@ -91,8 +100,11 @@ def written(original, tmp_path):
 
 
 def test_everything_is_there_and_agrees(made, written):
-    names = {str(path.relative_to(written)) for path in written.rglob("*.*")}
+    names = {
+        str(path.relative_to(written)) for path in written.rglob("*") if path.is_file()
+    }
     assert names == {
+        "SHA256SUMS",
         "certificate.json",
         "certificate.html",
         "certificate.pdf",
@@ -146,7 +158,11 @@ def test_the_document_is_typeset_and_has_its_data_attached(made, written):
     for said in (
         *("2026-11-20 09:00:00 UTC to 2026-11-20", "20.00 °C", "M. Curie"),
         *("Laboratory 2", "KB 0815", "2026-05-04", "D-K-4711", "C. Gauss"),
-        *("Serial number of the arm not stated", "signature", "0" * 64),
+        *(
+            "Serial number of the arm not stated",
+            "signature",
+            made.provenance.campaign.sha256,
+        ),
     ):
         assert said in first.replace("\r\n", " ")
     assert attached == {
@@ -212,7 +228,10 @@ def test_other_figures_with_new_digests_do_not_follow_from_the_data(made, writte
     values["digest"] = digest_values(values, files)
     (written / "certificate.json").write_text(json.dumps(values))
     (problem,) = certificate_problems(written)
-    assert f"the data give {figure.value_mm:.6f} mm" in problem
+    assert problem.startswith("certificate.json was altered")
+    write_sums(written, sums_of(written, read_sums(written)))
+    (problem,) = certificate_problems(written)
+    assert f"value_mm: the data give {figure.value_mm!r}" in problem
 
 
 def test_another_file_is_no_certificate(tmp_path):

@@ -1,0 +1,91 @@
+"""`traverse certify`: a digital calibration certificate from results."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from traverse.cli.options import Json, campaign_folder
+from traverse.cli.refusals import print_report, refusals, refuse
+
+KEY_PASSWORD_VARIABLE = "TRAVERSE_KEY_PASSWORD"
+Schemas = Annotated[
+    Path | None,
+    typer.Option(
+        envvar="TRAVERSE_SCHEMAS",
+        help="Folder with the standard's own schema, dcc.xsd and what it imports.",
+        exists=True,
+        file_okay=False,
+    ),
+]
+
+
+def certify(
+    results: Annotated[
+        Path, typer.Argument(help="Folder of `traverse verify` or `identify`.")
+    ],
+    *,
+    laboratory: Annotated[
+        Path, typer.Option(help="Who certifies, for whom, TOML.", dir_okay=False)
+    ],
+    campaign: Annotated[
+        Path | None,
+        typer.Option(
+            help="Of an identification: what it was made from.",
+            callback=campaign_folder,
+        ),
+    ] = None,
+    arm: Annotated[
+        Path | None,
+        typer.Option(help="Of an identification: the arm file that it began with."),
+    ] = None,
+    key: Annotated[
+        Path | None, typer.Option(help="Private key to sign with, PEM.")
+    ] = None,
+    certificate: Annotated[
+        Path | None, typer.Option(help="X.509 certificate of the key, PEM.")
+    ] = None,
+    schemas: Schemas = None,
+    as_json: Json = False,
+) -> None:
+    """Make a digital calibration certificate (DCC 3.3.0), signed where a key is given.
+
+    Computes every figure again from the raw data first. Writes dcc.xml, the raw data
+    of an identification, and SHA256SUMS into the folder.
+    """
+    with refusals("certify"):
+        from traverse.lab.certificates.certificate import certify as made  # noqa: PLC0415
+        from traverse.lab.certificates.certificate import issue_date  # noqa: PLC0415
+        from traverse.lab.certificates.evidence import add_data  # noqa: PLC0415
+        from traverse.lab.certificates.laboratory import read_laboratory  # noqa: PLC0415
+        from traverse.lab.certificates.signature import read_signing_key  # noqa: PLC0415
+
+        if (campaign is None) != (arm is None):
+            refuse("certify", "--campaign and --arm belong together; give both")
+        if (key is None) != (certificate is None):
+            refuse("certify", "--key and --certificate belong together; give both")
+        issued = issue_date(read_laboratory(laboratory))
+        signing = None
+        if key is not None and certificate is not None:
+            password = os.environ.get(KEY_PASSWORD_VARIABLE)
+            signing = read_signing_key(key, certificate, password, issued)
+        if campaign is not None and arm is not None:
+            add_data(results, campaign, arm)
+        path = made(results, laboratory, signing, schemas)
+        report = {
+            "certificate": str(path),
+            "issued": issued,
+            "signed": signing is not None,
+            "schema": "given" if schemas else "own part of DCC 3.3.0",
+        }
+        lines = [
+            f"wrote {path}: "
+            + ("signed" if signing else "not signed, --key and --certificate sign it"),
+            "every figure was computed again from the raw data",
+            f"keeps to {schemas / 'dcc.xsd'}"
+            if schemas
+            else "keeps to the part of DCC 3.3.0 that Traverse uses; --schemas takes "
+            "the standard's own schema",
+        ]
+        print_report(report, lines, as_json=as_json)

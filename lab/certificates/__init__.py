@@ -1,0 +1,1 @@
+"""Digital calibration certificates: what a laboratory signs and a machine checks."""

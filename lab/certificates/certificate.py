@@ -1,0 +1,156 @@
+"""Digital calibration certificates: made from evidence, signed, and checked.
+
+A certificate follows from the evidence and from the laboratory's file beside it: a
+check makes it anew and compares every byte but the signature.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+from pathlib import Path
+
+from cryptography.x509 import Certificate
+from lxml import etree
+
+from traverse.lab.acceptance.certificate.check import DATA
+from traverse.lab.certificates.evidence import (
+    LABORATORY,
+    evidence_problems,
+    read_evidence,
+)
+from traverse.lab.certificates.laboratory import Laboratory, read_laboratory
+from traverse.lab.certificates.signature import (
+    SIGNATURE,
+    SigningKey,
+    checked_signature,
+    signed,
+)
+from traverse.lab.certificates.xml import (
+    indented,
+    read_xml,
+    schema_problems,
+    xml_bytes,
+)
+from traverse.lab.report.checksums import sums_of, sums_problems, write_sums
+from traverse.lab.report.templates import page
+from traverse.strict_toml.files import bytes_of
+from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.writing import replacing, write_atomically
+
+CERTIFICATE = "dcc.xml"
+_ISSUED = "{https://ptb.de/dcc}issueDate"
+
+
+def issue_date(laboratory: Laboratory) -> date:
+    """Return the date that is stated, or today's."""
+    return laboratory.issued or datetime.now(UTC).date()
+
+
+def certify(
+    folder: Path, laboratory: Path, key: SigningKey | None, schemas: Path | None = None
+) -> Path:
+    """Write the certificate of a folder of results into it, and return its path.
+
+    Raises:
+        FileError: The figures do not follow from the data, a file or the laboratory's
+            statements cannot be used, or the certificate does not keep to the schema.
+    """
+    source = str(folder)
+    problems = list(evidence_problems(folder))
+    if problems:
+        raise FileError(source, [Problem("", problem) for problem in problems])
+    stated = read_laboratory(laboratory)
+    text = bytes_of(laboratory).decode("utf-8")
+    write_atomically(folder / DATA / LABORATORY, text)
+    root = _document(folder, stated, issue_date(stated))
+    problems = list(schema_problems(root, schemas))
+    if problems:
+        raise FileError(source, [Problem("", f"schema: {one}") for one in problems])
+    content = xml_bytes(root if key is None else signed(root, key))
+    path = folder / CERTIFICATE
+    with replacing(path) as file:
+        file.write(content)
+    names = read_evidence(folder).files
+    write_sums(folder, sums_of(folder, (*names, CERTIFICATE)))
+    return path
+
+
+def _document(folder: Path, stated: Laboratory, issued: date) -> etree._Element:
+    evidence = read_evidence(folder)
+    document = dict(evidence.document)
+    arm = document["arm"]
+    if stated.arm.serial_number:
+        named = ("manufacturer", "serial number", stated.arm.serial_number)
+        others = [one for one in arm["identifications"] if one[0] == "other"]
+        document["arm"] = {**arm, "identifications": [named, *others]}
+    text = page(
+        "certificates/dcc.jinja",
+        {},
+        **document,
+        laboratory=stated.model_dump(),
+        issued=issued.isoformat(),
+        files=sums_of(folder, evidence.files),
+    )
+    return indented(text, str(folder / CERTIFICATE))
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedCertificate:
+    """What a check found.
+
+    Attributes:
+        problems: Everything that is altered, invalid or missing.
+        notes: What was checked, and what could not be.
+    """
+
+    problems: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def checked_certificate(
+    folder: Path, trusted: Sequence[Certificate], schemas: Path | None = None
+) -> CheckedCertificate:
+    """Check a certificate of a folder: digests, form, schema, signature, and figures.
+
+    Raises:
+        FileError: There is none, or the folder is none of results.
+    """
+    path = folder / CERTIFICATE
+    content = bytes_of(path)
+    root = read_xml(content, str(path))
+    problems = list(sums_problems(folder, required=(CERTIFICATE,)))
+    problems += [
+        f"{CERTIFICATE} is invalid: {one}" for one in schema_problems(root, schemas)
+    ]
+    if problems:
+        return CheckedCertificate(tuple(problems), ())
+    if xml_bytes(root) != content:
+        problems.append(f"{CERTIFICATE} was altered: it is not as it was written")
+    issued = date.fromisoformat(root.findtext(f".//{_ISSUED}") or "")
+    signature = checked_signature(root, issued, trusted)
+    problems += [f"{CERTIFICATE} {one}" for one in signature.problems]
+    for found in root.findall(SIGNATURE):
+        root.remove(found)
+    etree.indent(root, space=" ")
+    expected = _document(folder, read_laboratory(folder / DATA / LABORATORY), issued)
+    problems += [
+        f"{CERTIFICATE} was altered, or does not follow from the files: {one}"
+        for one in _differing(root, expected)
+    ]
+    schema = "the schema in " + str(schemas) if schemas else "Traverse's part of DCC"
+    notes = [*signature.notes, f"keeps to {schema}"]
+    return CheckedCertificate(
+        tuple(problems or evidence_problems(folder)), tuple(notes)
+    )
+
+
+def _differing(stated: etree._Element, expected: etree._Element) -> list[str]:
+    """Say where two documents differ first; nothing where they are the same."""
+    if xml_bytes(stated) == xml_bytes(expected):
+        return []
+    for one, other in zip(stated.iter(), expected.iter(), strict=False):
+        if one.tag != other.tag or (one.text or "") != (other.text or ""):
+            name = etree.QName(other).localname
+            said, due = ((each.text or "").strip() for each in (one, other))
+            return [f"{name} says {said!r}, the files give {due!r}"]
+    return ["their elements differ"]

@@ -1,0 +1,78 @@
+"""The TOML file of a laboratory: who certifies, for whom, under which number."""
+
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from traverse.strict_toml.reader import StrictModel, read_strict
+
+Text = Annotated[str, Field(pattern=r"^\S+(\s+\S+)*$", max_length=500)]
+CountryCode = Annotated[str, Field(pattern="^[A-Z]{2}$")]
+
+
+class Contact(StrictModel):
+    """A laboratory or a customer, with its address.
+
+    Attributes:
+        code: Of the accreditation, of a laboratory.
+        country: Two capital letters, ISO 3166-1.
+    """
+
+    name: Text
+    code: Text | None = None
+    email: Text | None = None
+    phone: Text | None = None
+    street: Text | None = None
+    post_code: Text | None = None
+    city: Text
+    country: CountryCode
+
+
+class Person(StrictModel):
+    """A person who answers for the certificate."""
+
+    name: Text
+    role: Text | None = None
+    main_signer: bool = False
+
+
+class Item(StrictModel):
+    """Statements about the arm that its file does not have."""
+
+    manufacturer: Text | None = None
+    model: Text | None = None
+    serial_number: Text | None = None
+
+
+class Laboratory(StrictModel):
+    """Statements of a certificate that do not follow from what was measured.
+
+    Attributes:
+        number: Of the certificate, never used twice.
+        issued: Date of issue; None: the day on which it is made.
+        performed_at: Where it was measured, in the words of the DCC.
+        replaces: Number of the certificate that this one substitutes.
+    """
+
+    schema_: Literal["traverse/laboratory/1"] = Field(alias="schema")
+    number: Text
+    issued: date | None = None
+    performed_at: Literal[
+        "laboratory", "customer", "laboratoryBranch", "customerBranch", "other"
+    ] = "laboratory"
+    replaces: Text | None = None
+    laboratory: Contact
+    customer: Contact
+    persons: tuple[Person, ...] = Field(min_length=1)
+    arm: Item = Item()
+
+
+def read_laboratory(path: str | Path) -> Laboratory:
+    """Read the file of a laboratory.
+
+    Raises:
+        FileError: With everything that is wrong with it.
+    """
+    return read_strict(path, Laboratory)

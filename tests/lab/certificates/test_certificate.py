@@ -1,0 +1,275 @@
+"""A certificate states what its evidence says; read back by another XML library."""
+
+import json
+import math
+import shutil
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from tests.lab.certificates.made import LABORATORY, Issued
+from traverse.lab.certificates.certificate import (
+    certify,
+    checked_certificate,
+)
+from traverse.lab.certificates.document import (
+    UNITS,
+    quantity,
+    verification_document,
+)
+from traverse.lab.certificates.laboratory import read_laboratory
+from traverse.lab.certificates.signature import SigningKey
+from traverse.lab.certificates.xml import indented, read_xml, schema_problems
+from traverse.strict_toml.problems import FileError
+
+NAMES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
+
+
+def said(element: ElementTree.Element, path: str) -> list[str]:
+    return [one.text or "" for one in element.findall(path, NAMES)]
+
+
+def results(folder: Path) -> dict[str, ElementTree.Element]:
+    root = ElementTree.parse(folder / "dcc.xml").getroot()
+    found = root.findall(".//dcc:result", NAMES)
+    return {said(one, "dcc:name/dcc:content")[0]: one for one in found}
+
+
+def test_figures_of_a_verification_are_those_of_its_values(signed_verification):
+    values = json.loads((signed_verification / "certificate.json").read_text())
+    found = results(signed_verification)
+    assert set(found) == {figure["name"] for figure in values["figures"]}
+    for figure in values["figures"]:
+        one = found[figure["name"]]
+        stated, limit = said(one, ".//si:value")
+        (expanded,) = said(one, ".//si:valueExpandedMU")
+        decimals = len(expanded.partition(".")[2])
+        assert float(expanded) == round(figure["expanded_uncertainty_mm"], decimals)
+        assert len(expanded.replace(".", "").lstrip("0")) == 2
+        assert stated == f"{figure['value_mm']:.{decimals}f}"
+        assert limit == f"{figure['limit_mm']:.4f}"
+        assert said(one, ".//si:coverageFactor") == ["2"]
+        assert said(one, ".//si:coverageProbability") == ["0.9545"]
+        assert said(one, ".//si:unit") == [r"\milli\metre"] * 2
+        assert said(one, ".//dcc:conformity") == ["pass"]
+
+
+def test_who_when_what_and_the_digests_of_the_data(signed_verification):
+    root = ElementTree.parse(signed_verification / "dcc.xml").getroot()
+    core = "dcc:administrativeData/dcc:coreData/dcc:"
+    assert root.get("schemaVersion") == "3.3.0"
+    assert said(root, f"{core}uniqueIdentifier") == ["2026-0417"]
+    assert said(root, f"{core}beginPerformanceDate") == ["2026-11-20"]
+    assert said(root, f"{core}issueDate") == ["2026-11-23"]
+    texts = said(root, ".//dcc:content")
+    for text in ("Example & Daughters <calibration>", "Łódź Arms", "M. Curie"):
+        assert text in texts
+    assert "SN 7" in said(root, ".//dcc:identification/dcc:value")
+    data = "dcc:measurementResults/dcc:measurementResult/dcc:measurementMetaData/"
+    named = dict(
+        zip(
+            said(root, f"{data}dcc:metaData/dcc:name/dcc:content"),
+            said(root, f"{data}dcc:metaData/dcc:reference"),
+            strict=True,
+        )
+    )
+    sums = (signed_verification / "SHA256SUMS").read_text().splitlines()
+    for line in sums:
+        digest, name = line.split("  ")
+        if name != "dcc.xml":
+            assert named.pop(name) == f"sha256:{digest}"
+    assert named == {}
+
+
+def test_parameters_of_an_identification(signed_identification):
+    values = json.loads((signed_identification / "identification.json").read_text())
+    found = results(signed_identification)
+    for entry in values["parameters"]:
+        one = found[entry["name"]]
+        (stated,), (expanded,) = (
+            said(one, ".//si:value"),
+            said(one, ".//si:valueExpandedMU"),
+        )
+        assert math.isclose(
+            float(stated), entry["value"], abs_tol=0.01 * entry["std"] * 20
+        )
+        assert math.isclose(float(expanded), 2.0 * entry["std"], rel_tol=0.06)
+        assert said(one, ".//si:unit") == [UNITS[entry["unit"]]]
+    bar = values["artefacts"]["bar"]["distance_mm"]
+    (stated,) = said(found["bar: distance"], ".//si:value")
+    assert math.isclose(float(stated), bar["value"], abs_tol=bar["std"])
+    root = ElementTree.parse(signed_identification / "dcc.xml").getroot()
+    assert said(root, ".//dcc:conformity") == []
+
+
+@pytest.mark.parametrize(
+    ("value", "expanded", "texts"),
+    [
+        (0.00263, 0.00101, ("0.0026", "0.0010")),
+        (-1.23456, 0.0349, ("-1.235", "0.035")),
+        (799.99996, 0.5, ("800.00", "0.50")),
+        (12.5, 123.0, ("12", "123")),
+        (3.1e-5, 4.44e-7, ("0.00003100", "0.00000044")),
+        (0.12345678, None, ("0.1235", None)),
+        (0.12345678, 0.0, ("0.1235", None)),
+    ],
+)
+def test_two_digits_of_an_uncertainty(value, expanded, texts):
+    found = quantity("q", value, "mm", expanded)
+    assert (found["value"], found["expanded"]) == texts
+
+
+def figure(name: str, verdict: str | None, **more: object) -> dict[str, object]:
+    empty = {"definition": "d", "confirm": "", "remarks": [], "rule": "r"}
+    numbers = {"value_mm": 0.01, "expanded_uncertainty_mm": 0.002, "limit_mm": 0.05}
+    return {"name": name, "verdict": verdict, **empty, **numbers, **more}
+
+
+def conformities(values: dict[str, object], *figures: object, missing=()) -> list[str]:
+    changed = {**values, "figures": list(figures), "missing": list(missing)}
+    document = verification_document(changed)
+    (overall,) = [s for s in document["statements"] if s["name"] == "Conformity"]
+    each = [one["quantities"][0]["statement"] for one in document["results"]]
+    return [overall["conformity"], *(s and s["conformity"] for s in each)]
+
+
+def test_nothing_passes_that_is_not_accepted(signed_verification):
+    values = json.loads((signed_verification / "certificate.json").read_text())
+    good, bad = figure("a", "accept"), figure("b", "reject")
+    between, open_ = figure("c", "neither"), figure("d", "undecided")
+    no_limit = figure("e", None, limit_mm=None)
+    gap = {"name": "E_UNI", "what": ["x"]}
+    assert conformities(values, good) == ["pass", "pass"]
+    assert conformities(values, good, bad) == ["fail", "pass", "fail"]
+    assert conformities(values, good, between) == [None, "pass", "noPass"]
+    assert conformities(values, good, open_) == [None, "pass", None]
+    assert conformities(values, good, no_limit) == [None, "pass", None]
+    assert conformities(values, good, missing=[gap]) == [None, "pass"]
+    with pytest.raises(ValueError, match="no figure"):
+        conformities(values, missing=[gap])
+
+
+def test_without_a_key_nothing_is_signed_and_the_check_says_so(
+    verified, laboratory, signer, tmp_path
+):
+    folder = shutil.copytree(verified, tmp_path / "copy")
+    certify(folder, laboratory, None)
+    found = checked_certificate(folder, ())
+    assert found.problems == ()
+    assert "is not signed" in found.notes[0]
+    found = checked_certificate(folder, [signer.certificate])
+    assert "is not signed" in found.problems[0]
+
+
+def test_a_certificate_needs_the_date_of_the_measurement(
+    verified, laboratory, tmp_path
+):
+    folder = shutil.copytree(verified, tmp_path / "copy")
+    values = json.loads((folder / "certificate.json").read_text())
+    for end in ("from", "to"):
+        values["administration"][f"measured_{end}_utc"] = None
+    with pytest.raises(ValueError, match="give start_utc in campaign"):
+        verification_document(values)
+
+
+def test_figures_that_do_not_follow_are_not_certified(
+    signed_identification, laboratory, signer, tmp_path
+):
+    folder = shutil.copytree(signed_identification, tmp_path / "copy")
+    path = folder / "arm.toml"
+    arm = path.read_text()
+    line = next(line for line in arm.splitlines() if line.startswith("link_mm"))
+    first = line.partition("[")[2].partition(",")[0]
+    longer = line.replace(first, repr(float(first) + 0.01), 1)
+    path.write_text(arm.replace(line, longer, 1))
+    key = SigningKey(signer.key, signer.certificate)
+    with pytest.raises(FileError, match=r"arm.toml: joints\[J\d\]"):
+        certify(folder, laboratory, key)
+    path.write_text(arm)
+    certify(folder, laboratory, key)
+    data = folder / "data" / "poses.csv"
+    data.write_text(data.read_text().replace("cone-1", "cone-2", 1))
+    with pytest.raises(FileError, match="is not the one that was identified from"):
+        certify(folder, laboratory, key)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        ('country = "DE"', 'country = "Germany"', "laboratory.country"),
+        ('number = "2026-0417"', 'number = " "', "number"),
+        ("[[persons]]", "[[people]]", "persons"),
+        ("issued = 2026-11-23", 'issued = "today"', "issued"),
+        ('role = "head"', 'rôle = "head"', "file"),
+    ],
+)
+def test_the_laboratorys_file_is_read_strictly(tmp_path, old, new, what):
+    path = tmp_path / "laboratory.toml"
+    path.write_text(LABORATORY.replace(old, new, 1), "utf-8")
+    with pytest.raises(FileError) as refused:
+        read_laboratory(path)
+    assert str(path) in str(refused.value)
+    assert what == "file" or what in str(refused.value)
+
+
+def test_untrusted_xml_is_refused(tmp_path):
+    bomb = b'<!DOCTYPE a [<!ENTITY b "x"><!ENTITY c "&b;&b;">]><a>&c;</a>'
+    outside = b'<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]><a>&b;</a>'
+    for content in (bomb, outside):
+        with pytest.raises(FileError, match="DOCTYPE"):
+            read_xml(content, "dcc.xml")
+    for content in (b"", b"<a>", b"\xff", b"<a></b>"):
+        with pytest.raises(FileError, match="is not XML"):
+            read_xml(content, "dcc.xml")
+    with pytest.raises(FileError, match="a character that XML does not have"):
+        indented("<a>\x00</a>", "dcc.xml")
+
+
+def test_schema_of_a_folder_wherever_its_imports_come_from(
+    signed_verification, tmp_path
+):
+    """The standard's schema imports by addresses; no network is asked."""
+    own = Path(schema_problems.__code__.co_filename).parent / "schemas"
+    text = (own / "dcc.xsd").read_text()
+    moved = text.replace('"si.xsd"', '"https://ptb.example/si/v2/SI_Format.xsd"')
+    assert moved != text
+    (tmp_path / "dcc.xsd").write_text(moved)
+    root = read_xml((signed_verification / "dcc.xml").read_bytes(), "dcc.xml")
+    with pytest.raises(FileError, match="no schema that can be used"):
+        list(schema_problems(root, tmp_path))
+    shutil.copy(own / "si.xsd", tmp_path / "SI_Format.xsd")
+    assert list(schema_problems(root, tmp_path)) == []
+    core = root.find(".//{*}uniqueIdentifier")
+    assert core is not None
+    core.text = ""
+    (problem,) = list(schema_problems(root, None))
+    assert "uniqueIdentifier" in problem
+
+
+def test_every_field_of_a_laboratory_is_stated(verified, laboratory, tmp_path):
+    folder = shutil.copytree(verified, tmp_path / "copy")
+    more = LABORATORY.replace(
+        "issued =", 'replaces = "2025-1"\nperformed_at = "customer"\nissued ='
+    ).replace(
+        'code = "D-K-00000-01-00"',
+        'code = "D-K-1"\nemail = "a@b.example"\nphone = "+49 1"\npost_code = "38116"',
+    )
+    more += 'model = "M1"\n'
+    path = tmp_path / "laboratory.toml"
+    path.write_text(more, "utf-8")
+    certify(folder, path, None)
+    assert checked_certificate(folder, ()).problems == ()
+    text = (folder / "dcc.xml").read_text("utf-8")
+    for stated in ("2025-1", "customer", "a@b.example", "+49 1", "38116", "M1"):
+        assert f">{stated}<" in text
+
+
+def test_an_early_signer_and_one_of_another_day(
+    verified, laboratory, tmp_path, signer: Issued
+):
+    folder = shutil.copytree(verified, tmp_path / "copy")
+    certify(folder, laboratory, SigningKey(signer.key, signer.certificate))
+    found = checked_certificate(folder, [signer.certificate])
+    assert found.problems == ()
+    assert "who is trusted" in found.notes[0]
