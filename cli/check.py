@@ -19,8 +19,8 @@ def check(
 ) -> None:
     """Check the files of an arm, a daemon or a campaign.
 
-    Knows arm files, configurations, campaigns, nominal places, limits, plans and probe
-    libraries.
+    Knows arm files, configurations, campaigns, nominal places, limits, laboratories,
+    plans and probe libraries.
 
     A campaign is given by its folder or its campaign.toml; its poses are checked too,
     and with a configuration the arm file and the probe library that it names.
@@ -92,6 +92,12 @@ def _read_limits(path: Path) -> object:
     return read_limits(path)
 
 
+def _read_laboratory(path: Path) -> object:
+    from traverse.lab.certificates.laboratory import read_laboratory  # noqa: PLC0415
+
+    return read_laboratory(path)
+
+
 def _read_nominal(path: Path) -> object:
     from traverse.lab.alignment.nominal import read_nominal  # noqa: PLC0415
 
@@ -131,6 +137,7 @@ _KINDS: tuple[tuple[str, tuple[str, ...], str, Callable[[Path], object]], ...] =
     ("simulator", ("motion",), "simulator's configuration", _read_simulator),
     ("probes", ("probes",), "probe library", _read_probes),
     ("acceptance-limits", ("mpe",), "file of acceptance limits", _read_limits),
+    ("laboratory", ("laboratory",), "file of a laboratory", _read_laboratory),
     ("nominal", (), "nominal places", _read_nominal),
     ("collection-plan", ("steps",), "collection plan", _read_plan),
     ("campaign", ("poses",), "campaign", _read_campaign),

@@ -44,6 +44,7 @@ ELSEWHERE = {
     "replay": "tests/end_to_end/service/test_recording_replay.py",
     "collect": "tests/end_to_end/cli/test_collect.py",
     "daily-check": "tests/cli/test_daily_check.py",
+    "certify": "tests/cli/test_certify.py",
     "points resend": "tests/end_to_end/delivery/test_outbox_recovery.py",
     "microscribe arm-file": "tests/cli/devices/test_microscribe.py",
     **dict.fromkeys(("can scan", "can preset"), "tests/cli/devices/test_can.py"),

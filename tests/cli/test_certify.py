@@ -1,0 +1,135 @@
+"""`traverse certify` and `verify --check`, as the how-to page has them."""
+
+import json
+import re
+import shlex
+import subprocess
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from tests.docs.pages import CHECKOUT
+from traverse.cli.__main__ import app
+from traverse.kinematics.arm_file.arm import read_arm
+from traverse.simulator.campaigns import (
+    CampaignSpec,
+    draw_noise,
+    make_poses,
+    write_campaign,
+)
+from traverse.simulator.campaigns.acceptance.poses import (
+    acceptance_poses,
+    drawn_acceptance,
+)
+
+pytestmark = pytest.mark.needs("openssl")
+ARM = CHECKOUT / "cli" / "demo_data" / "arm.toml"
+PAGE = (CHECKOUT / "docs" / "how-to" / "sign-a-certificate.md").read_text("utf-8")
+
+
+def run(line: str, status: int = 0) -> Result:
+    ran = CliRunner().invoke(app, shlex.split(line))
+    assert ran.exit_code == status, (ran.output, ran.exception)
+    return ran
+
+
+def shown(beginning: str) -> list[str]:
+    """Commands of the page that begin so."""
+    return re.findall(rf"^\$ ({beginning}.*)$", PAGE, re.MULTILINE)
+
+
+def write_dated(folder: Path, poses: object, arm: object) -> None:
+    write_campaign(folder, poses, arm)
+    file = folder / "campaign.toml"
+    start = "start_utc = 2026-11-20T09:00:00Z\n[noise]"
+    file.write_text(file.read_text().replace("[noise]", start, 1))
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with results as the page has them, a laboratory, and its key."""
+    folder, arm = tmp_path_factory.mktemp("desk"), read_arm(ARM)
+    touched = drawn_acceptance(acceptance_poses(arm, "vdi2617-9", 3), 3)
+    write_dated(folder / "acceptance", touched, arm)
+    poses = make_poses(arm, CampaignSpec(mix="cones+bar", n_poses=120), seed=3)
+    write_dated(folder / "campaign", draw_noise(poses, 5), arm)
+    (folder / "design.toml").write_bytes(ARM.read_bytes())
+    (folder / "limits.toml").write_text(
+        'schema = "traverse/acceptance-limits/1"\n[mpe]\ninterim_length_mm = 0.05\n'
+    )
+    (laboratory,) = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
+    (folder / "laboratory.toml").write_text(laboratory)
+    (openssl,) = shown("openssl")
+    subprocess.run(shlex.split(openssl), cwd=folder, check=True, capture_output=True)
+    return folder
+
+
+@pytest.fixture
+def at_desk(desk: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(desk)
+    return desk
+
+
+def test_results_are_signed_and_checked_as_the_page_says(at_desk: Path) -> None:
+    run(
+        "verify acceptance --standard vdi2617-9 --arm design.toml "
+        "--limits limits.toml --out certificate"
+    )
+    run("identify campaign --arm design.toml --out result")
+    for line in shown("traverse certify"):
+        output = run(line.removeprefix("traverse ")).output
+        assert "dcc.xml: signed\nevery figure was computed again" in output
+    (check,) = shown("traverse verify --check")
+    for line in (check, check.replace("certificate ", "result ", 1)):
+        output = run(line.removeprefix("traverse ")).output
+        assert "digests agree, and the figures follow from the data" in output
+        assert "O=Example Laboratory" in output
+        assert "who is trusted" in output
+    values = json.loads(run("verify --check result --json").output)
+    assert values["problems"] == []
+    assert any("was not compared" in note for note in values["notes"])
+    page = at_desk / "certificate" / "certificate.html"
+    page.write_text(page.read_text() + " ")
+    told = run("verify --check certificate --trust laboratory.pem", 1).output
+    assert "certificate.html was altered" in told
+
+
+def test_wishes_that_do_not_go_together_are_refused(at_desk: Path) -> None:
+    run("verify acceptance --standard vdi2617-9 --arm design.toml --out unlimited")
+    base = "certify unlimited --laboratory laboratory.toml"
+    for more, told in (
+        ("--key laboratory.key", "--key and --certificate belong together"),
+        ("--campaign campaign", "--campaign and --arm belong together"),
+        ("--key laboratory.pem --certificate laboratory.pem", "is no private key"),
+        ("--key laboratory.key --certificate laboratory.key", "is no X.509"),
+        ("--schemas acceptance", "is no schema that can be used"),
+    ):
+        assert told in run(f"{base} {more}", 2).output
+    told = run("verify --check unlimited --trust laboratory.pem", 2).output
+    assert "has no dcc.xml; `traverse certify` signs" in told
+    told = run("certify acceptance --laboratory laboratory.toml", 2).output
+    assert "is no folder of `traverse verify --out`" in told
+    told = run("certify unlimited --laboratory limits.toml", 2).output
+    assert "limits.toml" in told
+    words = ["certify", *shlex.split(base)[1:], "--json"]
+    values = json.loads(CliRunner().invoke(app, words).output)
+    assert (values["signed"], values["certificate"]) == (False, "unlimited/dcc.xml")
+    note = run("verify --check unlimited").output
+    assert "is not signed: who made it is not proved" in note
+
+
+def test_a_key_with_a_password(at_desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run("verify acceptance --standard vdi2617-9 --arm design.toml --out locked")
+    subprocess.run(
+        shlex.split("openssl pkey -aes256 -passout pass:k -in laboratory.key -out k"),
+        check=True,
+        capture_output=True,
+    )
+    line = (
+        "certify locked --laboratory laboratory.toml --key k "
+        "--certificate laboratory.pem"
+    )
+    assert "TRAVERSE_KEY_PASSWORD" in run(line, 2).output
+    monkeypatch.setenv("TRAVERSE_KEY_PASSWORD", "k")
+    assert "signed" in run(line).output
