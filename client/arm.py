@@ -2,13 +2,12 @@
 
 import asyncio
 import logging
-from collections.abc import Callable, Coroutine, Iterable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, Unpack
 
 from traverse.client.cancel_tasks import cancel_tasks
-from traverse.client.commands import ArmCommands
+from traverse.client.commands import ArmCommands, ScanOptions
 from traverse.client.errors import Counters
 from traverse.client.feeds import Feed, Feeds
 from traverse.client.mqtt.address import BrokerAddress
@@ -23,7 +22,6 @@ from traverse.protocol import topics
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import (
-    Args,
     Event,
     Health,
     Live,
@@ -48,6 +46,7 @@ class Inbox:
         link: on which messages are acknowledged.
         requests: takes replies and status.
         stream: takes points.
+        by_id: takes points, too.
 
     Attributes:
         topics: subscribed to always, with the quality of service. Answers arrive
@@ -62,10 +61,12 @@ class Inbox:
         link: ReconnectingConnection,
         requests: CommandClient,
         stream: PointStream,
+        by_id: PointIndex,
     ) -> None:
         self._link = link
         self._requests = requests
         self._stream = stream
+        self._by_id = by_id
         self.topics = {
             topics.status_topic(arm): 0,
             topics.health_topic(arm): 0,
@@ -80,7 +81,6 @@ class Inbox:
         self.events = Feeds[Event](MAX_EVENTS, keep_newest=True)
         self.lives = Feeds[Live](1, keep_newest=True)
         self.scans = Feeds[Scan](MAX_BLOCKS, keep_newest=False)
-        self.by_id = PointIndex()
         self.undecodable = 0
         self._kinds: dict[str, Callable[[IncomingMessage], None]] = {
             "status": lambda m: self._take_status(decode(Status, m.payload)),
@@ -132,7 +132,7 @@ class Inbox:
 
     def _take_point(self, arrived: IncomingMessage) -> None:
         point = decode(Point, arrived.payload)
-        self.by_id.take(point)
+        self._by_id.take(point)
         self._stream.take(point, arrived.number)
 
 
@@ -170,7 +170,6 @@ class Arm(ArmCommands):
         self.name = name
         self._cursor_file = None if cursor_file is None else Path(cursor_file)
         self._connect_timeout_s = connect_timeout_s
-        self._reply_timeout_s = reply_timeout_s
         cursor: Mapping[str, int] | None = None
         if self._cursor_file is not None:
             cursor = read_cursor(self._cursor_file, name)
@@ -179,12 +178,12 @@ class Arm(ArmCommands):
             cursor = {} if isinstance(since, str) else since
         address = BrokerAddress.parse(broker) if isinstance(broker, str) else broker
         self._link = ReconnectingConnection(address)
-        self._requests = CommandClient(name, self._link)
+        super().__init__(CommandClient(name, self._link), reply_timeout_s)
         self._order = ReorderBuffer(cursor, is_whole=is_whole)
         self._stream = PointStream(
             self._order, self._link, self._requests, max(2, max_waiting)
         )
-        self._inbox = Inbox(name, self._link, self._requests, self._stream)
+        self._inbox = Inbox(name, self._link, self._requests, self._stream, self.by_id)
         self._link.topics.update(self._inbox.topics)
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -207,12 +206,7 @@ class Arm(ArmCommands):
             pass  # the arm is not there now; it is followed when it is
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, kind: object, error: object, trace: object) -> None:
         if error is None:
             self._stream.commit_current()
         await self._end()
@@ -244,11 +238,6 @@ class Arm(ArmCommands):
             undecodable=self._inbox.undecodable,
         )
 
-    @property
-    def by_id(self) -> PointIndex:
-        """The latest received points."""
-        return self._inbox.by_id
-
     def points(self) -> PointIterator:
         """Points and retractions in order, none twice; for one reader at a time."""
         return PointIterator(self._stream)
@@ -272,30 +261,14 @@ class Arm(ArmCommands):
         return self._inbox.scans.open()
 
     def scan(
-        self,
-        mode: ScanMode = "time",
-        *,
-        rate_hz: float | None = None,
-        spacing_mm: float | None = None,
-        normal: Iterable[float] | None = None,
-        offset_mm: float = 0.0,
-        held: bool = False,
+        self, mode: ScanMode = "time", **options: Unpack[ScanOptions]
     ) -> ScanBlocks:
         """A scan that runs while an `async with` does; use its blocks in `async for`.
 
         The arguments are those of the command `scan`.
         """
         return ScanBlocks(
-            self.scans,
-            lambda: self.start_scan(
-                mode,
-                rate_hz=rate_hz,
-                spacing_mm=spacing_mm,
-                normal=normal,
-                offset_mm=offset_mm,
-                held=held,
-            ),
-            self.stop_scan,
+            self.scans, lambda: self.start_scan(mode, **options), self.stop_scan
         )
 
     async def status(self) -> Status:
@@ -313,14 +286,6 @@ class Arm(ArmCommands):
             TimeoutError: it has never published it at this broker.
         """
         return await self._inbox.healths.first(self._reply_timeout_s)
-
-    async def execute(
-        self, args: Args, *, extra_timeout_s: float = 0.0
-    ) -> Mapping[str, Any]:
-        """Execute any command; return its result."""
-        return await self._requests.result(
-            args, self._reply_timeout_s + extra_timeout_s
-        )
 
     async def _save_cursor_periodically(self, path: Path) -> None:
         kept: dict[str, int] | None = None

@@ -2,29 +2,33 @@
 
 import asyncio
 import contextlib
+import functools
 import threading
-from collections.abc import (
-    AsyncIterator,
-    Callable,
-    Coroutine,
-    Iterable,
-    Iterator,
-    Mapping,
-)
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Mapping
 from concurrent.futures import Future
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Generic, Literal, Self, TypedDict, TypeVar, Unpack
+from typing import (
+    Any,
+    Concatenate,
+    Generic,
+    Literal,
+    ParamSpec,
+    Self,
+    TypedDict,
+    TypeVar,
+    Unpack,
+)
 
 from traverse.client.arm import Arm
 from traverse.client.cancel_tasks import cancel_tasks
+from traverse.client.commands import ScanOptions
 from traverse.client.errors import Counters
 from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.points.session_order import Lost
-from traverse.client.results import Resent, ResentScan, StoredSession
-from traverse.protocol.messages import Args, Event, Health, Live, Point, Scan, Status
+from traverse.protocol.messages import Event, Live, Point, Scan
 from traverse.protocol.messages.scan import ScanMode
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 
@@ -130,6 +134,18 @@ class ArmOptions(TypedDict, total=False):
     max_waiting: int
 
 
+def _waited(
+    method: Callable[Concatenate[Arm, P], Coroutine[Any, Any, T]],
+) -> Callable[Concatenate["BlockingArm", P], T]:
+    """A method of `Arm` as one that returns when its work is done."""
+
+    @functools.wraps(method)
+    def waiting(self: "BlockingArm", /, *args: P.args, **options: P.kwargs) -> T:
+        return self._running().run(method(self._arm, *args, **options))
+
+    return waiting
+
+
 class BlockingArm:
     """An arm behind a broker; use with `with`.
 
@@ -162,16 +178,11 @@ class BlockingArm:
         self._points = AsyncSource(loop, self._arm.points_and_losses())
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         loop = self._running()
         self._loop = None
         try:
-            loop.run(self._arm.__aexit__(kind, error, trace))
+            loop.run(self._arm.__aexit__(*raised))
         finally:
             loop.close()
 
@@ -222,97 +233,35 @@ class BlockingArm:
         self,
         mode: ScanMode = "time",
         *,
-        rate_hz: float | None = None,
-        spacing_mm: float | None = None,
-        normal: Iterable[float] | None = None,
-        offset_mm: float = 0.0,
-        held: bool = False,
         idle_timeout_s: float | None = None,
+        **options: Unpack[ScanOptions],
     ) -> Iterator[TimedIterator[Scan]]:
         """A scan that runs inside a `with` block; iterates over its blocks."""
         loop = self._running()
-        blocks = self._arm.scan(
-            mode,
-            rate_hz=rate_hz,
-            spacing_mm=spacing_mm,
-            normal=normal,
-            offset_mm=offset_mm,
-            held=held,
-        )
+        blocks = self._arm.scan(mode, **options)
         loop.run(blocks.__aenter__())
         try:
             yield TimedIterator(AsyncSource(loop, blocks), idle_timeout_s)
         finally:
             loop.run(blocks.__aexit__(None, None, None))
 
-    def status(self) -> Status:
-        """The latest state of the arm."""
-        return self._do(self._arm.status())
-
-    def health(self) -> Health:
-        """The daemon's latest figures."""
-        return self._do(self._arm.health())
-
-    def capture(
-        self, samples: int | None = None, dwell_s: float | None = None
-    ) -> Point:
-        """Take a point now; it is stored on the arm's disk when this returns."""
-        return self._do(self._arm.capture(samples, dwell_s))
-
-    def undo(self, point_id: str | None = None) -> Point:
-        """Retract the last point; return the retraction."""
-        return self._do(self._arm.undo(point_id))
-
-    def label(self, artefact: str | None = None, feature: str | None = None) -> None:
-        """Set the label of the next points; without arguments: none."""
-        self._do(self._arm.label(artefact, feature))
-
-    def probe(self, name: str) -> str:
-        """Change the probe; return the digest of the arm with it."""
-        return self._do(self._arm.probe(name))
-
-    def reload(self) -> str:
-        """Reload arm file and configuration; return the arm's digest."""
-        return self._do(self._arm.reload())
-
-    def align(
-        self,
-        rotation: Iterable[Iterable[float]],
-        translation_mm: Iterable[float],
-        *,
-        scale: float = 1.0,
-        name: str | None = None,
-    ) -> None:
-        """Add part coordinates to points: scale * rotation * arm + translation_mm."""
-        self._do(self._arm.align(rotation, translation_mm, scale=scale, name=name))
-
-    def clear_alignment(self) -> None:
-        """Points have no part coordinates any more."""
-        self._do(self._arm.clear_alignment())
-
-    def new_session(self, note: str | None = None) -> str:
-        """Start a new session, numbered from 0; return it."""
-        return self._do(self._arm.new_session(note))
-
-    def sessions(self) -> tuple[StoredSession, ...]:
-        """Sessions that the arm's outbox holds, oldest first."""
-        return self._do(self._arm.sessions())
-
-    def resend(
-        self, session: str, from_seq: int = 0, to_seq: int | None = None
-    ) -> Resent:
-        """Request points again, for all followers of the arm."""
-        return self._do(self._arm.resend(session, from_seq, to_seq))
-
-    def resend_scan(
-        self, scan: str, from_seq: int = 0, to_seq: int | None = None
-    ) -> ResentScan:
-        """Request blocks of a scan again, for all followers of the scans."""
-        return self._do(self._arm.resend_scan(scan, from_seq, to_seq))
-
-    def execute(self, args: Args) -> Mapping[str, Any]:
-        """Execute any command; return its result."""
-        return self._do(self._arm.execute(args))
+    status = _waited(Arm.status)
+    health = _waited(Arm.health)
+    capture = _waited(Arm.capture)
+    undo = _waited(Arm.undo)
+    label = _waited(Arm.label)
+    probe = _waited(Arm.probe)
+    confirm_reference = _waited(Arm.confirm_reference)
+    reload = _waited(Arm.reload)
+    align = _waited(Arm.align)
+    clear_alignment = _waited(Arm.clear_alignment)
+    new_session = _waited(Arm.new_session)
+    sessions = _waited(Arm.sessions)
+    start_scan = _waited(Arm.start_scan)
+    stop_scan = _waited(Arm.stop_scan)
+    resend = _waited(Arm.resend)
+    resend_scan = _waited(Arm.resend_scan)
+    execute = _waited(Arm.execute)
 
     def _items(
         self,
@@ -321,14 +270,6 @@ class BlockingArm:
     ) -> TimedIterator[T]:
         loop = self._running()
         return TimedIterator(AsyncSource(loop, loop.run(opening)), idle_timeout_s)
-
-    def _do(self, work: Coroutine[Any, Any, T]) -> T:
-        try:
-            loop = self._running()
-        except RuntimeError:
-            work.close()
-            raise
-        return loop.run(work)
 
     def _running(self) -> LoopThread:
         if self._loop is None:

@@ -1,11 +1,11 @@
 """The commands of an arm as functions with typed answers."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 from traverse.client.errors import NoAnswerError
 from traverse.client.points.index import PointIndex
+from traverse.client.requests import CommandClient
 from traverse.client.results import (
     CapturedPoint,
     Resent,
@@ -34,28 +34,47 @@ ARRIVAL_S = 1.0
 MEAN_S = 60.0
 
 
-class ArmCommands(ABC):
+class ScanOptions(TypedDict, total=False):
+    """Arguments of the command `scan` beside its mode, which explains them."""
+
+    rate_hz: float | None
+    spacing_mm: float | None
+    normal: Iterable[float] | None
+    offset_mm: float
+    held: bool
+
+
+class ArmCommands:
     """Commands of an arm.
 
     Every command raises CommandRefused where the arm refuses, and NoAnswerError where
     there is no answer in time.
+
+    Args:
+        requests: the way to the arm.
+        reply_timeout_s: so long an answer may take.
+
+    Attributes:
+        by_id: the latest received points.
     """
 
-    @abstractmethod
+    def __init__(self, requests: CommandClient, reply_timeout_s: float) -> None:
+        self._requests = requests
+        self._reply_timeout_s = reply_timeout_s
+        self.by_id = PointIndex()
+
     async def execute(
         self, args: Args, *, extra_timeout_s: float = 0.0
     ) -> Mapping[str, Any]:
-        """Execute a command; return its result.
+        """Execute any command; return its result.
 
         Args:
             args: of the command.
             extra_timeout_s: so much longer than usual it may take.
         """
-
-    @property
-    @abstractmethod
-    def by_id(self) -> PointIndex:
-        """The received points."""
+        return await self._requests.result(
+            args, self._reply_timeout_s + extra_timeout_s
+        )
 
     async def capture(
         self, samples: int | None = None, dwell_s: float | None = None
@@ -148,25 +167,12 @@ class ArmCommands(ABC):
         return str((await self.execute(args))["session"])
 
     async def start_scan(
-        self,
-        mode: ScanMode = "time",
-        *,
-        rate_hz: float | None = None,
-        spacing_mm: float | None = None,
-        normal: Iterable[float] | None = None,
-        offset_mm: float = 0.0,
-        held: bool = False,
+        self, mode: ScanMode = "time", **options: Unpack[ScanOptions]
     ) -> StartedScan:
         """Start a scan; it replaces a running one."""
-        args = ScanArgs(
-            action="start",
-            mode=mode,
-            rate_hz=rate_hz,
-            spacing_mm=spacing_mm,
-            normal=None if normal is None else _vector(normal),
-            offset_mm=offset_mm,
-            held=held,
-        )
+        normal = options.get("normal")
+        given = {**options, "normal": None if normal is None else _vector(normal)}
+        args = ScanArgs.model_validate({"action": "start", "mode": mode, **given})
         return StartedScan.read(await self.execute(args))
 
     async def stop_scan(self) -> None:
