@@ -111,8 +111,9 @@ def parse_args(command: str, args: dict[str, Any]) -> Args:
 
 def _pack_array(value: object) -> msgpack.ExtType:
     if not isinstance(value, np.ndarray):
-        message = f"{type(value).__name__} in a message; only arrays are extensions"
-        raise TypeError(message)
+        raise TypeError(
+            f"{type(value).__name__} in a message; only arrays are extensions"
+        )
     return msgpack.ExtType(ARRAY_CODE, array_to_bytes(value))
 
 

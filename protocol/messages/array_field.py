@@ -69,14 +69,13 @@ class ArrayField:
         else:
             array = self._from_nested(value)
         if array.dtype != np.dtype(self.dtype):
-            message = f"an array of {self.dtype}, not {array.dtype}"
-            raise ValueError(message)
+            raise ValueError(f"an array of {self.dtype}, not {array.dtype}")
         if not self._fits(array.shape):
-            message = f"an array of shape {self._shape_text()}, not {array.shape}"
-            raise ValueError(message)
+            raise ValueError(
+                f"an array of shape {self._shape_text()}, not {array.shape}"
+            )
         if array.dtype.kind == "f" and not np.isfinite(array).all():
-            message = "finite numbers only"
-            raise ValueError(message)
+            raise ValueError("finite numbers only")
         if array.size == 0:
             sizes = [size if isinstance(size, int) else 0 for size in self.shape]
             array = np.zeros(sizes, self.dtype)
@@ -100,25 +99,21 @@ class ArrayField:
         sizes: list[int] = []
         for _ in self.shape:
             if not all(isinstance(row, list | tuple) for row in level):
-                message = f"an array of shape {self._shape_text()}"
-                raise ValueError(message)
+                raise ValueError(f"an array of shape {self._shape_text()}")
             lengths = {len(row) for row in level}
             if len(lengths) > 1:
-                message = f"rows of equal length, not {sorted(lengths)[:5]}"
-                raise ValueError(message)
+                raise ValueError(f"rows of equal length, not {sorted(lengths)[:5]}")
             sizes.append(lengths.pop() if lengths else 0)
             level = [element for row in level for element in row]
         dtype = np.dtype(self.dtype)
         if not {type(element) for element in level} <= _NUMBERS[dtype.kind]:
-            message = f"elements that are numbers of {self.dtype}"
-            raise ValueError(message)
+            raise ValueError(f"elements that are numbers of {self.dtype}")
         if not level:
             sizes = [size if isinstance(size, int) else 0 for size in self.shape]
         try:
             return np.array(level, dtype).reshape(sizes)
         except OverflowError as error:
-            message = f"elements in the range of {self.dtype}"
-            raise ValueError(message) from error
+            raise ValueError(f"elements in the range of {self.dtype}") from error
 
 
 def _nested(array: NDArray[np.generic]) -> object:

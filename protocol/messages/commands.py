@@ -18,6 +18,7 @@ from traverse.protocol.messages.fields import (
     Text,
     Value,
     Vector,
+    schema_field,
 )
 from traverse.protocol.messages.plain import PlainMap
 from traverse.protocol.messages.point import Label
@@ -46,8 +47,7 @@ class PointArgs(Args):
     @model_validator(mode="after")
     def _has_one_length(self) -> Self:
         if self.samples is not None and self.dwell_s is not None:
-            message = "samples or dwell_s, not both"
-            raise ValueError(message)
+            raise ValueError("samples or dwell_s, not both")
         return self
 
 
@@ -75,11 +75,9 @@ class ScanArgs(Args):
         if self.action == "stop":
             return self
         if self.mode != "time" and self.spacing_mm is None:
-            message = f'spacing_mm in mode "{self.mode}"'
-            raise ValueError(message)
+            raise ValueError(f'spacing_mm in mode "{self.mode}"')
         if self.mode == "planes" and not any(self.normal or ()):
-            message = 'a normal of length above 0 in mode "planes"'
-            raise ValueError(message)
+            raise ValueError('a normal of length above 0 in mode "planes"')
         return self
 
 
@@ -146,11 +144,9 @@ class AlignArgs(Args):
         if self.action == "clear":
             return self
         if self.rotation is None or self.translation_mm is None:
-            message = "rotation and translation_mm to set an alignment"
-            raise ValueError(message)
+            raise ValueError("rotation and translation_mm to set an alignment")
         if not _is_rotation(self.rotation):
-            message = f"a proper rotation within {ROTATION_TOLERANCE}"
-            raise ValueError(message)
+            raise ValueError(f"a proper rotation within {ROTATION_TOLERANCE}")
         return self
 
 
@@ -194,11 +190,9 @@ class ResendArgs(Args):
     @model_validator(mode="after")
     def _goes_upwards(self) -> Self:
         if self.to_seq is not None and self.to_seq < self.from_seq:
-            message = "to_seq not below from_seq"
-            raise ValueError(message)
+            raise ValueError("to_seq not below from_seq")
         if self.session is not None and self.scan is not None:
-            message = "a session or a scan, not both"
-            raise ValueError(message)
+            raise ValueError("a session or a scan, not both")
         return self
 
 
@@ -216,18 +210,14 @@ class RecordArgs(Args):
     @model_validator(mode="after")
     def _has_a_name(self) -> Self:
         if self.action == "start" and self.name is None:
-            message = "a name to start"
-            raise ValueError(message)
+            raise ValueError("a name to start")
         return self
 
 
 class Command(Message):
     """The envelope of every command."""
 
-    schema_: Literal["traverse/command/1"] = Field(
-        default="traverse/command/1", alias="schema"
-    )
-    """Name and version of this message."""
+    schema_: Literal["traverse/command/1"] = schema_field("traverse/command/1")
     request: Name
     """Chosen by the sender, unique for it; repeated, it gets the first reply again."""
     args: PlainMap

@@ -11,6 +11,7 @@ from traverse.protocol.messages.fields import (
     Name,
     Text,
     TimeNs,
+    schema_field,
 )
 from traverse.protocol.messages.plain import PlainMap
 
@@ -28,10 +29,7 @@ class Event(Message):
     two events of the same `code` and `source`.
     """
 
-    schema_: Literal["traverse/event/1"] = Field(
-        default="traverse/event/1", alias="schema"
-    )
-    """Name and version of this message."""
+    schema_: Literal["traverse/event/1"] = schema_field("traverse/event/1")
     arm: ArmName
     """Name of the arm."""
     session: Name | None
@@ -60,6 +58,5 @@ class Event(Message):
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Self:
         if self.last_ns < self.first_ns:
-            message = "last_ns not before first_ns"
-            raise ValueError(message)
+            raise ValueError("last_ns not before first_ns")
         return self

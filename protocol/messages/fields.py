@@ -7,7 +7,7 @@ keeps it. The exception are times in nanoseconds, which need 61 bits: integers i
 MessagePack, strings of digits in JSON.
 """
 
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import numpy as np
 from pydantic import (
@@ -24,6 +24,8 @@ MAX_INTEGER = 2**53 - 1
 MAX_TIME_NS = 2**63 - 1
 MAX_TIME_DIGITS = 19
 MAX_JOINTS = 32
+_Schema = TypeVar("_Schema", bound=str)
+SCHEMA_MEANING = "Name and version of this message."
 
 
 class Value(BaseModel):
@@ -50,11 +52,16 @@ class Value(BaseModel):
         return hash(tuple(vars(self).values()))
 
 
+def schema_field(schema: _Schema) -> _Schema:
+    """The field `schema` of a message, with its only value."""
+    field: _Schema = Field(schema, alias="schema", description=SCHEMA_MEANING)
+    return field
+
+
 class Message(Value):
     """What one payload holds; every one begins with its `schema`."""
 
-    schema_: str = Field(alias="schema")
-    """Name and version of this message."""
+    schema_: str = Field(alias="schema", description=SCHEMA_MEANING)
 
 
 def _same(left: object, right: object) -> bool:
@@ -73,8 +80,7 @@ def _digits_to_time(value: object, info: ValidationInfo) -> object:
         and value.isdigit()
         and len(value) <= MAX_TIME_DIGITS
     ):
-        message = "a time in JSON is a string of at most 19 digits"
-        raise ValueError(message)
+        raise ValueError("a time in JSON is a string of at most 19 digits")
     return int(value)
 
 

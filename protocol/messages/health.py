@@ -14,6 +14,7 @@ from traverse.protocol.messages.fields import (
     TimeNs,
     Value,
     Word,
+    schema_field,
 )
 
 
@@ -111,11 +112,9 @@ class Latency(Value):
     @model_validator(mode="after")
     def _is_in_order(self) -> Self:
         if not self.p50_us <= self.p99_us <= self.max_us:
-            message = "p50_us <= p99_us <= max_us"
-            raise ValueError(message)
+            raise ValueError("p50_us <= p99_us <= max_us")
         if sum(self.histogram) != self.n:
-            message = "a histogram of n values"
-            raise ValueError(message)
+            raise ValueError("a histogram of n values")
         return self
 
 
@@ -192,10 +191,7 @@ class DeviceHealth(Value):
 class Health(Message):
     """Counters, rates, latencies, temperatures, broker and devices."""
 
-    schema_: Literal["traverse/health/1"] = Field(
-        default="traverse/health/1", alias="schema"
-    )
-    """Name and version of this message."""
+    schema_: Literal["traverse/health/1"] = schema_field("traverse/health/1")
     arm: ArmName
     """Name of the arm."""
     session: Name | None

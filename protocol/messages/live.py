@@ -13,6 +13,7 @@ from traverse.protocol.messages.fields import (
     NotNegative,
     TimeNs,
     Vector,
+    schema_field,
 )
 from traverse.protocol.messages.point import Covariance
 from traverse.protocol.messages.quality import Quality
@@ -21,10 +22,7 @@ from traverse.protocol.messages.quality import Quality
 class Live(Message):
     """The latest pose, for displays: may be thinned or lost, never for measuring."""
 
-    schema_: Literal["traverse/live/1"] = Field(
-        default="traverse/live/1", alias="schema"
-    )
-    """Name and version of this message."""
+    schema_: Literal["traverse/live/1"] = schema_field("traverse/live/1")
     arm: ArmName
     """Name of the arm."""
     model: Digest

@@ -26,8 +26,7 @@ def plain_map(value: object) -> dict[str, Any]:
         ValueError: the first mistake and where it is.
     """
     if not isinstance(value, dict):
-        message = f"a map, not {type(value).__name__}"
-        raise ValueError(message)
+        raise ValueError(f"a map, not {type(value).__name__}")
     return _map(value, "", 1)
 
 
@@ -87,8 +86,7 @@ def _is_encodable(text: str) -> bool:
 
 
 def _refuse(where: str, expected: str) -> NoReturn:
-    message = f"in {where[:80]!r} {expected}" if where else expected
-    raise ValueError(message)
+    raise ValueError(f"in {where[:80]!r} {expected}" if where else expected)
 
 
 PlainMap = Annotated[

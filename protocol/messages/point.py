@@ -16,6 +16,7 @@ from traverse.protocol.messages.fields import (
     TimeNs,
     Value,
     Vector,
+    schema_field,
 )
 from traverse.protocol.messages.quality import Quality
 
@@ -35,18 +36,14 @@ class Label(Value):
     @model_validator(mode="after")
     def _names_an_artefact(self) -> Self:
         if self.artefact is None and self.feature is not None:
-            message = "an artefact where there is a feature"
-            raise ValueError(message)
+            raise ValueError("an artefact where there is a feature")
         return self
 
 
 class Point(Message):
     """A captured point, or the retraction of one: counts once per `id`."""
 
-    schema_: Literal["traverse/point/1"] = Field(
-        default="traverse/point/1", alias="schema"
-    )
-    """Name and version of this message."""
+    schema_: Literal["traverse/point/1"] = schema_field("traverse/point/1")
     session: Name
     """Session of the numbering."""
     seq: Count
@@ -110,15 +107,14 @@ class Point(Message):
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Self:
         if len(self.angles_rad) != len(self.counts):
-            message = (
+            raise ValueError(
                 f"as many counts as angles_rad, not {len(self.counts)} and "
                 f"{len(self.angles_rad)}"
             )
-            raise ValueError(message)
         if (self.surface_mm is None) != (self.compensation == "none"):
-            message = 'surface_mm null with compensation "none", given with any other'
-            raise ValueError(message)
+            raise ValueError(
+                'surface_mm null with compensation "none", given with any other'
+            )
         if self.retracts == self.id:
-            message = "an id other than that of the retracted point"
-            raise ValueError(message)
+            raise ValueError("an id other than that of the retracted point")
         return self

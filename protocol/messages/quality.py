@@ -96,6 +96,5 @@ class Quality(Value):
     @model_validator(mode="after")
     def _gives_a_reason(self) -> Self:
         if not self.ok and not self.flags:
-            message = "a flag that says why ok is false"
-            raise ValueError(message)
+            raise ValueError("a flag that says why ok is false")
         return self

@@ -4,14 +4,13 @@ from typing import Any, Literal, Self
 
 from pydantic import (
     ConfigDict,
-    Field,
     SerializerFunctionWrapHandler,
     model_serializer,
     model_validator,
 )
 
 from traverse.protocol.messages.event import EventCode
-from traverse.protocol.messages.fields import Message, Name, Text, Value
+from traverse.protocol.messages.fields import Message, Name, Text, Value, schema_field
 from traverse.protocol.messages.plain import PlainMap
 
 
@@ -38,10 +37,7 @@ class Reply(Message):
         }
     )
 
-    schema_: Literal["traverse/reply/1"] = Field(
-        default="traverse/reply/1", alias="schema"
-    )
-    """Name and version of this message."""
+    schema_: Literal["traverse/reply/1"] = schema_field("traverse/reply/1")
     request: Name
     """As in the command."""
     ok: bool
@@ -54,8 +50,7 @@ class Reply(Message):
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Self:
         if self.ok != (self.result is not None) or self.ok == (self.error is not None):
-            message = "a result where ok is true, an error where it is false"
-            raise ValueError(message)
+            raise ValueError("a result where ok is true, an error where it is false")
         return self
 
     @model_serializer(mode="wrap")

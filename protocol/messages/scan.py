@@ -16,6 +16,7 @@ from traverse.protocol.messages.fields import (
     Name,
     Positive,
     TimeNs,
+    schema_field,
 )
 
 ScanMode = Literal["time", "distance", "planes"]
@@ -29,10 +30,7 @@ Bits = Annotated[NDArray[np.uint32], ArrayField("uint32", ("n",))]
 class Scan(Message):
     """A block of n points of one scan; point i of it has the number seq + i."""
 
-    schema_: Literal["traverse/scan/1"] = Field(
-        default="traverse/scan/1", alias="schema"
-    )
-    """Name and version of this message."""
+    schema_: Literal["traverse/scan/1"] = schema_field("traverse/scan/1")
     session: Name
     """Session in which the scan was made."""
     scan: Name
@@ -82,15 +80,11 @@ class Scan(Message):
         for name in ("xyz_mm", "ijk", "angles_rad", "counts", "part_xyz_mm", "quality"):
             array = getattr(self, name)
             if array is not None and len(array) != n:
-                message = f"{n} rows in {name} as in dtime_ns, not {len(array)}"
-                raise ValueError(message)
+                raise ValueError(f"{n} rows in {name} as in dtime_ns, not {len(array)}")
         if self.counts is not None and self.counts.shape != self.angles_rad.shape:
-            message = "as many joints in counts as in angles_rad"
-            raise ValueError(message)
+            raise ValueError("as many joints in counts as in angles_rad")
         if n and (self.dtime_ns[0] < 0 or (np.diff(self.dtime_ns) < 0).any()):
-            message = "dtime_ns from 0 upwards, never decreasing"
-            raise ValueError(message)
+            raise ValueError("dtime_ns from 0 upwards, never decreasing")
         if self.last == (self.total is None):
-            message = "a total in the last block, null in all others"
-            raise ValueError(message)
+            raise ValueError("a total in the last block, null in all others")
         return self

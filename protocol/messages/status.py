@@ -14,6 +14,7 @@ from traverse.protocol.messages.fields import (
     TimeNs,
     Value,
     Word,
+    schema_field,
 )
 from traverse.protocol.messages.plain import PlainMap
 from traverse.protocol.messages.point import Label
@@ -54,10 +55,7 @@ class Alarm(Value):
 class Status(Message):
     """The daemon's state: retained, sent at every change, and its last will."""
 
-    schema_: Literal["traverse/status/1"] = Field(
-        default="traverse/status/1", alias="schema"
-    )
-    """Name and version of this message."""
+    schema_: Literal["traverse/status/1"] = schema_field("traverse/status/1")
     online: bool
     """False in the last will and after an orderly stop."""
     state: Literal["starting", "ready", "degraded", "stopping", "offline"]
@@ -94,6 +92,5 @@ class Status(Message):
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Self:
         if self.online == (self.state == "offline"):
-            message = 'online false with state "offline", true with any other'
-            raise ValueError(message)
+            raise ValueError('online false with state "offline", true with any other')
         return self
