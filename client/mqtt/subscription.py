@@ -15,26 +15,9 @@ from traverse.client.mqtt.connection import ConfiguredClient
 from traverse.protocol import topics
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
-from traverse.protocol.messages import (
-    Event,
-    Health,
-    Live,
-    Message,
-    Point,
-    Reply,
-    Scan,
-    Status,
-)
+from traverse.protocol.messages import MESSAGES, Command, Message
 
-KINDS: dict[str, type[Message]] = {
-    "status": Status,
-    "point": Point,
-    "scan": Scan,
-    "live": Live,
-    "event": Event,
-    "health": Health,
-    "reply": Reply,
-}
+KINDS = {one.__name__.lower(): one for one in MESSAGES if one is not Command}
 MAX_WAITING = 10_000
 
 
