@@ -7,7 +7,7 @@ import tracemalloc
 
 import numpy as np
 
-from traverse.protocol.latch_board import Decoder, SampleBlock
+from traverse.protocol.latch_board.messages import Decoder, SampleBlock
 from traverse.simulator.devices.latch_board import wire
 
 READ = 4096

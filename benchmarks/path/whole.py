@@ -20,8 +20,8 @@ from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.model.readings import Unwrapper, counts_to_angles
 from traverse.protocol.encoding import encode
-from traverse.protocol.latch_board import Decoder, SampleBlock
 from traverse.protocol.latch_board.framing import FrameSplitter
+from traverse.protocol.latch_board.messages import Decoder, SampleBlock
 from traverse.protocol.messages import Scan
 
 BLOCK_S = 0.05  # default span of one message

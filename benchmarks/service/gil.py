@@ -33,7 +33,7 @@ from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.model.forward import numpy_pose, probe_pose
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.protocol.encoding import encode
-from traverse.protocol.latch_board import Decoder, SampleBlock
+from traverse.protocol.latch_board.messages import Decoder, SampleBlock
 from traverse.protocol.messages import Scan
 
 N_POSES = 100_000

@@ -21,7 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
-from traverse.protocol.latch_board import (
+from traverse.protocol.latch_board.framing import FrameSplitter
+from traverse.protocol.latch_board.messages import (
     EDGE_ACK,
     FORGET_EDGES,
     HELLO,
@@ -29,7 +30,6 @@ from traverse.protocol.latch_board import (
     Edge,
     Hello,
 )
-from traverse.protocol.latch_board.framing import FrameSplitter
 
 READ_BYTES = 65_536
 LOOK_MS = 50

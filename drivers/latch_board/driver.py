@@ -22,7 +22,7 @@ from traverse.drivers.latch_board.line import LatchBoardLine, PartialReads, Resp
 from traverse.drivers.latch_board.options import LatchBoardOptions
 from traverse.drivers.latch_board.session import LatchBoardSession
 from traverse.drivers.timing.device_clock import DeviceClock
-from traverse.protocol import latch_board as wire
+from traverse.protocol.latch_board import messages as wire
 
 ALL_INPUTS = 0xFF
 HEARTBEAT_MS = 500

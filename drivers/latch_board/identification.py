@@ -1,7 +1,7 @@
 """The identity that a latch board reports, checked and converted."""
 
 from traverse.drivers.base.values import DeviceAlarm, DeviceRefusedError, Identity
-from traverse.protocol import latch_board as wire
+from traverse.protocol.latch_board import messages as wire
 
 JITTER_NS = 50_000  # of the mapped time; see benchmarks/drivers/clock.py
 MIN_TICK_RATE_HZ, MAX_TICK_RATE_HZ = 100_000, 100_000_000

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 
 from traverse.drivers.base.values import DeviceError, DeviceRefusedError
 from traverse.drivers.io.serial_port import SerialPort
-from traverse.protocol import latch_board as wire
+from traverse.protocol.latch_board import messages as wire
 from traverse.protocol.latch_board.framing import MAX_SEGMENT
 
 ANSWER_S = 0.25  # the board answers within 0.1 s

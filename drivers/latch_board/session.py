@@ -20,7 +20,7 @@ from traverse.drivers.latch_board.line import PartialReads
 from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.drivers.timing.stream_sequence import StreamSequence
 from traverse.plurals import counted
-from traverse.protocol import latch_board as wire
+from traverse.protocol.latch_board import messages as wire
 
 # The maker's own bits of a status byte are unspecified warnings.
 _MAKERS = 0xF0

@@ -4,7 +4,7 @@ import binascii
 
 from tests.fuzz.chunks import chunks
 from tests.protocol.latch_board_frames import FROM_BOARD
-from traverse.protocol import latch_board
+from traverse.protocol.latch_board import messages as latch_board
 
 SEEDS = tuple(b"\x05" + bytes.fromhex(frame) for frame in FROM_BOARD)
 SEEDS += (b"\xff" + bytes.fromhex("".join(FROM_BOARD)),)

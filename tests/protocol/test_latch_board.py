@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.protocol import latch_board_frames as golden
 from tests.protocol.latch_board_frames import cut, frame, framed
-from traverse.protocol import latch_board as wire
+from traverse.protocol.latch_board import messages as wire
 
 
 def plain(message: wire.Message) -> list[tuple]:

@@ -5,7 +5,7 @@ import pytest
 
 from traverse.drivers.base.values import DeviceError
 from traverse.drivers.latch_board.line import LatchBoardLine
-from traverse.protocol import latch_board
+from traverse.protocol.latch_board import messages as latch_board
 from traverse.simulator.devices.latch_board import wire
 
 COUNTS = np.arange(1, 8, dtype=np.uint32)

@@ -7,7 +7,7 @@ import numpy as np
 from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
 from traverse.drivers.latch_board.session import LatchBoardSession
 from traverse.drivers.timing.device_clock import DeviceClock
-from traverse.protocol.latch_board import SampleBlock
+from traverse.protocol.latch_board.messages import SampleBlock
 
 BEGUN_NS = 5_000_000_000
 MS_NS = 1_000_000
