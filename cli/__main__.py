@@ -38,6 +38,7 @@ from traverse.cli.refusals import REFUSED, missing_library
 from traverse.cli.replay.command import replay
 from traverse.cli.run import run
 from traverse.cli.simulate import simulate
+from traverse.cli.trace import trace
 from traverse.cli.verify import verify
 from traverse.cli.watch.command import watch
 
@@ -82,6 +83,7 @@ COMMANDS: tuple[Callable[..., None], ...] = (
         diagnose,
         verify,
         certify,
+        trace,
     ),
     *(daily_check, align, record, replay, export),
     *(point, undo, scan, label, session, reload, confirm),

@@ -24,6 +24,7 @@ _OF_THE_LAB = (
     "interim",
     "predict",
     "probe",
+    "trace",
     "verify",
 )
 

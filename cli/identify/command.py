@@ -187,9 +187,11 @@ def _written(
         summary_lines,
     )
     from traverse.lab.identification.results.files import (  # noqa: PLC0415
+        IDENTIFICATION_FILES,
         identification_json,
         write_result,
     )
+    from traverse.lab.report.checksums import SUMS, sums_of, write_sums  # noqa: PLC0415
     from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
 
     found = result_map(result)
@@ -203,8 +205,8 @@ def _written(
         return [*lines, f"wrote {out}: identification.json, report.html; no arm.toml"]
     write_result(result, out, provenance=provenance)
     write_atomically(out / "report.html", report_page(result, found, provenance))
-    names = "arm.toml, arm.cov.npz, identification.json, residuals.csv, report.html"
-    return [*lines, f"wrote {out}: {names}"]
+    write_sums(out, sums_of(out, IDENTIFICATION_FILES))
+    return [*lines, f"wrote {out}: {', '.join(IDENTIFICATION_FILES)}, {SUMS}"]
 
 
 class _Progress:

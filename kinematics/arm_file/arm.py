@@ -100,6 +100,7 @@ class Identification(StrictModel):
     redundancy: int | None = None
     date: Moment | None = None  # no plain `date`: this key would hide the type
     campaign_digest: str | None = None
+    design_digest: str | None = None
     parameters: tuple[str, ...] | None = None
     covariance_file: str | None = None
     covariance_digest: str | None = None

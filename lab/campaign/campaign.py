@@ -306,7 +306,7 @@ def _campaign(
         name=path.parent.resolve().name,
         operator=file.operator,
         place=file.place,
-        digest=_digest(path, file),
+        digest=campaign_digest(path, file),
         is_stream=is_stream,
         notes=notes,
         tools=file.tools if poses.tools is not None else (),
@@ -355,7 +355,7 @@ def _columns(table: PoseTable, names: Sequence[str]) -> Floats | None:
     return np.column_stack([table.optional.get(name, empty) for name in names])
 
 
-def _digest(path: Path, file: CampaignFile) -> str:
+def campaign_digest(path: Path, file: CampaignFile) -> str:
     """Hash the file, the poses, and then every list of points."""
     digest = hashlib.sha256(bytes_of(path))
     with (path.parent / file.poses).open("rb") as poses:

@@ -71,6 +71,7 @@ class CampaignFile(StrictModel):
 
     Attributes:
         start_utc: From where the poses' time_s counts.
+        arm_digest: Of the arm file that the angles were read with.
         noise: A-priori standard deviations.
         tools: What poses may name.
     """
@@ -81,6 +82,7 @@ class CampaignFile(StrictModel):
     start_utc: AwareDatetime | None = None
     operator: str | None = None
     place: str | None = None
+    arm_digest: str | None = Field(default=None, pattern="^[0-9a-f]{64}$")
     gravity_m_s2: Vector | None = None
     noise: Noise = Noise()
     tools: tuple[Tool, ...] = ()

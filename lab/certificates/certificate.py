@@ -25,6 +25,7 @@ from traverse.lab.certificates.signature import (
     checked_signature,
     signed,
 )
+from traverse.lab.certificates.trace import DCC
 from traverse.lab.certificates.xml import (
     indented,
     read_xml,
@@ -37,7 +38,6 @@ from traverse.strict_toml.files import bytes_of
 from traverse.strict_toml.problems import FileError, Problem
 from traverse.strict_toml.writing import replacing, write_atomically
 
-CERTIFICATE = "dcc.xml"
 _ISSUED = "{https://ptb.de/dcc}issueDate"
 
 
@@ -67,11 +67,11 @@ def certify(
     if problems:
         raise FileError(source, [Problem("", f"schema: {one}") for one in problems])
     content = xml_bytes(root if key is None else signed(root, key))
-    path = folder / CERTIFICATE
+    path = folder / DCC
     with replacing(path) as file:
         file.write(content)
     names = read_evidence(folder).files
-    write_sums(folder, sums_of(folder, (*names, CERTIFICATE)))
+    write_sums(folder, sums_of(folder, (*names, DCC)))
     return path
 
 
@@ -91,7 +91,7 @@ def _document(folder: Path, stated: Laboratory, issued: date) -> etree._Element:
         issued=issued.isoformat(),
         files=sums_of(folder, evidence.files),
     )
-    return indented(text, str(folder / CERTIFICATE))
+    return indented(text, str(folder / DCC))
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,26 +115,24 @@ def checked_certificate(
     Raises:
         FileError: There is none, or the folder is none of results.
     """
-    path = folder / CERTIFICATE
+    path = folder / DCC
     content = bytes_of(path)
     root = read_xml(content, str(path))
-    problems = list(sums_problems(folder, required=(CERTIFICATE,)))
-    problems += [
-        f"{CERTIFICATE} is invalid: {one}" for one in schema_problems(root, schemas)
-    ]
+    problems = list(sums_problems(folder, required=(DCC,)))
+    problems += [f"{DCC} is invalid: {one}" for one in schema_problems(root, schemas)]
     if problems:
         return CheckedCertificate(tuple(problems), ())
     if xml_bytes(root) != content:
-        problems.append(f"{CERTIFICATE} was altered: it is not as it was written")
+        problems.append(f"{DCC} was altered: it is not as it was written")
     issued = date.fromisoformat(root.findtext(f".//{_ISSUED}") or "")
     signature = checked_signature(root, issued, trusted)
-    problems += [f"{CERTIFICATE} {one}" for one in signature.problems]
+    problems += [f"{DCC} {one}" for one in signature.problems]
     for found in root.findall(SIGNATURE):
         root.remove(found)
     etree.indent(root, space=" ")
     expected = _document(folder, read_laboratory(folder / DATA / LABORATORY), issued)
     problems += [
-        f"{CERTIFICATE} was altered, or does not follow from the files: {one}"
+        f"{DCC} was altered, or does not follow from the files: {one}"
         for one in _differing(root, expected)
     ]
     schema = "the schema in " + str(schemas) if schemas else "Traverse's part of DCC"

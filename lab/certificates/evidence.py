@@ -29,6 +29,7 @@ from traverse.lab.identification.identify import IdentificationError, Options, i
 from traverse.lab.identification.results.files import (
     COVARIANCE_FILE,
     IDENTIFICATION,
+    IDENTIFICATION_FILES,
     SCHEMA,
     identification_json,
 )
@@ -86,8 +87,7 @@ def read_evidence(folder: Path) -> Evidence:
         if isinstance(error, FileError):
             raise
         raise FileError(str(folder), [Problem("", str(error))]) from error
-    results = (IDENTIFICATION, _ARM, COVARIANCE_FILE, "residuals.csv", "report.html")
-    return Evidence(document, (*results, *data))
+    return Evidence(document, (*IDENTIFICATION_FILES, *data))
 
 
 def _values(path: Path) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
@@ -30,6 +30,7 @@ from traverse.strict_toml.writing import write_atomically
 JOURNAL = "collected.jsonl"
 CAMPAIGN = "campaign.toml"
 _SCHEMA_LINE = re.compile(r"^schema\s*=.*\n", re.MULTILINE)
+_DIGEST = re.compile("[0-9a-f]{64}")
 
 
 _Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -45,6 +46,7 @@ class CollectedTouch:
         speed_rad_s: None likewise.
         direction: towards the material; None if unknown.
         xyz_mm: as the daemon computed it, for the running figures.
+        model: digest of the daemon's arm file; empty in older collections.
     """
 
     __pydantic_config__: ClassVar = ConfigDict(
@@ -63,6 +65,7 @@ class CollectedTouch:
     speed_rad_s: list[float] | None
     direction: _Triple | None
     xyz_mm: _Triple
+    model: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,17 +207,28 @@ class Collection:
             raise ValueError(f"{name!r} is not in the campaign")
         self.touches[entry.id] = entry
 
-    def _note_start(self, first_ns: int) -> None:
-        """Write into the campaign when it began: certificates state the dates."""
-        if self.file.start_utc is not None:
-            return
-        start = datetime.fromtimestamp(first_ns // 10**9, UTC)
-        self.file = self.file.model_copy(update={"start_utc": start})
+    def _note_origin(self, first: CollectedTouch) -> None:
+        """Write into the campaign when it began, and with which arm file.
+
+        Certificates state the dates, and chains of evidence lead to the arm.
+        """
+        start = datetime.fromtimestamp(first.time_ns // 10**9, UTC)
+        said: dict[str, Any] = {"start_utc": start}
+        if _DIGEST.fullmatch(first.model):
+            said["arm_digest"] = first.model
+        said = {k: v for k, v in said.items() if getattr(self.file, k) is None}
         path = self.folder / CAMPAIGN
-        if path.is_file():
-            line = f"start_utc = {start:%Y-%m-%dT%H:%M:%SZ}\n"
-            text = text_of(path)
-            write_atomically(path, _SCHEMA_LINE.sub(rf"\g<0>{line}", text, count=1))
+        if not said or not path.is_file():
+            return
+        self.file = self.file.model_copy(update=said)
+        lines = "".join(
+            f"{key} = {value:%Y-%m-%dT%H:%M:%SZ}\n"
+            if isinstance(value, datetime)
+            else f'{key} = "{value}"\n'
+            for key, value in said.items()
+        )
+        text = text_of(path)
+        write_atomically(path, _SCHEMA_LINE.sub(rf"\g<0>{lines}", text, count=1))
 
     def _write_table(self) -> None:
         text = io.StringIO()
@@ -232,7 +246,7 @@ class Collection:
         )
         touches = sorted(self.touches.values(), key=lambda touch: touch.time_ns)
         if touches:
-            self._note_start(touches[0].time_ns)
+            self._note_origin(touches[0])
         start = self.file.start_utc
         begin_ns = 0 if start is None else round(start.timestamp() * 1e6) * 1000
         nothing: list[float | None] = [None] * len(names)
@@ -279,4 +293,5 @@ def touch_of(
         speed_rad_s=None if speed_rad_s is None else speed_rad_s.tolist(),
         direction=direction,
         xyz_mm=list(point.xyz_mm),
+        model=point.model,
     )

@@ -119,6 +119,7 @@ OFFICE = {
     "predict": ["predict campaign --arm arm.toml"],
     "diagnose": ["diagnose campaign --arm arm.toml --plan"],
     "verify": ["verify --plan iso10360-12 --arm arm.toml --out planned"],
+    "trace": ["trace arm.toml"],
     "align": ["align touched.csv --nominal nominal.csv --std 0.01"],
     "probe pivot": ["probe pivot campaign --arm arm.toml --cone cone-1 --yes"],
     "export": ["export points.jsonl --to csv", "export points.jsonl --to dxf"],

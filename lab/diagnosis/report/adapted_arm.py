@@ -3,7 +3,7 @@
 from datetime import UTC, datetime
 from pathlib import Path
 
-from traverse.kinematics.arm_file.arm import Arm, parse_arm
+from traverse.kinematics.arm_file.arm import Arm, arm_digest, parse_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.lab.diagnosis.model.result import Diagnosis, Term
 from traverse.lab.diagnosis.model.terms import has_epoch
@@ -43,6 +43,7 @@ def arm_with_provenance(diagnosis: Diagnosis, when: datetime | None = None) -> A
         redundancy=diagnosis.after.redundancy,
         date=(when or datetime.now(UTC)).replace(microsecond=0),
         campaign_digest=campaign.digest or None,
+        design_digest=arm_digest(diagnosis.arm),
         parameters=diagnosis.after.network.parameters.free_names,
     )
     return arm.model_copy(update={"effects": effects, "identification": provenance})

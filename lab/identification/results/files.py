@@ -25,6 +25,13 @@ from traverse.strict_toml.writing import write_atomically
 SCHEMA = "traverse/identification/1"
 IDENTIFICATION = "identification.json"
 COVARIANCE_FILE = "arm.cov.npz"
+IDENTIFICATION_FILES = (
+    "arm.toml",
+    COVARIANCE_FILE,
+    IDENTIFICATION,
+    "residuals.csv",
+    "report.html",
+)
 
 _BLOCK_ROWS = 10_000
 
@@ -56,6 +63,7 @@ def write_result(
                 redundancy=result.redundancy,
                 date=(when or datetime.now(UTC)).replace(microsecond=0),
                 campaign_digest=result.campaign.digest or None,
+                design_digest=arm_digest(result.design),
                 parameters=tuple(entry.name for entry in result.parameters),
                 covariance_file=COVARIANCE_FILE,
                 covariance_digest=covariance_digest,

@@ -29,6 +29,7 @@ FILES = {
     "arm.toml",
     "arm.cov.npz",
     "identification.json",
+    "SHA256SUMS",
     "residuals.csv",
     "report.html",
 }

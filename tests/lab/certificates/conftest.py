@@ -1,5 +1,6 @@
 """Results to certify: a verification and an identification, made once."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -84,16 +85,27 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def _signed(folder: Path, laboratory: Path, signer: Issued) -> Path:
-    certify(folder, laboratory, SigningKey(signer.key, signer.certificate))
-    return folder
+def _signed(results: Path, folder: Path, laboratory: Path, signer: Issued) -> Path:
+    copy = shutil.copytree(results, folder / "results")
+    certify(copy, laboratory, SigningKey(signer.key, signer.certificate))
+    return copy
 
 
 @pytest.fixture(scope="session")
-def signed_verification(verified: Path, laboratory: Path, signer: Issued) -> Path:
-    return _signed(verified, laboratory, signer)
+def signed_verification(
+    verified: Path,
+    laboratory: Path,
+    signer: Issued,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Path:
+    return _signed(verified, tmp_path_factory.mktemp("signed"), laboratory, signer)
 
 
 @pytest.fixture(scope="session")
-def signed_identification(identified: Path, laboratory: Path, signer: Issued) -> Path:
-    return _signed(identified, laboratory, signer)
+def signed_identification(
+    identified: Path,
+    laboratory: Path,
+    signer: Issued,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Path:
+    return _signed(identified, tmp_path_factory.mktemp("signed"), laboratory, signer)

@@ -1,0 +1,51 @@
+"""`traverse trace`: the chain of evidence behind a file."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from traverse.cli.options import Json
+from traverse.cli.refusals import FAILED, print_report, refusals
+
+
+def trace(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="Results, a campaign, an arm file, a recording, or points (.jsonl)."
+        ),
+    ],
+    *,
+    where: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--in",
+            help="Folder where other files of the chain are. Repeatable; those around "
+            "the file are looked at anyhow.",
+            exists=True,
+            file_okay=False,
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Show what a file follows from, and what of it is missing or altered.
+
+    Exit status 1: something is missing or altered.
+    """
+    with refusals("trace"):
+        from traverse.lab.certificates.trace import Tracer  # noqa: PLC0415
+
+        beside = file.resolve().parent
+        around = [beside] if file.is_dir() else [beside, beside.parent]
+        found = Tracer([*around, *(where or [])]).trace(file)
+        states = [link.state for link in found.every()]
+        bad = [
+            f"{states.count(state)} {state}"
+            for state in ("altered", "missing", "not stated")
+            if state in states
+        ]
+        verdict = ", ".join(bad) or "the chain is whole"
+        print_report(found.values, [*found.lines(), verdict], as_json=as_json)
+    if {"altered", "missing"} & set(states):
+        raise typer.Exit(FAILED)
