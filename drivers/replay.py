@@ -64,7 +64,7 @@ class ReplayDriver(Driver):
         self._reader: RunReader | None = None
         self._is_played = False
         self._began: tuple[int, int] | None = None
-        self._stream: StreamStarted | None = None
+        self._playing: StreamStarted | None = None
         self._is_asked = False
 
     def request_stream(self, rate_hz: float) -> None:
@@ -77,7 +77,7 @@ class ReplayDriver(Driver):
                 f"the recording {self._path} has been played to its end",
                 "set repeat = true to begin anew, or start the daemon again",
             )
-        self._began = self._stream = None
+        self._began = self._playing = None
         try:
             self._reader = RunReader(self._path)
         except OSError as error:
@@ -131,9 +131,9 @@ class ReplayDriver(Driver):
         if self._began is None:
             self._began = at_ns, self._now_ns()
         while not self._stopping:
-            if self._is_asked and self._stream is not None:
+            if self._is_asked and self._playing is not None:
                 self._is_asked = False
-                self._deliver_state(self._stream)
+                self._deliver_state(self._playing)
             self._report_counters()
             left_s = (self._moved(at_ns) - self._now_ns()) * 1e-9
             if left_s <= 0.0:
@@ -169,8 +169,8 @@ class ReplayDriver(Driver):
                 self._deliver_state(DeviceUp(self.device, identity, delivery.restarted))
             case StreamStarted():
                 rate_hz = delivery.rate_hz * self._speed
-                self._stream = StreamStarted(self.device, delivery.stream, rate_hz)
-                self._deliver_state(self._stream)
+                self._playing = StreamStarted(self.device, delivery.stream, rate_hz)
+                self._deliver_state(self._playing)
             case _:
                 self._delivery_queue.put(replace(delivery, device=self.device))
 

@@ -8,6 +8,7 @@ thread reaches the consumer as a `DeviceLost`.
 
 import contextlib
 import logging
+import math
 import os
 import threading
 import time
@@ -60,7 +61,7 @@ class Driver(ABC):
         # Written by the service, read by the thread: which stream is requested.
         self._rate_hz = 0.0
         self._streams_requested = 0
-        self._streams_begun = 0  # the thread's own
+        self._streams_begun = self._stream = 0  # the thread's own
         self._stopping = False
         self._wake_lock = threading.Lock()
         self._closed = False
@@ -174,6 +175,22 @@ class Driver(ABC):
                 f"deliveries of {self.device} are not processed",
                 "the daemon is overloaded",
             )
+
+    def _start_stream(
+        self, rate_hz: float, reached_hz: float = math.inf, remedy: str = ""
+    ) -> float:
+        """Report the next stream, no faster than the device; return its rate."""
+        if rate_hz > reached_hz:
+            self._fault(
+                "rate_limited",
+                f"a stream of {rate_hz:g} Hz is requested, {self.device} reaches "
+                f"{reached_hz:.4g} Hz",
+                remedy,
+            )
+            rate_hz = reached_hz
+        self._stream += 1
+        self._deliver_state(StreamStarted(self.device, self._stream, rate_hz))
+        return rate_hz
 
     def _run(self) -> None:
         retry_s = FIRST_RETRY_S

@@ -25,66 +25,57 @@ JITTER_NS = {"socketcan": 50_000}
 ADAPTER_JITTER_NS = 1_000_000
 
 
+@dataclass(eq=False)
 class NodeDiscovery:
-    """Which nodes answer a request to all."""
+    """Which nodes answer a request to all.
 
-    def __init__(self, nodes: Sequence[int]) -> None:
-        self._nodes = nodes
+    ``poll_bus`` reads the bus once and counts answers in `n_answers`.
+    """
+
+    bus: CanBus
+    options: CanOpenOptions
+    poll_bus: Callable[[float], None]
+    now_ns: Callable[[], int]
+    stopping: Callable[[], bool]
+
+    def __post_init__(self) -> None:
+        self._nodes = self.options.nodes
         self.n_answers: Counter[int] = Counter()
         self.n_requests: Counter[int] = Counter()
 
-    def query_all(
-        self,
-        bus: CanBus,
-        poll_bus: Callable[[float], None],
-        options: CanOpenOptions,
-        now_ns: Callable[[], int],
-        stopping: Callable[[], bool],
-    ) -> None:
-        """Repeat the request until all have answered, within the options' limit.
-
-        ``poll_bus`` reads the bus once and counts answers in `n_answers`.
-        """
-        for _ in range(options.answer_tries):
+    def query_all(self) -> None:
+        """Repeat the request until all have answered, within the options' limit."""
+        for _ in range(self.options.answer_tries):
             for node in self.silent:
-                self.n_requests[node] += 1
-                bus.send(wire.SDO_REQUEST + node, ASK_DEVICE_TYPE)
-            until_ns = now_ns() + int(options.answer_s * 1e9)
-            while self.silent and (left_ns := until_ns - now_ns()) > 0:
-                if stopping():
-                    return
-                poll_bus(min(left_ns * 1e-9, 0.01))
+                self._ask(node)
+            self._poll(until=lambda: not self.silent)
 
-    def recheck_duplicates(
-        self,
-        bus: CanBus,
-        poll_bus: Callable[[float], None],
-        options: CanOpenOptions,
-        now_ns: Callable[[], int],
-        stopping: Callable[[], bool],
-    ) -> None:
+    def recheck_duplicates(self) -> None:
         """Repeat the request to those that answered too often, after a silence.
 
         A slow node may still answer a request of an earlier connection, or
-        while it was starting; that does not make it two. Arguments: see `query_all`.
+        while it was starting; that does not make it two.
         """
         if not (doubtful := self.duplicates):
             return
-
-        def answered_within(seconds: float) -> bool:
+        for _ in range(self.options.answer_tries):
             before = self.n_answers.total()
-            until_ns = now_ns() + int(seconds * 1e9)
-            while (left_ns := until_ns - now_ns()) > 0 and not stopping():
-                poll_bus(min(left_ns * 1e-9, 0.01))
-            return self.n_answers.total() != before
-
-        for _ in range(options.answer_tries):
-            if not answered_within(options.answer_s):
+            self._poll()
+            if self.n_answers.total() == before:
                 break
         for node in doubtful:
-            self.n_answers[node], self.n_requests[node] = 0, 1
-            bus.send(wire.SDO_REQUEST + node, ASK_DEVICE_TYPE)
-        answered_within(options.answer_s)
+            self.n_answers[node] = self.n_requests[node] = 0
+            self._ask(node)
+        self._poll()
+
+    def _ask(self, node: int) -> None:
+        self.n_requests[node] += 1
+        self.bus.send(wire.SDO_REQUEST + node, ASK_DEVICE_TYPE)
+
+    def _poll(self, until: Callable[[], bool] = lambda: False) -> None:
+        end_ns = self.now_ns() + int(self.options.answer_s * 1e9)
+        while not (until() or self.stopping()) and (left := end_ns - self.now_ns()) > 0:
+            self.poll_bus(min(left * 1e-9, 0.01))
 
     @property
     def silent(self) -> list[int]:
@@ -98,7 +89,7 @@ class NodeDiscovery:
             node for node in self._nodes if self.n_answers[node] > self.n_requests[node]
         ]
 
-    def raise_if_missing(self, where: str) -> None:
+    def raise_if_missing(self) -> None:
         """Raise DeviceNotFoundError where nodes were silent."""
         silent = self.silent
         if not silent:
@@ -106,7 +97,7 @@ class NodeDiscovery:
         found = [node for node in self._nodes if node not in silent]
         there = f"; nodes {_listed(found)} do" if found else ""
         raise DeviceNotFoundError(
-            f"nodes {_listed(silent)} on {where} do not answer{there}",
+            f"nodes {_listed(silent)} on {self.bus.name} do not answer{there}",
             "check power and number of these encoders (traverse can scan shows what is "
             "there)"
             if found
@@ -115,16 +106,13 @@ class NodeDiscovery:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class NodeSetup:
-    """All nodes as they were found."""
-
-    facts: tuple[NodeFacts, ...]
-    forgotten: bool
-
-
-def set_up_nodes(sdos: Mapping[int, NodeSdo], options: CanOpenOptions) -> NodeSetup:
+def set_up_nodes(
+    sdos: Mapping[int, NodeSdo], options: CanOpenOptions
+) -> tuple[list[NodeFacts], bool]:
     """Read and set up all nodes; they are not started yet.
+
+    Returns:
+        What they are, and whether one has lost its settings since the last time.
 
     Raises:
         DeviceRefusedError: with what is wrong with each.
@@ -141,7 +129,7 @@ def set_up_nodes(sdos: Mapping[int, NodeSdo], options: CanOpenOptions) -> NodeSe
         raise DeviceRefusedError(
             "; ".join(str(error) for error in failures), failures[0].remedy
         )
-    return NodeSetup(tuple(facts), forgotten)
+    return facts, forgotten
 
 
 def bus_identity(

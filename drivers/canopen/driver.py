@@ -13,7 +13,7 @@ mapped anew (`drivers/canopen/node.py`), warning bit 5 and the makers' own bits
 import time
 
 from traverse.drivers.base.driver import ASK_S, Driver
-from traverse.drivers.base.values import DeviceUp, StreamStarted
+from traverse.drivers.base.values import DeviceUp
 from traverse.drivers.canopen.discovery import (
     ASK_DEVICE_TYPE,
     NodeDiscovery,
@@ -44,7 +44,6 @@ class CanOpenDriver(Driver):
         # The thread's own.
         self._conditions = Conditions(self.device, self._delivery_queue.put)
         self._first = True
-        self._stream = 0
         self._begin_anew()
 
     def _begin_anew(self) -> None:
@@ -68,14 +67,12 @@ class CanOpenDriver(Driver):
         )
         for node in options.nodes:
             bus.send(wire.NMT, wire.nmt_command(wire.PRE_OPERATIONAL, node))
-        discovery = dispatcher.discovery = NodeDiscovery(options.nodes)
-        discovery.query_all(
-            bus, self._poll_bus, options, self._now_ns, self._is_stopping
+        discovery = dispatcher.discovery = NodeDiscovery(
+            bus, options, self._poll_bus, self._now_ns, self._is_stopping
         )
-        discovery.raise_if_missing(bus.name)
-        discovery.recheck_duplicates(
-            bus, self._poll_bus, options, self._now_ns, self._is_stopping
-        )
+        discovery.query_all()
+        discovery.raise_if_missing()
+        discovery.recheck_duplicates()
         dispatcher.discovery = None
         sdos = dispatcher.sdos = {
             node: NodeSdo(
@@ -93,12 +90,12 @@ class CanOpenDriver(Driver):
             sdo.expect(
                 ASK_DEVICE_TYPE, discovery.n_requests[node] - discovery.n_answers[node]
             )
-        started = set_up_nodes(sdos, options)
+        facts, forgotten = set_up_nodes(sdos, options)
         cycles = dispatcher.cycles = SyncCycleAssembler(
             self.device,
             options.nodes,
-            [fact.modulus for fact in started.facts],
-            [fact.position for fact in started.facts],
+            [fact.modulus for fact in facts],
+            [fact.position for fact in facts],
             self._delivery_queue.put,
             late_ns=int(options.late_s * 1e9),
         )
@@ -114,7 +111,7 @@ class CanOpenDriver(Driver):
         dispatcher.supervisor = NodeSupervisor(
             bus,
             list(sdos.values()),
-            started.facts,
+            facts,
             cycles,
             watch,
             self._conditions,
@@ -123,11 +120,11 @@ class CanOpenDriver(Driver):
             self._fault,
             self._counters,
         )
-        restarted = started.forgotten and not self._first
-        identity = bus_identity(started.facts, bus.name, options)
+        restarted = forgotten and not self._first
+        identity = bus_identity(facts, bus.name, options)
         self._deliver_state(DeviceUp(self.device, identity, restarted))
         self._first = False
-        for channel, fact in enumerate(started.facts):
+        for channel, fact in enumerate(facts):
             watch.complaints(channel, fact.alarms, fact.warnings)
             if fact.node in discovery.duplicates:
                 watch.duplicate(channel, now_ns, "two answers to one question")
@@ -189,11 +186,7 @@ class CanOpenDriver(Driver):
         cycles.end(self._now_ns())
         if not rate_hz:
             return
-        self._stream += 1
-        cycles.restart(self._stream)
-        if (
-            self.options.sync == "external"
-        ):  # these SYNCs cannot be held back to be sure
+        cycles.restart(self._stream + 1)
+        if self.options.sync == "external":  # which cannot be held back to be sure
             cycles.reset_attribution((1 << len(self.options.nodes)) - 1)
-        self._deliver_state(StreamStarted(self.device, self._stream, rate_hz))
-        scheduler.start(rate_hz)
+        scheduler.start(self._start_stream(rate_hz))

@@ -4,10 +4,11 @@ A node is alive while anything of it is received; its heartbeat ensures that wit
 SYNCs. Lasting conditions are reported as alarms that begin and end.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from traverse.drivers.base.values import STATUS_ERROR, STATUS_WARNING, DeviceAlarm
+from traverse.drivers.base.alarms import Alarms
+from traverse.drivers.base.values import STATUS_ERROR, STATUS_WARNING
 from traverse.protocol.canopen import frames as wire
 from traverse.protocol.canopen import objects
 
@@ -31,44 +32,12 @@ REMEDIES = {
 }
 
 
-class Conditions:
-    """Alarms of a device that begin and end, reported once each way.
+class Conditions(Alarms):
+    """Conditions of the nodes and of the bus, each with its remedy."""
 
-    What ``put`` has no room for is reported again later.
-    """
-
-    def __init__(self, device: str, put: Callable[[DeviceAlarm], bool]) -> None:
-        self._device, self._put = device, put
-        self._raised: dict[tuple[int | None, str], tuple[str, int]] = {}
-
-    def is_raised(self, channel: int | None, code: str) -> bool:
-        """Whether it has begun and not ended."""
-        return (channel, code) in self._raised
-
-    def begin(self, channel: int | None, code: str, text: str, value: int = 0) -> None:
-        """Begin an alarm; reported unless it exists with the same text."""
-        key = (channel, code)
-        if self._raised.get(key) != (text, value) and self._deliver_state(
-            key, True, text, value
-        ):
-            self._raised[key] = (text, value)
-
-    def end(self, channel: int | None, code: str) -> None:
-        """End an alarm; reported if it existed."""
-        key = (channel, code)
-        if key in self._raised:
-            text, value = self._raised[key]
-            if self._deliver_state(key, False, f"over: {text}", value):
-                del self._raised[key]
-
-    def _deliver_state(
-        self, key: tuple[int | None, str], raised: bool, text: str, value: int
-    ) -> bool:
-        channel, code = key
-        remedy = REMEDIES[code]
-        return self._put(
-            DeviceAlarm(self._device, channel, raised, code, text, value, remedy)
-        )
+    def report(self, channel: int | None, code: str, text: str, value: int = 0) -> None:
+        """Raise an alarm, or change its text."""
+        self.begin(channel, code, text, REMEDIES[code], value)
 
 
 @dataclass(slots=True)
@@ -144,7 +113,7 @@ class NodeMonitor:
             return
         node.emergencies.add(message.code)
         text = objects.emergency_text(message.code)
-        self._conditions.begin(
+        self._conditions.report(
             channel,
             "emergency",
             f"node {node.number}: {text} (code {message.code:04X}, error register "
@@ -157,7 +126,7 @@ class NodeMonitor:
         node = self._nodes[channel]
         node.duplicate_ns = now_ns
         if not self._conditions.is_raised(channel, "duplicate_node"):
-            self._conditions.begin(
+            self._conditions.report(
                 channel, "duplicate_node", f"node {node.number} seems to be two: {sign}"
             )
 
@@ -171,7 +140,7 @@ class NodeMonitor:
         ):
             if bits:
                 text = f"node {node.number}: {words(bits)} ({bits:04X})"
-                self._conditions.begin(channel, code, text, bits)
+                self._conditions.report(channel, code, text, bits)
             else:
                 self._conditions.end(channel, code)
 
@@ -181,7 +150,7 @@ class NodeMonitor:
             if now_ns - node.last_seen_ns > self._patience_ns:
                 silent_s = (now_ns - node.last_seen_ns) * 1e-9
                 if not self._conditions.is_raised(channel, "node_lost"):
-                    self._conditions.begin(
+                    self._conditions.report(
                         channel,
                         "node_lost",
                         f"node {node.number} has been silent for {silent_s:.1f} s",

@@ -110,12 +110,12 @@ class NodeSupervisor:
         if told.bus_off:
             self._bus_off_ns = at_ns
             text = f"{self.bus.name} is off: its controller saw too many errors"
-            self.conditions.begin(None, "bus_off", text)
+            self.conditions.report(None, "bus_off", text)
         elif told.restarted:
             self.conditions.end(None, "bus_off")
         if told.passive:
             text = f"{self.bus.name} is disturbed: its controller is error passive"
-            self.conditions.begin(None, "bus_passive", text)
+            self.conditions.report(None, "bus_passive", text)
         elif told.active or told.restarted:
             self.conditions.end(None, "bus_passive")
         if told.overflow:

@@ -9,7 +9,6 @@ from traverse.drivers.base.values import (
     DeviceRefusedError,
     DeviceTemperatures,
     DeviceUp,
-    StreamStarted,
 )
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
@@ -58,7 +57,6 @@ class LatchBoardDriver(Driver):
         self._acknowledged_ns = 0
         self._taken_ns = 0  # until when received messages have been processed
         self._frames_before = 0
-        self._stream = 0
 
     def request_latch(self) -> int:
         """Latch once, now; the returned token is repeated in `LatchedCounts`.
@@ -229,10 +227,8 @@ class LatchBoardDriver(Driver):
         match message:
             case wire.Reply(request_type=wire.START, result=0) if session is not None:
                 # Its samples may be in the same read: be ready for them now.
-                self._stream += 1
+                self._start_stream(message.value / 1000)
                 session.begin_stream(self._stream, message.request)
-                rate_hz = message.value / 1000
-                self._deliver_state(StreamStarted(self.device, self._stream, rate_hz))
             case wire.Temperatures():
                 self._delivery_queue.put(
                     DeviceTemperatures(self.device, message.values_c)

@@ -11,7 +11,7 @@ again, so it must be there when it is switched on.
 import contextlib
 
 from traverse.drivers.base.driver import Driver
-from traverse.drivers.base.values import DeviceError, DeviceUp, StreamStarted
+from traverse.drivers.base.values import DeviceError, DeviceUp
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.microscribe.identification import MicroscribeIdentification
 from traverse.drivers.microscribe.line import TimedPacket
@@ -23,7 +23,7 @@ from traverse.drivers.microscribe.session import (
 )
 from traverse.drivers.polling.alarms import ReadErrorLog
 from traverse.drivers.polling.channel import IMPLAUSIBLE
-from traverse.drivers.polling.pedals import PedalDebouncer, PendingPedalEdges
+from traverse.drivers.polling.pedals import PedalDebouncer, PendingEdges
 from traverse.drivers.polling.sampling import SampleBlockBuilder, SampleSchedule
 from traverse.plurals import counted
 from traverse.protocol.microscribe.packets import N_BUTTONS
@@ -48,18 +48,13 @@ class MicroscribeDriver(Driver):
         self._port: SerialPort | None = None
         self._session: MicroscribeSession | None = None
         self._pedals = PedalDebouncer(options.debounce_ms * 1_000_000, N_BUTTONS)
-        self._edges = PendingPedalEdges(self.device, self._delivery_queue.put)
-        self._read_errors = ReadErrorLog(
-            self.device, self._delivery_queue.put, self._counters
-        )
-        # Not yet reported: of the stream, of pedals, packets of this line.
-        self._lost_samples = self._lost_edges = self._rejected = 0
-        self._block = SampleBlockBuilder(self.device)
+        put = self._delivery_queue.put
+        self._edges = PendingEdges(self.device, put, self._fault, self._counters)
+        self._read_errors = ReadErrorLog(self.device, put, self._counters)
+        self._lost_samples = self._rejected = 0  # not yet reported; of this line
+        self._block = SampleBlockBuilder(self.device, put)
         self._last_counts: tuple[int, ...] = ()
-        self._stream = 0
-        self._next_seq = 0
-        self._told_ns = 0
-        self._answered_ns = self._old_before = 0
+        self._next_seq = self._told_ns = self._answered_ns = self._old_before = 0
 
     # -- in the reader thread -------------------------------------------------
 
@@ -102,14 +97,14 @@ class MicroscribeDriver(Driver):
                 self._listen(session, rate_hz)
             else:
                 self._poll(session, rate_hz)
-            self._deliver_block()
+            self._block.deliver(self._stream)
 
     def _disconnect(self) -> None:
         if self._session is not None and self._stopping:
             with contextlib.suppress(DeviceError):
                 self._session.line.end()
         self._session = None
-        self._deliver_block()
+        self._block.deliver(self._stream)
         if self._port is not None:
             self._port.close()
             self._port = None
@@ -118,26 +113,20 @@ class MicroscribeDriver(Driver):
         """Report the stream that begins; its rate, 0 for none."""
         if not rate_hz:
             return 0.0
-        if rate_hz > session.reached_hz:
-            self._fault(
-                "rate_limited",
-                f"a stream of {rate_hz:g} Hz is requested, {self.device} reaches "
-                f"{session.reached_hz:.4g} Hz",
-                "lower the rate, raise the baud rate, or set the adapter's latency "
-                "timer to 1 ms",
-            )
-            rate_hz = session.reached_hz
-        self._stream += 1
         self._next_seq = 0
-        self._deliver_state(StreamStarted(self.device, self._stream, rate_hz))
-        return rate_hz
+        return self._start_stream(
+            rate_hz,
+            session.reached_hz,
+            "lower the rate, raise the baud rate, or set the adapter's latency timer "
+            "to 1 ms",
+        )
 
     def _goes_on(self, session: MicroscribeSession) -> bool:
         """Whether the same stream is still requested; also sends pending reports."""
-        self._counters["edges_received"] += self._edges.hand_over()
+        self._edges.hand_over()
         now_ns = self._now_ns()
         if self._block.is_due(now_ns):
-            self._deliver_block()
+            self._block.deliver(self._stream)
         if now_ns - self._told_ns >= TELL_NS:
             self._told_ns = now_ns
             self._report_losses(session)
@@ -172,14 +161,6 @@ class MicroscribeDriver(Driver):
                 f"{rejected} broken packets on {self._path}",
                 "check cable, shielding and baud rate",
                 rejected,
-            )
-        if edges := self._lost_edges:
-            self._lost_edges = 0
-            self._fault(
-                "edges_lost",
-                f"{edges} pedal edges were lost because they are not processed",
-                "the daemon is overloaded; repeat the last points",
-                edges,
             )
         if lost := self._lost_samples:
             self._lost_samples = 0
@@ -254,13 +235,9 @@ class MicroscribeDriver(Driver):
             certain = reported and sample.counts == self._last_counts
             self._last_counts = sample.counts
             for edge in self._pedals.detect_edges(sample, certain=certain):
-                self._lost_edges += self._edges.add(edge)
+                self._edges.add(edge.number, edge.down, edge.first)
         if seq is not None:
             self._lost_samples += max(0, seq - self._next_seq)
             self._next_seq = seq + 1
             self._counters["samples_received"] += 1
             self._block.add(seq, sample)
-
-    def _deliver_block(self) -> None:
-        if samples := self._block.take(self._stream):
-            self._delivery_queue.put(samples)

@@ -4,7 +4,6 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from traverse.drivers.polling.alarms import Condition
 from traverse.drivers.polling.polled_driver import PolledOptions
 from traverse.plurals import counted
 from traverse.protocol.modbus import PositionRegisters
@@ -14,12 +13,11 @@ FAST_SILENCE_S = 0.00175  # between two frames above that
 SILENCE_CHARACTERS = 3.5
 BITS_OF_BYTE = {"none": 10, "even": 11, "odd": 11}
 CONDITIONS = {
-    "encoder_error": Condition(
-        "its position is not valid", "see the encoder's manual for its status register"
+    "encoder_error": (
+        "its position is not valid",
+        "see the encoder's manual for its status register",
     ),
-    "encoder_warning": Condition(
-        "it warns", "see the encoder's manual for its status register"
-    ),
+    "encoder_warning": ("it warns", "see the encoder's manual for its status register"),
 }
 
 

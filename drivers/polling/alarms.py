@@ -2,13 +2,14 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
+from traverse.drivers.base.alarms import Alarms
 from traverse.drivers.base.values import DeviceAlarm, DeviceError, DeviceFault
 from traverse.drivers.polling.channel import UNCONFIRMED, PolledChannel, ReadError
 from traverse.plurals import counted
 
 REPORT_INTERVAL_NS = 200_000_000  # so often at most, together
+MISSING = "encoder_missing"
 
 
 class ReadErrorLog:
@@ -26,7 +27,7 @@ class ReadErrorLog:
         self._last: dict[int, ReadError] = {}
         self._untold: Counter[tuple[str, ReadError]] = Counter()
         self._told_ns = 0
-        self._alarms: dict[int, ReadError] = {}  # raised and not yet cleared
+        self._alarms = Alarms(device, put)
 
     def add(self, number: int, channel: PolledChannel, miss: ReadError) -> None:
         """A reading of channel ``number`` has failed."""
@@ -52,86 +53,51 @@ class ReadErrorLog:
     def report(self, channels: Sequence[PolledChannel], now_ns: int) -> None:
         """Alarms that begin and end; single misses now and then."""
         for number, channel in enumerate(channels):
-            if channel.missing and number not in self._alarms:
+            if channel.missing and not self._alarms.is_raised(number, MISSING):
                 miss = self._last[number]
                 text = f"{channel.name} {miss.text}"
-                if self._put(self._alarm(number, True, text, miss, channel.misses)):
-                    self._alarms[number] = miss
-            elif channel.time_ns is not None and number in self._alarms:
-                miss = self._alarms[number]
-                text = f"{channel.name} is read again"
-                if self._put(self._alarm(number, False, text, miss, 0)):
-                    del self._alarms[number]
+                self._alarms.begin(number, MISSING, text, miss.remedy, channel.misses)
+            elif channel.time_ns is not None:
+                self._alarms.end(number, MISSING)
         if self._untold and now_ns - self._told_ns >= REPORT_INTERVAL_NS:
             self._told_ns = now_ns
             for (name, miss), count in self._untold.items():
-                text = f"{name} {miss.text}"
-                self._fault("readings_missing", text, miss.remedy, count)
+                code, text = "readings_missing", f"{name} {miss.text}"
+                self._put(DeviceFault(self._device, code, text, miss.remedy, count))
             self._untold.clear()
-
-    def _fault(self, code: str, text: str, remedy: str, count: int) -> None:
-        self._put(DeviceFault(self._device, code, text, remedy, count))
-
-    def _alarm(
-        self, number: int, raised: bool, text: str, miss: ReadError, misses: int
-    ) -> DeviceAlarm:
-        remedy = miss.remedy if raised else ""
-        return DeviceAlarm(
-            self._device, number, raised, "encoder_missing", text, misses, remedy
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Condition:
-    """One fault of an encoder: in words, with the remedy."""
-
-    text: str
-    remedy: str
 
 
 class ConditionAlarms:
-    """The conditions of one device's encoders; lives as long as its driver."""
+    """The conditions of one device's encoders; lives as long as its driver.
+
+    ``conditions`` has text and remedy by code.
+    """
 
     def __init__(
         self,
         device: str,
         put: Callable[[DeviceAlarm], bool],
-        conditions: Mapping[str, Condition],
+        conditions: Mapping[str, tuple[str, str]],
     ) -> None:
-        self._device = device
-        self._put = put
         self._conditions = conditions
-        self._seen: set[tuple[int, str]] = set()
-        self._raised: set[tuple[int, str]] = set()
-        self._heard: set[int] = set()
+        self._alarms = Alarms(device, put)
+        self._seen: dict[int, set[str]] = {}
         self._told_ns = 0
 
     def add(self, channel: int, codes: Iterable[str]) -> None:
         """An encoder has reported its alarms, perhaps none."""
-        self._heard.add(channel)
-        self._seen.update((channel, code) for code in codes)
+        self._seen.setdefault(channel, set()).update(codes)
 
     def report(self, names: Mapping[int, str], now_ns: int) -> None:
         """Report what has begun, and what has not recurred since the last call."""
         if now_ns - self._told_ns < REPORT_INTERVAL_NS:
             return
         self._told_ns = now_ns
-        for channel, code in sorted(self._seen - self._raised):
-            if self._put(self._alarm(channel, code, names, True)):
-                self._raised.add((channel, code))
-        for channel, code in sorted(self._raised - self._seen):
-            if channel in self._heard and self._put(
-                self._alarm(channel, code, names, False)
-            ):
-                self._raised.discard((channel, code))
+        for channel, codes in sorted(self._seen.items()):
+            for code, (words, remedy) in self._conditions.items():
+                if code in codes:
+                    text = f"{names[channel]}: {words}"
+                    self._alarms.begin(channel, code, text, remedy)
+                else:
+                    self._alarms.end(channel, code)
         self._seen.clear()
-        self._heard.clear()
-
-    def _alarm(
-        self, channel: int, code: str, names: Mapping[int, str], raised: bool
-    ) -> DeviceAlarm:
-        condition = self._conditions[code]
-        words = condition.text if raised else f"no more {condition.text}"
-        text = f"{names[channel]}: {words}"
-        remedy = condition.remedy
-        return DeviceAlarm(self._device, channel, raised, code, text, 0, remedy)

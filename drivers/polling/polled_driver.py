@@ -18,7 +18,7 @@ from pydantic import Field
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import ASK_S, Driver
 from traverse.drivers.base.options import DriverOptions
-from traverse.drivers.base.values import DeviceUp, Identity, StreamStarted
+from traverse.drivers.base.values import DeviceUp, Identity
 from traverse.drivers.io.ports import SERIAL_PORTS, PortAccess
 from traverse.drivers.polling.alarms import ReadErrorLog
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
@@ -93,10 +93,9 @@ class PolledDriver(Driver, Generic[LineT]):
         self._unrequested_before = 0  # on lines that were lost
         self._channels: Sequence[PolledChannel] = ()
         self._reached_hz = 0.0
-        self._stream = 0
         self._schedule: SampleSchedule | None = None
         self._lengths_ns: deque[int] = deque(maxlen=LENGTHS)
-        self._block = SampleBlockBuilder(device)
+        self._block = SampleBlockBuilder(device, delivery_queue.put)
         self._read_errors = ReadErrorLog(device, delivery_queue.put, self._counters)
 
     # -- for a child to override ----------------------------------------------
@@ -170,7 +169,7 @@ class PolledDriver(Driver, Generic[LineT]):
         try:
             self._serve_until_stopped()
         finally:
-            self._deliver_block()
+            self._block.deliver(self._stream)
 
     def _serve_until_stopped(self) -> None:
         while not self._stopping:
@@ -187,20 +186,15 @@ class PolledDriver(Driver, Generic[LineT]):
             self._report_counters()
 
     def _begin_stream(self, rate_hz: float) -> None:
-        self._deliver_block()
+        self._block.deliver(self._stream)
         self._schedule = None
         if not rate_hz:
             return
-        if rate_hz > self._reached_hz:
-            self._fault(
-                "rate_limited",
-                f"a stream of {rate_hz:g} Hz is requested, {self.device} reaches "
-                f"{self._reached_hz:.4g} Hz",
-                "lower the rate, or set the adapter's latency timer to 1 ms",
-            )
-            rate_hz = self._reached_hz
-        self._stream += 1
-        self._deliver_state(StreamStarted(self.device, self._stream, rate_hz))
+        rate_hz = self._start_stream(
+            rate_hz,
+            self._reached_hz,
+            "lower the rate, or set the adapter's latency timer to 1 ms",
+        )
         self._schedule = SampleSchedule(rate_hz, self._now_ns())
 
     def _serve_stream(self, schedule: SampleSchedule) -> None:
@@ -223,7 +217,7 @@ class PolledDriver(Driver, Generic[LineT]):
         counts = [channel.count for channel in self._channels]
         self._block.add(seq, sample_of_readings(instant_ns, readings, counts, now_ns))
         if self._block.is_due(now_ns):
-            self._deliver_block()
+            self._block.deliver(self._stream)
 
     def _cycle(self) -> list[EncoderReading | None]:
         """Poll every encoder that is due; None for invalid readings."""
@@ -261,7 +255,3 @@ class PolledDriver(Driver, Generic[LineT]):
         if miss is not None:
             self._read_errors.add(number, channel, miss)
         return answer if miss is None and isinstance(answer, EncoderReading) else None
-
-    def _deliver_block(self) -> None:
-        if samples := self._block.take(self._stream):
-            self._delivery_queue.put(samples)

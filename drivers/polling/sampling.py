@@ -1,6 +1,6 @@
 """Samples of a polled stream: when they are due, and gathered into blocks."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,8 +84,8 @@ def sample_of_readings(
 class SampleBlockBuilder:
     """Samples that wait to be delivered together."""
 
-    def __init__(self, device: str) -> None:
-        self._device = device
+    def __init__(self, device: str, put: Callable[[CountSamples], bool]) -> None:
+        self._device, self._put = device, put
         self._waiting: list[tuple[int, PolledSample]] = []
 
     def add(self, seq: int, sample: PolledSample) -> None:
@@ -96,23 +96,25 @@ class SampleBlockBuilder:
         """Whether the oldest sample has waited long enough."""
         return bool(self._waiting) and now_ns - self._waiting[0][1].time_ns >= BLOCK_NS
 
-    def take(self, stream: int) -> CountSamples | None:
+    def deliver(self, stream: int) -> None:
         """All of them as a block of ``stream``, and begin anew."""
         if not self._waiting:
-            return None
+            return
         seq = [number for number, _ in self._waiting]
         samples = [sample for _, sample in self._waiting]
         self._waiting.clear()
         skews_ns = [s.skew_ns for s in samples if s.skew_ns is not None]
-        return CountSamples(
-            self._device,
-            stream,
-            seq=np.array(seq, dtype=np.int64),
-            device_ticks=np.array([s.ticks for s in samples], dtype=np.int64),
-            received_ns=samples[-1].received_ns,
-            sample_time_ns=np.array([s.time_ns for s in samples], dtype=np.int64),
-            inputs=np.array([s.inputs for s in samples], dtype=np.uint8),
-            counts=np.array([s.counts for s in samples], dtype=np.uint32),
-            status=np.array([s.status for s in samples], dtype=np.uint8),
-            skew_ns=np.array(skews_ns, dtype=np.int32) if skews_ns else None,
+        self._put(
+            CountSamples(
+                self._device,
+                stream,
+                seq=np.array(seq, dtype=np.int64),
+                device_ticks=np.array([s.ticks for s in samples], dtype=np.int64),
+                received_ns=samples[-1].received_ns,
+                sample_time_ns=np.array([s.time_ns for s in samples], dtype=np.int64),
+                inputs=np.array([s.inputs for s in samples], dtype=np.uint8),
+                counts=np.array([s.counts for s in samples], dtype=np.uint32),
+                status=np.array([s.status for s in samples], dtype=np.uint8),
+                skew_ns=np.array(skews_ns, dtype=np.int32) if skews_ns else None,
+            )
         )

@@ -4,25 +4,28 @@ from typing import Literal
 
 from pydantic import Field, field_validator
 
-from traverse.drivers.polling.alarms import Condition
 from traverse.drivers.polling.polled_driver import PolledOptions
 from traverse.protocol import rls
 
 CONDITIONS = {
-    "encoder_error": Condition(
-        "its position is not valid", "see its other alarms; check its mounting"
+    "encoder_error": (
+        "its position is not valid",
+        "see its other alarms; check its mounting",
     ),
-    "encoder_warning": Condition(
-        "its position is barely valid", "see its other alarms; check its mounting"
+    "encoder_warning": (
+        "its position is barely valid",
+        "see its other alarms; check its mounting",
     ),
-    "signal_too_high": Condition("the magnet is too near", "increase the ride height"),
-    "signal_too_low": Condition("the magnet is too far", "reduce the ride height"),
-    "temperature_out_of_range": Condition(
-        "its temperature is out of range", "let it cool down or warm up"
+    "signal_too_high": ("the magnet is too near", "increase the ride height"),
+    "signal_too_low": ("the magnet is too far", "reduce the ride height"),
+    "temperature_out_of_range": (
+        "its temperature is out of range",
+        "let it cool down or warm up",
     ),
-    "speed_too_high": Condition("it turns too fast", "move the arm more slowly"),
-    "turns_counter_error": Condition(
-        "its counter of turns is wrong", "switch it off and on near its zero"
+    "speed_too_high": ("it turns too fast", "move the arm more slowly"),
+    "turns_counter_error": (
+        "its counter of turns is wrong",
+        "switch it off and on near its zero",
     ),
 }
 

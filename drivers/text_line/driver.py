@@ -16,11 +16,10 @@ from traverse.drivers.base.values import (
     DeviceError,
     DeviceUp,
     Identity,
-    StreamStarted,
 )
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.polling.channel import IMPLAUSIBLE, EncoderReading, PolledChannel
-from traverse.drivers.polling.pedals import PedalDebouncer, PendingPedalEdges
+from traverse.drivers.polling.pedals import PedalDebouncer, PendingEdges
 from traverse.drivers.polling.sampling import PolledSample, SampleBlockBuilder
 from traverse.drivers.text_line.line import Line, LineSplitter, OddLine
 from traverse.drivers.text_line.options import TextLineOptions
@@ -50,13 +49,13 @@ class TextLineDriver(Driver):
         self._pattern = options.line_pattern
         # The thread's own.
         self._port: SerialPort | None = None
-        self._edges = PendingPedalEdges(self.device, self._delivery_queue.put)
+        put = self._delivery_queue.put
+        self._edges = PendingEdges(self.device, put, self._fault, self._counters)
         self._buttons = PedalDebouncer(
             options.debounce_ms * 1_000_000, self._pattern.n_inputs
         )
-        self._block = SampleBlockBuilder(self.device)
-        self._stream = self._next_seq = self._every = 0
-        self._rejected = self._lost = self._lost_edges = 0
+        self._block = SampleBlockBuilder(self.device, put)
+        self._next_seq = self._every = self._rejected = self._lost = 0
         self._reason = ""
         self._told_ns = 0
         self._up_before = self._reset = False
@@ -119,9 +118,9 @@ class TextLineDriver(Driver):
             if self._port.wait(0.02):
                 self._take(self._read(self._port))
             now_ns = self._now_ns()
-            self._counters["edges_received"] += self._edges.hand_over()
+            self._edges.hand_over()
             if self._block.is_due(now_ns):
-                self._deliver_block()
+                self._block.deliver(self._stream)
             if now_ns - self._told_ns >= TELL_NS:
                 self._told_ns = now_ns
                 self._report_losses()
@@ -131,7 +130,7 @@ class TextLineDriver(Driver):
 
     def _disconnect(self) -> None:
         self._report_losses()
-        self._deliver_block()
+        self._block.deliver(self._stream)
         if self._port is not None:
             self._port.close()
             self._port = None
@@ -232,23 +231,15 @@ class TextLineDriver(Driver):
         return WRAP if self.options.time_unit != "s" else 1 << 62
 
     def _begin_stream(self, rate_hz: float) -> None:
-        self._deliver_block()
+        self._block.deliver(self._stream)
         self._every = 0
         if not rate_hz:
             return
         reached_hz = 1e9 / self._period_ns
         self._every = max(1, int(reached_hz / rate_hz))
-        if rate_hz > reached_hz:
-            self._fault(
-                "rate_limited",
-                f"a stream of {rate_hz:g} Hz is requested, {self.device} prints "
-                f"{reached_hz:.4g} lines in a second",
-                "lower the rate, or have the board print more often",
-            )
-        self._stream += 1
         self._next_seq = 0
-        self._deliver_state(
-            StreamStarted(self.device, self._stream, min(rate_hz, reached_hz))
+        self._start_stream(
+            rate_hz, reached_hz, "lower the rate, or have the board print more often"
         )
 
     def _take(self, read: tuple[list[tuple[Line, int]], int]) -> None:
@@ -271,7 +262,7 @@ class TextLineDriver(Driver):
             self._next_seq += step
             if STATUS_MISSING not in sample.status:
                 for edge in self._buttons.detect_edges(sample):
-                    self._lost_edges += self._edges.add(edge)
+                    self._edges.add(edge.number, edge.down, edge.first)
             if self._every and (self._next_seq - 1) % self._every == 0:
                 self._counters["samples_received"] += 1
                 self._block.add((self._next_seq - 1) // self._every, sample)
@@ -378,15 +369,3 @@ class TextLineDriver(Driver):
                 "raise the baud rate, or have the board print less often",
                 lost,
             )
-        if edges := self._lost_edges:
-            self._lost_edges = 0
-            self._fault(
-                "edges_lost",
-                f"{counted(edges, 'button edge')} lost because they are not processed",
-                "the daemon is overloaded; repeat the last points",
-                edges,
-            )
-
-    def _deliver_block(self) -> None:
-        if samples := self._block.take(self._stream):
-            self._delivery_queue.put(samples)

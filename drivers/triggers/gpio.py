@@ -6,7 +6,7 @@ requested for every change, and debouncing is done here, from the first one.
 
 import errno
 from collections.abc import Callable, Iterator, Sequence
-from typing import Literal, Protocol
+from typing import Literal
 
 import gpiod
 from gpiod.line import Bias, Clock, Direction, Edge, Value
@@ -61,47 +61,6 @@ class GpioOptions(TriggerOptions):
         return lines
 
 
-class LineRequest(Protocol):
-    """Lines that were requested, as `gpiod.LineRequest` is one."""
-
-    @property
-    def fd(self) -> int:
-        """To wait for."""
-
-    @property
-    def offsets(self) -> list[int]:
-        """Of the lines, in the order of the request."""
-
-    def get_values(self) -> list[Value]:
-        """Of the lines, in that order."""
-
-    def read_edge_events(self) -> list[gpiod.EdgeEvent]:
-        """Events, of which there is at least one."""
-
-    def release(self) -> None:
-        """Give the lines back."""
-
-
-RequestLines = Callable[
-    [str, dict[int | str, gpiod.LineSettings], str, int], LineRequest
-]
-
-
-def request_lines(
-    path: str,
-    settings: dict[int | str, gpiod.LineSettings],
-    consumer: str,
-    buffer_events: int,
-) -> LineRequest:
-    """Request lines of a chip from the kernel."""
-    return gpiod.request_lines(
-        path,
-        config=dict(settings.items()),
-        consumer=consumer,
-        event_buffer_size=buffer_events,
-    )
-
-
 class GpioDriver(TriggerDriver):
     """Lines of one GPIO chip; input i is line i of ``lines``."""
 
@@ -114,7 +73,7 @@ class GpioDriver(TriggerDriver):
         options: GpioOptions,
         delivery_queue: DeliveryQueue,
         *,
-        request: RequestLines = request_lines,
+        request: Callable[..., gpiod.LineRequest] = gpiod.request_lines,
     ) -> None:
         super().__init__(device, options, delivery_queue)
         self._names = options.lines
@@ -126,14 +85,19 @@ class GpioDriver(TriggerDriver):
             event_clock=Clock.MONOTONIC,
         )
         self._request = request
-        self._lines: LineRequest | None = None
+        self._lines: gpiod.LineRequest | None = None
         self._numbers: dict[int, int] = {}
         self._next_seq: dict[int, int] = {}
 
     def _open(self) -> tuple[str, int]:
         settings = dict.fromkeys(self._names, self._settings)
         try:
-            lines = self._request(self._path, settings, CONSUMER, BUFFER_EVENTS)
+            lines = self._request(
+                self._path,
+                config=settings,
+                consumer=CONSUMER,
+                event_buffer_size=BUFFER_EVENTS,
+            )
         except (OSError, ValueError) as error:
             raise self._explained(error) from error
         self._lines = lines
@@ -173,7 +137,7 @@ class GpioDriver(TriggerDriver):
         if lost > 0:
             self._lose_edges(lost, "the kernel's buffer ran over")
 
-    def _open_lines(self) -> LineRequest:
+    def _open_lines(self) -> gpiod.LineRequest:
         if self._lines is None:
             raise RuntimeError(f"the lines of {self.device} are not open")
         return self._lines

@@ -7,7 +7,6 @@ are read, so what finds no room in the delivery_queue waits here, bounded.
 
 import select
 from abc import abstractmethod
-from collections import deque
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,12 +16,13 @@ from pydantic import Field
 
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.options import DriverOptions
-from traverse.drivers.base.values import DeviceUp, Identity, LatchedCounts
+from traverse.drivers.base.values import DeviceUp, Identity
+from traverse.drivers.polling.pedals import PendingEdges
+from traverse.drivers.polling.sampling import PolledSample
 from traverse.plurals import counted
 
 LOOK_S = 0.5  # at least so often
 RETRY_S = 0.02  # while edges wait for room
-MAX_WAITING = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,8 +109,9 @@ class TriggerDriver(Driver):
     def _prepare(self) -> None:
         self._path = self.options.port
         self._inputs: list[Debounce] = []
-        self._waiting: deque[LatchedCounts] = deque()
-        self._token = 0
+        self._waiting = PendingEdges(
+            self.device, self._delivery_queue.put, self._fault, self._counters
+        )
         self._fd = -1
 
     def request_stream(self, rate_hz: float) -> None:
@@ -164,7 +165,7 @@ class TriggerDriver(Driver):
             now_ns = self._now_ns()
             for number, debounce in enumerate(self._inputs):
                 self._note(number, debounce.settle(now_ns))
-            self._deliver()
+            self._waiting.hand_over()
             self._report_counters()
 
     def _patience_s(self) -> float:
@@ -178,30 +179,8 @@ class TriggerDriver(Driver):
     def _note(self, number: int, edge: DebouncedEdge | None) -> None:
         if edge is None:
             return
-        self._token += 1
-        latch = LatchedCounts(
-            self.device,
-            number,
-            edge.active,
-            self._token,
-            device_ticks=edge.time_ns,
-            received_ns=self._now_ns(),
-            sample_time_ns=edge.time_ns,
-            counts=(),
-            status=(),
-        )
-        if len(self._waiting) >= MAX_WAITING:
-            self._lose_edges(1, "there was no room for them")
-        else:
-            self._waiting.append(latch)
-
-    def _deliver(self) -> None:
-        # In order of time; inputs settle one after the other, and not by their times.
-        for latch in sorted(self._waiting, key=lambda waiting: waiting.sample_time_ns):
-            if not self._delivery_queue.put(latch):
-                return
-            self._waiting.remove(latch)
-            self._counters["edges_received"] += 1
+        at = PolledSample(edge.time_ns, self._now_ns(), edge.time_ns, 0, (), ())
+        self._waiting.add(number, edge.active, at)
 
     def _lose_edges(self, count: int, why: str) -> None:
         self._fault(

@@ -107,8 +107,8 @@ async def test_alarms_of_the_profile_are_read_from_time_to_time():
         (True, "encoder_warning", "node 9: battery low (0010)"),
     ]
     assert sorted(found[2:]) == [
-        (False, "encoder_alarm", "over: node 9: position error (0001)"),
-        (False, "encoder_warning", "over: node 9: battery low (0010)"),
+        (False, "encoder_alarm", "node 9: position error (0001)"),
+        (False, "encoder_warning", "node 9: battery low (0010)"),
     ]
 
 

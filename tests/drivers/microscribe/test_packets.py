@@ -1,8 +1,11 @@
+from collections import Counter
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from traverse.drivers.base.values import CountSamples
 from traverse.drivers.microscribe.line import TimedPacket
 from traverse.drivers.microscribe.packets import (
     PacketClock,
@@ -11,7 +14,7 @@ from traverse.drivers.microscribe.packets import (
 from traverse.drivers.polling.pedals import (
     MAX_WAITING,
     PedalDebouncer,
-    PendingPedalEdges,
+    PendingEdges,
 )
 from traverse.drivers.polling.sampling import PolledSample, SampleBlockBuilder
 from traverse.protocol.microscribe.packets import Packet
@@ -195,27 +198,38 @@ def test_edges_wait_for_room_and_the_oldest_go_first():
             return True
         return False
 
-    queue = PendingPedalEdges("ms", put)
+    counters, faults = Counter(), []
+    queue = PendingEdges("ms", put, lambda *fault: faults.append(fault), counters)
     pedals = PedalDebouncer(0, 7)
     pedals.begin(sample(0, 0))
     (edge,) = pedals.detect_edges(sample(1, 1), certain=True)
-    lost = sum(queue.add(edge) for _ in range(MAX_WAITING + 3))
-    assert lost == 3
-    assert queue.hand_over() == 0
+    for _ in range(MAX_WAITING + 3):
+        queue.add(edge.number, edge.down, edge.first)
+    queue.hand_over()
+    assert not taken
     room = 5
-    assert queue.hand_over() == 5
+    queue.hand_over()
     assert taken == [4, 5, 6, 7, 8]
+    assert counters["edges_received"] == 5
+    assert not faults
+    room = MAX_WAITING
+    queue.hand_over()
+    assert len(taken) == MAX_WAITING
+    assert not queue
+    assert [(code, count) for code, _, _, count in faults] == [("edges_lost", 3)]
 
 
 def test_samples_are_gathered_into_blocks():
-    block = SampleBlockBuilder("ms")
-    assert block.take(1) is None
+    blocks: list[CountSamples] = []
+    block = SampleBlockBuilder("ms", blocks.append)
+    block.deliver(1)
+    assert not blocks
     block.add(3, sample(1, 0))
     assert not block.is_due(15 * MS)
     block.add(5, sample(2, 1))
     assert block.is_due(20 * MS)
-    made = block.take(7)
-    assert made is not None
+    block.deliver(7)
+    (made,) = blocks
     assert (made.stream, made.seq.tolist()) == (7, [3, 5])
     assert made.inputs.tolist() == [0, 1]
     assert made.counts.tolist() == [[1], [2]]

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from traverse.drivers.base.values import STATUS_MISSING, STATUS_WARNING
+from traverse.drivers.base.values import STATUS_MISSING, STATUS_WARNING, CountSamples
 from traverse.drivers.polling.channel import (
     ASK_AGAIN_NS,
     IMPLAUSIBLE,
@@ -110,14 +110,17 @@ def test_every_sample_is_taken_or_skipped_and_never_before_its_instant(rate_hz, 
 
 
 def test_a_block_has_the_instants_of_its_readings():
-    block = SampleBlockBuilder("arm")
-    assert block.take(1) is None
+    blocks: list[CountSamples] = []
+    block = SampleBlockBuilder("arm", blocks.append)
+    block.deliver(1)
+    assert not blocks
     readings = [EncoderReading(7, 1_000_300, STATUS_WARNING), None]
     block.add(4, sample_of_readings(1_000_000, readings, [7, 99], 1_000_900))
     assert not block.is_due(1_000_000 + BLOCK_NS - 1)
     assert block.is_due(1_000_000 + BLOCK_NS)
-    samples = block.take(3)
-    assert samples is not None
+    block.deliver(3)
+    block.deliver(3)
+    (samples,) = blocks
     assert (samples.device, samples.stream, samples.received_ns) == (
         "arm",
         3,
@@ -129,4 +132,3 @@ def test_a_block_has_the_instants_of_its_readings():
     assert samples.status.tolist() == [[STATUS_WARNING, STATUS_MISSING]]
     assert samples.skew_ns is not None
     assert samples.skew_ns.tolist() == [[300, 900]]
-    assert block.take(3) is None

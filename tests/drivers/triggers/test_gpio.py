@@ -39,14 +39,14 @@ class Chip:
         self._seq = {17: 0, 27: 0}
         self._write = -1
 
-    def request(self, path, settings, consumer, buffer_events):
+    def request(self, path, config, consumer, event_buffer_size):
         if self.error is not None:
             raise self.error
-        self.requested.append((path, settings, consumer, buffer_events))
+        self.requested.append((path, config, consumer, event_buffer_size))
         self._events = []
         self._seq = {17: 0, 27: 0}
         self.fd, self._write = os.pipe()
-        self.offsets = [OFFSETS[line] for line in settings]
+        self.offsets = [OFFSETS[line] for line in config]
         return self
 
     def get_values(self):
