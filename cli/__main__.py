@@ -34,7 +34,7 @@ from traverse.cli.points.command import points
 from traverse.cli.predict import predict
 from traverse.cli.probe.command import probe
 from traverse.cli.record import record
-from traverse.cli.refusals import REFUSED, missing_library
+from traverse.cli.refusals import REFUSED, RefusalError, end, missing_library
 from traverse.cli.replay.command import replay
 from traverse.cli.run import run
 from traverse.cli.simulate import simulate
@@ -44,7 +44,10 @@ from traverse.cli.watch.command import watch
 
 
 class Commands(TyperGroup):
-    """All commands; a value of an option that is refused is shown as it was typed."""
+    """Commands, and how they end where they refuse or lack a library.
+
+    A value of an option that is refused is shown as it was typed.
+    """
 
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - of click, or of typer's own
         """Run the command that is named."""
@@ -57,6 +60,19 @@ class Commands(TyperGroup):
 
                 error.message = problem_from_error(found()[0], ()).message
             raise
+        except RefusalError as error:
+            end(error.status, f"traverse {self._words(ctx)}: {error}")
+        except ModuleNotFoundError as error:
+            told = missing_library(self._words(ctx), error)
+            if told is None:
+                raise
+            end(REFUSED, told)
+
+    @staticmethod
+    def _words(ctx: typer.Context) -> str:
+        """The command's name, behind that of its group."""
+        group = ctx.info_name if ctx.parent else None
+        return " ".join(filter(None, (group, ctx.invoked_subcommand)))
 
 
 app = typer.Typer(
@@ -92,13 +108,17 @@ for command in COMMANDS:
     app.command()(command)
 # The old name of `daily-check`, kept for one release.
 app.command("interim", hidden=True)(daily_check)
-app.add_typer(arm, name="arm")
-app.add_typer(amt21, name="amt21")
-app.add_typer(can, name="can")
-app.add_typer(gateway, name="gateway")
-app.add_typer(microscribe, name="microscribe")
-app.add_typer(points, name="points")
-app.add_typer(probe, name="probe")
+GROUPS = {
+    "arm": arm,
+    "amt21": amt21,
+    "can": can,
+    "gateway": gateway,
+    "microscribe": microscribe,
+    "points": points,
+    "probe": probe,
+}
+for name, group in GROUPS.items():
+    app.add_typer(group, name=name, cls=Commands)
 
 
 def _show_version(wanted: bool) -> None:
@@ -123,16 +143,8 @@ def _options(
 
 
 def main() -> None:
-    """Run the command line; report a missing library in a sentence."""
-    try:
-        app()
-    except ModuleNotFoundError as error:
-        words = (word for word in sys.argv[1:] if not word.startswith("-"))
-        told = missing_library(next(words, "command"), error)
-        if told is None:
-            raise
-        sys.stderr.write(f"{told}\n")
-        sys.exit(REFUSED)
+    """Run the command line."""
+    app()
 
 
 if __name__ == "__main__":

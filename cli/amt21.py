@@ -120,7 +120,7 @@ def _command(
     """Show an encoder's position, do something to it, and show it again."""
     from traverse.protocol.amt21 import START_UP_S  # noqa: PLC0415
 
-    number = _address(name, address)
+    number = _address(address)
     with where.opened() as line:
         before = _present(line, number)
         # With --json this is printed where the question is.
@@ -135,7 +135,7 @@ def _command(
     print_report(report, [f"{number:#04x} is at {now}"], as_json=as_json)
 
 
-def _address(name: str, text: str) -> int:
+def _address(text: str) -> int:
     from traverse.protocol.amt21 import is_address  # noqa: PLC0415
 
     try:
@@ -143,10 +143,7 @@ def _address(name: str, text: str) -> int:
     except ValueError:
         number = -1
     if not is_address(number):
-        refuse(
-            f"amt21 {name}",
-            f"--address {text} is none; expected a multiple of 4, from 0x04 to 0xFC",
-        )
+        refuse(f"--address {text} is none; expected a multiple of 4, from 0x04 to 0xFC")
     return number
 
 

@@ -8,8 +8,6 @@ import typer
 from traverse.cli.options import Force, Json
 from traverse.cli.refusals import check_target, print_report, refusals, refuse
 
-COMMAND = "artefact"
-
 
 def artefact(
     out: Annotated[
@@ -36,19 +34,17 @@ def artefact(
 ) -> None:
     """Write a gauge with two sockets to be printed, and a campaign for it."""
     if distance_std_mm is not None and not distance_std_mm > 0.0:
-        refuse(COMMAND, f"--distance-std-mm {distance_std_mm:g}: expected above 0 mm")
-    with refusals(COMMAND):
+        refuse(f"--distance-std-mm {distance_std_mm:g}: expected above 0 mm")
+    with refusals():
         from traverse.lab.artefacts.socket_gauge import SocketGauge  # noqa: PLC0415 - keeps --help quick
         from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
 
-        try:
+        with refusals(ValueError):
             gauge = SocketGauge(distance_mm, ball_mm, clearance_mm)
-        except ValueError as error:
-            refuse(COMMAND, str(error))
         out.mkdir(parents=True, exist_ok=True)
         mesh, campaign = out / "gauge.stl", out / "campaign.toml"
         for path in (mesh, campaign):
-            check_target(COMMAND, path, force=force)
+            check_target(path, force=force)
         mesh.write_bytes(gauge.stl())
         write_atomically(campaign, gauge.campaign(places, distance_std_mm))
     report = {

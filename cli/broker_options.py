@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.options import with_options
-from traverse.cli.refusals import UNREACHABLE, end, refuse
+from traverse.cli.refusals import UNREACHABLE, end, refusals
 
 if TYPE_CHECKING:
     from traverse.client.mqtt.address import BrokerAddress
@@ -38,7 +38,7 @@ class BrokerOptions:
         Path | None, typer.Option(help="Key of that certificate, PEM.")
     ] = None
 
-    def address(self, command: str) -> "BrokerAddress":
+    def address(self) -> "BrokerAddress":
         """Their values; ends the command where they or their files are bad."""
         from traverse.broker.credential import credential_file  # noqa: PLC0415
         from traverse.client.mqtt.address import BrokerAddress  # noqa: PLC0415
@@ -46,7 +46,7 @@ class BrokerOptions:
         def named(file: Path | None) -> Path | None:
             return None if file is None else credential_file(str(file))
 
-        try:
+        with refusals(OSError, ValueError):
             address = replace(
                 BrokerAddress.parse(self.broker),
                 username=self.username,
@@ -56,8 +56,6 @@ class BrokerOptions:
                 key_file=named(self.client_key),
             )
             address.options()  # its files can be read
-        except (OSError, ValueError) as error:
-            refuse(command, str(error))
         return address
 
 

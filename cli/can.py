@@ -83,9 +83,8 @@ def preset(
         typer.echo(text, err=as_json)
         if value >= facts.modulus:
             refuse(
-                "can preset",
                 f"--value {value} is beyond its range, expected 0 to "
-                f"{facts.modulus - 1}",
+                f"{facts.modulus - 1}"
             )
         if not yes:
             kept = " and store it" if store else ""
@@ -100,7 +99,7 @@ def preset(
 @contextmanager
 def _opened(bus: BusOptions) -> Iterator["Commissioning"]:
     """The bus, opened; ends the command where a device cannot be reached."""
-    with refusals("can"):
+    with refusals():
         from traverse.drivers.canopen.commissioning import Commissioning  # noqa: PLC0415 - an extra; quick help
     where = bus.interface, bus.channel, bus.bitrate, bus.timeout
     with device_errors(), Commissioning(*where) as tool:

@@ -54,7 +54,7 @@ def certify(
     Computes every figure again from the raw data first. Writes dcc.xml, the raw data
     of an identification, and SHA256SUMS into the folder.
     """
-    with refusals("certify"):
+    with refusals():
         from traverse.lab.certificates.certificate import certify as made  # noqa: PLC0415
         from traverse.lab.certificates.certificate import issue_date  # noqa: PLC0415
         from traverse.lab.certificates.evidence import add_data  # noqa: PLC0415
@@ -62,9 +62,9 @@ def certify(
         from traverse.lab.certificates.signature import read_signing_key  # noqa: PLC0415
 
         if (campaign is None) != (arm is None):
-            refuse("certify", "--campaign and --arm belong together; give both")
+            refuse("--campaign and --arm belong together; give both")
         if (key is None) != (certificate is None):
-            refuse("certify", "--key and --certificate belong together; give both")
+            refuse("--key and --certificate belong together; give both")
         issued = issue_date(read_laboratory(laboratory))
         signing = None
         if key is not None and certificate is not None:

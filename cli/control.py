@@ -4,7 +4,7 @@ import asyncio
 import json
 import math
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from traverse.protocol.messages import Point
     from traverse.protocol.messages.scan import ScanMode
 
+T = TypeVar("T")
 FIND_S = 2.0
 CONNECT_S = 3.0  # a user waits for it at a terminal
 
@@ -44,8 +45,8 @@ def point(
     or broker cannot be reached.
     """
     if samples is not None and seconds is not None:
-        refuse("point", "--samples or --seconds, not both")
-    taken = send_command("point", arm, broker, lambda it: it.capture(samples, seconds))
+        refuse("--samples or --seconds, not both")
+    taken = send_command(arm, broker, lambda it: it.capture(samples, seconds))
     _show_point(taken, as_json=as_json)
     raise typer.Exit(0 if taken.quality.ok else 1)
 
@@ -56,9 +57,7 @@ def undo(*, arm: ArmName = None, as_json: Json = False, broker: BrokerOptions) -
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
-    _show_point(
-        send_command("undo", arm, broker, lambda it: it.undo()), as_json=as_json
-    )
+    _show_point(send_command(arm, broker, lambda it: it.undo()), as_json=as_json)
 
 
 @with_broker
@@ -81,14 +80,13 @@ def scan(
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
     if rate_hz is not None and spacing_mm is not None:
-        refuse("scan", "--rate-hz or --spacing-mm, not both")
+        refuse("--rate-hz or --spacing-mm, not both")
     if action == "stop":
-        send_command("scan", arm, broker, lambda it: it.stop_scan())
+        send_command(arm, broker, lambda it: it.stop_scan())
         _show({"scan": None}, "no scan is running", as_json=as_json)
     else:
         mode: ScanMode = "time" if spacing_mm is None else "distance"
         started = send_command(
-            "scan",
             arm,
             broker,
             lambda it: it.start_scan(mode, rate_hz=rate_hz, spacing_mm=spacing_mm),
@@ -115,7 +113,7 @@ def label(
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
-    send_command("label", arm, broker, lambda it: it.label(artefact, feature))
+    send_command(arm, broker, lambda it: it.label(artefact, feature))
     names = " ".join(filter(None, (artefact, feature)))
     told = f"label: {names}" if names else "points have no label"
     _show({"artefact": artefact, "feature": feature}, told, as_json=as_json)
@@ -133,7 +131,7 @@ def session(
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
-    begun = send_command("session", arm, broker, lambda it: it.new_session(note))
+    begun = send_command(arm, broker, lambda it: it.new_session(note))
     _show({"session": begun}, begun, as_json=as_json)
 
 
@@ -149,7 +147,7 @@ def use_probe(
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
-    model = send_command("probe use", arm, broker, lambda it: it.probe(name))
+    model = send_command(arm, broker, lambda it: it.probe(name))
     told = f"probe {name}, model {model[:12]}"
     _show({"probe": name, "model": model}, told, as_json=as_json)
 
@@ -162,7 +160,7 @@ def reload(
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
-    model = send_command("reload", arm, broker, lambda it: it.reload())
+    model = send_command(arm, broker, lambda it: it.reload())
     _show({"model": model}, f"model {model[:12]}", as_json=as_json)
 
 
@@ -189,36 +187,33 @@ def confirm(
     """
     known_mm = None if at is None else _place(at)
     devices = send_command(
-        "confirm", arm, broker, lambda it: it.confirm_reference(known_mm, tolerance_mm)
+        arm, broker, lambda it: it.confirm_reference(known_mm, tolerance_mm)
     )
     told = f"confirmed: {', '.join(devices)}" if devices else "nothing was in doubt"
     _show({"confirmed": devices}, told, as_json=as_json)
 
 
 def send_command(
-    command: str,
-    name: str | None,
-    broker: BrokerOptions,
-    act: Callable[["Arm"], Awaitable[Any]],
-) -> Any:  # noqa: ANN401 - the command's result
+    name: str | None, broker: BrokerOptions, act: Callable[["Arm"], Awaitable[T]]
+) -> T:
     """Have an arm do something; ends the program where it does not."""
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
     from traverse.client.mqtt.discovery import find_arms  # noqa: PLC0415
 
-    address = broker.address(command)
+    address = broker.address()
 
-    async def run() -> Any:  # noqa: ANN401 - as above
+    async def run() -> T:
         arm = name
         if arm is None:
             found = await find_arms(address, FIND_S)
             if len(found) != 1:
                 told = ", ".join(found) or "none"
-                refuse(command, f"the broker knows these arms: {told}; give --arm NAME")
+                refuse(f"the broker knows these arms: {told}; give --arm NAME")
             (arm,) = found
         async with Arm(arm, address, connect_timeout_s=CONNECT_S) as there:
             return await act(there)
 
-    with client_errors(command):
+    with client_errors():
         return asyncio.run(run())
 
 
@@ -228,7 +223,7 @@ def _place(text: str) -> tuple[float, float, float]:
         if not math.isfinite(x_mm + y_mm + z_mm):
             raise ValueError
     except ValueError:
-        refuse("confirm", f"--at {text}: expected x,y,z in mm, such as 120.5,-30,75")
+        refuse(f"--at {text}: expected x,y,z in mm, such as 120.5,-30,75")
     return x_mm, y_mm, z_mm
 
 

@@ -76,21 +76,16 @@ def diagnose(
     discrepancies.csv, report.html and its pictures. Exit status 1: --strict and
     something is missing, or the adjustment broke down.
     """
-    with refusals("diagnose"):
+    with refusals():
         if plan:
             if accept or accept_tentative or out is not None:
-                refuse(
-                    "diagnose", "--plan writes nothing; leave out --out and --accept"
-                )
+                refuse("--plan writes nothing; leave out --out and --accept")
             _plan(campaign, arm, as_json=as_json)
             return
         if out is None:
-            refuse(
-                "diagnose",
-                "--out missing: name a folder for the results, or give --plan",
-            )
+            refuse("--out missing: name a folder for the results, or give --plan")
         if not accept:
-            check_results("diagnose", out, arm)
+            check_results(out, arm)
         from traverse.lab.diagnosis.model.result import DiagnosisOptions  # noqa: PLC0415
 
         options = DiagnosisOptions(
@@ -132,7 +127,7 @@ def _diagnosed(
             return stream.diagnosis, stream
         return found_by(campaign, arm, options, progress), None
     except IdentificationError as error:
-        refuse("diagnose", str(error))
+        refuse(str(error))
     except np.linalg.LinAlgError as error:
         end(
             FAILED,
@@ -203,13 +198,11 @@ def _plan(folder: Path, arm_file: Path, *, as_json: bool) -> None:
     from traverse.lab.identification.identify import IdentificationError  # noqa: PLC0415
 
     arm, campaign = _read(folder, arm_file)
-    try:
+    with refusals(IdentificationError):
         if campaign.is_stream:
             campaign, thinning = decimated(campaign, arm)
             campaign = campaign.part(thinning.poses)
         found = planned(campaign, arm)
-    except IdentificationError as error:
-        refuse("diagnose", str(error))
     head = (
         f"{arm.name}: what {counted(len(campaign.poses), 'pose')} could show, with a "
         "probability of 95 %, in the worst phase or direction"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, arms_at, with_broker
-from traverse.cli.refusals import REFUSED, UNREACHABLE, end, refusals, refuse
+from traverse.cli.refusals import REFUSED, UNREACHABLE, end, refusals
 
 if TYPE_CHECKING:
     from traverse.client.display.arm_state import Change
@@ -47,7 +47,7 @@ def page(
     refuses to start without. Exit status 2: an option was refused; 3: the broker could
     not be reached, or no arm was found there.
     """
-    with refusals("page"):  # imported when needed: keeps --help quick
+    with refusals():  # imported when needed: keeps --help quick
         from traverse.broker.credential import credential_file  # noqa: PLC0415
         from traverse.client.display.follower import Follower  # noqa: PLC0415
         from traverse.client.exports.formats import points_as  # noqa: PLC0415
@@ -60,8 +60,8 @@ def page(
             "and --key, or listen on 127.0.0.1",
             param_hint="--host",
         )
-    address = broker.address("page")
-    try:
+    address = broker.address()
+    with refusals(OSError, ValueError):
         token_file, certificate, key = (
             None if file is None else credential_file(str(file))
             for file in (token_file, certificate, key)
@@ -69,8 +69,6 @@ def page(
         token = None if token_file is None else read_token(token_file)
         if certificate is not None:
             _check_pair(certificate, key)
-    except (OSError, ValueError) as error:
-        refuse("page", str(error))
     name = arm or _only_arm(address)
     scheme = "http" if certificate is None else "https"
     typer.echo(f"{name} on {address}: {scheme}://{host}:{port}")

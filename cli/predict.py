@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from traverse.cli.options import Json
-from traverse.cli.refusals import print_report, refusals, refuse
+from traverse.cli.refusals import print_report, refusals
 
 if TYPE_CHECKING:
     from traverse.lab.campaign.campaign import Campaign
@@ -37,18 +37,12 @@ def predict(
     --fit-tool the probe's vector, is found by the poses of --fit-on, else by those of
     the campaign itself. All poses count.
     """
-    with refusals("predict"):
-        from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
-        from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
-        from traverse.lab.identification.identify import IdentificationError  # noqa: PLC0415
-        from traverse.lab.identification.prediction import (  # noqa: PLC0415
-            placed,
-            places_of,
-        )
-        from traverse.lab.identification.prediction import (  # noqa: PLC0415
-            predict as compared,
-        )
+    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
+    from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
+    from traverse.lab.identification import prediction  # noqa: PLC0415
+    from traverse.lab.identification.identify import IdentificationError  # noqa: PLC0415
 
+    with refusals(IdentificationError):
         held = read_arm(arm)
         names = [joint.name for joint in held.joints]
         judged = fitted = read_campaign(campaign, names, several_tools=True)
@@ -57,12 +51,9 @@ def predict(
         for folder, one in {campaign: judged, fit_on or campaign: fitted}.items():
             for note in one.notes:
                 typer.echo(f"{folder}: {note}", err=True)
-        try:
-            found = placed(fitted, held, with_tool=fit_tool)
-            places = {} if fit_on is None else places_of(found)
-            result = compared(judged, found.arm, places, found.tools_mm)
-        except IdentificationError as error:
-            refuse("predict", str(error))
+        found = prediction.placed(fitted, held, with_tool=fit_tool)
+        places = {} if fit_on is None else prediction.places_of(found)
+        result = prediction.predict(judged, found.arm, places, found.tools_mm)
         if out is not None:
             _write_poses(result, out)
     tool = None if not fit_tool else list(found.arm.probe.vector_mm)

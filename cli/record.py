@@ -33,8 +33,8 @@ def record(
     The file begins some seconds before the command, where the flight recorder is on.
     Exit status 2: the daemon refuses; 3: it or the broker could not be reached.
     """
-    address = broker.address("record")
-    with client_errors("record"):
+    address = broker.address()
+    with client_errors():
         recorded = asyncio.run(
             _record(name, arm, address, seconds, note, quiet=as_json)
         )

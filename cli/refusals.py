@@ -49,9 +49,22 @@ def end(status: int, text: str) -> NoReturn:
     raise typer.Exit(status)
 
 
-def refuse(command: str, text: str) -> NoReturn:
+class RefusalError(Exception):
+    """What ends a command, in a sentence; its name is put before that.
+
+    Args:
+        text: the sentence.
+        status: exit status.
+    """
+
+    def __init__(self, text: str, status: int = REFUSED) -> None:
+        super().__init__(text)
+        self.status = status
+
+
+def refuse(text: str, status: int = REFUSED) -> NoReturn:
     """End a command with a sentence about what was wrong."""
-    end(REFUSED, f"traverse {command}: {text}")
+    raise RefusalError(text, status)
 
 
 def print_report(values: Any, lines: Iterable[str], *, as_json: bool) -> None:  # noqa: ANN401 - for json
@@ -72,26 +85,26 @@ def system_refusal(error: OSError) -> str:
     return f"{path}: {system_reason(error)}"
 
 
-def check_target(command: str, path: Path, *, force: bool) -> None:
+def check_target(path: Path, *, force: bool) -> None:
     """Refuse a file that cannot be written, or that is there, before any work."""
     if not path.parent.is_dir():
-        refuse(command, f"{path}: there is no folder {path.parent}; make it first")
+        refuse(f"{path}: there is no folder {path.parent}; make it first")
     if path.is_dir():
-        refuse(command, f"{path} is a folder; name a file in it")
+        refuse(f"{path} is a folder; name a file in it")
     if path.exists() and not force:
-        refuse(command, f"{path} exists; name another, or replace it with --force")
+        refuse(f"{path} exists; name another, or replace it with --force")
 
 
-def check_results(command: str, folder: Path, arm: Path) -> None:
+def check_results(folder: Path, arm: Path) -> None:
     """Refuse a folder of results whose arm.toml is the arm file that is read."""
     # os.path: Path.resolve raises RuntimeError where a link leads to itself.
     if os.path.realpath(folder / "arm.toml") == os.path.realpath(arm):
         told = f"--out {folder}: its arm.toml is the arm file, and would be replaced"
-        refuse(command, f"{told}; name another folder")
+        refuse(f"{told}; name another folder")
 
 
 @contextmanager
-def client_errors(command: str) -> Iterator[None]:
+def client_errors() -> Iterator[None]:
     """End with exit status 2 where the arm refuses, 3 where it is not reached."""
     from traverse.client.errors import ClientError, CommandRefused  # noqa: PLC0415
 
@@ -100,9 +113,9 @@ def client_errors(command: str) -> Iterator[None]:
     try:
         yield
     except (CommandRefused, ValueError) as error:
-        refuse(command, str(error))
+        refuse(str(error))
     except ClientError as error:
-        end(UNREACHABLE, f"traverse {command}: {error}")
+        refuse(str(error), UNREACHABLE)
 
 
 @contextmanager
@@ -117,18 +130,18 @@ def device_errors() -> Iterator[None]:
 
 
 @contextmanager
-def refusals(command: str) -> Iterator[None]:
-    """End with exit status 2 where something is refused, missing or not writable."""
+def refusals(*kinds: type[Exception]) -> Iterator[None]:
+    """End with exit status 2 where something is refused or not writable.
+
+    Errors of these kinds are refusals, too.
+    """
     from traverse.strict_toml.problems import FileError  # noqa: PLC0415
 
     try:
         yield
     except FileError as error:
         end(REFUSED, str(error))
-    except ModuleNotFoundError as error:
-        told = missing_library(command, error)
-        if told is None:
-            raise
-        end(REFUSED, told)
+    except kinds as error:
+        refuse(str(error))
     except OSError as error:
         end(REFUSED, system_refusal(error))

@@ -64,7 +64,7 @@ def verify(
     Writes certificate.json, .html and .pdf with the raw data into --out.
     Exit status 1: something is missing, or not everything is accepted.
     """
-    with refusals("verify"):
+    with refusals():
         if check is not None:
             _checked(check, trust or [], schemas, as_json=as_json)
             return
@@ -81,10 +81,7 @@ def verify(
             if value is None
         ]
         if data is None or standard is None:
-            refuse(
-                "verify",
-                f"{', '.join(missing)} missing; or give --plan STANDARD, or --check",
-            )
+            refuse(f"{', '.join(missing)} missing; or give --plan STANDARD, or --check")
         known = _known(standard, "--standard")
         certificate = _certificate(data, known, arm, limits, operator)
         values = certificate.values
@@ -109,7 +106,7 @@ def _known(standard: str, option: str) -> str:
 
     if standard not in STANDARDS:
         names = ", ".join(STANDARDS)
-        refuse("verify", f"{option}: no standard {standard!r}; there are: {names}")
+        refuse(f"{option}: no standard {standard!r}; there are: {names}")
     return standard
 
 
@@ -159,7 +156,7 @@ def _arm(data: Path, file: Path | None) -> "tuple[Arm, bytes]":
     if file is not None:
         return read_arm(file), bytes_of(file)
     if data.suffix != ".mcap":
-        refuse("verify", "--arm missing; the arm file with which it was measured")
+        refuse("--arm missing; the arm file with which it was measured")
     from traverse.recording.reader import read_recording  # noqa: PLC0415
 
     text = read_recording(data).arm_text
@@ -173,7 +170,7 @@ def _planned(
     from traverse.lab.acceptance.plan import plan_of, write_plan  # noqa: PLC0415
 
     if arm_file is None or out is None:
-        refuse("verify", "--plan needs --arm and --out")
+        refuse("--plan needs --arm and --out")
     found = plan_of(standard, read_arm(arm_file), bidirectional=bidirectional)
     return write_plan(found, standard, out)
 
@@ -194,7 +191,7 @@ def _checked(
         found = checked_certificate(folder, trusted, schemas)
         problems, notes = list(found.problems), list(found.notes)
     elif trust:
-        refuse("verify", f"--trust: {folder} has no dcc.xml; `traverse certify` signs")
+        refuse(f"--trust: {folder} has no dcc.xml; `traverse certify` signs")
     else:
         problems = certificate_problems(path)
         notes = []

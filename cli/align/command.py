@@ -12,8 +12,6 @@ from traverse.cli.control import send_command
 from traverse.cli.options import Json
 from traverse.cli.refusals import FAILED, refusals, refuse
 
-COMMAND = "align"
-
 
 @with_broker
 @with_alignment
@@ -52,14 +50,14 @@ def align(
     the points do not determine it; 3: daemon or broker could not be reached.
     """
     if clear:
-        send_command(COMMAND, arm_name, broker, lambda arm: arm.clear_alignment())
+        send_command(arm_name, broker, lambda arm: arm.clear_alignment())
         typer.echo("points have no part coordinates")
         return
     if points is None:
-        refuse(COMMAND, "name the points to be aligned, or give --clear")
-    with refusals(COMMAND):
+        refuse("name the points to be aligned, or give --clear")
+    with refusals():
         if options.problem is not None:
-            refuse(COMMAND, options.problem)
+            refuse(options.problem)
         if options.nominal is None:
             values = _read(points, send=send)
         else:
@@ -74,17 +72,17 @@ def align(
     if send:
         to = arm_name or values["arm"]
         if to is None:
-            refuse(COMMAND, "the points do not name their arm; give --arm-name")
+            refuse("the points do not name their arm; give --arm-name")
         from traverse.lab.alignment.files import align_args  # noqa: PLC0415
 
-        send_command(COMMAND, to, broker, lambda arm: arm.execute(align_args(values)))
+        send_command(to, broker, lambda arm: arm.execute(align_args(values)))
         typer.echo(f"{to} uses it from now on", err=True)
 
 
 def _read(file: Path, *, send: bool) -> dict[str, Any]:
     """An alignment that was computed before."""
     if not send:
-        refuse(COMMAND, "--nominal missing; or give an alignment.json and --send")
+        refuse("--nominal missing; or give an alignment.json and --send")
     from traverse.lab.alignment.files import read_alignment  # noqa: PLC0415
 
     return read_alignment(file)
@@ -92,14 +90,9 @@ def _read(file: Path, *, send: bool) -> dict[str, Any]:
 
 def _computed(points: Path, nominal: Path, options: AlignmentOptions) -> dict[str, Any]:
     from traverse.cli.align.computing import compute_alignment  # noqa: PLC0415
-    from traverse.strict_toml.problems import FileError  # noqa: PLC0415
 
-    try:
+    with refusals(ValueError):
         return compute_alignment(points, nominal, options)
-    except FileError:
-        raise
-    except ValueError as error:
-        refuse(COMMAND, str(error))
 
 
 def _print_result(values: dict[str, Any], out: Path | None, *, as_json: bool) -> None:

@@ -7,7 +7,7 @@ import typer
 
 from traverse.cli.arm.options import ArmOptions, Out
 from traverse.cli.options import Force, Json, with_options
-from traverse.cli.refusals import check_target, print_report, refusals, refuse
+from traverse.cli.refusals import check_target, print_report, refusals
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def show(
     from traverse.cli.arm.summary import arm_summary, summary_lines  # noqa: PLC0415
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
 
-    with refusals("arm"):
+    with refusals():
         values = read_arm(file)
         if png is not None:
             from traverse.lab.report.arm_picture import draw_base_posture  # noqa: PLC0415 - extra `lab`
@@ -83,9 +83,9 @@ def from_dh(
     from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415 - keeps --help quick
     from traverse.kinematics.importers.dh_file import Units  # noqa: PLC0415
 
-    check_target("arm from-dh", out, force=force)
+    check_target(out, force=force)
     units = Units(lengths, angles)
-    with refusals("arm"):
+    with refusals():
         made = arm_from_dh_file(
             table,
             units,
@@ -122,8 +122,8 @@ def from_urdf(
     from traverse.cli.arm.making import arm_from_urdf_file  # noqa: PLC0415
     from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415 - keeps --help quick
 
-    check_target("arm from-urdf", out, force=force)
-    with refusals("arm"):
+    check_target(out, force=force)
+    with refusals():
         made = arm_from_urdf_file(file, root, tip, options)
         write_arm(out, made)
     _print_made(out, made, as_json=as_json)
@@ -152,8 +152,8 @@ def to_dh(
     from traverse.strict_toml.writing import arm_text, write_atomically  # noqa: PLC0415
 
     if out is not None:
-        check_target("arm to-dh", out, force=force)
-    with refusals("arm"):
+        check_target(out, force=force)
+    with refusals():
         report, csv_text = dh_report(read_arm(file), parallel_below_rad, postures, seed)
         if out is not None:
             as_toml = out.suffix.lower() == ".toml"
@@ -180,13 +180,11 @@ def to_urdf(
     from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
 
     if out is not None:
-        check_target("arm to-urdf", out, force=force)
-    with refusals("arm"):
+        check_target(out, force=force)
+    with refusals():
         values = read_arm(file)
-        try:
+        with refusals(ValueError):
             report, text = urdf_report(values, postures, seed)
-        except ValueError as error:
-            refuse("arm", str(error))
         if out is not None:
             write_atomically(out, text)
     lines = [_made(out, values), *urdf_remarks(report)]

@@ -48,8 +48,8 @@ def collect(
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
 
     flags = frozenset(flag.strip() for flag in allow.split(",") if flag.strip())
-    address = broker.address("collect")
-    with refusals("collect"):
+    address = broker.address()
+    with refusals():
         from traverse.cli.collect.session import run_collection  # noqa: PLC0415
         from traverse.lab.campaign.campaign_file import (  # noqa: PLC0415
             example_problems,
@@ -68,9 +68,8 @@ def collect(
         known = {str(flag.name).lower() for flag in FLAG_MEANINGS}
         if unknown := sorted(flags - known):
             refuse(
-                "collect",
                 f"--allow: no quality flag {', '.join(unknown)}; there are: "
-                f"{', '.join(sorted(known))}",
+                f"{', '.join(sorted(known))}"
             )
         if campaign.is_dir():
             campaign /= "campaign.toml"
@@ -79,16 +78,14 @@ def collect(
             typer.echo(f"{campaign}: {problem}", err=True)
         if not file.poses.endswith(".csv"):
             refuse(
-                "collect",
                 f"{campaign}: poses is {file.poses!r}; what is collected point by "
-                'point is a table: poses = "poses.csv"',
+                'point is a table: poses = "poses.csv"'
             )
         for artefact in file.artefacts:
             if artefact.reads_lengths:
                 refuse(
-                    "collect",
                     f"{campaign}: {artefact.id!r} reads a length at every pose, which "
-                    "no point has; make the table of its poses otherwise",
+                    "no point has; make the table of its poses otherwise"
                 )
         model = read_arm(arm)
         beside = campaign.parent / PLAN

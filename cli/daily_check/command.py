@@ -84,52 +84,46 @@ def daily_check(
     import sqlite3  # noqa: PLC0415 - keeps --help quick
 
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
+    from traverse.lab.daily_check.history import (  # noqa: PLC0415
+        HistoryRefusedError,
+        add_check,
+        checks_of,
+    )
 
-    with refusals("daily-check"):
-        from traverse.lab.daily_check.history import (  # noqa: PLC0415
-            HistoryRefusedError,
-            add_check,
-            checks_of,
-        )
-
+    with refusals(HistoryRefusedError, sqlite3.Error):
         lacking = _lacking()
         if lacking is not None and (show or campaign is not None):
             end(REFUSED, lacking)
-        address = broker.address("daily-check")
+        address = broker.address()
         model = read_arm(arm)
         path = _history(config, history)
-        try:
-            before = checks_of(path, model.name)
-            if not show:
-                folder = campaign
-                if folder is None:
-                    mm = radius or (
-                        before[-1].figures.sphere_radius_mm if before else 0
+        before = checks_of(path, model.name)
+        if not show:
+            folder = campaign
+            if folder is None:
+                mm = radius or (before[-1].figures.sphere_radius_mm if before else 0)
+                again = (
+                    f"traverse daily-check --arm {arm} "
+                    + (f"--config {config}" if config else f"--history {history}")
+                    + " --campaign"
+                )
+                if lacking is not None:
+                    typer.echo(
+                        f"{lacking}. Nothing can be judged before: what is touched "
+                        "now is kept, to be computed later, here or on another "
+                        "computer (q ends)",
+                        err=True,
                     )
-                    again = (
-                        f"traverse daily-check --arm {arm} "
-                        + (f"--config {config}" if config else f"--history {history}")
-                        + " --campaign"
-                    )
-                    if lacking is not None:
-                        typer.echo(
-                            f"{lacking}. Nothing can be judged before: what is touched "
-                            "now is kept, to be computed later, here or on another "
-                            "computer (q ends)",
-                            err=True,
-                        )
-                    folder = _collected(path, model, mm, address, again, quiet=as_json)
-                    if lacking is not None:
-                        typer.echo(f"kept, and not judged; later: {again} {folder}")
-                        raise typer.Exit(REFUSED)
-                check = _checked(folder, model, new_base or "")
-                if not add_check(path, check):
-                    typer.echo(f"{folder}: had been counted before", err=True)
-            checks = checks_of(path, model.name)
-        except (HistoryRefusedError, sqlite3.Error) as error:
-            refuse("daily-check", str(error))
+                folder = _collected(path, model, mm, address, again, quiet=as_json)
+                if lacking is not None:
+                    typer.echo(f"kept, and not judged; later: {again} {folder}")
+                    raise typer.Exit(REFUSED)
+            check = _checked(folder, model, new_base or "")
+            if not add_check(path, check):
+                typer.echo(f"{folder}: had been counted before", err=True)
+        checks = checks_of(path, model.name)
         if not checks:
-            refuse("daily-check", f"{path}: has no check of arm {model.name} yet")
+            refuse(f"{path}: has no check of arm {model.name} yet")
         report = _report(checks, model.name, limits, acceptance)
         if out is not None:
             from traverse.lab.daily_check.chart_pictures import (  # noqa: PLC0415
@@ -159,14 +153,14 @@ def _history(config: Path | None, history: Path | None) -> Path:
     from traverse.daemon.state_dir import state_folder  # noqa: PLC0415 - quick help
 
     if (config is None) == (history is None):
-        refuse("daily-check", "give --history FILE or --config FILE, one of them")
+        refuse("give --history FILE or --config FILE, one of them")
     try:
         if history is not None:
             history.parent.mkdir(parents=True, exist_ok=True)
             return history
         return state_folder(config or Path()) / HISTORY
     except OSError as error:
-        refuse("daily-check", f"the history's folder cannot be made: {error}")
+        refuse(f"the history's folder cannot be made: {error}")
 
 
 def _collected(
@@ -194,7 +188,7 @@ def _collected(
     from traverse.lab.daily_check.figures import write_check  # noqa: PLC0415
 
     if not radius_mm > 0.0:
-        refuse("daily-check", "--radius missing: the sphere's calibrated radius in mm")
+        refuse("--radius missing: the sphere's calibrated radius in mm")
     now = datetime.now(UTC)
     folder = path.parent / "interim" / f"{now:%Y%m%dT%H%M%S.%fZ}"
     write_check(folder, arm, radius_mm, now)
@@ -230,7 +224,7 @@ def _checked(folder: Path, arm: "Arm", begins: str) -> "Check":
     try:
         figures = daily_check_figures(read_measured(folder, arm))
     except IncompleteError as error:
-        end(FAILED, f"traverse daily-check: {folder}: {error}")
+        refuse(f"{folder}: {error}", FAILED)
     start = read_campaign_file(folder / "campaign.toml").start_utc
     when = (start or datetime.now(UTC)).astimezone(UTC).replace(microsecond=0)
     return Check(

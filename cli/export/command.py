@@ -76,27 +76,24 @@ def export(
     from traverse.client.exports.formats import FORMATS  # noqa: PLC0415 - keeps --help quick
 
     if to not in (*FORMATS, "campaign"):
-        refuse("export", f"--to {to}: one of {', '.join(FORMATS)}, campaign")
-    with refusals("export"):
-        try:
-            if to == "campaign":
-                if arm is None or campaign is None:
-                    refuse("export", "--to campaign needs --arm and --campaign")
-                folder = out or source.with_suffix("")
-                report = export_campaign(source, arm, campaign, folder, session)
-                said = campaign_words(report)
-            else:
-                path = out or source.with_suffix(f".{'txt' if to == 'text' else to}")
-                if path.exists() and source.exists() and path.samefile(source):
-                    refuse("export", f"{path} is the source; name another with --out")
-                check_target("export", path, force=force)
-                wanted = Wanted(
-                    to, kind, coordinates, session, filters, template, retracted
-                )
-                report = write_file(source, path, wanted)
-                said = file_words(source, report)
-        except ValueError as error:
-            refuse("export", str(error))
+        refuse(f"--to {to}: one of {', '.join(FORMATS)}, campaign")
+    with refusals(ValueError):
+        if to == "campaign":
+            if arm is None or campaign is None:
+                refuse("--to campaign needs --arm and --campaign")
+            folder = out or source.with_suffix("")
+            report = export_campaign(source, arm, campaign, folder, session)
+            said = campaign_words(report)
+        else:
+            path = out or source.with_suffix(f".{'txt' if to == 'text' else to}")
+            if path.exists() and source.exists() and path.samefile(source):
+                refuse(f"{path} is the source; name another with --out")
+            check_target(path, force=force)
+            wanted = Wanted(
+                to, kind, coordinates, session, filters, template, retracted
+            )
+            report = write_file(source, path, wanted)
+            said = file_words(source, report)
     if as_json:
         typer.echo(json.dumps(report, indent=1))
     else:

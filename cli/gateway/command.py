@@ -20,12 +20,11 @@ from traverse.cli.gateway.running import (
     send,
     until_signal,
 )
-from traverse.cli.refusals import client_errors, refuse
+from traverse.cli.refusals import client_errors, refusals, refuse
 
 if TYPE_CHECKING:
     from traverse.client.gateways.outlets import Outlet
 
-COMMAND = "gateway lines"
 
 gateway = typer.Typer(
     help="Points for programs that do not speak MQTT.", no_args_is_help=True
@@ -98,7 +97,7 @@ def lines(
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
     from traverse.client.gateways.lines import LineForm, LineGateway  # noqa: PLC0415
 
-    try:
+    with refusals(ValueError):
         form = LineForm.of(
             template,
             undo,
@@ -110,15 +109,13 @@ def lines(
         if kind == "scans" and coordinates == "surface":
             raise ValueError("--kind scans has no --coordinates surface")
         outlet = _outlet(tcp, udp, serial, baud, file)
-    except ValueError as error:
-        refuse(COMMAND, str(error))
-    address = broker.address(COMMAND)
+    address = broker.address()
 
     def work() -> Coroutine[Any, Any, None]:
         there = Arm(arm, address, since=since, cursor_file=cursor_file)
         return send(there, kind, LineGateway(form, outlet, report))
 
-    run(COMMAND, lambda: outlet.name, work)
+    run(lambda: outlet.name, work)
 
 
 @gateway.command("home-assistant")
@@ -148,28 +145,22 @@ def home_assistant(
     from traverse.protocol.message_error import MessageError  # noqa: PLC0415
     from traverse.protocol.topics import status_topic  # noqa: PLC0415
 
-    command = "gateway home-assistant"
-    try:
+    with refusals(MessageError):
         status_topic(arm)
-    except MessageError as error:
-        refuse(command, str(error))
     if not prefix or any(sign in prefix for sign in "+#\0"):
-        refuse(command, f"--prefix {prefix}: expected a topic, without + and #")
+        refuse(f"--prefix {prefix}: expected a topic, without + and #")
     if history is not None and not history.is_file():
-        refuse(command, f"--history {history}: there is no such file")
+        refuse(f"--history {history}: there is no such file")
 
     def last_check() -> str | None:
         checks = checks_of(history, arm) if history and history.is_file() else []
         return checks[-1].time_utc if checks else None
 
-    address = broker.address(command)
-    try:
+    address = broker.address()
+    with refusals(HistoryRefusedError, sqlite3.Error), client_errors():
         last_check()  # whether it can be read is said at once
-        with client_errors(command):
-            shown = HomeAssistantGateway(arm, address, prefix, report, last_check)
-            asyncio.run(shown.remove() if remove else until_signal(shown.run()))
-    except (HistoryRefusedError, sqlite3.Error) as error:
-        refuse(command, str(error))
+        shown = HomeAssistantGateway(arm, address, prefix, report, last_check)
+        asyncio.run(shown.remove() if remove else until_signal(shown.run()))
 
 
 def _outlet(

@@ -8,13 +8,11 @@ import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.gateway.running import host_port, report, run, until_signal
-from traverse.cli.refusals import refusals, refuse
+from traverse.cli.refusals import refusals
 
 if TYPE_CHECKING:
     from traverse.client.arm import Arm
     from traverse.client.gateways.ippdme.server import IppServer
-
-COMMAND = "gateway ippdme"
 
 
 @with_broker
@@ -54,12 +52,9 @@ def ippdme(
     from traverse.client.gateways.ippdme.session import Options  # noqa: PLC0415
     from traverse.daemon.pose.probe_library import read_probes  # noqa: PLC0415
 
-    try:
+    with refusals(ValueError):
         host, port = host_port(listen, "--listen", "127.0.0.1")
         keys = dict(_key(text) for text in key or ())
-    except ValueError as error:
-        refuse(COMMAND, str(error))
-    with refusals(COMMAND):
         library = () if probes is None else read_probes(probes).probes
     options = Options(
         near_mm,
@@ -67,14 +62,14 @@ def ippdme(
         keys,
         '"CartCMM"' if quote_class else "CartCMM",
     )
-    address = broker.address(COMMAND)
+    address = broker.address()
 
     def work() -> Coroutine[Any, Any, None]:
         there = Arm(arm, address)
         server = IppServer(there, host, port, report, options)
         return until_signal(_serve(there, server))
 
-    run(COMMAND, lambda: f"tcp {host}:{port}", work)
+    run(lambda: f"tcp {host}:{port}", work)
 
 
 def _key(text: str) -> tuple[str, str]:

@@ -7,9 +7,7 @@ import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.gateway.running import report, run, send
-from traverse.cli.refusals import missing_library, refuse
-
-COMMAND = "gateway keys"
+from traverse.cli.refusals import refusals
 
 
 @with_broker
@@ -52,7 +50,7 @@ def keys(
     )
     from traverse.client.gateways.lines import LineForm, LineGateway  # noqa: PLC0415
 
-    try:
+    with refusals(ValueError):
         check_typable(through, separator)
         form = LineForm.of(
             keys_template(separator, after),
@@ -62,16 +60,11 @@ def keys(
             decimal,
             sends_doubtful=False,
         )
-    except ValueError as error:
-        refuse(COMMAND, str(error))
-    address = broker.address(COMMAND)
+    address = broker.address()
 
     def work() -> Coroutine[Any, Any, None]:
         there = Arm(arm, address)
         outlet = KeysOutlet(there, through, stop_key, report)
         return send(there, "points", LineGateway(form, outlet, report))
 
-    try:
-        run(COMMAND, lambda: "the keyboard", work)
-    except ModuleNotFoundError as error:
-        refuse(COMMAND, missing_library(COMMAND, error) or str(error))
+    run(lambda: "the keyboard", work)

@@ -7,13 +7,11 @@ import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.gateway.running import host_port, report, run, until_signal
-from traverse.cli.refusals import missing_library, refuse
+from traverse.cli.refusals import refusals
 
 if TYPE_CHECKING:
     from traverse.client.arm import Arm
     from traverse.client.gateways.live import LiveServer
-
-COMMAND = "gateway live"
 
 
 @with_broker
@@ -39,22 +37,17 @@ def live(
     or the extra is not installed; 3: the broker could not be reached.
     """
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.client.gateways.live import LiveServer  # noqa: PLC0415
 
-    try:
+    with refusals(ValueError):
         host, port = host_port(listen, "--listen", "127.0.0.1")
-    except ValueError as error:
-        refuse(COMMAND, str(error))
-    try:
-        from traverse.client.gateways.live import LiveServer  # noqa: PLC0415
-    except ModuleNotFoundError as error:
-        refuse(COMMAND, missing_library(COMMAND, error) or str(error))
-    address = broker.address(COMMAND)
+    address = broker.address()
 
     def work() -> Coroutine[Any, Any, None]:
         there = Arm(arm, address, since=since)
         return _serve(there, LiveServer(there, host, port, magnify, report))
 
-    run(COMMAND, lambda: f"ws://{host}:{port}", work)
+    run(lambda: f"ws://{host}:{port}", work)
 
 
 async def _serve(arm: "Arm", server: "LiveServer") -> None:

@@ -20,28 +20,23 @@ if TYPE_CHECKING:
 Kind = Literal["points", "scans"]
 
 
-def run(
-    command: str,
-    port: Callable[[], str],
-    work: Callable[[], Coroutine[Any, Any, None]],
-) -> None:
+def run(port: Callable[[], str], work: Callable[[], Coroutine[Any, Any, None]]) -> None:
     """Run a gateway to its end; refuse what it cannot have.
 
     Args:
-        command: its name.
         port: what it listens on or writes to, for people.
         work: begins it.
     """
-    with client_errors(command):
+    with client_errors():
         try:
             asyncio.run(work())
         except OSError as error:
             if error.filename is not None:
-                refuse(command, system_refusal(error))
+                refuse(system_refusal(error))
             # asyncio puts a sentence of its own before the system's.
             is_of_system = error.errno is not None and error.errno > 0
             why = os.strerror(error.errno or 0) if is_of_system else error.strerror
-            refuse(command, f"{port()}: {why}; name another port")
+            refuse(f"{port()}: {why}; name another port")
 
 
 async def until_signal(work: Coroutine[Any, Any, None]) -> None:

@@ -82,7 +82,7 @@ def identify(
     Exit status 1: no convergence, a certificate that contradicts the rest, or --strict
     and something is undetermined.
     """
-    with refusals("identify"):
+    with refusals():
         if compare is not None:
             _compare(*compare, campaign, as_json=as_json)
             return
@@ -92,8 +92,8 @@ def identify(
             if value is None
         ]
         if campaign is None or arm is None or out is None:
-            refuse("identify", f"{', '.join(missing)} missing; or give --compare A B")
-        check_results("identify", out, arm)
+            refuse(f"{', '.join(missing)} missing; or give --compare A B")
+        check_results(out, arm)
         from traverse.lab.report.provenance import campaign_provenance  # noqa: PLC0415
 
         options = _options(hold or [], free or [], masks)
@@ -152,7 +152,7 @@ def _identified(
         figures = holdout_figures(result, held_out, *kept_aside[1:])
         return replace(result, holdout=figures)
     except IdentificationError as error:
-        refuse("identify", str(error))
+        refuse(str(error))
     except np.linalg.LinAlgError as error:
         end(
             FAILED,
@@ -170,10 +170,9 @@ def _split(
     chosen, held_out = SPLITS[by](campaign, seed, part)
     if not held_out.any():
         refuse(
-            "identify",
             f"nothing can be kept aside of {len(campaign.poses)} poses at "
             f"{len(campaign.artefacts)} artefacts by {by}: the rest would not "
-            "determine the arm or an artefact; measure more, or leave --holdout out",
+            "determine the arm or an artefact; measure more, or leave --holdout out"
         )
     return campaign.part(chosen), campaign.part(held_out)
 
@@ -245,10 +244,8 @@ def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -
     if folder is not None:
         angles_rad = _campaign(folder, arms[0]).poses.angles_rad
         ranges = (angles_rad.min(axis=0), angles_rad.max(axis=0))
-    try:
+    with refusals(ComparisonError):
         found = compare_arms(arms[0], arms[1], ranges)
-    except ComparisonError as error:
-        refuse("identify", str(error))
     values = comparison_values(files, arms, found)
     from traverse.lab.identification.report.page import comparison_lines  # noqa: PLC0415
 

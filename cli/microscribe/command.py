@@ -87,7 +87,7 @@ def arm_file(
 
     config = out.with_name("traverse.toml")
     _check_names(out, config, baud_rate, device, force=force)
-    with refusals("microscribe arm-file"), device_errors():
+    with refusals(), device_errors():
         said, told = query_microscribe(port, baud_rate, name)
         arm = arm_from_microscribe(told, device, radius_mm)
         text = CONFIGURATION.format(
@@ -132,13 +132,12 @@ def _check_names(
     """Refuse what could only fail later, before a request to the arm."""
     from traverse.drivers.microscribe.session import BAUD_RATES  # noqa: PLC0415
 
-    command = "microscribe arm-file"
     if baud_rate is not None and baud_rate not in BAUD_RATES:
         rates = ", ".join(map(str, sorted(BAUD_RATES)))
-        refuse(command, f"--baud-rate {baud_rate}: expected one of {rates}")
+        refuse(f"--baud-rate {baud_rate}: expected one of {rates}")
     if not re.fullmatch(r"[A-Za-z0-9_-]+", device):
-        refuse(command, f"--device {device!r}: expected letters, digits, _ and -")
+        refuse(f"--device {device!r}: expected letters, digits, _ and -")
     if out.name == config.name:
-        refuse(command, f"--out {out}: the configuration beside it has this name")
+        refuse(f"--out {out}: the configuration beside it has this name")
     for path in (out, config):
-        check_target(command, path, force=force)
+        check_target(path, force=force)

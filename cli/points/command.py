@@ -56,14 +56,13 @@ def list_points(
         read_sessions,
     )
 
-    command = "points list"
-    with _opened(command, db, config) as connection:
+    with _opened(db, config) as connection:
         if session is None:
             for one in read_sessions(connection, LAST):
                 n, unsent = counts_of(connection, one.session)
                 typer.echo(session_line(one, n, unsent, as_json=as_json))
             return
-        _check(command, connection, session)
+        _check(connection, session)
         last = LAST if to_seq is None else to_seq
         for message in iter_messages(connection, session, from_seq, last):
             typer.echo(point_line(message, as_json=as_json))
@@ -98,18 +97,17 @@ def export(
     from traverse.daemon.store.queries import iter_messages, read_sessions  # noqa: PLC0415
     from traverse.strict_toml.writing import replacing  # noqa: PLC0415
 
-    command = "points export"
     if as_format not in FORMATS:
-        refuse(command, f"--format {as_format}: one of {', '.join(FORMATS)}")
+        refuse(f"--format {as_format}: one of {', '.join(FORMATS)}")
     if as_json and out is None:
-        refuse(command, "--json needs --out; without it --format jsonl is JSON")
+        refuse("--json needs --out; without it --format jsonl is JSON")
     last = LAST if to_seq is None else to_seq
     if out is not None:
-        check_target(command, out, force=force)
-    with refusals(command), ExitStack() as stack:
-        connection = stack.enter_context(_opened(command, db, config))
+        check_target(out, force=force)
+    with refusals(), ExitStack() as stack:
+        connection = stack.enter_context(_opened(db, config))
         if session is not None:
-            _check(command, connection, session)
+            _check(connection, session)
         file: IO[bytes] = sys.stdout.buffer
         if out is not None:
             file = stack.enter_context(replacing(out))
@@ -132,9 +130,7 @@ def export(
 
 
 @contextmanager
-def _opened(
-    command: str, db: Path | None, config: Path | None
-) -> Iterator["Connection"]:
+def _opened(db: Path | None, config: Path | None) -> Iterator["Connection"]:
     import sqlite3  # noqa: PLC0415 - keeps --help quick
 
     from traverse.daemon.state_dir import OUTBOX, state_path  # noqa: PLC0415
@@ -142,31 +138,30 @@ def _opened(
     from traverse.daemon.store.records import StoreRefusedError  # noqa: PLC0415
 
     if (db is None) == (config is None):
-        refuse(command, "give --db FILE or --config FILE, one of them")
+        refuse("give --db FILE or --config FILE, one of them")
     path = db or state_path(config or Path()) / OUTBOX
     if config is not None and not (config.is_file() or path.is_file()):
-        refuse(command, f"{config}: there is no such file; check the path")
+        refuse(f"{config}: there is no such file; check the path")
     connection = None
     try:
         connection = open_read_only(path)
         yield connection
     except StoreRefusedError as error:
-        refuse(command, str(error))
+        refuse(str(error))
     except (sqlite3.Error, UnicodeDecodeError) as error:  # its message may be damaged
         text = printable(str(error))
-        refuse(command, f"{path}: cannot be read: {text}; check file and rights")
+        refuse(f"{path}: cannot be read: {text}; check file and rights")
     finally:
         if connection is not None:
             connection.close()
 
 
-def _check(command: str, connection: "Connection", session: str) -> None:
+def _check(connection: "Connection", session: str) -> None:
     """End the command where the outbox has nothing of a session."""
     from traverse.daemon.store.queries import read_messages  # noqa: PLC0415 - quick help
 
     if not read_messages(connection, session, 0, LAST, 1):
         refuse(
-            command,
             f"there are no points of session {session!r}; `traverse points list` lists "
-            "the sessions",
+            "the sessions"
         )

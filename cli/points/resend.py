@@ -1,6 +1,7 @@
 """`traverse points resend`: have a daemon publish points again."""
 
 import json
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 import typer
@@ -12,7 +13,6 @@ from traverse.cli.refusals import FAILED, refuse
 from traverse.plurals import counted
 
 LAST = 2**53 - 1
-COMMAND = "points resend"
 
 FromOption = Annotated[int, typer.Option("--from", min=0, help="First number.")]
 ToOption = Annotated[
@@ -49,18 +49,17 @@ def resend(
         args = ResendArgs(session=session, scan=scan, from_seq=from_seq, to_seq=to_seq)
     except ValueError:
         refuse(
-            COMMAND,
             f"--to {to_seq} is below --from {from_seq}, --scan is given beside a "
-            "session, or an option is invalid",
+            "session, or an option is invalid"
         )
-    answer = send_command(COMMAND, arm, broker, lambda there: there.execute(args))
+    answer = send_command(arm, broker, lambda there: there.execute(args))
     typer.echo(json.dumps(answer) if as_json else "\n".join(_lines(answer)))
     asked = "points" if session is not None else "blocks" if scan is not None else ""
     if asked and not answer[asked]:
         raise typer.Exit(FAILED)
 
 
-def _lines(answer: dict[str, Any]) -> list[str]:
+def _lines(answer: Mapping[str, Any]) -> list[str]:
     if "sessions" in answer:
         sessions = [
             f"{one['session']}  {one['first_seq']} to {one['last_seq']}"

@@ -13,7 +13,6 @@ from traverse.cli.refusals import FAILED, print_report, refusals, refuse
 if TYPE_CHECKING:
     from traverse.daemon.pose.probe_library import LibraryProbe, ProbeLibrary
 
-COMMAND = "probe pivot"
 
 probe = typer.Typer(help="Probes of the library.", no_args_is_help=True)
 probe.command("use")(use_probe)
@@ -58,7 +57,7 @@ def pivot(
 
     Exit status 1 where it is beyond the limit and not confirmed.
     """
-    with refusals(COMMAND):
+    with refusals():
         from traverse.cli.probe.pivot import pivoted, write_vector  # noqa: PLC0415
         from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
 
@@ -68,7 +67,7 @@ def pivot(
         except ValueError as error:
             if type(error) is not ValueError:
                 raise
-            refuse(COMMAND, str(error))
+            refuse(str(error))
         print_report(check.report(), check.lines(), as_json=as_json)
         if check.off_mm > limit_mm and not yes and not _confirmed(limit_mm, write):
             raise typer.Exit(FAILED)
@@ -84,16 +83,16 @@ def _chosen(
     from traverse.daemon.pose.probe_library import read_probes  # noqa: PLC0415
 
     if (library is None) != (name is None):
-        refuse(COMMAND, "--library and --name go together: give both, or neither")
+        refuse("--library and --name go together: give both, or neither")
     if library is None or name is None:
         if write:
-            refuse(COMMAND, "--write needs --library and --name")
+            refuse("--write needs --library and --name")
         return None, None
     probes = read_probes(library)
     chosen = probes.named(name)
     if chosen is None:
         there = ", ".join(probes.names)
-        refuse(COMMAND, f"{library} has no probe {name!r}; it has: {there}")
+        refuse(f"{library} has no probe {name!r}; it has: {there}")
     return probes, chosen
 
 

@@ -14,7 +14,6 @@ from traverse.cli.refusals import (
     FAILED,
     UNREACHABLE,
     check_target,
-    end,
     refusals,
     refuse,
 )
@@ -63,25 +62,22 @@ def replay(
     from traverse.recording.run_reader import RunReader  # noqa: PLC0415 - quick help
     from traverse.strict_toml.writing import replacing  # noqa: PLC0415
 
-    address = broker.address("replay")
+    address = broker.address()
     points: list[Point] = []
     if out is not None:
-        check_target("replay", out, force=force)
-    with refusals("replay"), ExitStack() as stack:
-        try:
-            reader = stack.enter_context(RunReader(file))
-            lines = None if out is None else stack.enter_context(replacing(out))
+        check_target(out, force=force)
+    with refusals(ValueError), ExitStack() as stack:
+        reader = stack.enter_context(RunReader(file))
+        lines = None if out is None else stack.enter_context(replacing(out))
 
-            def take(point: "Point") -> None:
-                if lines is not None:
-                    lines.write(point.model_dump_json().encode() + b"\n")
-                if publish:
-                    points.append(point)
+        def take(point: "Point") -> None:
+            if lines is not None:
+                lines.write(point.model_dump_json().encode() + b"\n")
+            if publish:
+                points.append(point)
 
-            about = dict(reader.about)
-            result = asyncio.run(_replayed(reader, block, take))
-        except ValueError as error:
-            refuse("replay", str(error))
+        about = dict(reader.about)
+        result = asyncio.run(_replayed(reader, block, take))
     typer.echo(report_of(about, result) if as_json else report_text(about, result))
     if publish:
         _publish(points, address)
@@ -109,5 +105,5 @@ def _publish(points: "list[Point]", broker: "BrokerAddress") -> None:
     try:
         n = asyncio.run(published(points, broker))
     except OSError as error:
-        end(UNREACHABLE, f"traverse replay: broker {broker}: {error}")
+        refuse(f"broker {broker}: {error}", UNREACHABLE)
     typer.echo(f"{counted(n, 'point')} published", err=True)

@@ -46,7 +46,7 @@ def watch(
             f"{', '.join(unknown) or 'nothing'} is none of: {', '.join(KINDS)}",
             param_hint="--kinds",
         )
-    address = broker.address("watch")
+    address = broker.address()
     try:
         if sys.stdout.isatty() and not (lines or as_json):
             arms = arms_at(address, FIND_S) if arm == "+" else [arm]
