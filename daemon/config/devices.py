@@ -16,10 +16,9 @@ from pydantic import (
 from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.registry import DRIVERS, DriverUnavailableError, driver_class
 from traverse.strict_toml.problems import unknown_name_message
-from traverse.strict_toml.reader import StrictModel
 
 
-class DeviceSection(DriverOptions, StrictModel):
+class DeviceSection(DriverOptions):
     """One device and the driver that reads it; a child of it has its options too."""
 
     id: str = Field(pattern=r"^[A-Za-z0-9_-]+$")

@@ -90,39 +90,52 @@ class CountSamples:
         """Blocks of one stream that follow one another; received as the last."""
         if len(blocks) == 1:
             return blocks[0]
-        return cls(
-            blocks[-1].device,
-            blocks[-1].stream,
-            np.concatenate([block.seq for block in blocks]),
-            np.concatenate([block.device_ticks for block in blocks]),
-            blocks[-1].received_ns,
-            np.concatenate([block.sample_time_ns for block in blocks]),
-            np.concatenate([block.inputs for block in blocks]),
-            np.concatenate([block.counts for block in blocks]),
-            np.concatenate([block.status for block in blocks]),
-            _joined_if_any([block.skew_ns for block in blocks]),
-            _joined_if_any([block.fractions for block in blocks]),
-        )
+        arrays: dict[str, Any] = {
+            name: np.concatenate([getattr(block, name) for block in blocks])
+            for name in _ARRAYS
+            if getattr(blocks[0], name) is not None  # as in all of a stream
+        }
+        return replace(blocks[-1], **arrays)
 
     def rows(self, which: slice | Booleans) -> "CountSamples":
         """Some of the samples."""
-        return replace(
-            self,
-            seq=self.seq[which],
-            device_ticks=self.device_ticks[which],
-            sample_time_ns=self.sample_time_ns[which],
-            inputs=self.inputs[which],
-            counts=self.counts[which],
-            status=self.status[which],
-            skew_ns=None if self.skew_ns is None else self.skew_ns[which],
-            fractions=None if self.fractions is None else self.fractions[which],
-        )
+        arrays: dict[str, Any] = {
+            name: array[which]
+            for name in _ARRAYS
+            if (array := getattr(self, name)) is not None
+        }
+        return replace(self, **arrays)
 
 
-def _joined_if_any(arrays: Sequence[NDArray[Any] | None]) -> NDArray[Any] | None:
-    """Arrays of one stream, which has them in all of its blocks or in none."""
-    present = [array for array in arrays if array is not None]
-    return np.concatenate(present) if present else None
+_ARRAYS = (
+    *("seq", "device_ticks", "sample_time_ns", "inputs"),
+    *("counts", "status", "skew_ns", "fractions"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class PolledSample:
+    """Counts of all channels, read one after the other or in one packet.
+
+    Attributes:
+        ticks: the device's timer, unwrapped; the time again where it has none.
+        inputs: levels as bits.
+        status: by channel, bits ``STATUS_*``; if missing, the last count is repeated.
+        skew_ns: by channel, from ``time_ns`` to its reading; None: all at one instant.
+    """
+
+    time_ns: int
+    received_ns: int
+    ticks: int
+    inputs: int
+    counts: tuple[int, ...]
+    status: tuple[int, ...]
+    skew_ns: tuple[int, ...] | None = None
+
+    @property
+    def complete(self) -> bool:
+        """Every count is one to be believed."""
+        return not any(self.status)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from traverse.drivers.canopen.node_watch import Conditions, NodeMonitor
 from traverse.drivers.canopen.options import CanOpenOptions
 from traverse.drivers.canopen.sdo import NodeError, NodeSdo
 from traverse.drivers.canopen.sync_cycles import SyncCycleAssembler
+from traverse.drivers.canopen.sync_source import SyncScheduler
 from traverse.drivers.io.can_bus import CanBus
 from traverse.plurals import counted
 from traverse.protocol.canopen import frames as wire
@@ -47,6 +48,7 @@ class NodeSupervisor:
     sdos: Sequence[NodeSdo]
     facts: Sequence[NodeFacts]
     cycles: SyncCycleAssembler
+    scheduler: SyncScheduler
     watch: NodeMonitor
     conditions: Conditions
     options: CanOpenOptions

@@ -11,6 +11,7 @@ again, so it must be there when it is switched on.
 import contextlib
 
 from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.pending_edges import PendingEdges
 from traverse.drivers.base.values import DeviceError, DeviceUp
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.microscribe.identification import MicroscribeIdentification
@@ -23,7 +24,7 @@ from traverse.drivers.microscribe.session import (
 )
 from traverse.drivers.polling.alarms import ReadErrorLog
 from traverse.drivers.polling.channel import IMPLAUSIBLE
-from traverse.drivers.polling.pedals import PedalDebouncer, PendingEdges
+from traverse.drivers.polling.pedals import PedalDebouncer
 from traverse.drivers.polling.sampling import SampleBlockBuilder, SampleSchedule
 from traverse.plurals import counted
 from traverse.protocol.microscribe.packets import N_BUTTONS

@@ -4,7 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from traverse.drivers.base.values import STATUS_MISSING, DeviceError, Identity
+from traverse.drivers.base.values import (
+    STATUS_MISSING,
+    DeviceError,
+    Identity,
+    PolledSample,
+)
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.microscribe.identification import (
     MicroscribeIdentification,
@@ -13,7 +18,6 @@ from traverse.drivers.microscribe.identification import (
 from traverse.drivers.microscribe.line import PACKET_S, MicroscribeLine, TimedPacket
 from traverse.drivers.microscribe.packets import PacketClock, timer_runs
 from traverse.drivers.polling.channel import IMPLAUSIBLE, EncoderReading, PolledChannel
-from traverse.drivers.polling.sampling import PolledSample
 from traverse.protocol.microscribe import session as wire
 from traverse.protocol.microscribe.packets import N_BUTTONS, PacketDecoder
 

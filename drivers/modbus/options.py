@@ -2,11 +2,12 @@
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from traverse.drivers.polling.polled_driver import PolledOptions
 from traverse.plurals import counted
 from traverse.protocol.modbus import PositionRegisters
+from traverse.strict_toml.reader import StrictModel
 
 FIXED_SILENCE_ABOVE_BAUD = 19_200
 FAST_SILENCE_S = 0.00175  # between two frames above that
@@ -21,15 +22,11 @@ CONDITIONS = {
 }
 
 
-class ModbusEncoder(BaseModel):
+class ModbusEncoder(StrictModel):
     """One encoder: its address and registers.
 
     Registers are counted from 0: what a manual calls register 1, or 30001, is 0.
     """
-
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False
-    )
 
     address: int = Field(ge=1, le=247)
     counts_per_turn: int = Field(ge=2, le=2**32)

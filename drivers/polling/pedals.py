@@ -6,15 +6,9 @@ report of motion a packet whose counts are those of before can only be there bec
 the pedal: it needs no other.
 """
 
-from collections import Counter, deque
-from collections.abc import Callable
 from dataclasses import dataclass
 
-from traverse.drivers.base.values import LatchedCounts
-from traverse.drivers.polling.sampling import PolledSample
-from traverse.plurals import counted
-
-MAX_WAITING = 64
+from traverse.drivers.base.values import PolledSample
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,54 +58,3 @@ class PedalDebouncer:
             elif sample.time_ns >= self._until_ns.get(number, sample.time_ns):
                 self._first[number] = sample
         return edges
-
-
-class PendingEdges:
-    """Edges that wait until there is room for them; nobody else keeps them.
-
-    Where too many wait the oldest is lost.
-    """
-
-    def __init__(
-        self,
-        device: str,
-        put: Callable[[LatchedCounts], bool],
-        fault: Callable[[str, str, str, int], None],
-        counters: Counter[str],
-    ) -> None:
-        self._device, self._put, self._fault = device, put, fault
-        self._counters = counters
-        self._waiting: deque[LatchedCounts] = deque()
-        self._token = self._lost = 0
-
-    def __bool__(self) -> bool:
-        return bool(self._waiting)
-
-    def add(self, number: int, active: bool, at: PolledSample) -> None:
-        """Take an edge of input ``number``."""
-        self._token += 1
-        times_ns = at.ticks, at.received_ns, at.time_ns
-        latch = LatchedCounts(
-            self._device, number, active, self._token, *times_ns, at.counts, at.status
-        )
-        self._waiting.append(latch)
-        if len(self._waiting) > MAX_WAITING:
-            self._waiting.popleft()
-            self._lost += 1
-
-    def hand_over(self) -> None:
-        """Deliver what waits as far as there is room, then report what was lost."""
-        # In order of time; inputs settle one after the other, and not by their times.
-        for latch in sorted(self._waiting, key=lambda waiting: waiting.sample_time_ns):
-            if not self._put(latch):
-                return
-            self._waiting.remove(latch)
-            self._counters["edges_received"] += 1
-        if lost := self._lost:
-            self._lost = 0
-            self._fault(
-                "edges_lost",
-                f"{counted(lost, 'edge')} of {self._device} lost: there was no room",
-                "the daemon is overloaded; repeat the last points",
-                lost,
-            )

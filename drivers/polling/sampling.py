@@ -1,11 +1,10 @@
 """Samples of a polled stream: when they are due, and gathered into blocks."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from traverse.drivers.base.values import STATUS_MISSING, CountSamples
+from traverse.drivers.base.values import STATUS_MISSING, CountSamples, PolledSample
 from traverse.drivers.polling.channel import EncoderReading
 
 BLOCK_NS = 10_000_000
@@ -34,31 +33,6 @@ class SampleSchedule:
 
     def _instant_ns(self, number: int) -> int:
         return self._begin_ns + round(number * self._period_ns)
-
-
-@dataclass(frozen=True, slots=True)
-class PolledSample:
-    """Counts of all channels, read one after the other or in one packet.
-
-    Attributes:
-        ticks: the device's timer, unwrapped; the time again where it has none.
-        inputs: levels as bits.
-        status: by channel, bits ``STATUS_*``; if missing, the last count is repeated.
-        skew_ns: by channel, from ``time_ns`` to its reading; None: all at one instant.
-    """
-
-    time_ns: int
-    received_ns: int
-    ticks: int
-    inputs: int
-    counts: tuple[int, ...]
-    status: tuple[int, ...]
-    skew_ns: tuple[int, ...] | None = None
-
-    @property
-    def complete(self) -> bool:
-        """Every count is one to be believed."""
-        return not any(self.status)
 
 
 def sample_of_readings(

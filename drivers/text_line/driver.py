@@ -10,17 +10,19 @@ from itertools import pairwise
 from statistics import median
 
 from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.pending_edges import PendingEdges
 from traverse.drivers.base.values import (
     STATUS_MISSING,
     STATUS_TIME_UNCERTAIN,
     DeviceError,
     DeviceUp,
     Identity,
+    PolledSample,
 )
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.polling.channel import IMPLAUSIBLE, EncoderReading, PolledChannel
-from traverse.drivers.polling.pedals import PedalDebouncer, PendingEdges
-from traverse.drivers.polling.sampling import PolledSample, SampleBlockBuilder
+from traverse.drivers.polling.pedals import PedalDebouncer
+from traverse.drivers.polling.sampling import SampleBlockBuilder
 from traverse.drivers.text_line.line import Line, LineSplitter, OddLine
 from traverse.drivers.text_line.options import TextLineOptions
 from traverse.drivers.timing.device_clock import DeviceClock

@@ -16,9 +16,8 @@ from pydantic import Field
 
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.options import DriverOptions
-from traverse.drivers.base.values import DeviceUp, Identity
-from traverse.drivers.polling.pedals import PendingEdges
-from traverse.drivers.polling.sampling import PolledSample
+from traverse.drivers.base.pending_edges import PendingEdges
+from traverse.drivers.base.values import DeviceUp, Identity, PolledSample
 from traverse.plurals import counted
 
 LOOK_S = 0.5  # at least so often

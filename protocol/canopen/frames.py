@@ -78,7 +78,8 @@ class SdoAnswer:
     data: bytes
 
 
-Message = Sync | Position | Emergency | Heartbeat | SdoAnswer
+NodeMessage = Position | Emergency | Heartbeat | SdoAnswer
+Message = Sync | NodeMessage
 
 
 def decode(can_id: int, data: bytes | bytearray) -> Message | None:

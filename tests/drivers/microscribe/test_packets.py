@@ -5,18 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from traverse.drivers.base.values import CountSamples
+from traverse.drivers.base.pending_edges import MAX_WAITING, PendingEdges
+from traverse.drivers.base.values import CountSamples, PolledSample
 from traverse.drivers.microscribe.line import TimedPacket
 from traverse.drivers.microscribe.packets import (
     PacketClock,
     timer_runs,
 )
-from traverse.drivers.polling.pedals import (
-    MAX_WAITING,
-    PedalDebouncer,
-    PendingEdges,
-)
-from traverse.drivers.polling.sampling import PolledSample, SampleBlockBuilder
+from traverse.drivers.polling.pedals import PedalDebouncer
+from traverse.drivers.polling.sampling import SampleBlockBuilder
 from traverse.protocol.microscribe.packets import Packet
 
 MS = 1_000_000
