@@ -33,7 +33,7 @@ def trace(
 
     Exit status 1: something is missing or altered.
     """
-    with refusals("trace"):
+    with refusals():
         from traverse.lab.certificates.trace import Tracer  # noqa: PLC0415
 
         beside = file.resolve().parent
