@@ -4,12 +4,12 @@ import errno
 import socket
 import ssl
 from dataclasses import dataclass
-from typing import Protocol
 
 import aiomqtt
 from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.reasoncodes import ReasonCode
 
+from traverse.broker.address import BrokerAddress
 from traverse.broker.diagnosing_client import ConnectionClosedError
 
 _NOT_AUTHORISED = (4, 5, 134, 135)
@@ -65,31 +65,7 @@ class Wording:
     absent: str
 
 
-class Address(Protocol):
-    """What of a broker's address a refusal may be about."""
-
-    @property
-    def host(self) -> str:
-        """Name of the broker's computer."""
-
-    @property
-    def username(self) -> str | None:
-        """Of our account."""
-
-    @property
-    def tls(self) -> bool:
-        """Whether we speak TLS."""
-
-    @property
-    def ca_file(self) -> object | None:
-        """CA certificates that signed the broker's; None: the system's."""
-
-    @property
-    def certificate_file(self) -> object | None:
-        """Our own certificate."""
-
-
-def reason_of(error: BaseException, address: Address, wording: Wording) -> str:
+def reason_of(error: BaseException, address: BrokerAddress, wording: Wording) -> str:
     """Reason for a failed connection, and its remedy."""
     # aiomqtt puts what happened into a sentence of its own, and hides it.
     for one in (error, error.__cause__ or error.__context__):
@@ -121,7 +97,9 @@ def is_refusal(error: BaseException | None) -> bool:
     return isinstance(error, ssl.SSLError)
 
 
-def _known(error: BaseException | None, address: Address, wording: Wording) -> str:
+def _known(
+    error: BaseException | None, address: BrokerAddress, wording: Wording
+) -> str:
     """The words for an error; empty where there are none."""
     match error:
         case ssl.SSLCertVerificationError():
@@ -149,7 +127,9 @@ def _known(error: BaseException | None, address: Address, wording: Wording) -> s
     return text
 
 
-def _of_code(error: aiomqtt.MqttCodeError, address: Address, wording: Wording) -> str:
+def _of_code(
+    error: aiomqtt.MqttCodeError, address: BrokerAddress, wording: Wording
+) -> str:
     if isinstance(error.rc, MQTTErrorCode) and error.rc in _LOST:
         return CUT_OFF
     code = reason_code(error)
@@ -170,7 +150,7 @@ def _of_code(error: aiomqtt.MqttCodeError, address: Address, wording: Wording) -
     )
 
 
-def _of_tls(error: ssl.SSLError, address: Address, wording: Wording) -> str:
+def _of_tls(error: ssl.SSLError, address: BrokerAddress, wording: Wording) -> str:
     reason = error.reason or str(error)
     if "HANDSHAKE_FAILURE" in reason and address.certificate_file is None:
         reason = "CERTIFICATE_REQUIRED"
@@ -181,7 +161,7 @@ def _of_tls(error: ssl.SSLError, address: Address, wording: Wording) -> str:
 
 
 def _of_certificate(
-    error: ssl.SSLCertVerificationError, address: Address, wording: Wording
+    error: ssl.SSLCertVerificationError, address: BrokerAddress, wording: Wording
 ) -> str:
     code, text = error.verify_code, error.verify_message
     if code in _WRONG_NAME:

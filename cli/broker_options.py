@@ -11,7 +11,7 @@ from traverse.cli.options import with_options
 from traverse.cli.refusals import UNREACHABLE, end, refusals
 
 if TYPE_CHECKING:
-    from traverse.client.mqtt.address import BrokerAddress
+    from traverse.broker.address import BrokerAddress
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,22 +40,19 @@ class BrokerOptions:
 
     def address(self) -> "BrokerAddress":
         """Their values; ends the command where they or their files are bad."""
-        from traverse.broker.credential import credential_file  # noqa: PLC0415
-        from traverse.client.mqtt.address import BrokerAddress  # noqa: PLC0415
+        from traverse.broker.address import BrokerAddress  # noqa: PLC0415
+        from traverse.broker.credentials import CredentialsError, read_credentials  # noqa: PLC0415
 
-        def named(file: Path | None) -> Path | None:
-            return None if file is None else credential_file(str(file))
-
-        with refusals(OSError, ValueError):
+        with refusals(CredentialsError, ValueError):
             address = replace(
                 BrokerAddress.parse(self.broker),
                 username=self.username,
-                password_file=named(self.password_file),
-                ca_file=named(self.ca_file),
-                certificate_file=named(self.client_certificate),
-                key_file=named(self.client_key),
+                password_file=self.password_file,
+                ca_file=self.ca_file,
+                certificate_file=self.client_certificate,
+                key_file=self.client_key,
             )
-            address.options()  # its files can be read
+            read_credentials(address)  # they can be read
         return address
 
 

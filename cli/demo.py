@@ -23,8 +23,8 @@ from traverse.installation import missing
 if TYPE_CHECKING:
     import aiomqtt
 
+    from traverse.broker.address import BrokerAddress
     from traverse.cli.demo_round import Round
-    from traverse.client.mqtt.address import BrokerAddress
 
 READY_S = 30.0
 PAGE_PORT = 8080
@@ -92,9 +92,9 @@ async def _demonstrate(
     *,
     with_page: bool,
 ) -> None:
+    from traverse.broker.address import BrokerAddress  # noqa: PLC0415 - quick --help
     from traverse.cli.demo_round import Round, write_files  # noqa: PLC0415
     from traverse.client.cancel_tasks import cancel_tasks  # noqa: PLC0415
-    from traverse.client.mqtt.address import BrokerAddress  # noqa: PLC0415 - quick --help
     from traverse.daemon.mqtt.embedded_broker import HOST, free_port  # noqa: PLC0415
 
     # A terminal that is closed and `kill` end it as Ctrl-C does: else its programs,

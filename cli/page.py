@@ -10,8 +10,8 @@ from traverse.cli.broker_options import BrokerOptions, arms_at, with_broker
 from traverse.cli.refusals import REFUSED, UNREACHABLE, end, refusals
 
 if TYPE_CHECKING:
+    from traverse.broker.address import BrokerAddress
     from traverse.client.display.arm_state import Change
-    from traverse.client.mqtt.address import BrokerAddress
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 FIND_S = 5.0
@@ -48,7 +48,7 @@ def page(
     not be reached, or no arm was found there.
     """
     with refusals():  # imported when needed: keeps --help quick
-        from traverse.broker.credential import credential_file  # noqa: PLC0415
+        from traverse.broker.credentials import credential_file  # noqa: PLC0415
         from traverse.client.display.follower import Follower  # noqa: PLC0415
         from traverse.client.exports.formats import points_as  # noqa: PLC0415
         from traverse.client.page.access import read_token  # noqa: PLC0415

@@ -13,7 +13,7 @@ from traverse.cli.refusals import client_errors
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
-    from traverse.client.mqtt.address import BrokerAddress
+    from traverse.broker.address import BrokerAddress
 
 
 @with_broker

@@ -1,5 +1,6 @@
 """The Python client of an arm, over MQTT."""
 
+from traverse.broker.address import BrokerAddress
 from traverse.client.arm import Arm
 from traverse.client.blocking import BlockingArm
 from traverse.client.errors import (
@@ -9,7 +10,6 @@ from traverse.client.errors import (
     Counters,
     NoAnswerError,
 )
-from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.points.session_order import Lost
 from traverse.client.results import Resent, ResentScan, StartedScan, StoredSession
 

@@ -6,11 +6,11 @@ from collections.abc import Callable, Coroutine, Mapping
 from pathlib import Path
 from typing import Any, Literal, Self, Unpack
 
+from traverse.broker.address import BrokerAddress
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.commands import ArmCommands, ScanOptions
 from traverse.client.errors import Counters
 from traverse.client.feeds import Feed, Feeds
-from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
 from traverse.client.points.cursor import read_cursor, write_cursor
 from traverse.client.points.index import PointIndex

@@ -19,11 +19,11 @@ from typing import (
     Unpack,
 )
 
+from traverse.broker.address import BrokerAddress
 from traverse.client.arm import Arm
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.commands import ScanOptions
 from traverse.client.errors import Counters
-from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.points.session_order import Lost
 from traverse.protocol.messages import Event, Live, Point, Scan
 from traverse.protocol.messages.scan import ScanMode

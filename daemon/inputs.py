@@ -1,11 +1,16 @@
 """Read the files that the daemon measures by; report all that is wrong with them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from traverse.daemon.config.schema import Configuration, read_configuration
-from traverse.daemon.mqtt.credentials import credentials_problems
+from traverse.broker.address import BrokerAddress
+from traverse.broker.credentials import CredentialsError, read_credentials
+from traverse.daemon.config.schema import (
+    BrokerSection,
+    Configuration,
+    read_configuration,
+)
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.daemon.pose.probe_library import read_probes
 from traverse.strict_toml.problems import FileError, Problem
@@ -43,6 +48,20 @@ class Inputs(NamedTuple):
     configuration: Configuration
     model: ArmModel
     probes: tuple[str, ...] | None = None
+
+
+def address_of(section: BrokerSection, folder: Path) -> BrokerAddress:
+    """The address that a table [broker] gives."""
+    values = section.model_dump(exclude={"response_topics", "encoding"})
+    return BrokerAddress(**values, folder=folder)
+
+
+def credentials_problems(section: BrokerSection, folder: Path) -> Iterator[Problem]:
+    """Why the files of [broker] cannot be used, as mistakes of the configuration."""
+    try:
+        read_credentials(address_of(section, folder))
+    except CredentialsError as error:
+        yield Problem(f"broker.{error.key}", error.text)
 
 
 def read_inputs(path: Path, embedded: bool) -> Inputs:

@@ -183,7 +183,7 @@ def broker_health(connection: BrokerConnection, queue: OutgoingQueue) -> BrokerH
     return BrokerHealth(
         state=connection.state,
         host=connection.address.host,
-        port=connection.address.port,
+        port=connection.address.tcp_port,
         reconnects=connection.reconnects,
         queued=sum(queue.waiting(kind) for kind in QUEUED),
         queue_limit=queue.limit,

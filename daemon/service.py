@@ -24,14 +24,13 @@ from traverse.daemon.commands.scans import ButtonScans, ScanCommands
 from traverse.daemon.config.schema import Action, BrokerSection, Configuration
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.executor import stop_scan
-from traverse.daemon.inputs import REFUSED, Inputs, StartupError
+from traverse.daemon.inputs import REFUSED, Inputs, StartupError, address_of
 from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import latencies_by_name, timed_collections
 from traverse.daemon.monitoring.metrics_endpoint import metrics_endpoint
 from traverse.daemon.monitoring.prometheus import exposition
 from traverse.daemon.mqtt.connection import BrokerConnection
-from traverse.daemon.mqtt.credentials import address_of
 from traverse.daemon.mqtt.message_publisher import MessagePublisher
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.mqtt.second_daemon import SecondDaemonWatch

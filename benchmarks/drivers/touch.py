@@ -24,7 +24,7 @@ import numpy as np
 from benchmarks.service.stream import ARM, order_scan
 from benchmarks.tools import rig
 from traverse.arrays import Floats, Integers
-from traverse.client.mqtt.address import BrokerAddress
+from traverse.broker.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
 from traverse.daemon.acquisition.interpolation import (
     EncoderReadings,

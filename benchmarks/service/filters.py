@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.service.stream import ARM, order_scan
 from benchmarks.tools import rig
-from traverse.client.mqtt.address import BrokerAddress
+from traverse.broker.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
 from traverse.daemon.config.filters import FilterSection, filter_chain
 from traverse.kinematics.filters import FilterChain, PointBlock

@@ -21,7 +21,7 @@ import aiomqtt
 from benchmarks.service.stream import ARM, order_scan
 from benchmarks.tools import rig
 from benchmarks.tools.rounds import load, write_json
-from traverse.client.mqtt.address import BrokerAddress
+from traverse.broker.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
 from traverse.daemon.replay.compare import ReplayResult
 from traverse.daemon.replay.replay import Replay

@@ -9,7 +9,7 @@ from pathlib import Path
 import aiomqtt
 
 from benchmarks.tools import rig
-from traverse.client.mqtt.address import BrokerAddress
+from traverse.broker.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Command, Event, Health, Scan, ScanArgs

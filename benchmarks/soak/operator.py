@@ -11,8 +11,8 @@ import sys
 from pathlib import Path
 from typing import Any, TextIO
 
+from traverse.broker.address import BrokerAddress
 from traverse.client.errors import CommandRefused, NoAnswerError
-from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
 from traverse.client.requests import CommandClient
 from traverse.protocol import topics

@@ -15,10 +15,10 @@ import typer
 from rich.console import Console, RenderableType
 from rich.live import Live as LivePicture
 
+from traverse.broker.address import BrokerAddress
 from traverse.cli.collect.view import instruction, shown, summary
 from traverse.cli.refusals import UNREACHABLE
 from traverse.client.cancel_tasks import cancel_tasks
-from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
 from traverse.daemon.pose.joint_motion import JointMotionTracker
 from traverse.lab.collection.collection import CollectedTouch, Collection, touch_of

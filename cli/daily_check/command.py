@@ -19,7 +19,7 @@ from traverse.cli.refusals import (
 from traverse.installation import missing
 
 if TYPE_CHECKING:
-    from traverse.client.mqtt.address import BrokerAddress
+    from traverse.broker.address import BrokerAddress
     from traverse.kinematics.arm_file.arm import Arm
     from traverse.lab.daily_check.history import Check
     from traverse.lab.daily_check.report import DailyCheckReport

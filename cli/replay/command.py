@@ -22,7 +22,7 @@ from traverse.plurals import counted
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from traverse.client.mqtt.address import BrokerAddress
+    from traverse.broker.address import BrokerAddress
     from traverse.daemon.replay.compare import ReplayResult
     from traverse.protocol.messages import Point
     from traverse.recording.run_reader import RunReader

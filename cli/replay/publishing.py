@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import aiomqtt
 
-from traverse.client.mqtt.address import BrokerAddress
+from traverse.broker.address import BrokerAddress
 from traverse.client.mqtt.connection import ConfiguredClient
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Point

@@ -11,7 +11,7 @@ from traverse.cli.broker_options import BrokerOptions, arms_at, with_broker
 from traverse.cli.refusals import UNREACHABLE
 
 if TYPE_CHECKING:
-    from traverse.client.mqtt.address import BrokerAddress
+    from traverse.broker.address import BrokerAddress
 
 FIND_S = 2.0
 DISPLAY_S = 0.1

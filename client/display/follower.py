@@ -7,13 +7,13 @@ import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from typing import Literal, TypeVar
 
+from traverse.broker.address import BrokerAddress
 from traverse.client.arm import Arm
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.display.arm_state import ArmSight
 from traverse.client.display.condition import obstacle
 from traverse.client.display.point_cloud import Cloud
 from traverse.client.errors import BrokerUnreachableError, ClientError, CommandRefused
-from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.discovery import absence_of
 
 log = logging.getLogger(__name__)

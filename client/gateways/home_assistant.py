@@ -15,10 +15,10 @@ from typing import Any, get_args
 
 import aiomqtt
 
+from traverse.broker.address import BrokerAddress
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.errors import BrokerUnreachableError
 from traverse.client.gateways.outlets import Report
-from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
 from traverse.protocol import topics
 from traverse.protocol.encoding import decode

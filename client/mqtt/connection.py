@@ -18,10 +18,11 @@ import aiomqtt
 from paho.mqtt.client import Client as PahoClient
 from paho.mqtt.client import MQTTMessage
 
+from traverse.broker.address import BrokerAddress
+from traverse.broker.credentials import CredentialsError, connection_options
 from traverse.broker.diagnosing_client import DiagnosingClient
 from traverse.broker.reasons import Wording, is_refusal, reason_of
 from traverse.client.errors import BrokerUnreachableError
-from traverse.client.mqtt.address import BrokerAddress
 
 log = logging.getLogger(__name__)
 
@@ -59,8 +60,8 @@ class ConfiguredClient(DiagnosingClient):
     ) -> None:
         self._address = address
         try:
-            where = address.options()
-        except OSError as error:
+            where = connection_options(address)
+        except CredentialsError as error:
             raise AccessRefusedError(str(error)) from error
         super().__init__(**where, **options)
 

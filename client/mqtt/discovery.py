@@ -5,8 +5,8 @@ import contextlib
 
 import aiomqtt
 
+from traverse.broker.address import BrokerAddress
 from traverse.client.errors import BrokerUnreachableError
-from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.connection import ConfiguredClient
 from traverse.protocol import topics
 from traverse.protocol.encoding import decode

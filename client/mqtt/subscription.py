@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import aiomqtt
 
-from traverse.client.mqtt.address import BrokerAddress
+from traverse.broker.address import BrokerAddress
 from traverse.client.mqtt.connection import ConfiguredClient
 from traverse.protocol import topics
 from traverse.protocol.encoding import decode

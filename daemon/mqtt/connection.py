@@ -18,6 +18,13 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
+from traverse.broker.address import BrokerAddress
+from traverse.broker.credentials import (
+    Credentials,
+    CredentialsError,
+    connection_options,
+    read_credentials,
+)
 from traverse.broker.reasons import CUT_OFF, Wording, reason_code
 from traverse.broker.reasons import reason_of as connect_error_text
 from traverse.daemon.mqtt.client import (
@@ -25,12 +32,6 @@ from traverse.daemon.mqtt.client import (
     CachedProperties,
     connect_properties,
     publish_properties,
-)
-from traverse.daemon.mqtt.credentials import (
-    BrokerAddress,
-    Credentials,
-    CredentialsError,
-    read_credentials,
 )
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
 from traverse.daemon.mqtt.sender import PublishLoop
@@ -242,18 +243,13 @@ class BrokerConnection:
         self._warned.update(access.warnings)
         is_5 = self._version is aiomqtt.ProtocolVersion.V5
         client = BrokerClient(
-            self.address.host,
-            self.address.port,
-            username=self.address.username,
-            password=access.password,
-            tls_context=access.tls,
+            **connection_options(self.address, access),
             # Not where the broker is only tried: one of MQTT 3.1.1 that does not look
             # at the version first would stumble over them.
             properties=connect_properties() if is_5 and will else None,
             # A probe must not throw a running daemon of this arm out.
             identifier=self.client_id if will else f"{self.client_id}-{os.getpid()}",
             protocol=self._version,
-            keepalive=self.address.keepalive_s,
             will=aiomqtt.Will(self.will.topic, self.will.payload, 1, True)
             if will
             else None,

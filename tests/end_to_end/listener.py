@@ -10,8 +10,8 @@ import aiomqtt
 import numpy as np
 
 from tests.end_to_end.programs import PATIENCE_S, until
+from traverse.broker.address import BrokerAddress
 from traverse.client.cancel_tasks import cancel_tasks
-from traverse.client.mqtt.address import BrokerAddress
 from traverse.client.mqtt.subscription import KINDS, connection, received, subscribe
 from traverse.protocol import topics
 from traverse.protocol.encoding import encode

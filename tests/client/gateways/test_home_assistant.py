@@ -18,11 +18,11 @@ from tests.client.reading import until
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.mosquitto import Mosquitto
 from tests.protocol.message_examples import HEALTH, STATUS
+from traverse.broker.address import BrokerAddress
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.errors import BrokerUnreachableError
 from traverse.client.gateways import home_assistant
 from traverse.client.gateways.home_assistant import HomeAssistantGateway, state_of
-from traverse.client.mqtt.address import BrokerAddress
 
 pytestmark = pytest.mark.needs("mosquitto")
 

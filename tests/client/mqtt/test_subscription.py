@@ -7,7 +7,7 @@ import pytest
 
 from tests.mosquitto import Mosquitto
 from tests.protocol import message_examples as examples
-from traverse.client.mqtt.address import BrokerAddress
+from traverse.broker.address import BrokerAddress
 from traverse.client.mqtt.subscription import (
     ReceivedMessage,
     connection,

@@ -6,8 +6,8 @@ import contextlib
 import aiomqtt
 
 from tests.drivers.taken import until
+from traverse.broker.address import BrokerAddress
 from traverse.daemon.mqtt.connection import BrokerConnection
-from traverse.daemon.mqtt.credentials import BrokerAddress
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
 
 STATUS = "traverse/bench-7/status"

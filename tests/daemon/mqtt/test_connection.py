@@ -7,7 +7,7 @@ from paho.mqtt.properties import Properties
 
 from tests.daemon.mqtt.connection_harness import STATUS, Bench, Witness, address
 from tests.drivers.taken import until
-from traverse.daemon.mqtt.credentials import BrokerAddress
+from traverse.broker.address import BrokerAddress
 from traverse.daemon.mqtt.embedded_broker import embedded_broker
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
 

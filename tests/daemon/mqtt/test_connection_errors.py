@@ -5,8 +5,8 @@ import pytest
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.reasoncodes import ReasonCode
 
+from traverse.broker.address import BrokerAddress
 from traverse.daemon.mqtt.connection import reason_of
-from traverse.daemon.mqtt.credentials import BrokerAddress
 
 ADDRESS = BrokerAddress("arms.example", 1883)
 

@@ -6,7 +6,7 @@ import socket
 import pytest
 
 from tests.daemon.mqtt.connection_harness import Bench, address
-from traverse.daemon.mqtt.credentials import BrokerAddress
+from traverse.broker.address import BrokerAddress
 from traverse.daemon.mqtt.embedded_broker import BrokerStartError, embedded_broker
 
 pytestmark = pytest.mark.needs("mosquitto")

@@ -5,14 +5,14 @@ import pickle
 import pytest
 
 from tests.certificates import Authority, openssl
-from traverse.daemon.config.schema import BrokerSection, broker_table_problems
-from traverse.daemon.mqtt.credentials import (
+from traverse.broker.address import BrokerAddress
+from traverse.broker.credentials import (
     MAX_PASSWORD_BYTES,
-    BrokerAddress,
     CredentialsError,
-    credentials_problems,
     read_credentials,
 )
+from traverse.daemon.config.schema import BrokerSection, broker_table_problems
+from traverse.daemon.inputs import credentials_problems
 
 SECRET = "correct horse"
 
@@ -31,7 +31,7 @@ def arm(certificates):
 
 
 def address(folder, **options) -> BrokerAddress:
-    return BrokerAddress("localhost", 8883, folder=folder, **options)
+    return BrokerAddress(**{"host": "localhost", "folder": folder, **options})
 
 
 def secret(folder, text=SECRET, mode=0o600):
@@ -108,7 +108,7 @@ def test_secrets_that_others_can_read_are_warned_of(tmp_path, arm, certificates)
 
 def test_a_password_that_crosses_a_network_in_plain_text_is_warned_of(tmp_path):
     secret(tmp_path)
-    far = BrokerAddress("b.example", 1883, "a", "password", folder=tmp_path)
+    far = address(tmp_path, host="b.example", username="a", password_file="password")
     (text,) = read_credentials(far).warnings
     assert "plain text" in text
 

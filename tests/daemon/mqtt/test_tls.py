@@ -8,7 +8,7 @@ import pytest
 from tests.certificates import Authority
 from tests.daemon.mqtt.connection_harness import Bench, Witness
 from tests.drivers.taken import until
-from traverse.daemon.mqtt.credentials import BrokerAddress
+from traverse.broker.address import BrokerAddress
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
 
 pytestmark = pytest.mark.needs("mosquitto", "openssl")

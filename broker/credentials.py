@@ -1,4 +1,4 @@
-"""How the daemon gets in at the broker: address, password, certificates.
+"""What opens the door of a broker: password and certificates, and their files.
 
 Files are read anew at every connection, so that they can be renewed. `credential:NAME`
 is a credential of systemd (LoadCredential=). The password lives in the value
@@ -6,57 +6,37 @@ is a credential of systemd (LoadCredential=). The password lives in the value
 """
 
 import hashlib
+import os
+import re
 import ssl
 import stat
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from traverse.broker.credential import CREDENTIAL, credential_file
+from traverse.broker.address import BrokerAddress
 from traverse.broker.tls import load_pair, tls_context
-from traverse.daemon.config.schema import BrokerSection
 from traverse.plurals import counted
 from traverse.strict_toml.files import open_regular
-from traverse.strict_toml.problems import Problem
 
+CREDENTIAL = "credential:"
+_NAME = re.compile(r"(?!\.)[A-Za-z0-9._-]{1,255}")
 MAX_FILE_BYTES = 1 << 20
 MAX_PASSWORD_BYTES = 1024
 
 
 class CredentialsError(Exception):
-    """A file of [broker] cannot be used.
+    """A file of a broker's address cannot be used.
 
     Attributes:
-        key: of the table [broker], that names the file.
+        key: of the table [broker], or attribute of the address, that names the file.
     """
 
     def __init__(self, key: str, text: str) -> None:
         super().__init__(f"{key}: {text}")
         self.key = key
         self.text = text
-
-
-@dataclass(frozen=True, slots=True)
-class BrokerAddress:
-    """Where the broker is and which files open it; see [broker].
-
-    Attributes:
-        folder: of the configuration, which file names begin at.
-    """
-
-    host: str
-    port: int
-    username: str | None = None
-    password_file: str | None = None
-    keepalive_s: int = 15
-    tls: bool = False
-    ca_file: str | None = None
-    certificate_file: str | None = None
-    key_file: str | None = None
-    folder: Path = Path()
-
-    def __str__(self) -> str:
-        return f"{self.host}:{self.port}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,18 +55,46 @@ class Credentials:
     warnings: tuple[str, ...]
 
 
-def address_of(section: BrokerSection, folder: Path) -> BrokerAddress:
-    """The address that a table [broker] gives."""
-    names = {field.name for field in fields(BrokerAddress)} - {"folder"}
-    return BrokerAddress(**section.model_dump(include=names), folder=folder)
+def credential_file(name: str, folder: Path = Path()) -> Path:
+    """The file that a name means: `credential:NAME`, or one in a folder.
+
+    Raises:
+        ValueError: it is no name of a credential, or systemd has passed none.
+    """
+    if not name.startswith(CREDENTIAL):
+        return folder / name
+    credential = name.removeprefix(CREDENTIAL)
+    if not _NAME.fullmatch(credential):
+        raise ValueError(
+            f"{name!r} is no name of a credential; use letters, digits, '.', '_', '-'"
+        )
+    credentials = os.environ.get("CREDENTIALS_DIRECTORY")
+    if credentials is None:
+        raise ValueError(
+            f"{name!r} is a credential of systemd, and $CREDENTIALS_DIRECTORY is not "
+            f"set; start it by a unit with LoadCredential={credential}:FILE, or name a "
+            "file"
+        )
+    return Path(credentials) / credential
 
 
-def credentials_problems(section: BrokerSection, folder: Path) -> Iterator[Problem]:
-    """Why the files of [broker] cannot be used, as mistakes of the configuration."""
-    try:
-        read_credentials(address_of(section, folder))
-    except CredentialsError as error:
-        yield Problem(f"broker.{error.key}", error.text)
+def connection_options(
+    address: BrokerAddress, credentials: Credentials | None = None
+) -> dict[str, Any]:
+    """Arguments of `DiagnosingClient`; without credentials their files are read now.
+
+    Raises:
+        CredentialsError: one of the files cannot be used.
+    """
+    credentials = credentials or read_credentials(address)
+    return {
+        "hostname": address.host,
+        "port": address.tcp_port,
+        "username": address.username,
+        "password": credentials.password,
+        "tls_context": credentials.tls,
+        "keepalive": address.keepalive_s,
+    }
 
 
 def read_credentials(address: BrokerAddress) -> Credentials:
@@ -113,9 +121,9 @@ def _files(address: BrokerAddress) -> Iterator[tuple[str, Path]]:
             yield key, _path(key, name, address.folder)
 
 
-def _path(key: str, name: str, folder: Path) -> Path:
+def _path(key: str, name: Path | str, folder: Path) -> Path:
     try:
-        return credential_file(name, folder)
+        return credential_file(str(name), folder)
     except ValueError as error:
         raise CredentialsError(key, str(error)) from error
 
@@ -136,7 +144,7 @@ def _content(key: str, path: Path) -> bytes:
 def _password(address: BrokerAddress) -> str | None:
     key, name = "password_file", address.password_file
     if name is None:
-        return None
+        return address.password
     path = _path(key, name, address.folder)
     content = _content(key, path).strip()
     try:
@@ -159,16 +167,18 @@ def _context(address: BrokerAddress) -> ssl.SSLContext:
     except OSError as error:
         text = f"{path} holds no certificate in PEM ({_why(error)})"
         raise CredentialsError(key, text) from error
-    if address.certificate_file is None or address.key_file is None:
+    if address.certificate_file is None:
         return context
     certificate = _path("certificate_file", address.certificate_file, address.folder)
-    own = _path("key_file", address.key_file, address.folder)
+    own = certificate
+    if address.key_file is not None:
+        own = _path("key_file", address.key_file, address.folder)
 
     def refuse() -> str:
         raise CredentialsError(
             "key_file",
-            f"{own} is encrypted; a service cannot prompt for it. Take the passphrase "
-            "off (openssl pkey) and let only the daemon's user read it",
+            f"{own} is encrypted, and nobody is prompted for its passphrase. Take it "
+            "off (openssl pkey) and let only the user of this program read it",
         )
 
     try:

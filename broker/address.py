@@ -1,15 +1,9 @@
 """Where the broker is and how to get in."""
 
-import ssl
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 from urllib.parse import urlsplit
-
-from traverse.broker.tls import load_pair, tls_context
-from traverse.strict_toml.files import text_of
 
 PORT = 1883
 TLS_PORT = 8883
@@ -20,7 +14,8 @@ SCHEMES = {"mqtt": False, "mqtts": True}
 class BrokerAddress:
     """A broker and the credentials that it requires.
 
-    The names are those of the table [broker] in the daemon's configuration.
+    The names are those of the table [broker] in the daemon's configuration. A file may
+    be a credential of systemd: `credential:NAME`.
 
     Attributes:
         port: None takes 1883, or 8883 with TLS.
@@ -29,18 +24,20 @@ class BrokerAddress:
         ca_file: CA certificates that signed the broker's; None: the system's.
         certificate_file, key_file: of this client, where the broker requires them.
         keepalive_s: a silent connection is looked at so often.
+        folder: where relative names of files begin.
     """
 
     host: str = "localhost"
     port: int | None = None
     username: str | None = None
     password: str | None = field(default=None, repr=False)
-    password_file: Path | None = None
+    password_file: Path | str | None = None
     tls: bool = False
-    ca_file: Path | None = None
-    certificate_file: Path | None = None
-    key_file: Path | None = None
+    ca_file: Path | str | None = None
+    certificate_file: Path | str | None = None
+    key_file: Path | str | None = None
     keepalive_s: int = 10
+    folder: Path = Path()
 
     def __post_init__(self) -> None:
         if self.password is not None and self.password_file is not None:
@@ -83,42 +80,3 @@ class BrokerAddress:
     def tcp_port(self) -> int:
         """The port, chosen by `tls` where none is given."""
         return self.port or (TLS_PORT if self.tls else PORT)
-
-    def options(self) -> dict[str, Any]:
-        """Arguments of `DiagnosingClient`; files are read now, so they may be renewed.
-
-        Raises:
-            OSError: a file cannot be read, or holds not what it should.
-        """
-        password = self.password
-        if self.password_file is not None:
-            with _naming_file("password_file", self.password_file, "the password"):
-                password = text_of(self.password_file).strip()
-        return {
-            "hostname": self.host,
-            "port": self.tcp_port,
-            "username": self.username,
-            "password": password,
-            "tls_context": self._tls_context() if self.tls else None,
-            "keepalive": self.keepalive_s,
-        }
-
-    def _tls_context(self) -> ssl.SSLContext:
-        with _naming_file("ca_file", self.ca_file, "certificates, PEM"):
-            context = tls_context(self.ca_file)
-        if self.certificate_file is not None:
-            key = self.key_file or self.certificate_file
-            wanted = f"a certificate, PEM, and {key} its key without a passphrase"
-            with _naming_file("certificate_file", self.certificate_file, wanted):
-                load_pair(context, self.certificate_file, self.key_file)
-        return context
-
-
-@contextmanager
-def _naming_file(name: str, file: Path | None, wanted: str) -> Iterator[None]:
-    """Name the file of an error."""
-    try:
-        yield
-    except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "no text"
-        raise OSError(f"{name} {file}: {why}; expected {wanted}") from error
