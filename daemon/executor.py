@@ -22,7 +22,8 @@ from traverse.daemon.pose.alignment import requested_alignment
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.probe_library import LibraryProbe
 from traverse.daemon.scans.plan import ScanPlan
-from traverse.protocol.messages import AlignArgs, Label, Point, ReferenceArgs
+from traverse.daemon.store.records import PendingPoint
+from traverse.protocol.messages import AlignArgs, Label, ReferenceArgs
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
@@ -39,9 +40,10 @@ class MeasurementCommand(ABC, Generic[T_co]):
     recorded_name: ClassVar[str]
     classes: ClassVar[dict[str, "type[MeasurementCommand[Any]]"]] = {}
 
-    def __init_subclass__(cls, *, recorded_name: str) -> None:
-        cls.recorded_name = recorded_name
-        MeasurementCommand.classes[recorded_name] = cls
+    def __init_subclass__(cls, *, recorded_name: str = "") -> None:
+        if recorded_name:
+            cls.recorded_name = recorded_name
+            MeasurementCommand.classes[recorded_name] = cls
 
     def to_record(self) -> dict[str, Any]:
         """The values as recorded: plain values by name."""
@@ -55,6 +57,18 @@ class MeasurementCommand(ABC, Generic[T_co]):
     @abstractmethod
     def apply(self, measurement: Measurement, now_ns: int) -> T_co:
         """Do it at an instant; only `execute` calls this."""
+
+
+class OrderedCommand(MeasurementCommand["asyncio.Future[Any]"]):
+    """Base of what takes effect after all points that were requested before."""
+
+    def apply(self, measurement: Measurement, now_ns: int) -> "asyncio.Future[Any]":
+        """See the class."""
+        return measurement.points.in_order(lambda: self._act(measurement, now_ns))
+
+    @abstractmethod
+    def _act(self, measurement: Measurement, now_ns: int) -> object:
+        """Do it, when its turn has come."""
 
 
 def execute(measurement: Measurement, command: MeasurementCommand[T]) -> T:
@@ -145,54 +159,43 @@ class GiveUpLatch(MeasurementCommand[None], recorded_name="give_up_latch"):
 
 
 @dataclass(frozen=True)
-class Undo(MeasurementCommand["asyncio.Future[Point]"], recorded_name="undo"):
+class Undo(OrderedCommand, recorded_name="undo"):
     """Retract the last point; with an id it must be that one."""
 
     id: str | None
 
-    def apply(self, measurement: Measurement, now_ns: int) -> "asyncio.Future[Point]":
-        """See the class."""
-        return measurement.points.in_order(
-            lambda: measurement.capture.undo("command", self.id)
-        )
+    def _act(self, measurement: Measurement, now_ns: int) -> PendingPoint:
+        return measurement.capture.undo("command", self.id)
 
 
 @dataclass(frozen=True)
-class SetLabel(MeasurementCommand["asyncio.Future[Label]"], recorded_name="label"):
+class SetLabel(OrderedCommand, recorded_name="label"):
     """Label the points that are requested after it."""
 
     artefact: str | None
     feature: str | None
 
-    def apply(self, measurement: Measurement, now_ns: int) -> "asyncio.Future[Label]":
-        """See the class."""
+    def _act(self, measurement: Measurement, now_ns: int) -> Label:
         label = Label(artefact=self.artefact, feature=self.feature)
-
-        def set_label() -> Label:
-            measurement.capture.label = label
-            measurement.points.events.label(label)
-            measurement.sinks.status_changed()
-            return label
-
-        return measurement.points.in_order(set_label)
+        measurement.capture.label = label
+        words = [word for word in (self.artefact, self.feature) if word is not None]
+        text = f"points are taken on {', '.join(words)}" if words else "no label"
+        told = label.model_dump(exclude_none=True)
+        measurement.points.report("capture.label", text, told)
+        measurement.sinks.status_changed()
+        return label
 
 
 @dataclass(frozen=True)
-class NewSession(MeasurementCommand["asyncio.Future[str]"], recorded_name="session"):
+class NewSession(OrderedCommand, recorded_name="session"):
     """Number points from 0 again; gives the id of the new session."""
 
     note: str
 
-    def apply(self, measurement: Measurement, now_ns: int) -> "asyncio.Future[str]":
-        """See the class."""
-
-        def begin() -> str:
-            session = measurement.capture.begin_session(self.note)
-            measurement.points.events.session(session)
-            measurement.sinks.status_changed()
-            return session.id
-
-        return measurement.points.in_order(begin)
+    def _act(self, measurement: Measurement, now_ns: int) -> str:
+        session = measurement.points.begin_session(self.note)
+        measurement.sinks.status_changed()
+        return session.id
 
 
 # -- scans ----------------------------------------------------------------------------
@@ -232,7 +235,7 @@ class StopScan(MeasurementCommand[int], recorded_name="stop_scan"):
 
 
 @dataclass(frozen=True)
-class SetAlignment(MeasurementCommand["asyncio.Future[Any]"], recorded_name="align"):
+class SetAlignment(OrderedCommand, recorded_name="align"):
     """Set or clear the alignment for all points that are requested after it."""
 
     args: AlignArgs
@@ -246,26 +249,21 @@ class SetAlignment(MeasurementCommand["asyncio.Future[Any]"], recorded_name="ali
         """The command of recorded values."""
         return cls(AlignArgs(**values))
 
-    def apply(self, measurement: Measurement, now_ns: int) -> "asyncio.Future[Any]":
-        """See the class."""
+    def _act(self, measurement: Measurement, now_ns: int) -> bool:
         alignment = requested_alignment(self.args)
+        measurement.alignment.alignment = alignment
         text = (
             "no alignment: points have no part coordinates"
             if alignment is None
             else f"alignment {alignment.name or 'without a name'} is in use"
         )
-
-        def set_alignment() -> bool:
-            measurement.alignment.alignment = alignment
-            measurement.points.events.alignment(text)
-            measurement.sinks.status_changed()
-            return True
-
-        return measurement.points.in_order(set_alignment)
+        measurement.points.report("capture.alignment", text)
+        measurement.sinks.status_changed()
+        return True
 
 
 @dataclass(frozen=True)
-class SetProbe(MeasurementCommand["asyncio.Future[ArmModel]"], recorded_name="probe"):
+class SetProbe(OrderedCommand, recorded_name="probe"):
     """Measure with a probe of the library; gives the arm with it."""
 
     probe: LibraryProbe
@@ -279,32 +277,26 @@ class SetProbe(MeasurementCommand["asyncio.Future[ArmModel]"], recorded_name="pr
         """The command of recorded values."""
         return cls(LibraryProbe.model_validate_json(values["probe"]))
 
-    def apply(
-        self, measurement: Measurement, now_ns: int
-    ) -> "asyncio.Future[ArmModel]":
-        """See the class."""
+    def _act(self, measurement: Measurement, now_ns: int) -> ArmModel:
         probe = self.probe
-
-        def set_probe() -> ArmModel:
-            # On the arm as it is by then; it may have been reloaded.
-            try:
-                measurement.set_probe(probe)
-            except ValueError as error:
-                raise CaptureRefusedError(
-                    f"the arm cannot measure with {probe.name!r}: {error}",
-                    "correct the probe library",
-                ) from error
-            measurement.points.events.probe(probe.name, measurement.model)
-            measurement.sinks.status_changed()
-            return measurement.model
-
-        return measurement.points.in_order(set_probe)
+        # On the arm as it is by then; it may have been reloaded.
+        try:
+            measurement.set_probe(probe)
+        except ValueError as error:
+            raise CaptureRefusedError(
+                f"the arm cannot measure with {probe.name!r}: {error}",
+                "correct the probe library",
+            ) from error
+        model = measurement.model
+        text = f"probe {probe.name}, radius {model.probe_radius_mm:g} mm, model "
+        told = {"probe": probe.name}
+        measurement.points.report("capture.probe", text + model.digest[:12], told)
+        measurement.sinks.status_changed()
+        return model
 
 
 @dataclass(frozen=True)
-class ConfirmReference(
-    MeasurementCommand["asyncio.Future[list[str]]"], recorded_name="reference"
-):
+class ConfirmReference(OrderedCommand, recorded_name="reference"):
     """Accept the positions of the encoders; gives the devices that were in doubt."""
 
     args: ReferenceArgs
@@ -318,32 +310,25 @@ class ConfirmReference(
         """The command of recorded values."""
         return cls(ReferenceArgs(**values))
 
-    def apply(
-        self, measurement: Measurement, now_ns: int
-    ) -> "asyncio.Future[list[str]]":
-        """See the class."""
+    def _act(self, measurement: Measurement, now_ns: int) -> list[str]:
         args = self.args
-
-        def confirm() -> list[str]:
-            if args.at_xyz_mm is not None:
-                probe_mm = measurement.trajectory.position_mm(now_ns)
-                if probe_mm is None:
-                    raise CaptureRefusedError(
-                        "nothing is known of where the probe is",
-                        "wait until the arm reports its position",
-                        REFERENCE_REFUSED,
-                    )
-                off_mm = float(np.linalg.norm(probe_mm - args.at_xyz_mm))
-                if off_mm > args.tolerance_mm:
-                    raise CaptureRefusedError(
-                        f"the probe is {off_mm:.3f} mm from the known point; "
-                        f"{args.tolerance_mm:g} mm are allowed",
-                        "bring the arm to its reference as its maker says, touch the "
-                        "point again, and confirm again",
-                        REFERENCE_REFUSED,
-                    )
-            confirmed = measurement.quality.references.confirm()
-            measurement.sinks.status_changed()
-            return confirmed
-
-        return measurement.points.in_order(confirm)
+        if args.at_xyz_mm is not None:
+            probe_mm = measurement.trajectory.position_mm(now_ns)
+            if probe_mm is None:
+                raise CaptureRefusedError(
+                    "nothing is known of where the probe is",
+                    "wait until the arm reports its position",
+                    REFERENCE_REFUSED,
+                )
+            off_mm = float(np.linalg.norm(probe_mm - args.at_xyz_mm))
+            if off_mm > args.tolerance_mm:
+                raise CaptureRefusedError(
+                    f"the probe is {off_mm:.3f} mm from the known point; "
+                    f"{args.tolerance_mm:g} mm are allowed",
+                    "bring the arm to its reference as its maker says, touch the "
+                    "point again, and confirm again",
+                    REFERENCE_REFUSED,
+                )
+        confirmed = measurement.quality.references.confirm()
+        measurement.sinks.status_changed()
+        return confirmed

@@ -5,7 +5,7 @@ for the service, a replay and tests; `traverse.daemon.executor` executes its com
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,12 +23,7 @@ from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import Action, Configuration
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies, latencies_by_name
-from traverse.daemon.points.capture import (
-    ActiveSession,
-    Capture,
-    PointWriter,
-    triggers_of,
-)
+from traverse.daemon.points.capture import ActiveSession, Capture, PointWriter
 from traverse.daemon.points.controller import PointController, PointFuture
 from traverse.daemon.points.measurement import MeasurementContext
 from traverse.daemon.pose.alignment import ActiveAlignment, Alignment
@@ -94,7 +89,7 @@ class Sinks:
     references: ReferenceMemory = field(default_factory=ReferenceMemory)
 
 
-class Measurement:
+class Measurement(MeasurementContext):
     """Turns deliveries into points, scan blocks, live poses and events.
 
     Composes the measuring path, with a new session unless one is given.
@@ -156,22 +151,11 @@ class Measurement:
         )
         self.alignment = ActiveAlignment()
         self.capture = Capture(clock, sinks.write_point, self.alignment, session)
-        self.triggers = triggers_of(capture)
-        self.stage = MeasurementContext(
-            clock,
-            self.joint_devices,
-            self.pipeline,
-            self.resampler,
-            self.skew,
-            self.trajectory,
-            CovarianceEvaluator(configuration.uncertainty),
-            self.quality,
-            int(settings.point_wait_s * 1e9),
-        )
+        self.uncertainty = CovarianceEvaluator(configuration.uncertainty)
+        self.point_wait_ns = int(settings.point_wait_s * 1e9)
         self.points = PointController(
-            self.stage,
+            self,
             capture=self.capture,
-            triggers=self.triggers,
             settings=capture,
             events=events,
             latencies=sinks.latencies,
@@ -191,7 +175,7 @@ class Measurement:
         self.latches: dict[int, tuple[PointFuture, str | None]] = {}
         self.latch_points: dict[int, PointFuture] = {}
         # Points are made from the stream where nothing latches all joints for them.
-        self._keeps_readings = not {d for d, _ in self.triggers} <= {*model.devices}
+        self._keeps_readings = self._has_triggers_elsewhere()
         self._rest_mm: Floats = np.full(3, np.nan)
         self._moved_ns = 0
         self._rests = False
@@ -223,13 +207,11 @@ class Measurement:
     def apply_settings(self, configuration: Configuration, model: ArmModel) -> None:
         """Change to another arm file and configuration; only while `is_idle`."""
         self.configuration, capture = configuration, configuration.capture
-        self.triggers = triggers_of(capture)
-        self._keeps_readings |= not {d for d, _ in self.triggers} <= {*model.devices}
         self.set_model(model)
         self.quality.use(configuration.quality, model)
-        uncertainty = CovarianceEvaluator(configuration.uncertainty)
-        self.stage = replace(self.stage, uncertainty=uncertainty)
-        self.points.use(self.stage, self.triggers, capture)
+        self.uncertainty = CovarianceEvaluator(configuration.uncertainty)
+        self.points.use(capture)
+        self._keeps_readings |= self._has_triggers_elsewhere()
         self.live.use_rate(capture.live_rate_hz)
         self.scanner.use_settings(capture.scan_block_s, configuration.scan)
         self._set_batch_window()
@@ -257,6 +239,9 @@ class Measurement:
         """
         self.set_model(model_with_probe(self.model, probe))
         self.probe = probe
+
+    def _has_triggers_elsewhere(self) -> bool:
+        return not {d for d, _ in self.points.triggers} <= {*self.model.devices}
 
     def _set_batch_window(self) -> None:
         self.joint_devices.set_batch_window(
@@ -461,13 +446,13 @@ class Measurement:
             self.trajectory.speeds_rad_s(time_ns, angles_rad),
             None if error_bounds_counts is None else error_bounds_counts[-1],
         )
-        found = self.stage.uncertainty.covariance(self.pipeline.model, reading)
+        found = self.uncertainty.covariance(self.pipeline.model, reading)
         return live.model_copy(update={"covariance_mm2": found})
 
     def _take_latch(self, device: Device, latch: LatchedCounts) -> None:
         if latch.input is not None:
             name = device.section.id
-            if self.triggers.get((name, latch.input)) == "button":
+            if self.points.triggers.get((name, latch.input)) == "button":
                 self._hold_scan(name, latch.input, latch)
             self.points.take_edge(device, latch)
         elif (waiting := self.latches.pop(latch.token, None)) is not None:

@@ -13,7 +13,7 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.points.averaging import SampleAverage
 from traverse.daemon.points.buttons import buttons_of
-from traverse.daemon.points.capture import Capture, Session, Triggers
+from traverse.daemon.points.capture import Capture, Session, triggers_of
 from traverse.daemon.points.compensation import TipCompensator
 from traverse.daemon.points.measurement import MeasurementContext, PointEvaluator
 from traverse.daemon.points.request_queue import (
@@ -22,69 +22,12 @@ from traverse.daemon.points.request_queue import (
     PointRequest,
     PointRequestQueue,
 )
-from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import PoseBlock
 from traverse.drivers.base.values import LatchedCounts
-from traverse.protocol.messages import Label, Point
+from traverse.protocol.messages import Point
 from traverse.protocol.messages.point import Trigger
 
 log = logging.getLogger(__name__)
-
-
-class PointEventReporter:
-    """Report the results of requests."""
-
-    def __init__(self, events: EventLog) -> None:
-        self._events = events
-
-    def refused(self, error: CaptureRefusedError) -> None:
-        """No point was taken, or none taken back."""
-        self._events.report("error", "capture.refused", str(error), remedy=error.remedy)
-
-    def undone(self, retraction: Point) -> None:
-        """A button has taken a point back."""
-        self._tell("capture.undone", f"{retraction.retracts} is taken back")
-
-    def label(self, label: Label) -> None:
-        """Points are taken on something else from now on."""
-        words = [word for word in (label.artefact, label.feature) if word is not None]
-        text = f"points are taken on {', '.join(words)}" if words else "no label"
-        self._tell("capture.label", text, label.model_dump(exclude_none=True))
-
-    def probe(self, name: str, model: ArmModel) -> None:
-        """Another probe measures from now on."""
-        text = f"probe {name}, radius {model.probe_radius_mm:g} mm, model "
-        self._tell("capture.probe", text + model.digest[:12], {"probe": name})
-
-    def alignment(self, text: str) -> None:
-        """The alignment has been set or cleared."""
-        self._tell("capture.alignment", text)
-
-    def session(self, session: Session) -> None:
-        """A new session has begun."""
-        text = f"session {session.id} begins{': ' if session.note else ''}"
-        self._tell("capture.session", text + session.note)
-
-    def edge(self, request: PointRequest, device: Device, latch: LatchedCounts) -> None:
-        """An edge was dealt with: first what it was, then the gesture it made."""
-        trigger, press = request.trigger, request.press
-        if trigger is None:
-            return
-        source = f"{device.section.id}/{latch.input}"
-        self._events.report(
-            "info",
-            f"{trigger}.{'pressed' if latch.active else 'released'}",
-            f"{trigger} {'on' if latch.active else 'off'}",
-            source=source,
-            distinct=True,
-        )
-        if press is not None and press.gesture not in ("click", "part", None):
-            text = f"{press.gesture}: {press.action}"
-            code = f"{trigger}.{press.gesture}"
-            self._events.report("info", code, text, source=source, distinct=True)
-
-    def _tell(self, code: str, text: str, data: dict[str, str] | None = None) -> None:
-        self._events.report("info", code, text, data=data, distinct=True)
 
 
 PointFuture = asyncio.Future[Point]
@@ -104,7 +47,6 @@ class PointController:
         stage: MeasurementContext,
         *,
         capture: Capture,
-        triggers: Triggers,
         settings: CaptureSection,
         events: EventLog,
         latencies: Mapping[str, Latencies],
@@ -112,11 +54,8 @@ class PointController:
     ) -> None:
         self._stage = stage
         self._capture = capture
-        self._triggers = triggers
-        self._buttons = buttons_of(settings)
-        self.events = PointEventReporter(events)
-        self._log = events
-        self._making = PointEvaluator(stage, settings, events)
+        self._events = events
+        self.use(settings)
         self._latencies = latencies
         self._on_action = on_action
         self._pending = PointRequestQueue(self._look, self._deal_with)
@@ -137,14 +76,11 @@ class PointController:
         """No point is being taken or stored, and no press is being classified."""
         return not (self._pending or self._answers) and self._buttons.all_decided
 
-    def use(
-        self, stage: MeasurementContext, triggers: Triggers, settings: CaptureSection
-    ) -> None:
+    def use(self, settings: CaptureSection) -> None:
         """Go by other rules; only while `is_idle`."""
-        self._stage = stage
-        self._triggers = triggers
+        self.triggers = triggers_of(settings)
         self._buttons = buttons_of(settings)
-        self._making = PointEvaluator(stage, settings, self._log)
+        self._making = PointEvaluator(self._stage, settings, self._events)
 
     @property
     def has_pending(self) -> asyncio.Event:
@@ -171,7 +107,7 @@ class PointController:
             latch.sample_time_ns,
             latch.received_ns,
             self._now_ns() + self._stage.point_wait_ns,
-            self._triggers.get((name, number)),
+            self.triggers.get((name, number)),
             device,
             latch,
         )
@@ -225,6 +161,17 @@ class PointController:
         self._pending.add(request)
         return answer
 
+    def report(self, code: str, text: str, data: dict[str, str] | None = None) -> None:
+        """Report what has changed, each time it does."""
+        self._events.report("info", code, text, data=data, distinct=True)
+
+    def begin_session(self, note: str = "") -> Session:
+        """Number points from 0 again."""
+        session = self._capture.begin_session(note)
+        text = f"session {session.id} begins{': ' if note else ''}{note}"
+        self.report("capture.session", text)
+        return session
+
     # -- results ---------------------------------------------------------------
 
     def _look(self, request: PointRequest) -> None:
@@ -256,18 +203,35 @@ class PointController:
         """Answer a request: its point is on the disk, or there is none."""
         if isinstance(outcome, CaptureRefusedError):
             self._capture.refused += request.captures
-            self.events.refused(outcome)
+            self._events.report(
+                "error", "capture.refused", str(outcome), remedy=outcome.remedy
+            )
         elif isinstance(outcome, Point) and outcome.retracts is None:
             now_ns = self._stage.clock.running.monotonic_ns()
             taken = self._latencies["capture_to_publish"]
             taken.add(now_ns - request.received_ns)
         elif isinstance(outcome, Point) and request.device is not None:
-            self.events.undone(outcome)
+            self.report("capture.undone", f"{outcome.retracts} is taken back")
         request.resolve(outcome)
         if request.device is not None and request.latch is not None:
-            self.events.edge(request, request.device, request.latch)
+            self._report_edge(request, request.device, request.latch)
             # Only now may the device drop it.
             request.device.driver.acknowledge(request.latch.token)
+
+    def _report_edge(
+        self, request: PointRequest, device: Device, latch: LatchedCounts
+    ) -> None:
+        """An edge was dealt with: first what it was, then the gesture it made."""
+        trigger, press = request.trigger, request.press
+        if trigger is None:
+            return
+        level, way = ("on", "pressed") if latch.active else ("off", "released")
+        told = {f"{trigger}.{way}": f"{trigger} {level}"}
+        if press is not None and press.gesture not in ("click", "part", None):
+            told[f"{trigger}.{press.gesture}"] = f"{press.gesture}: {press.action}"
+        source = f"{device.section.id}/{latch.input}"
+        for code, text in told.items():
+            self._events.report("info", code, text, source=source, distinct=True)
 
     def _outcome(self, request: PointRequest, is_last_chance: bool) -> object:
         """The result of a request; None while it is pending.
@@ -302,7 +266,7 @@ class PointController:
             if not self._making.set_air_point(request, is_last_chance=is_last_chance):
                 return None
         elif action == "session":
-            self.events.session(self._capture.begin_session())
+            self.begin_session()
         if action in OTHER_ACTIONS:
             self._on_action(action)
         return outcome

@@ -1,6 +1,6 @@
 """What is known of the arm at one instant, or of the mean of many samples."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,120 +31,22 @@ from traverse.drivers.base.values import LatchedCounts
 from traverse.kinematics.probing.compensation import DirectionError
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class MeasurementContext:
-    """What points are made with.
+    """What points are made with; `Measurement` composes it.
 
     Attributes:
         point_wait_ns: how long a point waits for the readings after its instant.
     """
 
     clock: HostClock
-    devices: JointDevices
+    joint_devices: JointDevices
     pipeline: Pipeline
-    assembly: Resampler
+    resampler: Resampler
     skew: SkewMonitor
-    path: TrajectoryBuffer
+    trajectory: TrajectoryBuffer
     uncertainty: CovarianceEvaluator
     quality: QualityMonitor
     point_wait_ns: int
-
-
-class PoseEvaluator:
-    """Sees the arm."""
-
-    def __init__(self, stage: MeasurementContext) -> None:
-        self._stage = stage
-
-    def evaluate(self, request: PointRequest) -> PointMeasurement | None:
-        """The arm at the instant of a request; None while that is not known."""
-        stage, jitter_ns = self._stage, 0
-        temperature_c = stage.devices.temperature_c
-        pose = self._pose(request, temperature_c)
-        if pose is None:
-            return None
-        device = request.device
-        if (
-            device is not None
-            and pose.error_bounds_counts is not None
-            and device.identity
-        ):
-            jitter_ns = device.identity.jitter_ns
-        speeds_rad_s = stage.path.speeds_rad_s(pose.sample_time_ns, pose.angles_rad)
-        pose = stage.quality.with_flags(pose, speeds_rad_s, temperature_c)
-        return self._measured(
-            pose,
-            CovarianceInput(
-                pose.block, speeds_rad_s, pose.error_bounds_counts, jitter_ns
-            ),
-            temperature_c,
-        )
-
-    def evaluate_mean(self, average: SampleAverage) -> PointMeasurement:
-        """The arm as it was on the mean of samples, while it rested."""
-        stage, pose = self._stage, average.pose()
-        temperature_c = stage.devices.temperature_c
-        block = stage.pipeline.block_at(
-            pose.sample_time_ns, pose.angles_rad, temperature_c
-        )
-        at_rest = np.zeros(len(pose.angles_rad))
-        measured = self._measured(
-            replace(pose, block=block),
-            CovarianceInput(block, at_rest, samples=average.n),
-            temperature_c,
-        )
-        spread_mm = None if average.n == 1 else average.spread_mm
-        return replace(
-            measured,
-            samples=average.n,
-            spread_mm=spread_mm,
-            before_mm=average.before_mm,
-        )
-
-    def missing_reason(self, request: PointRequest) -> tuple[str, str]:
-        """Why nothing is known of an instant, and what to do."""
-        first_mismatched = self._stage.devices.first_mismatched
-        if first_mismatched is not None:
-            text = f"{first_mismatched.section.id} does not fit the arm file"
-            return text, "see the event device.mismatch"
-        lack = self._stage.assembly.missing_reason(request.instant_ns, request.latch)
-        text = f"the joints are not known at the instant of the point: {lack}"
-        return text, "see the device's events, then take the point again"
-
-    def _measured(
-        self, pose: LatchedPose, reading: CovarianceInput, temperature_c: float | None
-    ) -> PointMeasurement:
-        stage = self._stage
-        model = stage.pipeline.model
-        covariance_mm2 = stage.uncertainty.covariance(model, reading)
-        return PointMeasurement(model, pose, temperature_c, covariance_mm2)
-
-    def _pose(
-        self, request: PointRequest, temperature_c: float | None
-    ) -> LatchedPose | None:
-        stage, latch = self._stage, request.latch
-        if stage.devices.first_mismatched is not None:
-            return None
-        if latch is not None and self._is_whole(latch):
-            return stage.pipeline.latched_pose(latch, temperature_c)
-        instant_ns = request.instant_ns
-        found = stage.assembly.at(instant_ns, latch)
-        is_waiting = stage.clock.monotonic_ns() < request.deadline_ns
-        # Motion at the instant follows from all samples before it, not from those that
-        # happen to have arrived already: a replay finds the same, however it is cut.
-        if found is None or (is_waiting and not stage.path.covers(instant_ns)):
-            return None
-        pose = stage.pipeline.pose_at(found.counts, temperature_c)
-        pose = replace(pose, error_bounds_counts=found.error_bounds_counts)
-        return stage.skew.with_flags(
-            stage.pipeline.model, pose, found.error_bounds_counts
-        )
-
-    def _is_whole(self, latch: LatchedCounts) -> bool:
-        """The one device that reads all joints has latched them."""
-        devices = self._stage.devices
-        alone = devices.is_single and devices.devices[0].section.id == latch.device
-        return alone and bool(latch.counts)
 
 
 class PointEvaluator:
@@ -154,8 +56,7 @@ class PointEvaluator:
         self, stage: MeasurementContext, settings: CaptureSection, events: EventLog
     ) -> None:
         self._stage = stage
-        self._poses = PoseEvaluator(stage)
-        self.tip = TipCompensator(settings, stage.path)
+        self.tip = TipCompensator(settings, stage.trajectory)
         self._events = events
         self._dwell_ns = int(settings.average_s * 1e9)
         self._limits = AverageLimits(
@@ -177,13 +78,13 @@ class PointEvaluator:
             return
         seen = request.seen
         if seen is None:
-            request.seen = seen = self._poses.evaluate(request)
+            request.seen = seen = self._evaluate(request)
             if seen is None:
                 return
             self._watch(request, seen.pose.sample_time_ns, seen)
         # An edge may overtake samples from before it.
         time_ns = seen.pose.sample_time_ns
-        if not self.tip.needs_trajectory or self._stage.path.covers(time_ns):
+        if not self.tip.needs_trajectory or self._stage.trajectory.covers(time_ns):
             before_mm = self.tip.before(time_ns, seen.pose.xyz_mm)
             if before_mm is not seen.before_mm:
                 request.seen = replace(seen, before_mm=before_mm)
@@ -193,7 +94,7 @@ class PointEvaluator:
         self, request: PointRequest, average: SampleAverage | None = None
     ) -> None:
         """Average samples from the instant of a request on; else as buttons do."""
-        begin_ns, path = request.instant_ns, self._stage.path
+        begin_ns, path = request.instant_ns, self._stage.trajectory
         if average is None:
             average = SampleAverage(begin_ns, None, self._dwell_ns, self._limits)
         average.begin_speed_mm_s = path.speed_mm_s(begin_ns)
@@ -214,7 +115,7 @@ class PointEvaluator:
         """
         if request.seen is None:
             if is_last_chance:
-                raise CaptureRefusedError(*self._poses.missing_reason(request))
+                raise CaptureRefusedError(*self._missing_reason(request))
             return False
         self.tip.air_mm = request.seen.pose.xyz_mm
         return True
@@ -235,15 +136,15 @@ class PointEvaluator:
                     self._watch(request, average.last_ns, request.mean)
             seen = request.mean
         elif seen is None and (
-            is_last_chance or self._stage.devices.first_mismatched is not None
+            is_last_chance or self._stage.joint_devices.first_mismatched is not None
         ):
-            raise CaptureRefusedError(*self._poses.missing_reason(request))
+            raise CaptureRefusedError(*self._missing_reason(request))
         if seen is None:
             return None
         pull, stage = request.pull, self._stage
         if pull is not None and not is_crowded:
             now_ns = stage.clock.monotonic_ns()
-            if not pull.is_over(stage.path, now_ns, stage.point_wait_ns):
+            if not pull.is_over(stage.trajectory, now_ns, stage.point_wait_ns):
                 return None
         try:
             return self.tip.compensated(seen, pull)
@@ -283,7 +184,7 @@ class PointEvaluator:
         average.check_begin()
         if average.is_complete and average.n:
             average.check()
-            return self._poses.evaluate_mean(average)
+            return self._evaluate_mean(average)
         if is_crowded:
             raise CaptureRefusedError(
                 "too many edges arrived while samples were averaged",
@@ -293,3 +194,97 @@ class PointEvaluator:
             now_ns = self._stage.clock.monotonic_ns()
             average.refuse_if_over_time(now_ns, self._stage.point_wait_ns)
         return None
+
+    # -- the arm at an instant ---------------------------------------------------
+
+    def _evaluate(self, request: PointRequest) -> PointMeasurement | None:
+        """The arm at the instant of a request; None while that is not known."""
+        stage, jitter_ns = self._stage, 0
+        temperature_c = stage.joint_devices.temperature_c
+        pose = self._pose(request, temperature_c)
+        if pose is None:
+            return None
+        device = request.device
+        if (
+            device is not None
+            and pose.error_bounds_counts is not None
+            and device.identity
+        ):
+            jitter_ns = device.identity.jitter_ns
+        speeds_rad_s = stage.trajectory.speeds_rad_s(
+            pose.sample_time_ns, pose.angles_rad
+        )
+        pose = stage.quality.with_flags(pose, speeds_rad_s, temperature_c)
+        return self._measured(
+            pose,
+            CovarianceInput(
+                pose.block, speeds_rad_s, pose.error_bounds_counts, jitter_ns
+            ),
+            temperature_c,
+        )
+
+    def _evaluate_mean(self, average: SampleAverage) -> PointMeasurement:
+        """The arm as it was on the mean of samples, while it rested."""
+        stage, pose = self._stage, average.pose()
+        temperature_c = stage.joint_devices.temperature_c
+        block = stage.pipeline.block_at(
+            pose.sample_time_ns, pose.angles_rad, temperature_c
+        )
+        at_rest = np.zeros(len(pose.angles_rad))
+        measured = self._measured(
+            replace(pose, block=block),
+            CovarianceInput(block, at_rest, samples=average.n),
+            temperature_c,
+        )
+        spread_mm = None if average.n == 1 else average.spread_mm
+        return replace(
+            measured,
+            samples=average.n,
+            spread_mm=spread_mm,
+            before_mm=average.before_mm,
+        )
+
+    def _missing_reason(self, request: PointRequest) -> tuple[str, str]:
+        """Why nothing is known of an instant, and what to do."""
+        first_mismatched = self._stage.joint_devices.first_mismatched
+        if first_mismatched is not None:
+            text = f"{first_mismatched.section.id} does not fit the arm file"
+            return text, "see the event device.mismatch"
+        lack = self._stage.resampler.missing_reason(request.instant_ns, request.latch)
+        text = f"the joints are not known at the instant of the point: {lack}"
+        return text, "see the device's events, then take the point again"
+
+    def _measured(
+        self, pose: LatchedPose, reading: CovarianceInput, temperature_c: float | None
+    ) -> PointMeasurement:
+        stage = self._stage
+        model = stage.pipeline.model
+        covariance_mm2 = stage.uncertainty.covariance(model, reading)
+        return PointMeasurement(model, pose, temperature_c, covariance_mm2)
+
+    def _pose(
+        self, request: PointRequest, temperature_c: float | None
+    ) -> LatchedPose | None:
+        stage, latch = self._stage, request.latch
+        if stage.joint_devices.first_mismatched is not None:
+            return None
+        if latch is not None and self._is_whole(latch):
+            return stage.pipeline.latched_pose(latch, temperature_c)
+        instant_ns = request.instant_ns
+        found = stage.resampler.at(instant_ns, latch)
+        is_waiting = stage.clock.monotonic_ns() < request.deadline_ns
+        # Motion at the instant follows from all samples before it, not from those that
+        # happen to have arrived already: a replay finds the same, however it is cut.
+        if found is None or (is_waiting and not stage.trajectory.covers(instant_ns)):
+            return None
+        pose = stage.pipeline.pose_at(found.counts, temperature_c)
+        pose = replace(pose, error_bounds_counts=found.error_bounds_counts)
+        return stage.skew.with_flags(
+            stage.pipeline.model, pose, found.error_bounds_counts
+        )
+
+    def _is_whole(self, latch: LatchedCounts) -> bool:
+        """The one device that reads all joints has latched them."""
+        devices = self._stage.joint_devices
+        alone = devices.is_single and devices.devices[0].section.id == latch.device
+        return alone and bool(latch.counts)
