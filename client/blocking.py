@@ -256,6 +256,8 @@ class BlockingArm:
     align = _waited(Arm.align)
     clear_alignment = _waited(Arm.clear_alignment)
     new_session = _waited(Arm.new_session)
+    covariance = _waited(Arm.covariance)
+    distance = _waited(Arm.distance)
     sessions = _waited(Arm.sessions)
     start_scan = _waited(Arm.start_scan)
     stop_scan = _waited(Arm.stop_scan)

@@ -1,13 +1,14 @@
 """The commands of an arm as functions with typed answers."""
 
 from collections.abc import Iterable, Mapping
-from typing import Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from traverse.client.errors import NoAnswerError
 from traverse.client.points.index import PointIndex
 from traverse.client.requests import CommandClient
 from traverse.client.results import (
     CapturedPoint,
+    PointCovariances,
     Resent,
     ResentScan,
     StartedScan,
@@ -16,6 +17,7 @@ from traverse.client.results import (
 from traverse.protocol.messages import (
     AlignArgs,
     Args,
+    CovarianceArgs,
     LabelArgs,
     Point,
     PointArgs,
@@ -29,6 +31,12 @@ from traverse.protocol.messages import (
 )
 from traverse.protocol.messages.fields import Vector
 from traverse.protocol.messages.scan import ScanMode
+
+if TYPE_CHECKING:
+    from traverse.kinematics.uncertainty.joint_covariance import (
+        JointCovariance,
+        Length,
+    )
 
 ARRIVAL_S = 1.0
 MEAN_S = 60.0
@@ -178,6 +186,24 @@ class ArmCommands:
     async def stop_scan(self) -> None:
         """End the running scan, if there is one."""
         await self.execute(ScanArgs(action="stop"))
+
+    async def covariance(self, points: Iterable[Point | str]) -> "JointCovariance":
+        """Return how the errors of points, or of their ids, belong together.
+
+        At most 100 of the latest 1000 of the arm, all measured with one probe; the
+        arm's parameters are in it where the arm file has a covariance (`with_arm`).
+        """
+        ids = tuple(one if isinstance(one, str) else one.id for one in points)
+        result = await self.execute(CovarianceArgs(ids=ids))
+        return PointCovariances.read(result).joint()
+
+    async def distance(self, first: Point | str, second: Point | str) -> "Length":
+        """Return the length between two points with its uncertainty.
+
+        Errors of the arm that both points share are taken into account; see
+        `covariance` for which points.
+        """
+        return (await self.covariance((first, second))).length(0, 1)
 
     async def sessions(self) -> tuple[StoredSession, ...]:
         """Sessions that the arm's outbox holds, oldest first."""

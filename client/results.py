@@ -1,12 +1,17 @@
 """Typed results of commands."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
+import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from traverse.protocol.message_error import MessageError
-from traverse.protocol.messages.fields import MAX_TIME_NS, Count
+from traverse.protocol.messages.fields import MAX_TIME_NS, Count, Vector
+from traverse.protocol.messages.point import Covariance
+
+if TYPE_CHECKING:
+    from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
 
 
 def _time(value: object) -> object:
@@ -105,3 +110,31 @@ class StartedScan(CommandResult):
 
     scan: str
     rate_hz: float | None = None
+
+
+class SharedPoint(CommandResult):
+    """One point of an answer to `covariance`; lengths in mm."""
+
+    id: str
+    xyz_mm: Vector
+    covariance_mm2: Covariance
+    shared_mm: tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
+
+
+class PointCovariances(CommandResult):
+    """How the errors of points belong together, see `CovarianceArgs`."""
+
+    points: tuple[SharedPoint, ...]
+
+    def joint(self) -> "JointCovariance":
+        """As one covariance, for lengths and features."""
+        from traverse.kinematics.uncertainty.joint_covariance import (  # noqa: PLC0415 - numpy's fits, for those who want them
+            joint_covariance,
+        )
+
+        own = np.array([one.covariance_mm2 for one in self.points])
+        return joint_covariance(
+            np.array([one.xyz_mm for one in self.points]),
+            own[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]],
+            np.array([one.shared_mm for one in self.points]),
+        )

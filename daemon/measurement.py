@@ -447,7 +447,7 @@ class Measurement(MeasurementContext):
             None if error_bounds_counts is None else error_bounds_counts[-1],
         )
         found = self.uncertainty.covariance(self.pipeline.model, reading)
-        return live.model_copy(update={"covariance_mm2": found})
+        return live.model_copy(update={"covariance_mm2": found.own_mm2})
 
     def _take_latch(self, device: Device, latch: LatchedCounts) -> None:
         if latch.input is not None:

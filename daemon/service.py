@@ -215,6 +215,7 @@ class Service:
                 "reference": points.confirm_reference,
                 "scan": scans.change_scan,
                 "align": points.align,
+                "covariance": points.covariance,
                 "reload": reloader.carry_out,
                 "resend": ResendCommands(outbox, spool).carry_out,
                 "record": lambda args: record(recorder, args),

@@ -23,11 +23,13 @@ from traverse.daemon.executor import (
 )
 from traverse.daemon.measurement import Measurement
 from traverse.daemon.points.averaging import MAX_AVERAGING_NS
+from traverse.daemon.points.capture import MOST_SHARED
 from traverse.daemon.pose.probe_library import read_probes
 from traverse.drivers.base.values import DeviceError
 from traverse.plurals import counted
 from traverse.protocol.messages import (
     AlignArgs,
+    CovarianceArgs,
     LabelArgs,
     Point,
     PointArgs,
@@ -130,6 +132,39 @@ class PointCommands:
             "probe": probe.name,
             "model": model.digest,
             "radius_mm": model.probe_radius_mm,
+        }
+
+    async def covariance(self, args: CovarianceArgs) -> Result:
+        """State how the errors of points belong together."""
+        found = [self.measurement.capture.shared.of(name) for name in args.ids]
+        known = [one for one in found if one is not None]
+        if len(known) < len(found):
+            raise RequestRefusedError(
+                "command.not_available",
+                f"{args.ids[found.index(None)]} is not among the latest "
+                f"{counted(MOST_SHARED, 'point')} since the daemon began, or has no "
+                "covariance",
+                "ask for points that were measured since",
+            )
+        models = {point.model for point, _ in known}
+        if len(models) > 1:
+            raise RequestRefusedError(
+                "command.bad_args",
+                "the points were measured with different arm files or probes",
+                "ask for points of one model",
+            )
+        return {
+            "model": models.pop(),
+            "with_arm": any(shared.size for _, shared in known),
+            "points": [
+                {
+                    "id": point.id,
+                    "xyz_mm": list(point.xyz_mm),
+                    "covariance_mm2": list(point.covariance_mm2 or ()),
+                    "shared_mm": shared.tolist(),
+                }
+                for point, shared in known
+            ],
         }
 
     def _mean(self, args: PointArgs) -> TakeMean:

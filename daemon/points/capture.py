@@ -1,7 +1,7 @@
 """From a pose to a captured point: which number, which label, which flags."""
 
 import uuid
-from collections import deque
+from collections import OrderedDict, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -85,6 +85,8 @@ class ActiveSession:
 
 PointWriter = Callable[[Point, int, str], PendingPoint | None]
 """Writes a point of a session that began at a time [UTC ns], with its note."""
+MOST_SHARED = 1000
+"""Points whose shared uncertainty is kept, some 600 bytes each."""
 QUEUE_FULL = (
     "so many points wait for the disk that no more can be taken",
     "wait until the disk has caught up, then try again; see `outbox` in health",
@@ -100,6 +102,7 @@ class PointMeasurement:
         pose: of one latch, or the mean of several samples.
         temperature_c: of the arm then; None without a sensor.
         covariance_mm2: of the ball's centre.
+        shared_mm: what of it points share by the arm's parameters, (3, rank).
         samples, spread_mm: how many were averaged, and how far they lay apart.
         before_mm: where the probe was before, (3,); None where it does not matter.
         surface_mm: the touched point, (3,), by ``compensation``.
@@ -109,11 +112,30 @@ class PointMeasurement:
     pose: LatchedPose
     temperature_c: float | None
     covariance_mm2: Covariance | None = None
+    shared_mm: Floats | None = None
     samples: int = 1
     spread_mm: float | None = None
     before_mm: Floats | None = None
     surface_mm: Floats | None = None
     compensation: Compensation = "none"
+
+
+class SharedUncertainties:
+    """What the latest points share by the arm's parameters, for their differences."""
+
+    def __init__(self) -> None:
+        self._latest: OrderedDict[str, tuple[Point, Floats]] = OrderedDict()
+
+    def keep(self, point: Point, shared_mm: Floats | None) -> None:
+        """Keep that of a point; of the oldest one it is dropped."""
+        if shared_mm is not None:
+            self._latest[point.id] = (point, shared_mm.copy())
+        if len(self._latest) > MOST_SHARED:
+            self._latest.popitem(last=False)
+
+    def of(self, point_id: str) -> tuple[Point, Floats] | None:
+        """The point, and what it shares, (3, rank); None where it is not kept."""
+        return self._latest.get(point_id)
 
 
 class Capture:
@@ -135,6 +157,7 @@ class Capture:
         self._write = write
         self._active = active or ActiveSession(clock)
         self.label = Label()
+        self.shared = SharedUncertainties()
         self.captured = 0
         self.retracted = 0
         self.refused = 0
@@ -176,7 +199,9 @@ class Capture:
             label=self.label,
             quality=Quality.from_bits(pose.quality),
         )
-        return self._submit(point)
+        pending = self._submit(point)
+        self.shared.keep(point, measured.shared_mm)
+        return pending
 
     def undo(self, trigger: Trigger, point_id: str | None = None) -> PendingPoint:
         """Retract the last point that is not retracted, or only if it is that of an id.

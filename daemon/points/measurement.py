@@ -259,8 +259,10 @@ class PointEvaluator:
     ) -> PointMeasurement:
         stage = self._stage
         model = stage.pipeline.model
-        covariance_mm2 = stage.uncertainty.covariance(model, reading)
-        return PointMeasurement(model, pose, temperature_c, covariance_mm2)
+        found = stage.uncertainty.covariance(model, reading)
+        return PointMeasurement(
+            model, pose, temperature_c, found.own_mm2, shared_mm=found.shared_mm
+        )
 
     def _pose(
         self, request: PointRequest, temperature_c: float | None

@@ -29,7 +29,7 @@ from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.uncertainty.point_covariance import (
     PointNoise,
-    point_covariances,
+    point_uncertainties,
 )
 from traverse.protocol.messages import QualityFlag
 from traverse.protocol.messages.point import Covariance
@@ -111,6 +111,19 @@ class CovarianceInput:
     samples: int = 1
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StatedCovariance:
+    """The uncertainty of one point; None where the speed is not known.
+
+    Attributes:
+        own_mm2: xx, xy, xz, yy, yz, zz.
+        shared_mm: see `PointUncertainties`, (3, rank); a view of a larger array.
+    """
+
+    own_mm2: Covariance | None
+    shared_mm: Floats | None
+
+
 class CovarianceEvaluator:
     """States covariances.
 
@@ -122,13 +135,11 @@ class CovarianceEvaluator:
         self._settings = settings
         self._cached: tuple[ArmModel, PointNoise] | None = None
 
-    def covariance(
-        self, model: ArmModel, reading: CovarianceInput
-    ) -> Covariance | None:
-        """xx, xy, xz, yy, yz, zz in mm^2; None where the speed is not known."""
+    def covariance(self, model: ArmModel, reading: CovarianceInput) -> StatedCovariance:
+        """State it, and what points share by the arm's parameters."""
         if reading.speeds_rad_s is None:
-            return None
-        (found,) = point_covariances(
+            return StatedCovariance(None, None)
+        found = point_uncertainties(
             model.geometry,
             model.effects,
             reading.block,
@@ -137,8 +148,8 @@ class CovarianceEvaluator:
             speeds_rad_s=reading.speeds_rad_s[np.newaxis],
             samples=reading.samples,
         )
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = found.tolist()
-        return xx, xy, xz, yy, yz, zz
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = found.covariances_mm2[0].tolist()
+        return StatedCovariance((xx, xy, xz, yy, yz, zz), found.shared_mm[0])
 
     def _noise(self, model: ArmModel, reading: CovarianceInput) -> PointNoise:
         """That of a reading; of all that are latched it is the same."""

@@ -59,7 +59,21 @@ class PointNoise:
     instant_s: float
 
 
-def point_covariances(
+@dataclass(frozen=True, slots=True, eq=False)
+class PointUncertainties:
+    """Uncertainties of the ball's centres.
+
+    Attributes:
+        covariances_mm2: Of each by itself, (n_points, 3, 3), symmetric.
+        shared_mm: Factors S of what the arm's parameters contribute: points i and j
+            have the covariance S_i S_j^T from them, (n_points, 3, rank).
+    """
+
+    covariances_mm2: Floats
+    shared_mm: Floats
+
+
+def point_uncertainties(
     geometry: Geometry,
     effects: ArmEffects,
     block: Block,
@@ -68,8 +82,8 @@ def point_covariances(
     *,
     speeds_rad_s: Floats | None = None,
     samples: int = 1,
-) -> Floats:
-    """Compute the covariances of the ball's centres.
+) -> PointUncertainties:
+    """Compute the covariances of the ball's centres, and what they share.
 
     Args:
         geometry: The arm.
@@ -79,9 +93,6 @@ def point_covariances(
         arm: Covariance of the arm's parameters; None: not included.
         speeds_rad_s: dalpha/dt, (n_points, n_joints); None at rest.
         samples: Each point is the mean of so many.
-
-    Returns:
-        mm^2, (n_points, 3, 3), symmetric.
     """
     if arm is None:
         readings_rad = block.angles_rad
@@ -109,7 +120,7 @@ def point_covariances(
     for component in range(3):
         factor[:, component, component - 3] = noise.contact_mm
     covariances: Floats = factor @ factor.transpose(0, 2, 1)
-    return covariances
+    return PointUncertainties(covariances, factor[:, :, n_joints:-4])
 
 
 @lru_cache(maxsize=8)  # noise is never changed, and that of most points is the same

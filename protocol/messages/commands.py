@@ -214,6 +214,22 @@ class RecordArgs(Args):
         return self
 
 
+class CovarianceArgs(Args):
+    """State how the errors of points belong together, for lengths between them.
+
+    Errors of an arm's parameters are shared by its points. The result is `{model,
+    with_arm, points: [{id, xyz_mm, covariance_mm2, shared_mm}]}`: of each point its own
+    covariance as the point has it, and three rows S; points i and j have the covariance
+    S_i S_j^T. Without a covariance file of the arm `with_arm` is false, rows are empty,
+    and the arm's part is not in `covariance_mm2` either. The daemon remembers the
+    latest 1000 points since it began.
+    """
+
+    command = "covariance"
+    ids: Annotated[tuple[Name, ...], Field(min_length=1, max_length=100)]
+    """Of the points, all measured with one model."""
+
+
 class Command(Message):
     """The envelope of every command."""
 
@@ -243,6 +259,7 @@ COMMANDS: dict[str, type[Args]] = {
         SessionArgs,
         ResendArgs,
         RecordArgs,
+        CovarianceArgs,
     )
 }
 """The arguments of each command, by its name."""

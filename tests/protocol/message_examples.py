@@ -15,6 +15,7 @@ from traverse.protocol.messages import (
     AlignArgs,
     BrokerHealth,
     Command,
+    CovarianceArgs,
     DeviceHealth,
     DriverStatus,
     Event,
@@ -272,6 +273,7 @@ ARGS = (
     SessionArgs(action="new", note="second shift"),
     ResendArgs(session=SESSION, from_seq=3, to_seq=9),
     RecordArgs(action="start", name="bumps", note="somebody leans on the table"),
+    CovarianceArgs(ids=("4f1a-17", "4f1a-18")),
 )
 
 EXAMPLES: dict[str, Message] = {

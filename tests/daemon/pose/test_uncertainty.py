@@ -41,7 +41,7 @@ def stated(model, settings, **changes):
     reading = CovarianceInput(
         Block(ANGLES_RAD[np.newaxis]), **{"speeds_rad_s": np.zeros(3), **changes}
     )
-    return full(CovarianceEvaluator(settings).covariance(model, reading))
+    return full(CovarianceEvaluator(settings).covariance(model, reading).own_mm2)
 
 
 def test_parts_are_those_of_the_law(tmp_path):

@@ -24,7 +24,7 @@ from traverse.kinematics.model.forward import probe_pose
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.kinematics.uncertainty.point_covariance import (
     PointNoise,
-    point_covariances,
+    point_uncertainties,
 )
 
 ARM = random_arm(11)
@@ -172,9 +172,11 @@ def test_beyond_its_knots_a_reading_is_as_uncertain_as_a_straight_line_on():
     readings_rad[:, 4] = (-4.0, -3.0, 0.1, 3.5, 5.5)
     block, n_joints = Block(readings_rad), readings_rad.shape[1]
     noise = PointNoise(np.full(n_joints, 1e-5), np.zeros(n_joints), 0.01, 0.0)
-    stated = point_covariances(GEOMETRY, curved, block, noise)
+    stated = point_uncertainties(GEOMETRY, curved, block, noise).covariances_mm2
     true_rad = readings_rad - angle_corrections(GEOMETRY, curved, block)
-    inside = point_covariances(GEOMETRY, plain, Block(true_rad), noise)
+    inside = point_uncertainties(
+        GEOMETRY, plain, Block(true_rad), noise
+    ).covariances_mm2
     slopes = CubicSpline(knots, values, bc_type="natural")((-3.0, 3.5), 1)
     away_rad = np.array([slopes[0], 0.0, 0.0, 0.0, 2.0 * slopes[1]])
     lever = probe_derivatives(GEOMETRY, true_rad).by_angles[:, :, 2]

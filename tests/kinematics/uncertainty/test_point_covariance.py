@@ -19,7 +19,7 @@ from traverse.kinematics.uncertainty.arm_covariance import (
 )
 from traverse.kinematics.uncertainty.point_covariance import (
     PointNoise,
-    point_covariances,
+    point_uncertainties,
     reading_variances,
 )
 
@@ -165,9 +165,9 @@ def test_95_of_100_points_lie_in_their_ellipsoids(geometry, effects, samples, mo
 
     block = Block(mean_rad)
     measured_mm, _, _ = corrected_pose(geometry, effects, block)
-    stated = point_covariances(
+    stated = point_uncertainties(
         geometry, effects, block, noise, known, speeds_rad_s=speeds, samples=samples
-    )
+    ).covariances_mm2
     away_mm = measured_mm - truth_mm
     normalised = np.einsum(
         "ni,ni->n", away_mm, np.linalg.solve(stated, away_mm[..., None])[..., 0]
@@ -183,17 +183,23 @@ def test_parts_add_up_and_only_noise_becomes_less_with_more_samples(geometry, ef
     n = geometry.n_joints
     fine, coarse = np.full(n, 1e-9), np.full(n, 1e-3)
     noise = PointNoise(np.full(n, 1e-5), fine, 0.0, 0.0)
-    one = point_covariances(geometry, effects, block, noise)
-    many = point_covariances(geometry, effects, block, noise, samples=100)
+    one = point_uncertainties(geometry, effects, block, noise).covariances_mm2
+    many = point_uncertainties(
+        geometry, effects, block, noise, samples=100
+    ).covariances_mm2
     np.testing.assert_allclose(many, one / 100, rtol=1e-4)
     np.testing.assert_array_equal(one, one.transpose(0, 2, 1))
     steps = PointNoise(np.full(n, 1e-5), coarse, 0.0, 0.0)
-    rounded = point_covariances(geometry, effects, block, steps, samples=100)
+    rounded = point_uncertainties(
+        geometry, effects, block, steps, samples=100
+    ).covariances_mm2
     # Of the rounding error of 1e-3 / sqrt(12) hardly anything becomes less.
     assert np.all(np.einsum("nii->n", rounded) > 100 * np.einsum("nii->n", many))
     contact = PointNoise(np.zeros(n), np.zeros(n), 0.02, 1e-3)
     np.testing.assert_allclose(
-        point_covariances(geometry, effects, block, contact, samples=9),
+        point_uncertainties(
+            geometry, effects, block, contact, samples=9
+        ).covariances_mm2,
         np.tile(4e-4 * np.eye(3), (3, 1, 1)),
         atol=1e-18,
     )
