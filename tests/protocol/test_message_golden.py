@@ -117,8 +117,8 @@ def test_no_golden_file_is_left_over():
 def test_every_message_and_command_has_an_example():
     assert {type(example) for example in EXAMPLES.values()} == set(MESSAGES)
     assert [args.command for args in ARGS] == list(COMMANDS)
-    names = "point scan undo label probe reference reload align session resend record"
-    assert " ".join(COMMANDS) == names
+    names = "point scan undo label probe reference reload align session resend record "
+    assert " ".join(COMMANDS) == names + "covariance"
 
 
 @pytest.mark.parametrize("args", ARGS, ids=lambda args: args.command)
