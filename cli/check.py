@@ -3,6 +3,7 @@
 import contextlib
 import json
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -80,34 +81,20 @@ def _read_simulator(path: Path) -> object:
     return read_strict(path, SimulatorConfig, config_problems)
 
 
-def _read_probes(path: Path) -> object:
-    from traverse.daemon.pose.probe_library import read_probes  # noqa: PLC0415
+def _by(module: str, function: str) -> Callable[[Path], object]:
+    """A reader whose module is imported when it reads, which keeps --help quick."""
 
-    return read_probes(path)
+    def read(path: Path) -> object:
+        return getattr(import_module(f"traverse.{module}"), function)(path)
 
-
-def _read_limits(path: Path) -> object:
-    from traverse.lab.acceptance.conformity.limits import read_limits  # noqa: PLC0415
-
-    return read_limits(path)
+    return read
 
 
-def _read_laboratory(path: Path) -> object:
-    from traverse.lab.certificates.laboratory import read_laboratory  # noqa: PLC0415
-
-    return read_laboratory(path)
-
-
-def _read_nominal(path: Path) -> object:
-    from traverse.lab.alignment.nominal import read_nominal  # noqa: PLC0415
-
-    return read_nominal(path)
-
-
-def _read_plan(path: Path) -> object:
-    from traverse.lab.collection.plan import read_plan  # noqa: PLC0415
-
-    return read_plan(path)
+_read_probes = _by("daemon.pose.probe_library", "read_probes")
+_read_limits = _by("lab.acceptance.conformity.limits", "read_limits")
+_read_laboratory = _by("lab.certificates.laboratory", "read_laboratory")
+_read_nominal = _by("lab.alignment.nominal", "read_nominal")
+_read_plan = _by("lab.collection.plan", "read_plan")
 
 
 def _read_daemon(path: Path) -> object:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -9,16 +10,14 @@ import numpy as np
 
 from traverse.cli.export.sources import PIECE, points_of, scans_of, tear_of
 from traverse.client.exports.formats import FORMATS
-from traverse.client.exports.point_table import Coordinates, PointTable
+from traverse.client.exports.point_table import Coordinates, PointTable, table_of
 from traverse.client.exports.sink import Sink
 from traverse.daemon.config.filters import AnyFilter, filter_chain
 from traverse.kinematics.filters import FilterChain, PointBlock
 from traverse.plurals import counted
-from traverse.protocol.messages import Point, QualityFlag
+from traverse.protocol.messages import Point
 from traverse.strict_toml.reader import StrictModel, read_strict
 from traverse.strict_toml.writing import replacing
-
-BITS = {flag.name.lower(): flag.value for flag in QualityFlag if flag.name}
 
 
 class FiltersFile(StrictModel):
@@ -116,28 +115,31 @@ def _write_points(
 
 
 def _pieces(points: Iterator[Point]) -> Iterator[list[Point]]:
-    piece: list[Point] = []
-    for point in points:
-        piece.append(point)
-        if len(piece) == PIECE:
-            yield piece
-            piece = []
-    yield piece
+    while True:
+        piece = list(islice(points, PIECE))
+        yield piece
+        if len(piece) < PIECE:
+            return
 
 
 def _passing(points: Sequence[Point], chain: FilterChain) -> list[Point]:
-    n = len(points)
-    bits = [sum(BITS.get(flag, 0) for flag in p.quality.flags) for p in points]
-    block = PointBlock(
-        np.arange(n),
-        np.array([p.time_ns for p in points], dtype=np.int64),
-        np.array([p.xyz_mm for p in points], dtype=np.float64).reshape(n, 3),
-        np.array([p.ijk for p in points], dtype=np.float64).reshape(n, 3),
-        np.zeros((n, 0)),
-        np.zeros((n, 0), dtype=np.int64),
-        np.array(bits, dtype=np.uint32),
+    rows = replace(table_of(points, "centre"), seq=np.arange(len(points)))
+    return [points[row] for row in _applied(chain, rows).seq.tolist()]
+
+
+def _applied(chain: FilterChain, table: PointTable) -> PointBlock:
+    none = np.zeros((len(table), 0))
+    return chain.apply(
+        PointBlock(
+            table.seq,
+            table.time_ns,
+            table.xyz_mm,
+            table.ijk,
+            none,
+            none.astype(np.int64),
+            table.quality,
+        )
     )
-    return [points[row] for row in chain.apply(block).seq.tolist()]
 
 
 def _write_scans(
@@ -150,17 +152,7 @@ def _write_scans(
 
 
 def _filtered(table: PointTable, chain: FilterChain) -> PointTable:
-    n = len(table)
-    block = PointBlock(
-        table.seq,
-        table.time_ns,
-        table.xyz_mm,
-        table.ijk,
-        np.zeros((n, 0)),
-        np.zeros((n, 0), dtype=np.int64),
-        table.quality,
-    )
-    passed = chain.apply(block)
+    passed = _applied(chain, table)
     return replace(
         table,
         seq=passed.seq,

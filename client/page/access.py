@@ -4,18 +4,16 @@ import hmac
 import secrets
 import stat
 import time
-from collections.abc import Awaitable, Callable, Iterable, MutableMapping
-from http.cookies import CookieError, SimpleCookie
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 from urllib.parse import parse_qs
 
-from traverse.strict_toml.files import text_of
+from starlette.requests import HTTPConnection
+from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocketClose
 
-Scope = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
-Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
-App = Callable[[Scope, Receive, Send], Awaitable[None]]
+from traverse.strict_toml.files import text_of
 
 COOKIE = "traverse_page"
 LOGIN = "/login"
@@ -77,7 +75,7 @@ class Guard:
     """
 
     def __init__(
-        self, app: App, *, token: str | None, hosts: Iterable[str] = LOCAL_NAMES
+        self, app: ASGIApp, *, token: str | None, hosts: Iterable[str] = LOCAL_NAMES
     ) -> None:
         self._app = app
         self._token = token
@@ -92,64 +90,56 @@ class Guard:
             await self._app(scope, receive, plain)
             return
 
-        async def send(message: MutableMapping[str, Any]) -> None:
+        async def send(message: Message) -> None:
             if message["type"] == "http.response.start":
                 message["headers"] = [*message.get("headers", ()), *PROTECTION]
             await plain(message)
 
-        headers = {
-            name.decode("latin-1").lower(): value.decode("latin-1")
-            for name, value in scope.get("headers", [])
-        }
-        if self._token is None:
-            allowed = _name(headers.get("host", "")) in self._hosts
-            origin = headers.get("origin", "")
-            if allowed and origin:
-                allowed = _name(origin.partition("://")[2]) in self._hosts
-            if allowed:
-                await self._app(scope, receive, send)
-            else:
-                await _refuse(scope, send, 403, b"not under this name")
-        elif headers.get("origin", "").partition("://")[2] not in {
-            "",
-            headers.get("host", ""),
-        }:
-            await _refuse(scope, send, 403, b"not from another origin")
-        elif hmac.compare_digest(_cookie(headers).encode(), self._key.encode()):
-            await self._app(scope, receive, send)
-        elif scope["type"] == "http" and scope["path"] == LOGIN:
-            await self._login(scope, receive, send)
-        elif scope["type"] == "http" and scope["method"] == "GET":
-            await _answer(send, 303, b"", [(b"location", LOGIN.encode())])
-        else:
-            await _refuse(scope, send, 401, b"no token")
+        answer = await self._answer(scope, receive)
+        await answer(scope, receive, send)
 
-    async def _login(self, scope: Scope, receive: Receive, send: Send) -> None:
-        said = ""
+    async def _answer(self, scope: Scope, receive: Receive) -> ASGIApp:
+        """What answers a request: the page, or a reason why not."""
+        request = HTTPConnection(scope)
+        host = request.headers.get("host", "")
+        origin = request.headers.get("origin", "")
+        from_host = origin.partition("://")[2]
+        if self._token is None:
+            allowed = _name(host) in self._hosts
+            if origin:
+                allowed = allowed and _name(from_host) in self._hosts
+            refused = _refusal(scope, 403, "not under this name")
+            return self._app if allowed else refused
+        if from_host not in ("", host):
+            return _refusal(scope, 403, "not from another origin")
+        cookie = request.cookies.get(COOKIE, "")
+        if hmac.compare_digest(cookie.encode(), self._key.encode()):
+            return self._app
+        if scope["type"] == "http" and scope["path"] == LOGIN:
+            return await self._login(scope, receive)
+        if scope["type"] == "http" and scope["method"] == "GET":
+            return RedirectResponse(LOGIN, 303)
+        return _refusal(scope, 401, "no token")
+
+    async def _login(self, scope: Scope, receive: Receive) -> ASGIApp:
         now_s = time.monotonic()
         self._wrong_s = [at_s for at_s in self._wrong_s if at_s > now_s - WRONG_S]
         if len(self._wrong_s) >= MAX_WRONG:
             text = f"{MAX_WRONG} wrong tokens in a minute; wait a minute"
-            await _refuse(scope, send, 429, text.encode())
-            return
-        if scope["method"] == "POST":
-            given = parse_qs((await _body(receive)).decode("utf-8", "replace"))
-            token = given.get("token", [""])[0].encode()
-            if hmac.compare_digest(token, (self._token or "").encode()):
-                flags = "HttpOnly; SameSite=Strict; Path=/"
-                # Without TLS the page is on this machine; some browsers would not
-                # keep a secure cookie there.
-                flags += "; Secure" if scope.get("scheme") == "https" else ""
-                cookie = f"{COOKIE}={self._key}; {flags}".encode()
-                await _answer(
-                    send, 303, b"", [(b"location", b"/"), (b"set-cookie", cookie)]
-                )
-                return
-            self._wrong_s.append(now_s)
-            said = "This is not the token."
-        page = FORM.format(said=said).encode()
-        kind = [(b"content-type", b"text/html; charset=utf-8")]
-        await _answer(send, 401 if said else 200, page, kind)
+            return _refusal(scope, 429, text)
+        if scope["method"] != "POST":
+            return HTMLResponse(FORM.format(said=""))
+        given = parse_qs((await _body(receive)).decode("utf-8", "replace"))
+        token = given.get("token", [""])[0].encode()
+        if hmac.compare_digest(token, (self._token or "").encode()):
+            flags = "HttpOnly; SameSite=Strict; Path=/"
+            # Without TLS the page is on this machine; some browsers would not keep a
+            # secure cookie there.
+            flags += "; Secure" if scope.get("scheme") == "https" else ""
+            cookie = f"{COOKIE}={self._key}; {flags}"
+            return RedirectResponse("/", 303, {"set-cookie": cookie})
+        self._wrong_s.append(now_s)
+        return HTMLResponse(FORM.format(said="This is not the token."), 401)
 
 
 def _name(host: str) -> str:
@@ -157,14 +147,6 @@ def _name(host: str) -> str:
     if host.startswith("["):
         return host.partition("]")[0] + "]"
     return host.partition(":")[0]
-
-
-def _cookie(headers: dict[str, str]) -> str:
-    try:
-        found = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
-    except CookieError:
-        return ""
-    return found.value if found is not None else ""
 
 
 async def _body(receive: Receive) -> bytes:
@@ -177,15 +159,7 @@ async def _body(receive: Receive) -> bytes:
     return body[:MAX_FORM_BYTES]
 
 
-async def _refuse(scope: Scope, send: Send, status: int, why: bytes) -> None:
+def _refusal(scope: Scope, status: int, why: str) -> ASGIApp:
     if scope["type"] == "websocket":
-        await send({"type": "websocket.close", "code": 1008})
-    else:
-        await _answer(send, status, why, [(b"content-type", b"text/plain")])
-
-
-async def _answer(
-    send: Send, status: int, body: bytes, headers: list[tuple[bytes, bytes]]
-) -> None:
-    await send({"type": "http.response.start", "status": status, "headers": headers})
-    await send({"type": "http.response.body", "body": body})
+        return WebSocketClose(1008)
+    return PlainTextResponse(why, status)

@@ -19,6 +19,7 @@ EXTRAS = {
     "ezdxf": "lab",
     "nicegui": "page",
     "fastapi": "page",
+    "starlette": "page",
     "pyarrow": "parquet",
     "can": "can",
     "canopen": "can",

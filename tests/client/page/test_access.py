@@ -4,15 +4,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
+from starlette.types import Receive, Scope, Send
 
-from traverse.client.page.access import (
-    MAX_WRONG,
-    Guard,
-    Receive,
-    Scope,
-    Send,
-    read_token,
-)
+from traverse.client.page.access import MAX_WRONG, Guard, read_token
 
 TOKEN = "a-token-of-some-length"
 
