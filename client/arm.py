@@ -13,7 +13,6 @@ from traverse.client.errors import Counters
 from traverse.client.feeds import Feed, Feeds
 from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
 from traverse.client.points.cursor import read_cursor, write_cursor
-from traverse.client.points.index import PointIndex
 from traverse.client.points.reorder_buffer import ReorderBuffer
 from traverse.client.points.stream import PointIterator, PointStream
 from traverse.client.requests import CommandClient
@@ -36,106 +35,6 @@ log = logging.getLogger(__name__)
 
 MAX_EVENTS = 1000
 MAX_BLOCKS = 1000
-
-
-class Inbox:
-    """Sorts messages by their kind.
-
-    Args:
-        arm: its name.
-        link: on which messages are acknowledged.
-        requests: takes replies and status.
-        stream: takes points.
-        by_id: takes points, too.
-
-    Attributes:
-        topics: subscribed to always, with the quality of service. Answers arrive
-            with 0: they must not wait behind points that are held back, and a command
-            without an answer is sent again.
-        undecodable: messages that could not be understood.
-    """
-
-    def __init__(
-        self,
-        arm: str,
-        link: ReconnectingConnection,
-        requests: CommandClient,
-        stream: PointStream,
-        by_id: PointIndex,
-    ) -> None:
-        self._link = link
-        self._requests = requests
-        self._stream = stream
-        self._by_id = by_id
-        self.topics = {
-            topics.status_topic(arm): 0,
-            topics.health_topic(arm): 0,
-            f"{topics.reply_topic(arm, 'any').removesuffix('any')}+": 0,
-            topics.event_topic(arm): 1,
-            topics.point_topic(arm): 1,
-        }
-        self.live_topic = (topics.live_topic(arm), 0)
-        self.scan_topic = (topics.scan_topic(arm), 0)
-        self.statuses = Feeds[Status](1, keep_newest=True)
-        self.healths = Feeds[Health](1, keep_newest=True)
-        self.events = Feeds[Event](MAX_EVENTS, keep_newest=True)
-        self.lives = Feeds[Live](1, keep_newest=True)
-        self.scans = Feeds[Scan](MAX_BLOCKS, keep_newest=False)
-        self.undecodable = 0
-        self._kinds: dict[str, Callable[[IncomingMessage], None]] = {
-            "status": lambda m: self._take_status(decode(Status, m.payload)),
-            "health": lambda m: self.healths.put(decode(Health, m.payload)),
-            "event": self._take_event,
-            "live": lambda m: self.lives.put(decode(Live, m.payload)),
-            "scan": lambda m: self.scans.put(decode(Scan, m.payload)),
-            "reply": lambda m: self._requests.take_reply(decode(Reply, m.payload)),
-            "point": self._take_point,
-        }
-
-    def take(self, arrived: IncomingMessage) -> None:
-        """A message was received."""
-        kind = arrived.topic.split("/", 3)[2]
-        try:
-            self._kinds[kind](arrived)
-        except MessageError as error:
-            self.undecodable += 1
-            log.warning("message on %s left out: %s", arrived.topic, error)
-            if arrived.number:
-                self._link.acknowledge(arrived.number)
-
-    def on_connected(self) -> None:
-        """There is a connection."""
-        self._requests.on_connected()
-        self._stream.on_connected()
-
-    def on_disconnected(self) -> None:
-        """There is none any more."""
-        self._requests.on_disconnected()
-        self._stream.on_disconnected()
-
-    def close(self, error: BaseException | None = None) -> None:
-        """No more messages will follow."""
-        self._stream.close(error)
-        for one in (self.statuses, self.healths, self.events, self.lives, self.scans):
-            one.close(error)
-
-    def _take_status(self, status: Status) -> None:
-        self.statuses.put(status)
-        if status.session is not None:
-            self._stream.notice(status.session)
-        self._requests.take_status(status)
-
-    def _take_event(self, arrived: IncomingMessage) -> None:
-        event = decode(Event, arrived.payload)
-        self._link.acknowledge(arrived.number)
-        self.events.put(event)
-
-    def _take_point(self, arrived: IncomingMessage) -> None:
-        point = decode(Point, arrived.payload)
-        self._by_id.take(point)
-        self._stream.take(point, arrived.number)
-
-
 CURSOR_PERIOD_S = 0.5
 BEGIN_S = 2.0
 
@@ -183,12 +82,34 @@ class Arm(ArmCommands):
         self._stream = PointStream(
             self._order, self._link, self._requests, max(2, max_waiting)
         )
-        self._inbox = Inbox(name, self._link, self._requests, self._stream, self.by_id)
-        self._link.topics.update(self._inbox.topics)
+        # Answers arrive with quality of service 0: they must not wait behind points
+        # that are held back, and a command without an answer is sent again.
+        self._link.topics |= {
+            topics.status_topic(name): 0,
+            topics.health_topic(name): 0,
+            topics.reply_filter(name): 0,
+            topics.event_topic(name): 1,
+            topics.point_topic(name): 1,
+        }
+        self._statuses = Feeds[Status](1, keep_newest=True)
+        self._healths = Feeds[Health](1, keep_newest=True)
+        self._events = Feeds[Event](MAX_EVENTS, keep_newest=True)
+        self._lives = Feeds[Live](1, keep_newest=True)
+        self._scans = Feeds[Scan](MAX_BLOCKS, keep_newest=False)
+        self._kinds: dict[str, Callable[[IncomingMessage], None]] = {
+            "status": self._take_status,
+            "health": lambda m: self._healths.put(decode(Health, m.payload)),
+            "event": self._take_event,
+            "live": lambda m: self._lives.put(decode(Live, m.payload)),
+            "scan": lambda m: self._scans.put(decode(Scan, m.payload)),
+            "reply": lambda m: self._requests.take_reply(decode(Reply, m.payload)),
+            "point": self._take_point,
+        }
+        self._undecodable = 0
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def __aenter__(self) -> Self:
-        self._run(self._link.run(self._inbox))
+        self._run(self._link.run(self._take, self._link_changed))
         self._run(self._stream.follow())
         try:
             await self._link.wait_first(self._connect_timeout_s)
@@ -199,7 +120,7 @@ class Arm(ArmCommands):
             self._run(self._save_cursor_periodically(self._cursor_file))
         try:
             async with asyncio.timeout(BEGIN_S):
-                status = await self._inbox.statuses.first(BEGIN_S)
+                status = await self._statuses.first(BEGIN_S)
                 if status.online:
                     await self._stream.begun()
         except TimeoutError:
@@ -235,7 +156,7 @@ class Arm(ArmCommands):
             duplicates=self._order.duplicates,
             resend_requested=self._order.asked,
             lost=self._stream.lost,
-            undecodable=self._inbox.undecodable,
+            undecodable=self._undecodable,
         )
 
     def points(self) -> PointIterator:
@@ -248,17 +169,17 @@ class Arm(ArmCommands):
 
     def events(self) -> Feed[Event]:
         """Events from now on."""
-        return self._inbox.events.open()
+        return self._events.open()
 
     def live(self) -> Feed[Live]:
         """The latest pose, again and again; a slow reader misses some."""
-        self._run(self._link.add_topic(*self._inbox.live_topic))
-        return self._inbox.lives.open()
+        self._run(self._link.add_topic(topics.live_topic(self.name), 0))
+        return self._lives.open()
 
     async def scans(self) -> Feed[Scan]:
         """Blocks of all scans from now on, by any client."""
-        await self._link.add_topic(*self._inbox.scan_topic)
-        return self._inbox.scans.open()
+        await self._link.add_topic(topics.scan_topic(self.name), 0)
+        return self._scans.open()
 
     def scan(
         self, mode: ScanMode = "time", **options: Unpack[ScanOptions]
@@ -277,7 +198,7 @@ class Arm(ArmCommands):
         Raises:
             TimeoutError: it has never published it at this broker.
         """
-        return await self._inbox.statuses.first(self._reply_timeout_s)
+        return await self._statuses.first(self._reply_timeout_s)
 
     async def health(self) -> Health:
         """The daemon's latest figures.
@@ -285,7 +206,47 @@ class Arm(ArmCommands):
         Raises:
             TimeoutError: it has never published it at this broker.
         """
-        return await self._inbox.healths.first(self._reply_timeout_s)
+        return await self._healths.first(self._reply_timeout_s)
+
+    def _take(self, arrived: IncomingMessage) -> None:
+        kind = arrived.topic.split("/", 3)[2]
+        try:
+            self._kinds[kind](arrived)
+        except MessageError as error:
+            self._undecodable += 1
+            log.warning("message on %s left out: %s", arrived.topic, error)
+            if arrived.number:
+                self._link.acknowledge(arrived.number)
+
+    def _link_changed(self, is_connected: bool) -> None:
+        self._requests.link_changed(is_connected)
+        self._stream.link_changed(is_connected)
+
+    def _take_status(self, arrived: IncomingMessage) -> None:
+        status = decode(Status, arrived.payload)
+        self._statuses.put(status)
+        if status.session is not None:
+            self._stream.notice(status.session)
+        self._requests.take_status(status)
+
+    def _take_event(self, arrived: IncomingMessage) -> None:
+        event = decode(Event, arrived.payload)
+        self._link.acknowledge(arrived.number)
+        self._events.put(event)
+
+    def _take_point(self, arrived: IncomingMessage) -> None:
+        point = decode(Point, arrived.payload)
+        self.by_id.take(point)
+        self._stream.take(point, arrived.number)
+
+    def _close(self, error: BaseException | None = None) -> None:
+        """No more messages will follow."""
+        self._stream.close(error)
+        for feeds in (
+            *(self._statuses, self._healths, self._events),
+            *(self._lives, self._scans),
+        ):
+            feeds.close(error)
 
     async def _save_cursor_periodically(self, path: Path) -> None:
         kept: dict[str, int] | None = None
@@ -304,8 +265,8 @@ class Arm(ArmCommands):
     def _done(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
         if not task.cancelled() and task.exception() is not None:
-            self._inbox.close(task.exception())
+            self._close(task.exception())
 
     async def _end(self) -> None:
         await cancel_tasks(self._tasks)
-        self._inbox.close()
+        self._close()

@@ -53,13 +53,10 @@ class CommandClient:
         self._status = status
         self._news.notify()
 
-    def on_connected(self) -> None:
-        """There is a connection."""
-        self._news.notify()
-
-    def on_disconnected(self) -> None:
-        """The arm's last status may be out of date."""
-        self._status = None
+    def link_changed(self, is_connected: bool) -> None:
+        """There is a connection, or none any more."""
+        if not is_connected:  # the arm's last status may be out of date
+            self._status = None
         self._news.notify()
 
     async def result(self, args: Args, answer_s: float) -> Mapping[str, Any]:

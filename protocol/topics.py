@@ -98,6 +98,11 @@ def command_filter(arm: str) -> str:
     return f"{_topic(arm, 'cmd')}/+"
 
 
+def reply_filter(arm: str) -> str:
+    """The subscription to the answers of an arm."""
+    return f"{_topic(arm, 'reply')}/+"
+
+
 def kind_filter(kind: str) -> str:
     """The subscription to one kind of message from all arms."""
     if kind not in CHANNELS:

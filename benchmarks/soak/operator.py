@@ -40,7 +40,9 @@ class Operator:
 
     async def work(self, rate_hz: float) -> None:
         """Ask for points at a rate, whatever becomes of them."""
-        connecting = asyncio.create_task(self._link.run(self))
+        connecting = asyncio.create_task(
+            self._link.run(self._take, self._requests.link_changed)
+        )
         try:
             while True:
                 await asyncio.sleep(1.0 / rate_hz)
@@ -65,20 +67,11 @@ class Operator:
         self._log.write(json.dumps(line) + "\n")
         self._log.flush()
 
-    def take(self, arrived: IncomingMessage) -> None:
-        """A message has arrived."""
+    def _take(self, arrived: IncomingMessage) -> None:
         if "/reply/" in arrived.topic:
             self._requests.take_reply(decode(Reply, arrived.payload))
         else:
             self._requests.take_status(decode(Status, arrived.payload))
-
-    def on_connected(self) -> None:
-        """There is a connection."""
-        self._requests.on_connected()
-
-    def on_disconnected(self) -> None:
-        """There is none any more."""
-        self._requests.on_disconnected()
 
 
 async def main(arm: str, broker: str, rate_hz: float, path: Path) -> None:

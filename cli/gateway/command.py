@@ -98,7 +98,7 @@ def lines(
     from traverse.client.gateways.lines import LineForm, LineGateway  # noqa: PLC0415
 
     with refusals(ValueError):
-        form = LineForm.of(
+        form = LineForm(
             template,
             undo,
             coordinates,

@@ -52,7 +52,7 @@ def keys(
 
     with refusals(ValueError):
         check_typable(through, separator)
-        form = LineForm.of(
+        form = LineForm(
             keys_template(separator, after),
             None,
             coordinates,

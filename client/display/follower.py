@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterable, AsyncIterator, Awaitable, Callable, Mapping
 from typing import Literal, TypeVar
 
 from traverse.broker.address import BrokerAddress
@@ -62,17 +62,17 @@ class Follower:
                     asyncio.TaskGroup() as tasks,
                 ):
                     self._arm = arm
-                    for follow in (
-                        self._links,
-                        self._statuses,
-                        self._healths,
-                        self._lives,
-                        self._points,
-                        self._events,
-                        self._scans,
-                        self._absence,
+                    for work in (
+                        self._links(arm),
+                        _each_change(arm.status, self.sight.take_status),
+                        _each_change(arm.health, self.sight.take_health),
+                        _each(arm.live(), self.sight.take_live),
+                        _each(arm.events(), self.sight.take_event),
+                        self._points(arm),
+                        self._scans(arm),
+                        self._absence(),
                     ):
-                        tasks.create_task(follow(arm))
+                        tasks.create_task(work)
             except BrokerUnreachableError as error:
                 self.sight.take_link(False, str(error))
             except BaseExceptionGroup as group:
@@ -116,18 +116,10 @@ class Follower:
 
         await self.do(turn, needs_pose=not runs)
 
-    async def _lives(self, arm: Arm) -> None:
-        async for live in arm.live():
-            self.sight.take_live(live)
-
     async def _points(self, arm: Arm) -> None:
         async for point in arm.points():
             self.sight.lost_points = arm.counters.lost
             self.sight.take_point(point)
-
-    async def _events(self, arm: Arm) -> None:
-        async for event in arm.events():
-            self.sight.take_event(event)
 
     async def _scans(self, arm: Arm) -> None:
         async for scan in await arm.scans():
@@ -143,12 +135,7 @@ class Follower:
             self.sight.take_link(arm.is_connected, reason)
             await asyncio.sleep(LOOK_S)
 
-    async def _statuses(self, arm: Arm) -> None:
-        async for status in _latest(arm.status):
-            if status != self.sight.status:
-                self.sight.take_status(status)
-
-    async def _absence(self, _: Arm) -> None:
+    async def _absence(self) -> None:
         await asyncio.sleep(ABSENT_S)
         if self.sight.status is None:
             # A lost broker is reported elsewhere.
@@ -157,17 +144,22 @@ class Follower:
                     await absence_of(self.name, self.broker, ABSENT_S)
                 )
 
-    async def _healths(self, arm: Arm) -> None:
-        async for health in _latest(arm.health):
-            if health != self.sight.health:
-                self.sight.take_health(health)
+
+async def _each(feed: AsyncIterable[T], take: Callable[[T], None]) -> None:
+    async for message in feed:
+        take(message)
 
 
-async def _latest(read: Callable[[], Awaitable[T]]) -> AsyncIterator[T]:
-    """The latest message of a kind, again and again, as soon as there is one."""
+async def _each_change(
+    read: Callable[[], Awaitable[T]], take: Callable[[T], None]
+) -> None:
+    """Read the latest message of a kind again and again, and take the new ones."""
+    known: T | None = None
     while True:
         with contextlib.suppress(TimeoutError):
-            yield await read()
+            if (message := await read()) != known:
+                known = message
+                take(message)
         await asyncio.sleep(LOOK_S)
 
 

@@ -180,7 +180,7 @@ class HomeAssistantGateway:
         """
         kinds = (topics.status_topic(self._arm), topics.health_topic(self._arm))
         self._link.topics.update(dict.fromkeys(kinds, 0))
-        connecting = asyncio.create_task(self._link.run(self))
+        connecting = asyncio.create_task(self._link.run(self._take, self._link_changed))
         try:
             await self._link.wait_first(CONNECT_S)
             self._report(f"waiting for what {self._arm} says of itself")
@@ -202,7 +202,7 @@ class HomeAssistantGateway:
         Raises:
             BrokerUnreachableError: there is no connection.
         """
-        connecting = asyncio.create_task(self._link.run(self))
+        connecting = asyncio.create_task(self._link.run(self._take, self._link_changed))
         try:
             await self._link.wait_first(CONNECT_S)
             for topic in ("config", "state", "availability"):
@@ -213,8 +213,7 @@ class HomeAssistantGateway:
         finally:
             await cancel_tasks([connecting])
 
-    def take(self, arrived: IncomingMessage) -> None:
-        """A message was received."""
+    def _take(self, arrived: IncomingMessage) -> None:
         try:
             if arrived.topic == topics.status_topic(self._arm):
                 self._status = decode(Status, arrived.payload)
@@ -224,13 +223,11 @@ class HomeAssistantGateway:
             self._report(f"message on {arrived.topic} left out: {error}")
         self._news.set()
 
-    def on_connected(self) -> None:
-        """There is a connection."""
-        self._news.set()
-
-    def on_disconnected(self) -> None:
-        """There is none any more, and the will has been published."""
-        self._sent.clear()
+    def _link_changed(self, is_connected: bool) -> None:
+        if is_connected:
+            self._news.set()
+        else:  # the will has been published
+            self._sent.clear()
 
     async def _show(self) -> None:
         if self._status is None:

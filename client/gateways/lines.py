@@ -24,28 +24,24 @@ MAX_IDS = 10_000  # a point that was taken back is looked for among the latest
 UNITS_MM = {"mm": 1.0, "inch": 25.4}
 
 
-@dataclass(frozen=True, slots=True)
 class LineForm:
-    """How a point becomes a line.
+    """How a point becomes a line, of the texts that people type.
 
-    Attributes:
+    Args:
         template: of a point's line.
         undo: of the line for a point that was taken back; None: there is none.
         coordinates: those of x, y and z.
-        unit_mm: their unit.
+        unit: their unit, of `UNITS_MM`.
+        decimal: the decimal sign.
         sends_doubtful: a point whose accuracy is in doubt is sent, even where its line
             does not say so.
+
+    Raises:
+        ValueError: a template is refused.
     """
 
-    template: LineTemplate
-    undo: LineTemplate | None = None
-    coordinates: Coordinates = "centre"
-    unit_mm: float = 1.0
-    sends_doubtful: bool = False
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         template: str,
         undo: str | None,
         coordinates: Coordinates,
@@ -53,24 +49,14 @@ class LineForm:
         decimal: str,
         *,
         sends_doubtful: bool,
-    ) -> "LineForm":
-        """Make it of the texts that people type.
-
-        Raises:
-            ValueError: a template is refused.
-        """
-        return cls(
-            LineTemplate(TEMPLATES.get(template, template), SPECIMEN, decimal),
-            None if undo is None else LineTemplate(undo, SPECIMEN, decimal),
-            coordinates,
-            UNITS_MM[unit],
-            sends_doubtful,
-        )
-
-    @property
-    def passes_doubtful(self) -> bool:
-        """Whether a line may be of a point whose accuracy is in doubt."""
-        return self.sends_doubtful or bool({"ok", "flags"} & self.template.names)
+    ) -> None:
+        chosen = TEMPLATES.get(template, template)
+        self.template = LineTemplate(chosen, SPECIMEN, decimal)
+        self.undo = None if undo is None else LineTemplate(undo, SPECIMEN, decimal)
+        self.coordinates: Coordinates = coordinates
+        self.unit_mm = UNITS_MM[unit]
+        says_doubt = bool({"ok", "flags"} & self.template.names)
+        self.passes_doubtful = sends_doubtful or says_doubt
 
 
 @dataclass(slots=True)
@@ -109,11 +95,8 @@ class LineGateway:
         """
         async for item in arm.points_and_losses():
             if isinstance(item, Lost):
-                last = "?" if item.to_seq is None else item.to_seq
                 self.counts.lost += (item.to_seq or item.from_seq) - item.from_seq + 1
-                self._report(
-                    f"points {item.from_seq} to {last} are lost: {item.reason}"
-                )
+                self._report(str(item))
             elif (line := self._line(item)) is not None:
                 try:
                     await self.outlet.send(line.encode())

@@ -4,7 +4,6 @@ import asyncio
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from types import TracebackType
 from typing import Any, Self
 
 import foxglove
@@ -134,12 +133,7 @@ class LiveServer:
         self.port = self._server.port
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         if self._server is not None:
             await asyncio.to_thread(self._server.stop)
 
@@ -162,10 +156,7 @@ class LiveServer:
     async def _show_points(self) -> None:
         async for item in self._arm.points_and_losses():
             if isinstance(item, Lost):
-                last = "?" if item.to_seq is None else item.to_seq
-                self._report(
-                    f"points {item.from_seq} to {last} are lost: {item.reason}"
-                )
+                self._report(str(item))
                 continue
             self._views["point"].log(point_to_bytes(item), log_time=item.time_ns)
             if item.retracts is not None:

@@ -12,7 +12,7 @@ import random
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import aiomqtt
 from paho.mqtt.client import Client as PahoClient
@@ -189,19 +189,6 @@ class ManualAckConnection(ConfiguredClient):
         self._take(IncomingMessage(message.topic, bytes(message.payload), number))
 
 
-class ConnectionHandler(Protocol):
-    """Callbacks of a `ReconnectingConnection`."""
-
-    def take(self, arrived: IncomingMessage) -> None:
-        """A message has arrived."""
-
-    def on_connected(self) -> None:
-        """There is a connection with all its subscriptions."""
-
-    def on_disconnected(self) -> None:
-        """The connection is lost."""
-
-
 class ReconnectingConnection:
     """Keep a connection and its subscriptions.
 
@@ -231,13 +218,21 @@ class ReconnectingConnection:
         """Whether there is a connection with all its subscriptions."""
         return self._connection is not None
 
-    async def run(self, handler: ConnectionHandler) -> None:
-        """Connect, wait for the end, reconnect; until cancelled."""
+    async def run(
+        self, take: Callable[[IncomingMessage], None], changed: Callable[[bool], None]
+    ) -> None:
+        """Connect, wait for the end, reconnect; until cancelled.
+
+        Args:
+            take: called with each message.
+            changed: called when there is a connection with all its subscriptions
+                (True), and when it is lost.
+        """
         wait_s = FIRST_WAIT_S
         while True:
             try:
                 async with ManualAckConnection(
-                    self.address, handler.take, self._will
+                    self.address, take, self._will
                 ) as connection:
                     for topic, qos in self.topics.items():
                         await connection.subscribe_checked(topic, qos)
@@ -245,10 +240,10 @@ class ReconnectingConnection:
                     self.connections += 1
                     self.reason, wait_s = "", FIRST_WAIT_S
                     self._settled.set()
-                    handler.on_connected()
+                    changed(True)
                     await connection.wait_closed()
             except (aiomqtt.MqttError, OSError) as error:
-                self._report_lost(str(error), handler)
+                self._report_lost(str(error), changed)
                 if isinstance(error, AccessRefusedError):
                     self._settled.set()
             finally:
@@ -296,10 +291,10 @@ class ReconnectingConnection:
         if self._connection is not None:
             await self._connection.subscribe_checked(topic, qos)
 
-    def _report_lost(self, reason: str, handler: ConnectionHandler) -> None:
+    def _report_lost(self, reason: str, changed: Callable[[bool], None]) -> None:
         was_up, self._connection = self._connection is not None, None
         if was_up or reason != self.reason:
             log.warning("broker %s: %s", self.address, reason)
         self.reason = reason
         if was_up:
-            handler.on_disconnected()
+            changed(False)

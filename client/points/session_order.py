@@ -23,6 +23,10 @@ class Lost:
     to_seq: int | None
     reason: str
 
+    def __str__(self) -> str:
+        last = "?" if self.to_seq is None else self.to_seq
+        return f"points {self.from_seq} to {last} are lost: {self.reason}"
+
 
 class SessionPoints:
     """A session whose points are taken in the order of their numbers.

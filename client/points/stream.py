@@ -93,14 +93,13 @@ class PointStream:
         self._order.notice(session)
         self._notify_all()
 
-    def on_connected(self) -> None:
-        """There is a connection: find out what was missed."""
-        self._order.connection_restored()
-        self._notify_all()
-
-    def on_disconnected(self) -> None:
-        """Nothing of the old connection can be acknowledged any more."""
-        self._unacknowledged.clear()
+    def link_changed(self, is_connected: bool) -> None:
+        """There is a connection, and something may have been missed; or none."""
+        if is_connected:
+            self._order.connection_restored()
+            self._notify_all()
+        else:  # nothing of the old one can be acknowledged any more
+            self._unacknowledged.clear()
 
     def close(self, error: BaseException | None = None) -> None:
         """No more messages will follow."""

@@ -39,6 +39,7 @@ def test_commands_and_replies_have_one_more_level():
 
 def test_filters_subscribe_to_one_arm_or_to_all():
     assert topics.command_filter("a") == "traverse/a/cmd/+"
+    assert topics.reply_filter("a") == "traverse/a/reply/+"
     assert topics.kind_filter("point") == "traverse/+/point"
     assert topics.kind_filter("cmd") == "traverse/+/cmd/+"
     with pytest.raises(MessageError, match="one of status, point"):

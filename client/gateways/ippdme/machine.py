@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -149,13 +150,8 @@ class Machine:
                 504, f"{', '.join(outside)}: set to the nearest allowed value"
             )
 
-    def _enum_prop(self, args: Args) -> Sequence[str]:
-        return self._children(args[0], deep=False)
-
-    def _enum_all_prop(self, args: Args) -> Sequence[str]:
-        return self._children(args[0], deep=True)
-
-    def _children(self, one: Argument, *, deep: bool) -> Sequence[str]:
+    def _enum_prop(self, args: Args, *, deep: bool = False) -> Sequence[str]:
+        (one,) = args
         if not isinstance(one, Property) or one.values:
             raise IppError(509, f"{shown(one)}: expected an object such as Tool()")
         _, path = self.tools.split(one.name)
@@ -197,7 +193,7 @@ class Machine:
         "GetPropE": (_get_prop, None),
         "SetProp": (_set_prop, None),
         "EnumProp": (_enum_prop, 1),
-        "EnumAllProp": (_enum_all_prop, 1),
+        "EnumAllProp": (partial(_enum_prop, deep=True), 1),
         "EnumTools": (_enum_tools, 0),
         "FindTool": (_find_tool, 1),
         "GetCoordSystem": (_get_system, 0),

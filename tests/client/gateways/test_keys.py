@@ -57,7 +57,7 @@ class Typing:
 
 
 def gateway(arm: Arm, told: list[str], template: str, decimal: str) -> LineGateway:
-    form = LineForm.of(template, None, "centre", "mm", decimal, sends_doubtful=False)
+    form = LineForm(template, None, "centre", "mm", decimal, sends_doubtful=False)
     return LineGateway(form, KeysOutlet(arm, "desktop", "f9", told.append), told.append)
 
 

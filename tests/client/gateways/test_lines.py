@@ -26,7 +26,7 @@ GOOD = Quality.from_bits(0)
 def form(template: str = "pcdmis", undo: str | None = None, **other: Any) -> LineForm:
     chosen = {"coordinates": "centre", "unit": "mm", "decimal": "."} | other
     sends_doubtful = chosen.pop("sends_doubtful", False)
-    return LineForm.of(template, undo, **chosen, sends_doubtful=sends_doubtful)
+    return LineForm(template, undo, **chosen, sends_doubtful=sends_doubtful)
 
 
 class Sending:
