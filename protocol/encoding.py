@@ -13,19 +13,9 @@ import numpy as np
 from pydantic import ValidationError
 
 from traverse.protocol.arrays import ARRAY_CODE, array_to_bytes, bytes_to_array
-from traverse.protocol.message_error import MessageError, Problem
+from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import COMMANDS, Args, Message
 from traverse.protocol.messages.plain import MAX_LENGTH
-
-__all__ = [
-    "Encoding",
-    "MessageError",
-    "Problem",
-    "content_type",
-    "decode",
-    "encode",
-    "parse_args",
-]
 
 Encoding = Literal["msgpack", "json"]
 

@@ -34,11 +34,6 @@ gateway.command("keys")(keys)
 gateway.command("live")(live)
 
 
-@gateway.callback()
-def _group() -> None:
-    """Points for programs that do not speak MQTT."""
-
-
 @gateway.command("lines")
 @with_broker
 def lines(

@@ -48,11 +48,6 @@ microscribe = typer.Typer(
 )
 
 
-@microscribe.callback()
-def _group() -> None:
-    """MicroScribe arms."""
-
-
 @microscribe.command("arm-file")
 def arm_file(
     port: Annotated[str, typer.Option("--port", help="Serial port of the arm.")],

@@ -28,11 +28,6 @@ points = typer.Typer(help="Points on a daemon's disk.", no_args_is_help=True)
 points.command("resend")(resend)
 
 
-@points.callback()
-def _group() -> None:
-    """Points on a daemon's disk."""
-
-
 @points.command("list")
 def list_points(
     *,

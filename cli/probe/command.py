@@ -18,11 +18,6 @@ probe = typer.Typer(help="Probes of the library.", no_args_is_help=True)
 probe.command("use")(use_probe)
 
 
-@probe.callback()
-def _group() -> None:
-    """Probes."""
-
-
 @probe.command("pivot")
 def pivot(
     campaign: Annotated[

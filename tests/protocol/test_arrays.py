@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays_of
 
 from traverse.protocol.arrays import array_to_bytes, bytes_to_array
-from traverse.protocol.encoding import MessageError
+from traverse.protocol.message_error import MessageError
 
 DTYPES = (
     "bool int8 int16 int32 int64 uint8 uint16 uint32 uint64 float16 float32 float64"

@@ -16,7 +16,8 @@ from tests.protocol.message_examples import (
     SCAN,
     STATUS,
 )
-from traverse.protocol.encoding import MessageError, parse_args
+from traverse.protocol.encoding import parse_args
+from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import (
     FLAG_MEANINGS,
     MESSAGES,

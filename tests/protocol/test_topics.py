@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from traverse.protocol import topics
-from traverse.protocol.encoding import MessageError
+from traverse.protocol.message_error import MessageError
 from traverse.protocol.topics import CHANNELS, Topic, parse_topic
 
 levels = st.text(

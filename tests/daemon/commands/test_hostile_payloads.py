@@ -12,7 +12,8 @@ from tests.hostile_messages import deep, fixed, names, payloads
 from traverse.daemon.commands.dispatcher import MAX_COMMAND_BYTES, CommandDispatcher
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.subscriber import IncomingCommand
-from traverse.protocol.encoding import MAX_BYTES, MessageError, decode
+from traverse.protocol.encoding import MAX_BYTES, decode
+from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import COMMANDS, Command, Reply
 
 
