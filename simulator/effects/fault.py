@@ -44,6 +44,7 @@ class Touch:
     force_n: Floats
 
 
+@dataclass(frozen=True, slots=True)
 class ReadingFault(ABC):
     """Encoders show something else than the turn.
 

@@ -1,21 +1,29 @@
 """From entries of `[[effects]]` to faults."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect
-from traverse.simulator.effects import body_faults, reading_faults, touch_faults
-from traverse.simulator.effects.fault import Fault
-from traverse.simulator.effects.reading_faults import (
+from traverse.simulator.effects.fault import (
+    BodyFault,
+    Fault,
+    JointState,
+    ReadingFault,
+    Touch,
+    TouchFault,
+)
+from traverse.simulator.effects.laws import (
+    BODY_LAWS,
     OF_ARM,
     OF_JOINT,
-    CurvedError,
-    natural_slopes,
+    READING_LAWS,
+    TOUCH_LAWS,
+    EffectEntry,
 )
+from traverse.simulator.effects.posture import Deflection, Posture
 from traverse.strict_toml.problems import FileError, Problem
 
 TIMED = {"encoder_drift", "count_slip", "base_drift", "base_step"}
@@ -28,106 +36,46 @@ OF_STANDARDS = "artefact_length"
 
 
 @dataclass(frozen=True, slots=True)
-class EffectEntry:
-    """An effect of an arm file with what it refers to.
+class NamedReadingFault(ReadingFault):
+    """An effect of readings in an arm file, by its law."""
 
-    Attributes:
-        values: Of the keys of its kind.
-        joints: Which ones, from 0; all where it names none.
-        joint: Which one; -1 where it names none.
-        reference_c: Of the arm.
-        epoch_utc_s: Since 1970; 0 where it has none.
-        names: Of the arm's joints.
-    """
+    entry: EffectEntry
 
-    values: Mapping[str, Any]
-    joints: slice
-    joint: int
-    reference_c: float
-    epoch_utc_s: float
-    names: tuple[str, ...]
-
-    def __getitem__(self, key: str) -> Any:  # noqa: ANN401 - a number of some type
-        return self.values[key]
-
-    def array(self, key: str) -> Floats:
-        """The vector of a key."""
-        return np.array(self.values[key], dtype=np.float64)
+    def errors_rad(self, seen: JointState) -> Floats:
+        """By the law."""
+        return READING_LAWS[self.entry.kind](self.entry, seen)
 
 
-def covariate_of(entry: EffectEntry) -> tuple[str, int] | None:
-    """Column and joint (-1 for none) of an empirical effect."""
-    name = str(entry.values["covariate"])
-    if name in OF_ARM:
-        return name, -1
-    for number, joint in enumerate(entry.names):
-        if name.startswith(joint) and name.removeprefix(joint) in OF_JOINT:
-            return name.removeprefix(joint), number
-    return None
+@dataclass(frozen=True, slots=True)
+class NamedBodyFault(BodyFault):
+    """An effect of bodies in an arm file, by its law."""
+
+    entry: EffectEntry
+
+    def move(self, posture: Posture, yielding: Deflection) -> None:
+        """By the law."""
+        BODY_LAWS[self.entry.kind](self.entry, posture, yielding)
 
 
-def _curve(entry: EffectEntry) -> Fault:
-    found = covariate_of(entry)
-    if found is None:
-        raise ValueError(f"'{entry.values['covariate']}' is no column of a campaign")
-    knots, values_rad = entry.array("knots"), entry.array("values_rad")
-    slopes = natural_slopes(knots, values_rad)
-    return CurvedError(entry.joints, *found, knots, values_rad, slopes)
+@dataclass(frozen=True, slots=True)
+class NamedTouchFault(TouchFault):
+    """An effect of touches in an arm file, by its law."""
+
+    entry: EffectEntry
+
+    def offsets_mm(self, touch: Touch) -> Floats:
+        """By the law."""
+        return TOUCH_LAWS[self.entry.kind](self.entry, touch)
 
 
-def _wave(entry: EffectEntry) -> Fault:
-    v = entry.values
-    order = v.get("order", 1)
-    return reading_faults.WavyDisc(entry.joints, order, v["cos_rad"], v["sin_rad"])
-
-
-MAKERS: Mapping[str, Callable[[EffectEntry], Fault]] = {
-    "encoder_eccentricity": _wave,
-    "encoder_harmonic": _wave,
-    "transmission_error": lambda e: reading_faults.ToothedDrive(
-        e.joints, e["cycles"], e["cos_rad"], e["sin_rad"]
-    ),
-    "encoder_scale": lambda e: reading_faults.LongTape(e.joints, e["scale_ppm"]),
-    "encoder_temperature": lambda e: reading_faults.WarmHead(
-        e.joints, e["rate_rad_c"], e.reference_c
-    ),
-    "encoder_drift": lambda e: reading_faults.CreepingZero(
-        e.joints, e["rate_rad_s"], e.epoch_utc_s
-    ),
-    "count_slip": lambda e: reading_faults.LostCounts(
-        e.joints, e["step_rad"], e["at_s"], e.epoch_utc_s
-    ),
-    "encoder_latency": lambda e: reading_faults.LateReading(e.joints, e["latency_s"]),
-    "backlash": lambda e: reading_faults.Play(e.joints, e["half_width_rad"]),
-    "empirical": _curve,
-    "joint_compliance": lambda e: body_faults.SoftJoint(
-        e.joint, e["compliance_rad_nm"]
-    ),
-    "bearing_compliance": lambda e: body_faults.SoftBearing(
-        e.joint, e["compliance_rad_nm"]
-    ),
-    "mount_compliance": lambda e: body_faults.SoftMount(e["compliance_rad_nm"]),
-    "thermal_expansion": lambda e: body_faults.WarmElements(
-        e.joints, e["expansion_per_c"], e.reference_c
-    ),
-    "axis_wobble": lambda e: body_faults.WanderingAxis(
-        e.joint, True, e["order"], e.array("cos_rad"), e.array("sin_rad")
-    ),
-    "axis_runout": lambda e: body_faults.WanderingAxis(
-        e.joint, False, e["order"], e.array("cos_mm"), e.array("sin_mm")
-    ),
-    "base_drift": lambda e: body_faults.CreepingBase(
-        e.array("rate_mm_s"), e.epoch_utc_s
-    ),
-    "base_step": lambda e: body_faults.KnockedBase(
-        e.array("step_mm"), e["at_s"], e.epoch_utc_s
-    ),
-    "probe_radius": lambda e: touch_faults.LargerBall(e["radius_error_mm"]),
-    "probe_lobing": lambda e: touch_faults.ThreeSeats(
-        e["amplitude_mm"], e["phase_rad"]
-    ),
-    "stylus_bending": lambda e: touch_faults.SoftStylus(e["compliance_mm_n"]),
-}
+def _named_fault(entry: EffectEntry) -> Fault:
+    if entry.kind in READING_LAWS:
+        return NamedReadingFault(entry.joints, entry)
+    if entry.kind in BODY_LAWS:
+        return NamedBodyFault(entry)
+    if entry.kind in TOUCH_LAWS:
+        return NamedTouchFault(entry)
+    raise KeyError(entry.kind)
 
 
 def faults_from_effects(
@@ -152,6 +100,7 @@ def faults_from_effects(
             continue
         joint = -1 if effect.joint is None else names.index(effect.joint)
         entry = EffectEntry(
+            kind=effect.kind,
             values=effect.values,
             joints=slice(None) if joint < 0 else slice(joint, joint + 1),
             joint=joint,
@@ -162,7 +111,7 @@ def faults_from_effects(
         if effect.kind in WEIGHED and not _has_weight(arm, max(joint, 0)):
             message = f"{effect.kind}: nothing beyond has a mass_kg; add what it weighs"
             problems.append(Problem(where, message))
-        elif effect.kind == "empirical" and covariate_of(entry) is None:
+        elif effect.kind == "empirical" and entry.covariate is None:
             shown = effect.values["covariate"]
             message = (
                 f"'{shown}' is no column of a campaign; expected {', '.join(OF_ARM)}, "
@@ -170,7 +119,7 @@ def faults_from_effects(
             )
             problems.append(Problem(f"{where}.covariate", message))
         else:
-            faults.append(MAKERS[effect.kind](entry))
+            faults.append(_named_fault(entry))
     if problems:
         raise FileError(source, problems)
     return tuple(faults)

@@ -46,10 +46,11 @@ ROW = f'''
             label="{LABEL}",
         ),
         "empirical": EffectKind('''
-MAKERS = "MAKERS: Mapping[str, Callable[[EffectEntry], Fault]] = {"
-MAKER = f'''{MAKERS}
-    "{KIND}": lambda e: reading_faults.WavyDisc(
-        e.joints, 0.5, e["cos_rad"], e["sin_rad"]
+LAWS = "READING_LAWS: dict[str, Callable[[EffectEntry, JointState], Floats]] = {"
+PLAYED = f'''{LAWS}
+    "{KIND}": lambda e, seen: (
+        e["cos_rad"] * np.cos(0.5 * seen.readings_rad[:, e.joints])
+        + e["sin_rad"] * np.sin(0.5 * seen.readings_rad[:, e.joints])
     ),'''
 
 
@@ -62,7 +63,7 @@ def planted(folder: Path, *left_out: str, walks: Iterable[str] = ()) -> dict[str
         target.symlink_to(package.resolve())
     places = {
         "kinematics/effect_table.py": ('\n        "empirical": EffectKind(', ROW),
-        "simulator/effects/from_arm.py": (MAKERS, MAKER),
+        "simulator/effects/laws.py": (LAWS, PLAYED),
     }
     for name in ("kinematics", "simulator"):
         link = folder / "traverse" / name
@@ -115,7 +116,7 @@ def test_without_its_law_nothing_is_imported(tmp_path):
 
 def test_without_the_simulators_maker_it_is_not_played(tmp_path):
     walks = ("walk_simulator", "walk_arm_file")
-    found = planted(tmp_path, "simulator/effects/from_arm.py", walks=walks)
+    found = planted(tmp_path, "simulator/effects/laws.py", walks=walks)
     assert found == {
         "walk_simulator": f"failed: KeyError '{KIND}'",
         "walk_arm_file": "passed",

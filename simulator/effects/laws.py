@@ -1,0 +1,297 @@
+"""What effects of an arm file do, forwards: a law for every kind of `[[effects]]`.
+
+A law of readings gives their excess (n, n_chosen joints) or (n, 1). A disc's error
+belongs to the line under the head, so to what is shown, not to the true turn: a reading
+is found where both agree.
+
+A law of bodies adds to what has yielded. A law of touches gives the way (n, 3) from
+where a perfect ball is to where the arm's end is; in a seat, where there is no single
+direction of contact, it is zero: what it would be there is one constant, or unknown.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from traverse.arrays import Floats
+from traverse.simulator.effects.fault import JointState, Touch
+from traverse.simulator.effects.posture import Deflection, Posture
+
+OF_JOINT = ("_temperature_c", "_speed_rad_s", "_approach", "_rad")
+OF_ARM = ("time_s", "temperature_c", "force_n")
+
+
+@dataclass(frozen=True, slots=True)
+class EffectEntry:
+    """An effect of an arm file with what it refers to.
+
+    Attributes:
+        kind: Its own.
+        values: Of the keys of its kind.
+        joints: Which ones, from 0; all where it names none.
+        joint: Which one; -1 where it names none.
+        reference_c: Of the arm.
+        epoch_utc_s: Since 1970; 0 where it has none.
+        names: Of the arm's joints.
+    """
+
+    kind: str
+    values: Mapping[str, Any]
+    joints: slice
+    joint: int
+    reference_c: float
+    epoch_utc_s: float
+    names: tuple[str, ...]
+
+    def __getitem__(self, key: str) -> float:
+        number: float = self.values[key]
+        return number
+
+    def array(self, key: str) -> Floats:
+        """The vector of a key."""
+        return np.array(self.values[key], dtype=np.float64)
+
+    @property
+    def covariate(self) -> tuple[str, int] | None:
+        """Column and joint (-1 for none) of an empirical effect, if there is such."""
+        name = str(self.values["covariate"])
+        if name in OF_ARM:
+            return name, -1
+        for number, joint in enumerate(self.names):
+            if name.startswith(joint) and name.removeprefix(joint) in OF_JOINT:
+                return name.removeprefix(joint), number
+        return None
+
+
+def wavy_disc(entry: EffectEntry, seen: JointState) -> Floats:
+    """The disc is eccentric, tilted, oval: one sine of the reading with its phase."""
+    size = np.hypot(entry["cos_rad"], entry["sin_rad"])
+    phase = np.arctan2(entry["cos_rad"], entry["sin_rad"])
+    order = entry.values.get("order", 1)
+    waves: Floats = size * np.sin(order * seen.readings_rad[:, entry.joints] + phase)
+    return waves
+
+
+def toothed_drive(entry: EffectEntry, seen: JointState) -> Floats:
+    """Teeth that are not alike: a phasor turns so many times as fast as the reading."""
+    turns = entry["cycles"] * seen.readings_rad[:, entry.joints] / (2.0 * np.pi)
+    phasor = np.exp(2j * np.pi * np.mod(turns, 1.0))
+    found: Floats = np.real(complex(entry["cos_rad"], -entry["sin_rad"]) * phasor)
+    return found
+
+
+def long_tape(entry: EffectEntry, seen: JointState) -> Floats:
+    """Too many lines a radian: grows with what is shown since the base posture."""
+    joints = entry.joints
+    shown_rad = seen.readings_rad[:, joints] - seen.build.zeros_rad[joints]
+    return 1e-6 * entry["scale_ppm"] * shown_rad
+
+
+def warm_head(entry: EffectEntry, seen: JointState) -> Floats:
+    """The head moves with the temperature."""
+    warmer_c = seen.around.temperature_c - entry.reference_c
+    return entry["rate_rad_c"] * warmer_c[:, None]
+
+
+def creeping_zero(entry: EffectEntry, seen: JointState) -> Floats:
+    """The zero creeps continuously; nothing at the epoch."""
+    return entry["rate_rad_s"] * seen.around.since_s(entry.epoch_utc_s)[:, None]
+
+
+def lost_counts(entry: EffectEntry, seen: JointState) -> Floats:
+    """Counts are lost at a moment and never found again."""
+    since_s = seen.around.since_s(entry.epoch_utc_s)
+    return np.where(since_s >= entry["at_s"], entry["step_rad"], 0.0)[:, None]
+
+
+def late_reading(entry: EffectEntry, seen: JointState) -> Floats:
+    """A joint that moves forwards is shown too far back: where it was before."""
+    return -entry["latency_s"] * seen.around.speed_rad_s[:, entry.joints]
+
+
+def play(entry: EffectEntry, seen: JointState) -> Floats:
+    """The encoder runs ahead of the joint in the sense of the motion: two-valued."""
+    return entry["half_width_rad"] * seen.around.approach[:, entry.joints]
+
+
+def curved_error(entry: EffectEntry, seen: JointState) -> Floats:
+    """A natural cubic spline in Hermite's pieces, level beyond its outer knots.
+
+    Raises:
+        ValueError: If the covariate is no column of a campaign.
+    """
+    found = entry.covariate
+    if found is None:
+        raise ValueError(f"'{entry['covariate']}' is no column of a campaign")
+    column, k = found
+    columns: dict[str, Floats] = {
+        "_rad": seen.readings_rad[:, k],
+        "_speed_rad_s": seen.around.speed_rad_s[:, k],
+        "_approach": seen.around.approach[:, k],
+        "time_s": seen.around.time_s,
+        "force_n": seen.around.force_n,
+    }
+    at = columns.get(column, seen.around.temperature_c)
+    knots, values_rad = entry.array("knots"), entry.array("values_rad")
+    slopes = natural_slopes(entry.values["knots"], entry.values["values_rad"])
+    at = np.clip(at, knots[0], knots[-1])
+    left = np.searchsorted(knots, at, side="right") - 1
+    left = np.clip(left, 0, len(knots) - 2)
+    width = np.diff(knots)[left]
+    u = (at - knots[left]) / width
+    rise = values_rad[left + 1] - values_rad[left]
+    first, last = slopes[left] * width, slopes[left + 1] * width
+    curve = values_rad[left] + u * (
+        first + u * (3.0 * rise - 2.0 * first - last + u * (first + last - 2 * rise))
+    )
+    return curve[:, None]
+
+
+@lru_cache(maxsize=64)
+def natural_slopes(knots: tuple[float, ...], values: tuple[float, ...]) -> Floats:
+    """Slopes (m,) of the natural cubic spline: no bending at both ends.
+
+    Second derivatives continuous: s_(i-1)/h_(i-1) + 2 s_i (1/h_(i-1) + 1/h_i) +
+    s_(i+1)/h_i = 3 (c_(i-1)/h_(i-1) + c_i/h_i), c the slopes of the chords; at the
+    ends 2 s_0 + s_1 = 3 c_0.
+    """
+    weights = 1.0 / np.diff(knots)
+    pulls = 3.0 * weights**2 * np.diff(values)
+    system, right = np.zeros((len(knots), len(knots))), np.zeros(len(knots))
+    for i, weight in enumerate(weights.tolist()):
+        system[i : i + 2, i : i + 2] += weight * np.array([[2.0, 1.0], [1.0, 2.0]])
+    right[:-1] += pulls
+    right[1:] += pulls
+    return np.asarray(np.linalg.solve(system, right), dtype=np.float64)
+
+
+def soft_joint(entry: EffectEntry, posture: Posture, yielding: Deflection) -> None:
+    """The shaft behind the encoder twists about the axis, down with the weights."""
+    joint = entry.joint
+    torques_nm = np.einsum(
+        "ni,ni->n", posture.moments_nm[:, joint], posture.axis(joint)
+    )
+    yielding.twists_rad[:, joint] += entry["compliance_rad_nm"] * torques_nm
+
+
+def soft_bearing(entry: EffectEntry, posture: Posture, yielding: Deflection) -> None:
+    """The axis tilts by the part of the weights' moment across it."""
+    joint = entry.joint
+    across_nm = _across(posture.moments_nm[:, joint], posture.axis(joint))
+    tilts = entry["compliance_rad_nm"] * across_nm
+    yielding.tilts_rad[joint] += posture.in_carrier(tilts, joint)
+
+
+def soft_mount(entry: EffectEntry, posture: Posture, yielding: Deflection) -> None:
+    """The table tilts by the overturning moment, not about the vertical."""
+    gravity = posture.build.gravity_m_s2
+    length = np.linalg.norm(gravity)
+    if length > 0.0:
+        down = np.broadcast_to(gravity / length, (len(posture.turns_rad), 3))
+        across_nm = _across(posture.moments_nm[:, 0], down)
+        yielding.base_tilts_rad[...] += entry["compliance_rad_nm"] * across_nm
+
+
+def warm_elements(entry: EffectEntry, posture: Posture, yielding: Deflection) -> None:
+    """Elements grow with the temperature."""
+    warmer_c = posture.around.temperature_c - entry.reference_c
+    yielding.growths[:, entry.joints] += entry["expansion_per_c"] * warmer_c[:, None]
+
+
+def wobbling_axis(entry: EffectEntry, posture: Posture, yielding: Deflection) -> None:
+    """The axis tilts, so many times a turn."""
+    yielding.tilts_rad[entry.joint] += _wander(entry, posture, "rad")
+
+
+def shifting_axis(entry: EffectEntry, posture: Posture, yielding: Deflection) -> None:
+    """The axis' origin shifts, so many times a turn."""
+    yielding.shifts_mm[entry.joint] += _wander(entry, posture, "mm")
+
+
+def _wander(entry: EffectEntry, posture: Posture, unit: str) -> Floats:
+    """Follow the true turn; the bearing's raceway is fixed to the carrier."""
+    phases = entry["order"] * posture.turns_rad[:, entry.joint, None]
+    cos, sin = entry.array(f"cos_{unit}"), entry.array(f"sin_{unit}")
+    return cos * np.cos(phases) + sin * np.sin(phases)
+
+
+def creeping_base(entry: EffectEntry, posture: Posture, yielding: Deflection) -> None:
+    """The base creeps continuously."""
+    since_s = posture.around.since_s(entry.epoch_utc_s)
+    yielding.base_shifts_mm[...] += since_s[:, None] * entry.array("rate_mm_s")
+
+
+def knocked_base(entry: EffectEntry, posture: Posture, yielding: Deflection) -> None:
+    """The base is knocked once and stays where it then is."""
+    knocked = posture.around.since_s(entry.epoch_utc_s) >= entry["at_s"]
+    yielding.base_shifts_mm[...] += knocked[:, None] * entry.array("step_mm")
+
+
+def _across(vectors: Floats, units: Floats) -> Floats:
+    """Components of vectors (n, 3) across units (n, 3)."""
+    along = np.einsum("ni,ni->n", vectors, units)
+    rest: Floats = vectors - along[:, None] * units
+    return rest
+
+
+def larger_ball(entry: EffectEntry, touch: Touch) -> Floats:
+    """The centre of a ball larger than certified stays further off the material."""
+    return -entry["radius_error_mm"] * touch.towards
+
+
+def three_seats(entry: EffectEntry, touch: Touch) -> Floats:
+    """The arm moves on until the switch opens, which depends on the side.
+
+    Three seats carry the stylus; it tips over one of them or over two. Azimuths about
+    the shank count, in the base posture, from the coordinate axis that is most across
+    it, made perpendicular to it.
+    """
+    own = np.einsum("nij,ni->nj", touch.motion[:, :3, :3], touch.towards)
+    shank = touch.build.mechanism.shank
+    second = np.cross(shank, np.eye(3)[np.argmin(np.abs(shank))])
+    second /= np.linalg.norm(second)
+    azimuths = np.arctan2(own @ second, own @ np.cross(second, shank))
+    travels_mm = entry["amplitude_mm"] * np.cos(3.0 * azimuths - entry["phase_rad"])
+    offsets_mm: Floats = travels_mm[:, None] * touch.towards
+    return offsets_mm
+
+
+def soft_stylus(entry: EffectEntry, touch: Touch) -> Floats:
+    """The material holds the ball back, the stylus bends, the arm's end moves on."""
+    shanks = touch.motion[:, :3, :3] @ touch.build.mechanism.shank
+    along = np.einsum("ni,ni->n", touch.towards, shanks)
+    across = touch.towards - along[:, None] * shanks
+    bent_mm: Floats = entry["compliance_mm_n"] * touch.force_n[:, None] * across
+    return bent_mm
+
+
+READING_LAWS: dict[str, Callable[[EffectEntry, JointState], Floats]] = {
+    "encoder_eccentricity": wavy_disc,
+    "encoder_harmonic": wavy_disc,
+    "transmission_error": toothed_drive,
+    "encoder_scale": long_tape,
+    "encoder_temperature": warm_head,
+    "encoder_drift": creeping_zero,
+    "count_slip": lost_counts,
+    "encoder_latency": late_reading,
+    "backlash": play,
+    "empirical": curved_error,
+}
+BODY_LAWS: dict[str, Callable[[EffectEntry, Posture, Deflection], None]] = {
+    "joint_compliance": soft_joint,
+    "bearing_compliance": soft_bearing,
+    "mount_compliance": soft_mount,
+    "thermal_expansion": warm_elements,
+    "axis_wobble": wobbling_axis,
+    "axis_runout": shifting_axis,
+    "base_drift": creeping_base,
+    "base_step": knocked_base,
+}
+TOUCH_LAWS: dict[str, Callable[[EffectEntry, Touch], Floats]] = {
+    "probe_radius": larger_ball,
+    "probe_lobing": three_seats,
+    "stylus_bending": soft_stylus,
+}
