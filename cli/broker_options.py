@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.options import with_options
-from traverse.cli.refusals import UNREACHABLE, end, refusals
+from traverse.cli.refusals import REFUSED, UNREACHABLE, end, refusals
 
 if TYPE_CHECKING:
     from traverse.broker.address import BrokerAddress
@@ -65,6 +65,16 @@ def arms_at(broker: "BrokerAddress", seconds: float) -> list[str]:
         return asyncio.run(find_arms(broker, seconds))
     except BrokerUnreachableError as error:
         end(UNREACHABLE, str(error))
+
+
+def only_arm(broker: "BrokerAddress", seconds: float) -> str:
+    """Name of the one arm at a broker; ends the command where there is another."""
+    arms = arms_at(broker, seconds)
+    if len(arms) != 1:
+        told = f"there are {', '.join(arms)}" if arms else "there is none yet"
+        status = REFUSED if arms else UNREACHABLE
+        end(status, f"which arm? {told} on {broker}; name it with --arm")
+    return arms[0]
 
 
 with_broker = with_options("broker", BrokerOptions)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.broker_options import BrokerOptions, only_arm, with_broker
 from traverse.cli.options import Json
 from traverse.cli.refusals import client_errors, refuse
 
@@ -198,18 +198,11 @@ def send_command(
 ) -> T:
     """Have an arm do something; ends the program where it does not."""
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
-    from traverse.client.mqtt.discovery import find_arms  # noqa: PLC0415
 
     address = broker.address()
+    arm = name or only_arm(address, FIND_S)
 
     async def run() -> T:
-        arm = name
-        if arm is None:
-            found = await find_arms(address, FIND_S)
-            if len(found) != 1:
-                told = ", ".join(found) or "none"
-                refuse(f"the broker knows these arms: {told}; give --arm NAME")
-            (arm,) = found
         async with Arm(arm, address, connect_timeout_s=CONNECT_S) as there:
             return await act(there)
 

@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, arms_at, with_broker
-from traverse.cli.refusals import REFUSED, UNREACHABLE, end, refusals
+from traverse.cli.broker_options import BrokerOptions, only_arm, with_broker
+from traverse.cli.refusals import refusals
 
 if TYPE_CHECKING:
-    from traverse.broker.address import BrokerAddress
     from traverse.client.display.arm_state import Change
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
@@ -69,7 +68,7 @@ def page(
         token = None if token_file is None else read_token(token_file)
         if certificate is not None:
             _check_pair(certificate, key)
-    name = arm or _only_arm(address)
+    name = arm or only_arm(address, FIND_S)
     scheme = "http" if certificate is None else "https"
     typer.echo(f"{name} on {address}: {scheme}://{host}:{port}")
     follower = Follower(name, address)
@@ -102,12 +101,3 @@ def _check_pair(certificate: Path, key: Path | None) -> None:
 def _notify_absence(change: "Change") -> None:
     if change.kind == "absent":
         typer.echo(f"{change.text}; waiting for it, Ctrl-C ends", err=True)
-
-
-def _only_arm(address: "BrokerAddress") -> str:
-    arms = arms_at(address, FIND_S)
-    if len(arms) != 1:
-        told = f"there are {', '.join(arms)}" if arms else "there is none yet"
-        status = REFUSED if arms else UNREACHABLE
-        end(status, f"which arm? {told} on {address}; name it with --arm")
-    return arms[0]

@@ -69,8 +69,10 @@ def refuse(text: str, status: int = REFUSED) -> NoReturn:
 
 def print_report(values: Any, lines: Iterable[str], *, as_json: bool) -> None:  # noqa: ANN401 - for json
     """Print values as JSON, dates as texts, or lines for people."""
-    text = json.dumps(values, indent=1, default=str) if as_json else "\n".join(lines)
-    typer.echo(text)
+    if as_json:
+        typer.echo(json.dumps(values, indent=1, default=str, ensure_ascii=False))
+    else:
+        typer.echo("\n".join(lines))
 
 
 def system_refusal(error: OSError) -> str:

@@ -1,6 +1,5 @@
 """`traverse verify`: acceptance figures, their plan, and checking certificates."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -89,14 +88,11 @@ def verify(
             from traverse.lab.acceptance.certificate.files import write_certificate  # noqa: PLC0415
 
             write_certificate(certificate, out)
-    if as_json:
-        typer.echo(json.dumps(values, indent=1, ensure_ascii=False))
-    else:
-        from traverse.lab.acceptance.certificate.page import figure_lines  # noqa: PLC0415
+    from traverse.lab.acceptance.certificate.page import figure_lines  # noqa: PLC0415
 
-        typer.echo("\n".join(figure_lines(values)))
-        if out is not None:
-            typer.echo(f"wrote {out}: certificate.json, .html, .pdf, data")
+    wrote = f"wrote {out}: certificate.json, .html, .pdf, data"
+    lines = [*figure_lines(values), *([] if out is None else [wrote])]
+    print_report(values, lines, as_json=as_json)
     if not certificate.verification.is_good:
         raise typer.Exit(FAILED)
 

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-from traverse.protocol.messages import ReplyError
-
 
 class ClientError(Exception):
     """Base class of failures between this program and an arm."""
@@ -31,11 +29,6 @@ class CommandRefused(ClientError):  # noqa: N818 - the answer of a sound arm
         self.code = code
         self.text = text
         self.remedy = remedy
-
-    @classmethod
-    def of(cls, error: ReplyError) -> "CommandRefused":
-        """Make it of an answer."""
-        return cls(error.code, error.text, error.remedy)
 
 
 @dataclass(frozen=True, slots=True)

@@ -79,8 +79,8 @@ class CommandClient:
         finally:
             del self._waiting[request]
             answer.cancel()
-        if reply.error is not None:
-            raise CommandRefused.of(reply.error)
+        if (refusal := reply.error) is not None:
+            raise CommandRefused(refusal.code, refusal.text, refusal.remedy)
         return reply.result or {}
 
     async def _reply(

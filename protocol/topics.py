@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from traverse.protocol.message_error import MessageError
@@ -53,34 +54,28 @@ class Topic:
     command: str | None = None
 
 
-def status_topic(arm: str) -> str:
-    """The topic of a daemon's status."""
-    return _topic(arm, "status")
+def _checked(what: str, level: str) -> str:
+    """The text, if it can be one level of a topic."""
+    fits = 1 <= len(level) <= MAX_LEVEL_LENGTH
+    if not fits or _NOT_IN_LEVEL.search(level):
+        raise MessageError.of(
+            f"{what} name",
+            repr(level[:80]),
+            f"1 to {MAX_LEVEL_LENGTH} characters without / + # and control characters",
+        )
+    return level
 
 
-def point_topic(arm: str) -> str:
-    """Where points and retractions appear."""
-    return _topic(arm, "point")
+def _topic(arm: str, kind: str) -> str:
+    return f"{ROOT}/{_checked('arm', arm)}/{kind}"
 
 
-def scan_topic(arm: str) -> str:
-    """Where blocks of scans appear."""
-    return _topic(arm, "scan")
-
-
-def live_topic(arm: str) -> str:
-    """Where the latest pose appears."""
-    return _topic(arm, "live")
-
-
-def event_topic(arm: str) -> str:
-    """Where events appear."""
-    return _topic(arm, "event")
-
-
-def health_topic(arm: str) -> str:
-    """Where the daemon's figures appear."""
-    return _topic(arm, "health")
+status_topic = partial(_topic, kind="status")
+point_topic = partial(_topic, kind="point")  # of retractions, too
+scan_topic = partial(_topic, kind="scan")
+live_topic = partial(_topic, kind="live")
+event_topic = partial(_topic, kind="event")
+health_topic = partial(_topic, kind="health")
 
 
 def command_topic(arm: str, name: str) -> str:
@@ -186,19 +181,3 @@ def _matches(levels: list[str], pattern: list[str]) -> bool:
     return len(levels) == len(pattern) and all(
         wanted in ("+", level) for wanted, level in zip(pattern, levels, strict=True)
     )
-
-
-def _topic(arm: str, kind: str) -> str:
-    return f"{ROOT}/{_checked('arm', arm)}/{kind}"
-
-
-def _checked(what: str, level: str) -> str:
-    """The text, if it can be one level of a topic."""
-    fits = 1 <= len(level) <= MAX_LEVEL_LENGTH
-    if not fits or _NOT_IN_LEVEL.search(level):
-        raise MessageError.of(
-            f"{what} name",
-            repr(level[:80]),
-            f"1 to {MAX_LEVEL_LENGTH} characters without / + # and control characters",
-        )
-    return level

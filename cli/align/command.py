@@ -1,6 +1,5 @@
 """`traverse align`: place of the part, its uncertainty, and its use."""
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,7 +9,7 @@ from traverse.cli.align.options import AlignmentOptions, with_alignment
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.control import send_command
 from traverse.cli.options import Json
-from traverse.cli.refusals import FAILED, refusals, refuse
+from traverse.cli.refusals import FAILED, print_report, refusals, refuse
 
 
 @with_broker
@@ -66,7 +65,11 @@ def align(
             from traverse.lab.alignment.files import write_alignment  # noqa: PLC0415
 
             write_alignment(values, out)
-    _print_result(values, out, as_json=as_json)
+    from traverse.lab.alignment.page import alignment_lines  # noqa: PLC0415
+
+    wrote = f"wrote {out}: alignment.json, alignment.html"
+    lines = [*alignment_lines(values), *([] if out is None else [wrote])]
+    print_report(values, lines, as_json=as_json)
     if not values["passed"] or (strict and values["flags"]):
         raise typer.Exit(FAILED)
     if send:
@@ -93,14 +96,3 @@ def _computed(points: Path, nominal: Path, options: AlignmentOptions) -> dict[st
 
     with refusals(ValueError):
         return compute_alignment(points, nominal, options)
-
-
-def _print_result(values: dict[str, Any], out: Path | None, *, as_json: bool) -> None:
-    if as_json:
-        typer.echo(json.dumps(values, indent=1, ensure_ascii=False))
-        return
-    from traverse.lab.alignment.page import alignment_lines  # noqa: PLC0415
-
-    typer.echo("\n".join(alignment_lines(values)))
-    if out is not None:
-        typer.echo(f"wrote {out}: alignment.json, alignment.html")

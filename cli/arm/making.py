@@ -58,12 +58,8 @@ def arm_from_dh_file(
     joints = _joints(
         path,
         wishes,
-        names=[row.name or f"J{k}" for k, row in enumerate(rows, start=1)],
-        counts=[row.counts_per_turn for row in rows],
-        signs=[row.sign for row in rows],
-        sources=[row.source for row in rows],
-        bodies=[None] * len(rows),
-        mimics=[None] * len(rows),
+        [row.name or f"J{k}" for k, row in enumerate(rows, start=1)],
+        [(row.counts_per_turn, row.sign, row.source) for row in rows],
     )
     return assemble_arm(
         wishes.name or file.name or path.stem,
@@ -91,16 +87,9 @@ def arm_from_urdf_file(
     )
     tool = _placed("tool", None, wishes.tool_xyz_mm, wishes.tool_rpy_rad)
     arm = arm_from_chain(chain, tool, np.array(posture_rad))
-    nothing = [None] * count
+    wires = [(None, None, None)] * count
     joints = _joints(
-        path,
-        wishes,
-        names=arm.names,
-        counts=nothing,
-        signs=nothing,
-        sources=nothing,
-        bodies=arm.bodies,
-        mimics=arm.mimics,
+        path, wishes, arm.names, wires, bodies=arm.bodies, mimics=arm.mimics
     )
     return assemble_arm(
         wishes.name or robot.name or path.stem,
@@ -139,15 +128,17 @@ def _placed(
 def _joints(
     path: Path,
     wishes: ArmOptions,
-    *,
     names: Sequence[str],
-    counts: Sequence[int | None],
-    signs: Sequence[int | None],
-    sources: Sequence[str | None],
-    bodies: Sequence[Body | None],
-    mimics: Sequence[Mimic | None],
+    wires: Sequence[tuple[int | None, int | None, str | None]],
+    *,
+    bodies: Sequence[Body | None] | None = None,
+    mimics: Sequence[Mimic | None] | None = None,
 ) -> list[JointParts]:
+    """Joints of counts per turn, sign and source of each, where options say no more."""
     n = len(names)
+    counts: Sequence[int | None] = [one[0] for one in wires]
+    signs: Sequence[int | None] = [one[1] for one in wires]
+    sources = [one[2] for one in wires]
     if wishes.counts_per_turn:
         counts = integers_of("--counts-per-turn", wishes.counts_per_turn, n)
     if wishes.signs:
@@ -168,8 +159,8 @@ def _joints(
             counts_per_turn=counts[k],
             sign=sign if (sign := signs[k]) is not None else 1,
             source=sources[k] or f"{wishes.device}/{k}",
-            body=bodies[k],
-            mimic=mimics[k],
+            body=bodies[k] if bodies else None,
+            mimic=mimics[k] if mimics else None,
         )
         for k in range(n)
     ]

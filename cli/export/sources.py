@@ -1,20 +1,18 @@
 """Sources of points and scans: outboxes, recordings, lines of JSON."""
 
-import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.cli.points.outbox import opened_outbox
 from traverse.cli.points.resend import LAST
 from traverse.client.exports.point_table import PointTable
-from traverse.daemon.store.queries import iter_messages, open_read_only, read_sessions
-from traverse.daemon.store.records import StoreRefusedError
+from traverse.daemon.store.queries import iter_messages, read_sessions
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Point
-from traverse.protocol.printable import printable
 from traverse.recording.run_reader import RunReader
 from traverse.recording.views import bytes_to_timed_cloud
 from traverse.strict_toml.files import open_regular
@@ -87,9 +85,7 @@ def _table(time_ns: int, cloud: NDArray[np.void]) -> PointTable:
 
 
 def _of_outbox(source: Path) -> Iterator[Point]:
-    connection = None
-    try:
-        connection = open_read_only(source)
+    with opened_outbox(source) as connection:
         for session in read_sessions(connection, LAST):
             for held in iter_messages(connection, session.session, 0, LAST):
                 if not held.is_whole:
@@ -98,16 +94,10 @@ def _of_outbox(source: Path) -> Iterator[Point]:
                         f"{session.session} is damaged; `traverse points export` "
                         "writes the others"
                     )
-                yield decode(Point, held.payload, held.encoding)
-    except StoreRefusedError as error:
-        raise ValueError(str(error)) from error
-    except MessageError as error:
-        raise ValueError(f"{source}: {error}") from error
-    except (sqlite3.Error, UnicodeDecodeError) as error:  # even its message is damaged
-        raise ValueError(f"{source}: is damaged: {printable(str(error))}") from error
-    finally:
-        if connection is not None:
-            connection.close()
+                try:
+                    yield decode(Point, held.payload, held.encoding)
+                except MessageError as error:
+                    raise ValueError(f"{source}: {error}") from error
 
 
 def _of_lines(source: Path) -> Iterator[Point]:

@@ -2,8 +2,7 @@
 
 import json
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated
 
@@ -13,7 +12,6 @@ from traverse.cli.options import Force
 from traverse.cli.points.resend import LAST, FromOption, ToOption, resend
 from traverse.cli.refusals import check_target, refusals, refuse
 from traverse.plurals import counted
-from traverse.protocol.printable import printable
 
 if TYPE_CHECKING:
     from sqlite3 import Connection
@@ -44,14 +42,18 @@ def list_points(
 
     Exit status 2: the file cannot be read, or has no such session.
     """
-    from traverse.cli.points.lines import point_line, session_line  # noqa: PLC0415
-    from traverse.daemon.store.queries import (  # noqa: PLC0415 - keeps --help quick
+    from traverse.cli.points.outbox import (  # noqa: PLC0415 - keeps --help quick
+        opened_outbox,
+        point_line,
+        session_line,
+    )
+    from traverse.daemon.store.queries import (  # noqa: PLC0415
         counts_of,
         iter_messages,
         read_sessions,
     )
 
-    with _opened(db, config) as connection:
+    with refusals(ValueError), opened_outbox(_outbox(db, config)) as connection:
         if session is None:
             for one in read_sessions(connection, LAST):
                 n, unsent = counts_of(connection, one.session)
@@ -88,7 +90,7 @@ def export(
 
     Exit status 1: some could not be read; 2: the file cannot be read or written.
     """
-    from traverse.cli.points.export import FORMATS, write_points  # noqa: PLC0415
+    from traverse.cli.points.outbox import FORMATS, opened_outbox, write_points  # noqa: PLC0415
     from traverse.daemon.store.queries import iter_messages, read_sessions  # noqa: PLC0415
     from traverse.strict_toml.writing import replacing  # noqa: PLC0415
 
@@ -99,8 +101,8 @@ def export(
     last = LAST if to_seq is None else to_seq
     if out is not None:
         check_target(out, force=force)
-    with refusals(), ExitStack() as stack:
-        connection = stack.enter_context(_opened(db, config))
+    with refusals(ValueError), ExitStack() as stack:
+        connection = stack.enter_context(opened_outbox(_outbox(db, config)))
         if session is not None:
             _check(connection, session)
         file: IO[bytes] = sys.stdout.buffer
@@ -124,31 +126,15 @@ def export(
         raise typer.Exit(1)
 
 
-@contextmanager
-def _opened(db: Path | None, config: Path | None) -> Iterator["Connection"]:
-    import sqlite3  # noqa: PLC0415 - keeps --help quick
-
+def _outbox(db: Path | None, config: Path | None) -> Path:
     from traverse.daemon.state_dir import OUTBOX, state_path  # noqa: PLC0415
-    from traverse.daemon.store.queries import open_read_only  # noqa: PLC0415
-    from traverse.daemon.store.records import StoreRefusedError  # noqa: PLC0415
 
     if (db is None) == (config is None):
         refuse("give --db FILE or --config FILE, one of them")
     path = db or state_path(config or Path()) / OUTBOX
     if config is not None and not (config.is_file() or path.is_file()):
         refuse(f"{config}: there is no such file; check the path")
-    connection = None
-    try:
-        connection = open_read_only(path)
-        yield connection
-    except StoreRefusedError as error:
-        refuse(str(error))
-    except (sqlite3.Error, UnicodeDecodeError) as error:  # its message may be damaged
-        text = printable(str(error))
-        refuse(f"{path}: cannot be read: {text}; check file and rights")
-    finally:
-        if connection is not None:
-            connection.close()
+    return path
 
 
 def _check(connection: "Connection", session: str) -> None:

@@ -59,7 +59,6 @@ class ReorderBuffer:
         ready: points and losses in their order, to be taken from the left.
         n_taken: all received points.
         duplicates: repeated points.
-        put_back: points for which there was no room; they are requested again.
         asked: number of points requested again.
     """
 
@@ -73,7 +72,6 @@ class ReorderBuffer:
         self.ready: deque[Point | Lost] = deque()
         self.n_taken = 0
         self.duplicates = 0
-        self.put_back = 0
         self.asked = 0
 
     @property
@@ -122,8 +120,7 @@ class ReorderBuffer:
         followed.see(point.seq)
         is_next = followed is self._sessions.head and point.seq == followed.next_seq
         if not room or (not is_next and self.n_held >= MAX_HELD):
-            self.put_back += 1
-            return
+            return  # it is requested again
         followed.held[point.seq] = point
         if is_next or self._refusal is not None:
             self._hand_on()
@@ -237,8 +234,7 @@ class ReorderBuffer:
             return
         self.needs_session_list = True
         if self.n_held >= MAX_HELD:
-            self.put_back += 1
-            return
+            return  # it is requested again
         self._unknown_sessions.setdefault(point.session, held)[point.seq] = point
         if self._refusal is not None:
             self.refuse(self._refusal)

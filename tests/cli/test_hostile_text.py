@@ -15,7 +15,7 @@ from tests.cli.test_align import NOMINAL, measured, table
 from tests.protocol.message_examples import EVENT, POINT, STATUS
 from traverse.cli.__main__ import app
 from traverse.cli.message_lines import line
-from traverse.cli.points.lines import point_line, session_line
+from traverse.cli.points.outbox import point_line, session_line
 from traverse.cli.watch.view import picture
 from traverse.client.display.arm_state import ArmSight
 from traverse.client.exports.text import Csv

@@ -1,14 +1,46 @@
-"""Sessions and points of an outbox as lines of text or JSON."""
+"""An outbox: opened, its sessions and points as lines, tables or messages."""
 
 import json
+import sqlite3
+from collections.abc import Iterable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
+from pathlib import Path
+from typing import IO
 
-from traverse.daemon.store.records import StoredMessage, StoredSession
+from traverse.client.exports.text import Csv, JsonLines
+from traverse.daemon.store.queries import open_read_only
+from traverse.daemon.store.records import (
+    StoredMessage,
+    StoredSession,
+    StoreRefusedError,
+)
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Point
 from traverse.protocol.printable import printable
+
+FORMATS = {"csv": Csv, "jsonl": JsonLines}
+
+
+@contextmanager
+def opened_outbox(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open an outbox to read it.
+
+    Raises:
+        ValueError: it is none, or cannot be read.
+    """
+    try:
+        with closing(open_read_only(path)) as connection:
+            yield connection
+    except StoreRefusedError as error:
+        raise ValueError(str(error)) from error
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # its message may be damaged
+        text = printable(str(error))
+        raise ValueError(
+            f"{path}: cannot be read: {text}; check file and rights"
+        ) from error
 
 
 def session_line(
@@ -60,3 +92,23 @@ def _said(message: StoredMessage) -> str:
     flags = "" if point.quality.ok else "  " + ",".join(point.quality.flags)
     text = f"{x:10.4f} {y:10.4f} {z:10.4f} mm  {' '.join(words)}{flags}"
     return printable(text).rstrip()
+
+
+def write_points(
+    messages: Iterable[StoredMessage], file: IO[bytes], as_format: str
+) -> tuple[int, list[str]]:
+    """Write messages; return how many were written, and errors of the others."""
+    unreadable = []
+    sink = FORMATS[as_format](file)
+    sink.points([])
+    for message in messages:
+        if not message.is_whole:
+            unreadable.append(f"seq {message.seq!r}: damaged, and left out")
+            continue
+        try:
+            point = decode(Point, message.payload, message.encoding)
+        except MessageError as error:
+            unreadable.append(f"{message.id}: cannot be read and is left out: {error}")
+            continue
+        sink.points([point])
+    return sink.n, unreadable
