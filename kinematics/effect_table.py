@@ -9,6 +9,7 @@ it is called. A new effect needs its class, its row, and the simulator's own law
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
+from functools import partial
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -178,84 +179,85 @@ class EffectKind:
         )
 
 
-_HARMONIC = {"order": int, "cos_rad": float, "sin_rad": float}
-_WOBBLE = {"order": int, "cos_rad": Vector, "sin_rad": Vector}
-_RUNOUT = {
-    "component": RunoutComponent,
-    "order": int,
-    "cos_mm": Vector,
-    "sin_mm": Vector,
-}
-_COMPLIANCE = {"compliance_rad_nm": float}
-_LOBING = {"amplitude_mm": float, "phase_rad": float}
 _SPLINE = {
     "covariate": str,
     "knots": tuple[float, ...],
     "values_rad": tuple[float, ...],
 }
-_TEMPERATURES = ("{}_temperature_c", "temperature_c")
+
+# What the kinds of a family share.
+_own_angle = partial(EffectKind, family=Family.OWN_ANGLE, covariates=("{}_rad",))
+_axis_motion = partial(
+    EffectKind,
+    family=Family.AXIS_MOTION,
+    log_prior=-1.0,
+    log_prior_per_order=-0.5,
+    covariates=("{}_rad",),
+    is_function=False,
+)
+_gravity = partial(
+    EffectKind, family=Family.GRAVITY, keys={"compliance_rad_nm": float}, size=1e-5
+)
+_warm = partial(
+    EffectKind,
+    family=Family.WARM,
+    size=1e-5,
+    covariates=("{}_temperature_c", "temperature_c"),
+)
+_slow = partial(
+    EffectKind, family=Family.SLOW, effect_class="A", covariates=("time_s",)
+)
+_base = partial(_slow, joint="absent", acts_on="base", size=0.03)
+_contact = partial(
+    EffectKind,
+    family=Family.CONTACT,
+    effect_class="D",
+    joint="absent",
+    acts_on="ball",
+)
 
 EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
     {
-        "encoder_eccentricity": EffectKind(
-            family=Family.OWN_ANGLE,
+        "encoder_eccentricity": _own_angle(
             keys={"cos_rad": float, "sin_rad": float},
             size=3e-5,
-            covariates=("{}_rad",),
             label="encoder eccentricity",
         ),
-        "encoder_harmonic": EffectKind(
-            family=Family.OWN_ANGLE,
-            keys=_HARMONIC,
+        "encoder_harmonic": _own_angle(
+            keys={"order": int, "cos_rad": float, "sin_rad": float},
             minimum_order=2,
             size=5e-6,  # of sub-division errors
             size_by_order={2: 2e-5, 3: 1e-5, 4: 1e-5},
             log_prior=-1.0,
             log_prior_per_order=-1.0,
             least_log_prior=-3.0,
-            covariates=("{}_rad",),
             label="encoder error {often} a turn",
         ),
-        "transmission_error": EffectKind(
-            family=Family.OWN_ANGLE,
+        "transmission_error": _own_angle(
             keys={"cycles": float, "cos_rad": float, "sin_rad": float},
             most={"cycles": 400.0},
             size=2e-5,
             log_prior=-1.0,
-            covariates=("{}_rad",),
             bank="periodogram",
             label="transmission error {cycles:.4g} times a turn",
         ),
-        "encoder_scale": EffectKind(
-            family=Family.OWN_ANGLE,
-            keys={"scale_ppm": float},
-            size=20.0,
-            covariates=("{}_rad",),
-            label="encoder scale",
+        "encoder_scale": _own_angle(
+            keys={"scale_ppm": float}, size=20.0, label="encoder scale"
         ),
-        "encoder_temperature": EffectKind(
-            family=Family.WARM,
+        "encoder_temperature": _warm(
             keys={"rate_rad_c": float},
-            size=1e-5,
             log_prior=-0.5,
-            covariates=_TEMPERATURES,
             label="encoder zero with temperature",
         ),
-        "encoder_drift": EffectKind(
-            family=Family.SLOW,
-            effect_class="A",
+        "encoder_drift": _slow(
             keys={"rate_rad_s": float},
             size=3e-5,
             is_size_of_campaign=True,
-            covariates=("time_s",),
             label="drift of the encoder's zero",
         ),
-        "count_slip": EffectKind(
-            family=Family.SLOW,
-            effect_class="A",
+        "count_slip": _slow(
             keys={"at_s": float, "step_rad": float},
             size=5e-5,
-            covariates=("time_s",),
             bank="steps",
             label="jump of the encoder's zero",
         ),
@@ -277,111 +279,62 @@ EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
             absorbed_by="the zero of {joint}: approach it from both sides",
             label="backlash",
         ),
-        "joint_compliance": EffectKind(
-            family=Family.GRAVITY,
-            keys=_COMPLIANCE,
-            size=1e-5,
-            label="torsion under gravity",
+        "joint_compliance": _gravity(label="torsion under gravity"),
+        "bearing_compliance": _gravity(
+            acts_on="tilt", log_prior=-0.5, label="tilt of the bearing under gravity"
         ),
-        "bearing_compliance": EffectKind(
-            family=Family.GRAVITY,
-            keys=_COMPLIANCE,
-            acts_on="tilt",
-            size=1e-5,
-            log_prior=-0.5,
-            label="tilt of the bearing under gravity",
+        "mount_compliance": _gravity(
+            joint="absent", acts_on="base", label="tilt of the mount under gravity"
         ),
-        "mount_compliance": EffectKind(
-            family=Family.GRAVITY,
-            joint="absent",
-            keys=_COMPLIANCE,
-            acts_on="base",
-            size=1e-5,
-            label="tilt of the mount under gravity",
-        ),
-        "thermal_expansion": EffectKind(
-            family=Family.WARM,
+        "thermal_expansion": _warm(
             joint="optional",
             keys={"expansion_per_c": float},
             acts_on="length",
-            size=1e-5,
             log_prior_of_joint=-0.7,
-            covariates=_TEMPERATURES,
             label="thermal expansion of the link",
             whole_arm_label="thermal expansion of all links",
         ),
-        "axis_wobble": EffectKind(
-            family=Family.AXIS_MOTION,
-            keys=_WOBBLE,
+        "axis_wobble": _axis_motion(
+            keys={"order": int, "cos_rad": Vector, "sin_rad": Vector},
             minimum_order=2,
             acts_on="tilt",
             size=1e-5,
-            log_prior=-1.0,
-            log_prior_per_order=-0.5,
-            covariates=("{}_rad",),
-            is_function=False,
             label="wobble of the axis {often} a turn",
         ),
-        "axis_runout": EffectKind(
-            family=Family.AXIS_MOTION,
-            keys=_RUNOUT,
+        "axis_runout": _axis_motion(
+            keys={
+                "component": RunoutComponent,
+                "order": int,
+                "cos_mm": Vector,
+                "sin_mm": Vector,
+            },
             components={"radial": 2, "axial": 1},
             acts_on="shift",
             size=0.01,
-            log_prior=-1.0,
-            log_prior_per_order=-0.5,
-            covariates=("{}_rad",),
-            is_function=False,
             label="{component} runout {often} a turn",
         ),
-        "probe_radius": EffectKind(
-            family=Family.CONTACT,
-            effect_class="D",
-            joint="absent",
+        "probe_radius": _contact(
             keys={"radius_error_mm": float},
-            acts_on="ball",
             size=0.01,
             absorbed_by="the unknown sizes of the touched surfaces",
             label="radius of the probe's ball",
         ),
-        "probe_lobing": EffectKind(
-            family=Family.CONTACT,
-            effect_class="D",
-            joint="absent",
-            keys=_LOBING,
-            acts_on="ball",
+        "probe_lobing": _contact(
+            keys={"amplitude_mm": float, "phase_rad": float},
             size=0.005,
             phase="phase_rad",
             label="lobing of the probe",
         ),
-        "stylus_bending": EffectKind(
-            family=Family.CONTACT,
-            effect_class="D",
-            joint="absent",
-            keys={"compliance_mm_n": float},
-            acts_on="ball",
-            size=0.01,
-            label="bending of the stylus",
+        "stylus_bending": _contact(
+            keys={"compliance_mm_n": float}, size=0.01, label="bending of the stylus"
         ),
-        "base_drift": EffectKind(
-            family=Family.SLOW,
-            effect_class="A",
-            joint="absent",
+        "base_drift": _base(
             keys={"rate_mm_s": Vector},
-            acts_on="base",
-            size=0.03,
             is_size_of_campaign=True,
-            covariates=("time_s",),
             label="drift of the base",
         ),
-        "base_step": EffectKind(
-            family=Family.SLOW,
-            effect_class="A",
-            joint="absent",
+        "base_step": _base(
             keys={"at_s": float, "step_mm": Vector},
-            acts_on="base",
-            size=0.03,
-            covariates=("time_s",),
             bank="steps",
             label="step of the base",
         ),

@@ -105,7 +105,7 @@ class Block:
 
     def is_known(self, covariate: Covariate) -> bool:
         """Whether a quantity is known for every sample, on every joint with it."""
-        column: NDArray[Any] | None = getattr(self, _COLUMNS[covariate])
+        column: NDArray[Any] | None = getattr(self, COLUMNS[covariate])
         if covariate is Covariate.TEMPERATURE and self.joint_temperatures_c is not None:
             return False  # one may replace the other: see `lack`
         return column is not None and bool(np.isfinite(column).all())
@@ -132,7 +132,7 @@ class Block:
                 return self.temperature_c
             found: NDArray[Any] = self.temperatures_c(at)[0]
             return found
-        name = _COLUMNS[need.covariate]
+        name = COLUMNS[need.covariate]
         column: NDArray[Any] | None = getattr(self, name)
         if column is None or need.joint is None:
             return column
@@ -144,7 +144,7 @@ class Block:
 _COLUMN_NAMES = tuple(field.name for field in fields(Block))[1:]
 _OF_JOINTS = frozenset(("speeds_rad_s", "approaches", "joint_temperatures_c"))
 
-_COLUMNS = {
+COLUMNS = {
     Covariate.TEMPERATURE: "temperature_c",
     Covariate.SPEED: "speeds_rad_s",
     Covariate.APPROACH: "approaches",

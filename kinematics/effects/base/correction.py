@@ -21,7 +21,7 @@ from traverse.arrays import Booleans, Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.covariate import Need
+from traverse.kinematics.effects.base.covariate import Covariate, Need
 from traverse.kinematics.kernel.terms import Term
 from traverse.kinematics.model.geometry import Geometry
 
@@ -63,6 +63,7 @@ class Correction(ABC):
 
     kind: ClassVar[str]
     uses_gravity: ClassVar[bool] = False
+    covariate: ClassVar[Covariate | None] = None
 
     @classmethod
     def from_file(cls, effect: "Effect", setting: EffectContext) -> Self:
@@ -102,8 +103,10 @@ class Correction(ABC):
 
     @property
     def needs(self) -> tuple[Need, ...]:
-        """Covariates that every sample must have."""
-        return ()
+        """What every sample must have: the time, or a covariate of each joint."""
+        if self.covariate is None or self.covariate is Covariate.UTC:
+            return () if self.covariate is None else (Need(self.covariate),)
+        return tuple(Need(self.covariate, joint) for joint in self.affected)
 
     def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
         """Yield which samples to flag for what, each (n_samples,)."""

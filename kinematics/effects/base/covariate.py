@@ -25,8 +25,3 @@ class Need:
 
     covariate: Covariate
     joint: int | None = None
-
-
-def needs_of(covariate: Covariate, joints: slice, n_joints: int) -> tuple[Need, ...]:
-    """Ask for a covariate at each of some joints."""
-    return tuple(Need(covariate, joint) for joint in range(n_joints)[joints])

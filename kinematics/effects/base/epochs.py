@@ -2,14 +2,15 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
 from traverse.arrays import Booleans, Floats, Integers
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.correction import FlagName
+from traverse.kinematics.effects.base.correction import Correction, FlagName
+from traverse.kinematics.effects.base.covariate import Covariate
 from traverse.kinematics.kernel.terms import Quantity, Source
 
 if TYPE_CHECKING:
@@ -89,6 +90,25 @@ class StepTime:
 
 EffectTime = DriftTime | StepTime
 """Factor of an effect as a function of time."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimedCorrection(Correction):
+    """An effect that is a function of time alone."""
+
+    time: EffectTime
+
+    covariate: ClassVar[Covariate | None] = Covariate.UTC
+    clock: ClassVar[type[EffectTime]]
+
+    @classmethod
+    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
+        """Take the time."""
+        return {"time": cls.clock.from_file(effect, setting)}
+
+    def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
+        """Those of the time."""
+        return self.time.flags(block)
 
 
 def _utc_ns(block: Block) -> Integers:

@@ -1,46 +1,27 @@
 """Motions of x_0 in time: three values, the components of a vector."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from traverse.arrays import Booleans, Floats
-from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.correction import BodyCorrection, FlagName, Target
-from traverse.kinematics.effects.base.covariate import Covariate, Need
-from traverse.kinematics.effects.base.epochs import DriftTime, EffectTime, StepTime
+from traverse.arrays import Floats
+from traverse.kinematics.effects.base.correction import BodyCorrection, Target
+from traverse.kinematics.effects.base.epochs import (
+    DriftTime,
+    EffectTime,
+    StepTime,
+    TimedCorrection,
+)
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.kernel.terms import Form, Term
 
-if TYPE_CHECKING:
-    from traverse.kinematics.arm_file.arm import Effect
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BaseMotion(BodyCorrection):
+class BaseMotion(TimedCorrection, BodyCorrection):
     """x_0 moves by a vector times something of time."""
 
-    time: EffectTime
-
     target: ClassVar[Target] = Target.BASE
-    clock: ClassVar[type[EffectTime]]
-
-    @classmethod
-    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
-        """Take the time."""
-        return {"time": cls.clock.from_file(effect, setting)}
-
-    @property
-    def needs(self) -> tuple[Need, ...]:
-        """The time."""
-        return (Need(Covariate.UTC),)
-
-    def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
-        """Those of the time."""
-        return self.time.flags(block)
 
     def unit_amounts(self, posture: Posture) -> Floats:
         """Factor of the time, in each component, (3, 3, n_samples)."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from traverse.arrays import Floats
 from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import BodyCorrection, Target
-from traverse.kinematics.effects.base.covariate import Covariate, Need, needs_of
+from traverse.kinematics.effects.base.covariate import Covariate
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.kernel.terms import Form, Quantity, Source, Term
 
@@ -28,17 +28,13 @@ class ThermalExpansion(BodyCorrection):
 
     kind: ClassVar[str] = "thermal_expansion"
     target: ClassVar[Target] = Target.GROWTH
+    covariate: ClassVar[Covariate | None] = Covariate.TEMPERATURE
 
     @classmethod
     def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
         """Take the reference temperature."""
         del effect
         return {"reference_c": setting.reference_temperature_c}
-
-    @property
-    def needs(self) -> tuple[Need, ...]:
-        """The temperatures of its elements."""
-        return needs_of(Covariate.TEMPERATURE, self.joints, self.joints.stop)
 
     def unit_amounts(self, posture: Posture) -> Floats:
         """T - T_ref, (1, n_chosen, n_samples)."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from traverse.arrays import Booleans, Floats
-from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.block import COLUMNS, Block
 from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import FlagName, ReadingCorrection
 from traverse.kinematics.effects.base.covariate import Covariate, Need
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Effect
 
 _OF_ARM = {
-    "time_s": Need(Covariate.CAMPAIGN_TIME),
-    "temperature_c": Need(Covariate.TEMPERATURE),
-    "force_n": Need(Covariate.FORCE),
+    "time_s": Covariate.CAMPAIGN_TIME,
+    "temperature_c": Covariate.TEMPERATURE,
+    "force_n": Covariate.FORCE,
 }
 _OF_JOINT = {
     "_temperature_c": Covariate.TEMPERATURE,
@@ -40,15 +40,9 @@ _OF_JOINT = {
     "_approach": Covariate.APPROACH,
     "_rad": None,
 }
-_COLUMNS = {
-    Covariate.CAMPAIGN_TIME: "campaign_s",
-    Covariate.TEMPERATURE: "temperature_c",
-    Covariate.FORCE: "force_n",
-    Covariate.SPEED: "speeds_rad_s",
-    Covariate.APPROACH: "approaches",
-}
 
 _SOURCES = {
+    None: Source.READING,
     Covariate.CAMPAIGN_TIME: Source.CAMPAIGN,
     Covariate.TEMPERATURE: Source.TEMPERATURE,
     Covariate.FORCE: Source.FORCE,
@@ -63,12 +57,12 @@ class Empirical(ReadingCorrection):
 
     Attributes:
         knots: In the unit of the covariate.
-        source: What the covariate needs; None for a reading.
-        source_joint: Whose reading it is; None where `source` says it.
+        source: What the covariate is; None for a reading.
+        source_joint: Whose it is; None for one of the whole arm.
     """
 
     knots: tuple[float, ...]
-    source: Need | None
+    source: Covariate | None
     source_joint: int | None
 
     kind: ClassVar[str] = "empirical"
@@ -92,7 +86,7 @@ class Empirical(ReadingCorrection):
     @property
     def needs(self) -> tuple[Need, ...]:
         """The covariate, where it is not a reading."""
-        return () if self.source is None else (self.source,)
+        return () if self.source is None else (Need(self.source, self.source_joint),)
 
     def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
         """Flag all, and what is beyond the outer knots."""
@@ -113,10 +107,7 @@ class Empirical(ReadingCorrection):
     @property
     def terms(self) -> tuple[Term, ...]:
         """One spline."""
-        if self.source is None:
-            of = Quantity(Source.READING, self.source_joint)
-        else:
-            of = Quantity(_SOURCES[self.source.covariate], self.source.joint)
+        of = Quantity(_SOURCES[self.source], self.source_joint)
         spline = spline_numbers(self.knots, self.values)
         return tuple(
             Term(form=Form.READING_SPLINE, joint=joint, of=of, spline=spline)
@@ -124,32 +115,26 @@ class Empirical(ReadingCorrection):
         )
 
     def _at(self, block: Block) -> Floats:
-        if self.source is None:
-            return _one(block.rows("angles_rad", _only(self.source_joint)))
-        if self.source.joint is None:
-            return block.row(_COLUMNS[self.source.covariate])
-        joints = _only(self.source.joint)
-        if self.source.covariate is Covariate.TEMPERATURE:
-            return _one(block.temperatures_c(joints))
-        return _one(block.rows(_COLUMNS[self.source.covariate], joints))
+        column = "angles_rad" if self.source is None else COLUMNS[self.source]
+        if self.source_joint is None:
+            return block.row(column)
+        joints = slice(self.source_joint, self.source_joint + 1)
+        if self.source is Covariate.TEMPERATURE:
+            rows = block.temperatures_c(joints)
+        else:
+            rows = block.rows(column, joints)
+        row: Floats = rows[0]
+        return row
 
 
-def _only(joint: int | None) -> slice:
-    return slice(0, 0) if joint is None else slice(joint, joint + 1)
-
-
-def _one(rows: Floats) -> Floats:
-    row: Floats = rows[0]
-    return row
-
-
-def _source(covariate: str, setting: EffectContext) -> tuple[Need | None, int | None]:
-    """Find what a covariate is: a need, or the joint of a reading."""
+def _source(
+    covariate: str, setting: EffectContext
+) -> tuple[Covariate | None, int | None]:
+    """Find what a covariate is, and of which joint."""
     for joint, name in enumerate(setting.joint_names):
         of = covariate.removeprefix(name)
         if covariate.startswith(name) and of in _OF_JOINT:
-            found = _OF_JOINT[of]
-            return (None, joint) if found is None else (Need(found, joint), None)
+            return _OF_JOINT[of], joint
     if covariate in _OF_ARM:
         return _OF_ARM[covariate], None
     raise ValueError(

@@ -1,18 +1,22 @@
 """Reading corrections of one parameter: d_alpha is it times some regressor."""
 
 from abc import abstractmethod
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from traverse.arrays import Booleans, Floats
+from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.correction import FlagName, ReadingCorrection
-from traverse.kinematics.effects.base.covariate import Covariate, Need, needs_of
-from traverse.kinematics.effects.base.epochs import DriftTime, EffectTime, StepTime
+from traverse.kinematics.effects.base.correction import ReadingCorrection
+from traverse.kinematics.effects.base.covariate import Covariate
+from traverse.kinematics.effects.base.epochs import (
+    DriftTime,
+    EffectTime,
+    StepTime,
+    TimedCorrection,
+)
 from traverse.kinematics.kernel.terms import Form, Quantity, Source, Term
 from traverse.kinematics.model.geometry import Geometry
 
@@ -70,12 +74,8 @@ class EncoderLatency(SingleRate):
     """
 
     kind: ClassVar[str] = "encoder_latency"
+    covariate: ClassVar[Covariate | None] = Covariate.SPEED
     per_value: ClassVar[float] = -1.0
-
-    @property
-    def needs(self) -> tuple[Need, ...]:
-        """The speeds of its joints."""
-        return needs_of(Covariate.SPEED, self.joints, self.joints.stop)
 
     def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
         """-d(alpha)/dt, (1, n_chosen, n_samples) rad/s."""
@@ -96,11 +96,7 @@ class Backlash(SingleRate):
     """
 
     kind: ClassVar[str] = "backlash"
-
-    @property
-    def needs(self) -> tuple[Need, ...]:
-        """The joint's sense of approach."""
-        return (Need(Covariate.APPROACH, self.joints.start),)
+    covariate: ClassVar[Covariate | None] = Covariate.APPROACH
 
     def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
         """-1, 0 or +1, (1, 1, n_samples)."""
@@ -122,17 +118,13 @@ class EncoderTemperature(SingleRate):
     reference_c: float
 
     kind: ClassVar[str] = "encoder_temperature"
+    covariate: ClassVar[Covariate | None] = Covariate.TEMPERATURE
 
     @classmethod
     def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
         """Take the reference temperature."""
         del effect
         return {"reference_c": setting.reference_temperature_c}
-
-    @property
-    def needs(self) -> tuple[Need, ...]:
-        """The joint's temperature."""
-        return (Need(Covariate.TEMPERATURE, self.joints.start),)
 
     def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
         """T - T_ref, (1, 1, n_samples)."""
@@ -145,26 +137,8 @@ class EncoderTemperature(SingleRate):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TimedReading(SingleRate):
+class TimedReading(TimedCorrection, SingleRate):
     """One reading that changes with time alone."""
-
-    time: EffectTime
-
-    clock: ClassVar[type[EffectTime]]
-
-    @classmethod
-    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
-        """Take the time."""
-        return {"time": cls.clock.from_file(effect, setting)}
-
-    @property
-    def needs(self) -> tuple[Need, ...]:
-        """The time."""
-        return (Need(Covariate.UTC),)
-
-    def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
-        """Those of the time."""
-        return self.time.flags(block)
 
     def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
         """Factor of the time, (1, 1, n_samples)."""
