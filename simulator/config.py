@@ -5,20 +5,14 @@ from typing import Any, Literal
 
 from pydantic import AwareDatetime, Field
 
+from traverse.simulator.arm.truth import Deviations
 from traverse.simulator.devices.table import AnyDevice
 from traverse.simulator.motions import AnyMotion
+from traverse.simulator.motions.stage import Operator
 from traverse.simulator.scenario.course import ClimateTable
 from traverse.simulator.scenario.faults import AnyFault
 from traverse.strict_toml.problems import Problem
 from traverse.strict_toml.reader import StrictModel
-
-
-class DeviationTable(StrictModel):
-    """Standard deviations of the truth from the arm file."""
-
-    links_mm: float = Field(default=0.0, ge=0.0)
-    axes_rad: float = Field(default=0.0, ge=0.0)
-    zeros_rad: float = Field(default=0.0, ge=0.0)
 
 
 class ArmTable(StrictModel):
@@ -26,22 +20,9 @@ class ArmTable(StrictModel):
 
     file: str
     true_file: str | None = None
-    deviations: DeviationTable = DeviationTable()
+    deviations: Deviations = Deviations()
     turn_limits_rad: tuple[tuple[float, float], ...] | None = None
     noise_rad: float = Field(default=0.0, ge=0.0)
-
-
-class OperatorTable(StrictModel):
-    """How the arm is led."""
-
-    move_s: float = Field(default=0.8, gt=0.0)
-    approach_s: float = Field(default=0.4, gt=0.0)
-    dwell_s: float = Field(default=0.3, gt=0.0)
-    press_s: float = Field(default=0.1, gt=0.0)
-    clearance_mm: float = Field(default=15.0, gt=0.0)
-    switch_speed_mm_s: float = Field(default=10.0, gt=0.0)
-    overtravel_mm: float = Field(default=1.0, gt=0.0)
-    tilt_rad: float = Field(default=1.2, gt=0.0, le=3.2)
 
 
 class SimulatorConfig(StrictModel):
@@ -58,7 +39,7 @@ class SimulatorConfig(StrictModel):
     truth_readings: bool = False
     arm: ArmTable
     climate: ClimateTable = ClimateTable()
-    operator: OperatorTable = OperatorTable()
+    operator: Operator = Operator()
     device: tuple[AnyDevice, ...]
     motion: tuple[AnyMotion, ...]
     fault: tuple[AnyFault, ...] = ()

@@ -10,7 +10,7 @@ import numpy as np
 from traverse.kinematics.arm_file.arm import Arm, read_arm
 from traverse.plurals import counted
 from traverse.simulator.arm.inverse import Reach
-from traverse.simulator.arm.truth import Deviations, EncoderSet, TrueArm, true_arm
+from traverse.simulator.arm.truth import EncoderSet, TrueArm, true_arm
 from traverse.simulator.config import SimulatorConfig
 from traverse.simulator.devices.serial_line import ON_THE_WIRE, SPEECHLESS
 from traverse.simulator.devices.table import DeviceTable
@@ -22,7 +22,7 @@ from traverse.simulator.effects import (
 )
 from traverse.simulator.effects.faulty_arm import faulty_arm
 from traverse.simulator.motions import ReplayMotion
-from traverse.simulator.motions.stage import CourseBuilder, Operator, UnreachableError
+from traverse.simulator.motions.stage import CourseBuilder, UnreachableError
 from traverse.simulator.scenario.course import Course
 from traverse.simulator.scenario.recorded_counts import read_recording, recorded_counts
 from traverse.simulator.scenario.script import Script
@@ -89,9 +89,7 @@ def build_arm(config: SimulatorConfig, folder: Path, source: str) -> VirtualArm:
         problems += _fault_problems(config, encoders)
     if problems:
         raise FileError(source, problems)
-    table = config.arm.deviations
-    deviations = Deviations(table.links_mm, table.axes_rad, table.zeros_rad)
-    truth = true_arm(really, deviations, config.seed)
+    truth = true_arm(really, config.arm.deviations, config.seed)
     effects = on_true_axes(really, really.effects, truth.mechanism.axes)
     faults = faults_from_effects(really, effects)
     return VirtualArm(
@@ -120,7 +118,7 @@ def build_script(
         ),
         arm.truth.radius_mm,
         arm.truth.switching,
-        Operator(**config.operator.model_dump()),
+        config.operator,
         folder,
         np.zeros(len(arm.limits_rad)),
     )

@@ -80,7 +80,7 @@ def tested_arm(seed: int) -> Tested:
     arm, poses, exact = _prepared()
     rng = np.random.default_rng([seed, 0xACC])
     scale = rng.uniform(0.5, 1.5)
-    deviations = Deviations(scale * LINKS_MM, scale * AXES_RAD, 0.0)
+    deviations = Deviations(links_mm=scale * LINKS_MM, axes_rad=scale * AXES_RAD)
     mine = touched_by(poses, true_arm(arm, deviations, seed))
     drawn = drawn_acceptance(mine, seed)
     warm_c = 20.0 + TEMPERATURE_STD_C * float(rng.standard_normal())
@@ -231,7 +231,9 @@ def _paired(
 def again(seed: int) -> dict[str, Any]:
     """Test one and the same arm many times, with exact standards."""
     arm, poses, exact = _prepared()
-    mine = touched_by(poses, true_arm(arm, Deviations(LINKS_MM, AXES_RAD, 0.0), seed))
+    mine = touched_by(
+        poses, true_arm(arm, Deviations(links_mm=LINKS_MM, axes_rad=AXES_RAD), seed)
+    )
     values: dict[str, list[float]] = {}
     for test in range(N_AGAIN):
         drawn = drawn_acceptance(mine, 10_000 + test)

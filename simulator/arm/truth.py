@@ -3,10 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
+from pydantic import Field
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.arm.physics import Mechanism
+from traverse.strict_toml.reader import StrictModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +42,12 @@ class EncoderSet:
         return np.rint(seen_rad * scale).astype(np.int64) % self.moduli
 
 
-@dataclass(frozen=True, slots=True)
-class Deviations:
+class Deviations(StrictModel):
     """Standard deviations of the truth from the arm file."""
 
-    links_mm: float = 0.0
-    axes_rad: float = 0.0
-    zeros_rad: float = 0.0
+    links_mm: float = Field(default=0.0, ge=0.0)
+    axes_rad: float = Field(default=0.0, ge=0.0)
+    zeros_rad: float = Field(default=0.0, ge=0.0)
 
 
 @dataclass(frozen=True, slots=True)

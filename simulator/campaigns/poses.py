@@ -7,7 +7,7 @@ import numpy as np
 from traverse.arrays import Floats, Indices
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.arm.physics import probe_pose
-from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
+from traverse.simulator.arm.truth import TrueArm, true_arm
 from traverse.simulator.campaigns.artefacts import Artefact
 from traverse.simulator.campaigns.artefacts.artefact import (
     REFERENCE_C,
@@ -49,8 +49,7 @@ def make_poses(
     if problems:
         raise FileError("campaign specification", problems)
     if truth is None:
-        deviations = Deviations(**spec.deviations.model_dump())
-        truth = true_arm(arm, deviations, seed)
+        truth = true_arm(arm, spec.deviations, seed)
     if spec.limits_rad is None:
         limits_rad = travel_limits(truth.mechanism, spec.travel)
     else:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from pydantic import AwareDatetime, Field, field_validator
 
+from traverse.simulator.arm.truth import Deviations
 from traverse.simulator.campaigns.artefacts import (
     AnyArtefact,
     Artefact,
@@ -21,7 +22,6 @@ from traverse.simulator.campaigns.artefacts import (
     Seats,
     Sphere,
 )
-from traverse.simulator.config import DeviationTable
 from traverse.strict_toml.problems import Problem
 from traverse.strict_toml.reader import StrictModel
 
@@ -221,9 +221,7 @@ class CampaignSpec(StrictModel):
     mix: str | None = None
     n_poses: int | None = Field(default=None, ge=1)
     artefacts: tuple[AnyArtefact, ...] = ()
-    deviations: DeviationTable = DeviationTable(
-        links_mm=0.5, axes_rad=2e-3, zeros_rad=2e-3
-    )
+    deviations: Deviations = Deviations(links_mm=0.5, axes_rad=2e-3, zeros_rad=2e-3)
     travel: Literal["full", "wide", "narrow"] = "wide"
     limits_rad: tuple[tuple[float, float], ...] | None = None
     noise: NoiseTable = NoiseTable()

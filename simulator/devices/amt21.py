@@ -11,9 +11,12 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, field_validator
 
-from traverse.plurals import counted
 from traverse.simulator.devices.device import DeviceContext
-from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
+from traverse.simulator.devices.serial_device import (
+    SerialDevice,
+    SerialTable,
+    checked_addresses,
+)
 
 POSITION, TURNS, EXTENDED = 0, 1, 2
 SET_ZERO, RESET = 0x5E, 0x75
@@ -38,33 +41,15 @@ class Amt21Table(SerialTable):
     @field_validator("addresses")
     @classmethod
     def _check_addresses(cls, addresses: tuple[int, ...]) -> tuple[int, ...]:
-        for address in addresses:
-            if not 4 <= address <= 252 or address & 3:
-                raise ValueError(
-                    f"{address} is no address; expected multiples of 4 from 4 to 252"
-                )
-            if addresses.count(address) > 1:
-                raise ValueError(f"{address} is given twice")
-        return addresses
+        valid = range(4, 253, 4)
+        return checked_addresses(addresses, valid, "multiples of 4 from 4 to 252")
 
     def channel_problems(
         self, counts_per_turn: Sequence[int]
     ) -> Iterator[tuple[str, str]]:
         """Report what does not match the arm file's encoders on this line."""
-        n_joints = len(counts_per_turn)
-        if n_joints != len(self.addresses):
-            text = (
-                f"{len(self.addresses)} given for {counted(n_joints, 'joint')} on "
-                "this line"
-            )
-            yield "addresses", text
-        for channel, counts in enumerate(counts_per_turn):
-            if counts != 1 << self.bits:
-                text = f"channel {channel} has {counts} counts per turn in the arm file"
-                yield "bits", f"{text}; {self.bits} bits are {1 << self.bits}"
-        if self.encoder_turns not in {1, MULTI_TURN}:
-            text = f"1 for single-turn encoders or {MULTI_TURN} for multi-turn ones"
-            yield "encoder_turns", f"expected {text}"
+        yield from self.number_problems("addresses", len(counts_per_turn))
+        yield from self.bit_problems(self.bits, MULTI_TURN, counts_per_turn)
 
 
 class SimulatedAmt21Line(SerialDevice):

@@ -137,8 +137,12 @@ class DeviceContext:
         """Whether a fault "gone" has removed the device."""
         if self.clock.begin_s is None:
             return False
-        script_s = self.clock.script_s(now_s)
-        return any(f.kind == "gone" and f.lasts(script_s) for f in self.faults)
+        return self.struck("gone", now_s)
+
+    def struck(self, kind: str, at_s: float, channel: int | None = None) -> bool:
+        """Whether a fault of a kind lasts, for a channel or the device as a whole."""
+        script_s = self.clock.script_s(at_s)
+        return any(f.kind == kind and f.strikes(script_s, channel) for f in self.faults)
 
 
 def make_device(table: DeviceTable, mounting: DeviceContext) -> SimulatedDevice:

@@ -16,9 +16,12 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, field_validator
 
-from traverse.plurals import counted
 from traverse.simulator.devices.device import DeviceContext
-from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
+from traverse.simulator.devices.serial_device import (
+    SerialDevice,
+    SerialTable,
+    checked_addresses,
+)
 
 READ_HOLDING, READ_INPUT, WRITE_ONE, WRITE_MANY = 3, 4, 6, 16
 NO_FUNCTION, NO_REGISTER, NO_VALUE = 1, 2, 3
@@ -72,23 +75,13 @@ class ModbusTable(SerialTable):
     @field_validator("addresses")
     @classmethod
     def _check_addresses(cls, addresses: tuple[int, ...]) -> tuple[int, ...]:
-        for address in addresses:
-            if not 1 <= address <= 247:
-                raise ValueError(f"{address} is no address; expected 1 to 247")
-            if addresses.count(address) > 1:
-                raise ValueError(f"{address} is given twice")
-        return addresses
+        return checked_addresses(addresses, range(1, 248), "1 to 247")
 
     def channel_problems(
         self, counts_per_turn: Sequence[int]
     ) -> Iterator[tuple[str, str]]:
         """Report what does not match the arm file's encoders on this line."""
-        if len(counts_per_turn) != len(self.addresses):
-            text = (
-                f"{len(self.addresses)} given for "
-                f"{counted(len(counts_per_turn), 'joint')}"
-            )
-            yield "addresses", text
+        yield from self.number_problems("addresses", len(counts_per_turn))
         most = 1 << 16 * self.words
         for channel, counts in enumerate(counts_per_turn):
             if counts * self.encoder_turns > most:

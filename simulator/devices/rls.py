@@ -16,7 +16,6 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from traverse.plurals import counted
 from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
 from traverse.simulator.scenario.faults import StatusFault
@@ -48,19 +47,9 @@ class RlsTable(SerialTable):
         self, counts_per_turn: Sequence[int]
     ) -> Iterator[tuple[str, str]]:
         """Report what does not match the arm file's encoders on these ports."""
-        if len(counts_per_turn) != len(self.ports):
-            text = (
-                f"{len(self.ports)} given for {counted(len(counts_per_turn), 'joint')}"
-            )
-            yield "ports", text
-        for channel, counts in enumerate(counts_per_turn):
-            if counts != 1 << self.bits:
-                text = f"channel {channel} has {counts} counts per turn in the arm file"
-                yield "bits", f"{text}; {self.bits} bits are {1 << self.bits}"
-        many = min(65536, 2 ** (32 - self.bits))
-        if self.encoder_turns not in {1, many}:
-            text = f"1 for single-turn encoders or {many} for multi-turn ones"
-            yield "encoder_turns", f"expected {text}"
+        yield from self.number_problems("ports", len(counts_per_turn))
+        multi_turn = min(65536, 2 ** (32 - self.bits))
+        yield from self.bit_problems(self.bits, multi_turn, counts_per_turn)
 
 
 class _Port:
@@ -102,7 +91,7 @@ class SimulatedRls(SerialDevice):
             number = [port.due_s for port in self._ports].index(at_s)
             port = self._ports[number]
             port.due_s = at_s + port.period_s
-            if self._without_power(number, at_s):
+            if self.mounting.struck("reset", at_s, number):
                 self._ports[number] = _Port()
             else:
                 self._answer(number, port.request, at_s)
@@ -184,12 +173,3 @@ class SimulatedRls(SerialDevice):
         warmer_c = float(self.mounting.climate.change_c(script_s))
         tenths = round(10.0 * (self._table.temperature_c + warmer_c))
         return tenths.to_bytes(2, "big", signed=True)
-
-    def _without_power(self, channel: int, at_s: float) -> bool:
-        script_s = self.mounting.clock.script_s(at_s)
-        return any(
-            fault.kind == "reset"
-            and fault.lasts(script_s)
-            and getattr(fault, "channel", None) in {None, channel}
-            for fault in self.mounting.faults
-        )

@@ -7,17 +7,20 @@ encoders are played here.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
+from traverse.plurals import counted
 from traverse.simulator.devices.device import DeviceContext
-from traverse.simulator.devices.serial_line import DisturbedLine, LineTiming, SerialLine
+from traverse.simulator.devices.serial_line import DisturbedLine, SerialLine
 from traverse.simulator.devices.table import DeviceTable
+from traverse.simulator.scenario.signals import InputChange, LatchedEdge
 
 
 class SerialTable(DeviceTable):
@@ -54,15 +57,39 @@ class SerialTable(DeviceTable):
     turnaround_s: float = Field(default=0.0, ge=0.0, le=1.0)
     echo: bool = False
 
-    def timing(self, bits_per_byte: int = 10) -> LineTiming:
-        """What each of its lines costs."""
-        return LineTiming(
-            self.baud_rate,
-            self.request_delay_s,
-            self.reply_delay_s,
-            self.echo,
-            bits_per_byte,
-        )
+    def number_problems(self, key: str, n_joints: int) -> Iterator[tuple[str, str]]:
+        """Report a key that does not have one entry for each encoder."""
+        n = len(getattr(self, key))
+        if n != n_joints:
+            yield key, f"{n} given for {counted(n_joints, 'joint')}"
+
+    def bit_problems(
+        self, bits: int, multi_turn: int, counts_per_turn: Sequence[int]
+    ) -> Iterator[tuple[str, str]]:
+        """Report encoders of another width, or of turns that there are not."""
+        for channel, counts in enumerate(counts_per_turn):
+            if counts != 1 << bits:
+                text = f"channel {channel} has {counts} counts per turn in the arm file"
+                yield "bits", f"{text}; {bits} bits are {1 << bits}"
+        if self.encoder_turns not in {1, multi_turn}:
+            text = f"1 for single-turn encoders or {multi_turn} for multi-turn ones"
+            yield "encoder_turns", f"expected {text}"
+
+
+def checked_addresses(
+    addresses: tuple[int, ...], valid: range, expected: str
+) -> tuple[int, ...]:
+    """Return addresses.
+
+    Raises:
+        ValueError: One is not valid, or given twice.
+    """
+    for address in addresses:
+        if address not in valid:
+            raise ValueError(f"{address} is no address; expected {expected}")
+        if addresses.count(address) > 1:
+            raise ValueError(f"{address} is given twice")
+    return addresses
 
 
 class SerialDevice(ABC):
@@ -73,7 +100,7 @@ class SerialDevice(ABC):
         table: SerialTable,
         mounting: DeviceContext,
         ports: Sequence[str],
-        inputs: Sequence[str] = (),
+        inputs: Sequence[str] | None = None,
         bits_per_byte: int = 10,
     ) -> None:
         self.id = table.id
@@ -84,9 +111,9 @@ class SerialDevice(ABC):
         self.n_power_ups = 0
         self._paths: list[Path] = [mounting.folder / port for port in ports]
         self.where = " ".join(map(str, self._paths))
-        self._timing = table.timing(bits_per_byte)
-        self._turnaround_s = table.turnaround_s
-        self._inputs = tuple(inputs)
+        self._serial, self._bits_per_byte = table, bits_per_byte
+        self._inputs = inputs
+        self.levels = self._n_edges = 0
         self._lines: list[SerialLine] = []
         self._n_dropped = 0
         self._switch_on(0.0)
@@ -134,16 +161,31 @@ class SerialDevice(ABC):
         device.
         """
         script_s = self.mounting.clock.script_s(at_s)
-        leaves_s = at_s + self._turnaround_s + self.disturbed.delay_s(script_s, channel)
+        leaves_s = (
+            at_s + self._serial.turnaround_s + self.disturbed.delay_s(script_s, channel)
+        )
         data = self.disturbed.disturb(data, script_s, channel)
         if data:
             self._lines[line].say(data, leaves_s)
 
-    def is_reset(self, at_s: float) -> bool:
-        """Whether a fault has taken its power at an instant."""
-        script_s = self.mounting.clock.script_s(at_s)
-        faults = self.mounting.line_faults
-        return any(f.kind == "reset" and f.lasts(script_s) for f in faults)
+    def report_edges(
+        self,
+        at_s: float,
+        ticks: int,
+        counts: NDArray[np.uint32],
+        status: NDArray[np.uint8],
+    ) -> None:
+        """Note changes of inputs until an instant, with what shows them first."""
+        while (change := self.wiring.peek_change()) and change.time_s <= at_s:
+            self.wiring.take_change()
+            if not isinstance(change, InputChange):
+                continue
+            number, level = change.input_number, change.level
+            self.levels = self.levels & ~(1 << number) | level << number
+            edge = LatchedEdge(at_s, number, level, self.levels, ticks, counts, status)
+            event = self.wiring.event_at(change.time_s, number)
+            self.mounting.notes.edge(self.id, self._n_edges, edge, event)
+            self._n_edges += 1
 
     @property
     def ahead(self) -> bool:
@@ -196,6 +238,7 @@ class SerialDevice(ABC):
             "rx_rejected": self.n_rejected,
             "power_ups": self.n_power_ups,
             "faults": asdict(self.disturbed.counts),
+            **({} if self._inputs is None else {"edges": self._n_edges}),
         }
 
     def close(self) -> None:
@@ -207,10 +250,10 @@ class SerialDevice(ABC):
 
     def _switch_on(self, now_s: float) -> None:
         self.n_power_ups += 1
-        self.wiring = self.mounting.wiring(self._inputs, self.n_power_ups, now_s)
+        self.wiring = self.mounting.wiring(self._inputs or (), self.n_power_ups, now_s)
         try:
             for path in self._paths:
-                self._lines.append(SerialLine(path, self._timing))
+                self._lines.append(SerialLine(path, self._serial, self._bits_per_byte))
         except OSError:
             self.close()
             raise

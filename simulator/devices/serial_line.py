@@ -12,12 +12,16 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from traverse.simulator.devices.pty_port import PtyPort
 from traverse.simulator.scenario.faults import Fault, LateFault
 from traverse.simulator.scenario.signals import OutgoingFrame
+
+if TYPE_CHECKING:
+    from traverse.simulator.devices.serial_device import SerialTable
 
 SPEECHLESS = frozenset({"silent", "reset"})
 ON_THE_WIRE = frozenset({"lost", "corrupted", "repeated", "garbage", "cut"})
@@ -95,8 +99,7 @@ class DisturbedLine:
         self, script_s: float, channel: int | None
     ) -> Iterator[tuple[int, Fault]]:
         for number, fault in enumerate(self.faults):
-            its_channel = getattr(fault, "channel", None)
-            if fault.lasts(script_s) and its_channel in {None, channel}:
+            if fault.strikes(script_s, channel):
                 yield number, fault
 
     def _draw(self, number: int) -> bool:
@@ -125,30 +128,12 @@ class DisturbedLine:
 BUFFER_BYTES = 65_536
 
 
-@dataclass(frozen=True, slots=True)
-class LineTiming:
-    """What a line costs.
-
-    Its fields are those of `SerialTable`.
-    """
-
-    baud_rate: int = 0
-    request_delay_s: float = 0.0
-    reply_delay_s: float = 0.0
-    echo: bool = False
-    bits_per_byte: int = 10
-
-    @property
-    def byte_s(self) -> float:
-        """Time of a byte on the wire."""
-        return self.bits_per_byte / self.baud_rate if self.baud_rate else 0.0
-
-
 class SerialLine:
     """The device's end of a line."""
 
-    def __init__(self, path: Path, timing: LineTiming) -> None:
-        self.timing = timing
+    def __init__(self, path: Path, table: "SerialTable", bits_per_byte: int) -> None:
+        self._table = table
+        self._byte_s = bits_per_byte / table.baud_rate if table.baud_rate else 0.0
         self.n_dropped = 0
         self._port = PtyPort(path, BUFFER_BYTES)
         self._coming: deque[tuple[float, int]] = deque()
@@ -178,13 +163,13 @@ class SerialLine:
             self._coming.clear()
             self._going.clear()
         received = self._port.read()
-        start_s = max(self._heard_until_s, now_s + self.timing.request_delay_s)
+        start_s = max(self._heard_until_s, now_s + self._table.request_delay_s)
         for number, byte in enumerate(received, start=1):
-            at_s = start_s + number * self.timing.byte_s
+            at_s = start_s + number * self._byte_s
             self._coming.append((at_s, byte))
             self._heard_until_s = at_s
-            if self.timing.echo:
-                self._going.append((at_s + self.timing.reply_delay_s, bytes((byte,))))
+            if self._table.echo:
+                self._going.append((at_s + self._table.reply_delay_s, bytes((byte,))))
         return changed
 
     def arrived_by(self, now_s: float) -> Iterator[tuple[float, int]]:
@@ -194,9 +179,9 @@ class SerialLine:
 
     def say(self, data: bytes, at_s: float) -> None:
         """Send bytes, the first of which leaves at an instant or when it can."""
-        ends_s = max(at_s, self._said_until_s) + len(data) * self.timing.byte_s
+        ends_s = max(at_s, self._said_until_s) + len(data) * self._byte_s
         self._said_until_s = ends_s
-        self._going.append((ends_s + self.timing.reply_delay_s, data))
+        self._going.append((ends_s + self._table.reply_delay_s, data))
 
     def release(self, now_s: float) -> None:
         """Pass to the host what has arrived at its end of the line by now."""

@@ -11,15 +11,13 @@ Forms of lines, written from what firmware of open arms prints:
 """
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
-from traverse.simulator.scenario.signals import InputChange, LatchedEdge
 
 
 class TextLineTable(SerialTable):
@@ -46,13 +44,12 @@ class SimulatedTextLine(SerialDevice):
         self._form = table.form
         self._period_s = 1.0 / table.rate_hz
         self._per_turn = mounting.encoders.moduli
-        self._n_edges = 0
         super().__init__(table, mounting, [table.port], table.buttons)
 
     def power_up(self, now_s: float) -> None:
         """Count lines and time from zero; a ``toy-department`` waits for its start."""
         self._power_up_s = now_s
-        self._n_lines = self._levels = 0
+        self._n_lines = self.levels = 0
         self._next_s = now_s if self._form != "toy-department" else float("inf")
         self._command = bytearray()
 
@@ -83,22 +80,19 @@ class SimulatedTextLine(SerialDevice):
             at_s = self._next_s
             self._next_s = at_s + self._period_s
             self.say(0, self._line(at_s), at_s)
-        if self.is_reset(to_s):
+        if self.mounting.struck("reset", to_s):
             self.power_up(to_s)
 
     def own_due_s(self) -> float:
         """The next line."""
         return self._next_s
 
-    def totals(self) -> dict[str, Any]:
-        """Final counters, over all power-ups."""
-        return {**super().totals(), "edges": self._n_edges}
-
     def _line(self, at_s: float) -> bytes:
         self.mounting.clock.begin(at_s)
         latched, status = self.wiring.latch(np.array([at_s]), edge=False)
         self.n_readings += 1
-        self._look_at_buttons(at_s, latched[0], status[0])
+        ms = int((at_s - self._power_up_s) * 1000.0)
+        self.report_edges(at_s, ms, latched[0], status[0])
         counts: Sequence[int] = latched[0].tolist()
         for channel, count in enumerate(counts):
             self.mounting.notes.reading(self.id, channel, at_s, count, 0)
@@ -114,26 +108,10 @@ class SimulatedTextLine(SerialDevice):
             named = [f"E{number}: {word}" for number, word in enumerate(degrees)]
             line = "   *** " + ",  ".join(named)
         else:
-            words = [self._n_lines - 1, ms, *counts, self._levels]
+            words = [self._n_lines - 1, ms, *counts, self.levels]
             body = "TRV," + ",".join(map(str, words))
             check = 0
             for byte in body.encode():
                 check ^= byte
             line = f"${body}*{check:02X}"
         return line.encode() + b"\r\n"
-
-    def _look_at_buttons(
-        self, at_s: float, counts: NDArray[np.uint32], status: NDArray[np.uint8]
-    ) -> None:
-        """Edges belong to the line that shows them first."""
-        while (change := self.wiring.peek_change()) and change.time_s <= at_s:
-            self.wiring.take_change()
-            if not isinstance(change, InputChange):
-                continue
-            number, level = change.input_number, change.level
-            self._levels = self._levels & ~(1 << number) | level << number
-            ms = int((at_s - self._power_up_s) * 1000.0)
-            edge = LatchedEdge(at_s, number, level, self._levels, ms, counts, status)
-            event = self.wiring.event_at(change.time_s, number)
-            self.mounting.notes.edge(self.id, self._n_edges, edge, event)
-            self._n_edges += 1

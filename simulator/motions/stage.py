@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from pydantic import Field
 
 from traverse.arrays import Booleans, Floats
 from traverse.simulator.arm.inverse import Reach
@@ -16,13 +17,13 @@ from traverse.simulator.arm.trajectory import (
     spline_pieces,
 )
 from traverse.simulator.scenario.script import ScriptEvent
+from traverse.strict_toml.reader import StrictModel
 
 IsClear = Callable[[Floats, float], Booleans]
 N_DETOURS = 40
 
 
-@dataclass(frozen=True, slots=True)
-class Operator:
+class Operator(StrictModel):
     """How the arm is led.
 
     Attributes:
@@ -36,14 +37,14 @@ class Operator:
         tilt_rad: How far the shank may lean from the normal.
     """
 
-    move_s: float
-    approach_s: float
-    dwell_s: float
-    press_s: float
-    clearance_mm: float
-    switch_speed_mm_s: float
-    overtravel_mm: float
-    tilt_rad: float
+    move_s: float = Field(default=0.8, gt=0.0)
+    approach_s: float = Field(default=0.4, gt=0.0)
+    dwell_s: float = Field(default=0.3, gt=0.0)
+    press_s: float = Field(default=0.1, gt=0.0)
+    clearance_mm: float = Field(default=15.0, gt=0.0)
+    switch_speed_mm_s: float = Field(default=10.0, gt=0.0)
+    overtravel_mm: float = Field(default=1.0, gt=0.0)
+    tilt_rad: float = Field(default=1.2, gt=0.0, le=3.2)
 
 
 class UnreachableError(ValueError):

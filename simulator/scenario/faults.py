@@ -30,6 +30,11 @@ class Fault(KindTable):
         """Whether it is there at a time of the script."""
         return self.at_s <= script_s < self.at_s + self.duration_s
 
+    def strikes(self, script_s: float, channel: int | None) -> bool:
+        """Whether it lasts for a channel; None: for the device as a whole."""
+        own = getattr(self, "channel", None)
+        return self.lasts(script_s) and own in {None, channel}
+
 
 class LineFault(Fault):
     """Frames that are lost, corrupted, repeated, lack a byte, or follow on garbage.

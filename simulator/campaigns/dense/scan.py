@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
+from traverse.simulator.arm.truth import TrueArm, true_arm
 from traverse.simulator.campaigns.artefacts import Cone, Sphere
 from traverse.simulator.campaigns.campaign import StatedArtefact
 from traverse.simulator.campaigns.conditions import stream
@@ -79,7 +79,7 @@ def simulate_scan(arm: Arm, file: DenseFile, seed: int) -> DenseScan:
     bare = [joint.name for joint in arm.joints if joint.encoder is None]
     missing = Problem("arm", f"no encoder of {', '.join(bare)}; a scan needs counts")
     refused([*misfits(file, arm), *dense_misfits(file), *([missing] if bare else [])])
-    truth = true_arm(arm, Deviations(**file.deviations.model_dump()), seed)
+    truth = true_arm(arm, file.deviations, seed)
     limits_rad = travel_limits(truth.mechanism, file.travel)
     if file.limits_rad is not None:
         limits_rad = np.array(file.limits_rad, dtype=np.float64)

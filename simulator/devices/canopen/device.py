@@ -188,7 +188,9 @@ class CanOpenBus:
         script_s = self._mounting.clock.script_s(self._now_s)
         content = self._disturbed.disturb(data, script_s, channel)
         n_times = len(content) // max(1, len(data))
-        n_times *= 2 if self._lasts("duplicate", channel, script_s) else 1
+        begun = self._mounting.clock.begin_s is not None
+        doubled = begun and self._mounting.struck("duplicate", self._now_s, channel)
+        n_times *= 2 if doubled else 1
         late_s = self._disturbed.delay_s(script_s, channel)
         for _ in range(n_times):
             if late_s:
@@ -248,11 +250,3 @@ class CanOpenBus:
                     encoder.power_down()
                 else:
                     encoder.power_up()
-
-    def _lasts(self, kind: str, channel: int | None, script_s: float) -> bool:
-        return self._mounting.clock.begin_s is not None and any(
-            fault.kind == kind
-            and getattr(fault, "channel", None) in {None, channel}
-            and fault.lasts(script_s)
-            for fault in self._mounting.faults
-        )

@@ -1,6 +1,7 @@
 """A latching controller board on a pty: its keys, its port, its faults, its power."""
 
 import secrets
+from collections import Counter
 from dataclasses import asdict
 from typing import Any, ClassVar, Literal
 
@@ -76,12 +77,7 @@ class SimulatedLatchBoard:
         self.line = DisturbedLine(mounting.line_faults, mounting.seed[0])
         self._table, self._mounting = table, mounting
         self._clock = mounting.clock
-        self._sent_before = {
-            "samples": 0,
-            "tx_dropped": 0,
-            "rx_rejected": 0,
-            "edges": 0,
-        }
+        self._sent_before: Counter[str] = Counter()
         self.n_power_ups = 0
         self._drops = DropCounter(table.id, mounting.notes)
         self._lived_s = 0.0
@@ -186,10 +182,7 @@ class SimulatedLatchBoard:
             self.port.close()
             self.port = None
         elif not away and self.port is None:
-            self._sent_before = {
-                key: value + self._sent_before[key]
-                for key, value in self._counted().items()
-            }
+            self._sent_before.update(self._counted())
             self._power_up(now_s)
         return away
 

@@ -8,16 +8,16 @@ is the user's business that it describes the arm of the arm file.
 import struct
 import termios
 from collections.abc import Iterator, Sequence
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from traverse.arrays import Integers
 from traverse.plurals import counted
 from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.microscribe import box as wire
 from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
-from traverse.simulator.scenario.signals import InputChange, LatchedEdge
 from traverse.strict_toml.reader import StrictModel
 
 MOST_COUNTS = 16384
@@ -91,9 +91,8 @@ class MicroscribeTable(SerialTable):
     clock_error_ppm: float = Field(default=0.0, ge=-10_000.0, le=10_000.0)
     first_ticks: int = Field(default=0, ge=0, lt=MOST_COUNTS)
 
-    @property
-    def plate(self) -> wire.Nameplate:
-        """Stored identity of the box, without its encoders."""
+    def plate(self, moduli: Integers) -> wire.Nameplate:
+        """Stored identity of the box with encoders of so many counts."""
         beta = self.geometry is not None and self.geometry.beta is not None
         comment = f"{self.comment} Beta".strip() if beta else self.comment
         texts = {
@@ -110,7 +109,7 @@ class MicroscribeTable(SerialTable):
             {command: text.encode("latin-1") for command, text in texts.items()},
             b"" if self.geometry is None else self.geometry.block,
             self.home,
-            (),
+            tuple(int(m) - 1 for m in moduli),
         )
 
     def channel_problems(
@@ -135,19 +134,10 @@ class SimulatedMicroscribe(SerialDevice):
     """The arm."""
 
     def __init__(self, table: MicroscribeTable, mounting: DeviceContext) -> None:
-        moduli = mounting.encoders.moduli
-        self._moduli = moduli
-        plain = table.plate
-        self._plate = wire.Nameplate(
-            plain.hci,
-            plain.texts,
-            plain.geometry,
-            plain.home,
-            tuple(int(m) - 1 for m in moduli),
-        )
+        self._moduli = mounting.encoders.moduli
+        self._plate = table.plate(self._moduli)
         self._tick_rate_hz = table.timer_rate_hz * (1.0 + 1e-6 * table.clock_error_ppm)
         self._first_ticks = table.first_ticks
-        self._n_edges = 0
         super().__init__(table, mounting, [table.port], table.pedals)
 
     def power_up(self, now_s: float) -> None:
@@ -155,7 +145,7 @@ class SimulatedMicroscribe(SerialDevice):
         self._box = wire.HciBox(self._plate, self._state_at, self._go_home)
         self._power_up_s = now_s
         self._offsets = np.zeros_like(self._moduli)
-        self._levels = 0
+        self.levels = 0
         self._next_look_s = float("inf")
         self._sent: wire.State | None = None
 
@@ -166,7 +156,7 @@ class SimulatedMicroscribe(SerialDevice):
 
     def receive_byte(self, line: int, byte: int, at_s: float) -> None:
         """Answer, unless it is just losing power."""
-        if self.is_reset(at_s):
+        if self.mounting.struck("reset", at_s):
             return
         before = self._box.report
         baud_rate = BAUD_RATES.get(self._lines[0].host_speed, 0)
@@ -180,7 +170,7 @@ class SimulatedMicroscribe(SerialDevice):
 
     def advance(self, to_s: float) -> None:
         """Check whether something has moved, and report it."""
-        if self.is_reset(to_s):
+        if self.mounting.struck("reset", to_s):
             self.power_up(to_s)
         while (report := self._box.report) and (at_s := self._next_look_s) <= to_s:
             self._next_look_s = at_s + report.delay_s
@@ -192,10 +182,6 @@ class SimulatedMicroscribe(SerialDevice):
     def own_due_s(self) -> float:
         """The next look of a report."""
         return self._next_look_s
-
-    def totals(self) -> dict[str, Any]:
-        """Final counters, over all power-ups."""
-        return {**super().totals(), "edges": self._n_edges}
 
     def _has_changed(self, state: wire.State, report: wire.Report) -> bool:
         if self._sent is None:
@@ -227,23 +213,6 @@ class SimulatedMicroscribe(SerialDevice):
             self.mounting.notes.reading(self.id, channel, at_s, count, 0)
         seconds = at_s - self._power_up_s
         ticks = self._first_ticks + int(seconds * self._tick_rate_hz)
-        while (change := self.wiring.peek_change()) and change.time_s <= at_s:
-            self.wiring.take_change()
-            if not isinstance(change, InputChange):
-                continue
-            bit = 1 << change.input_number
-            self._levels = self._levels & ~bit | bit * change.level
-            edge = LatchedEdge(
-                at_s,
-                change.input_number,
-                change.level,
-                self._levels,
-                ticks,
-                counts.astype(np.uint32),
-                status[0],
-            )
-            event = self.wiring.event_at(change.time_s, change.input_number)
-            self.mounting.notes.edge(self.id, self._n_edges, edge, event)
-            self._n_edges += 1
+        self.report_edges(at_s, ticks, counts.astype(np.uint32), status[0])
         ticks %= wire.GREATEST_TIMER + 1
-        return wire.State(self._levels, ticks, tuple(counts.tolist()))
+        return wire.State(self.levels, ticks, tuple(counts.tolist()))
