@@ -168,6 +168,28 @@ class Cloud:
                 f"{shape}; measure points {remedy} too"
             )
 
+    def quality(
+        self, shape: str, design: Floats, known: Floats, squares_mm2: float
+    ) -> tuple[float, Precision]:
+        """Return the root mean square for each point, and the precision.
+
+        Args:
+            shape: What it is called.
+            design: (n_distances, n_freedoms).
+            known: Changes of the shape's parameters with its freedoms.
+            squares_mm2: Sum over the distances.
+        """
+        cofactors = known @ inverse_normal(design, shape) @ known.T
+        redundancy = design.shape[0] - design.shape[1]
+        precision = Precision(cofactors, redundancy, squares_mm2)
+        return float(np.sqrt(squares_mm2 / len(self.points))), precision
+
+
+def turned_positive(direction: Floats) -> Floats:
+    """Turn a direction (3,) round where its largest component is negative."""
+    turned: Floats = direction * np.sign(direction[np.argmax(np.abs(direction))])
+    return turned
+
 
 def checked_points(points_mm: Floats, at_least: int) -> Floats:
     """Return points (n_points, 3) as floats.

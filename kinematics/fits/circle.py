@@ -14,7 +14,7 @@ from traverse.kinematics.fits.adjustment import (
     Precision,
     adjusted,
     cloud_of,
-    inverse_normal,
+    turned_positive,
 )
 from traverse.kinematics.model.geometry import across
 
@@ -85,7 +85,7 @@ def fit_circle(points_mm: Floats) -> Circle:
 
     state = adjusted(_start(points, cloud.axes), linearised, _moved, "circle")
     distances, design = linearised(state)
-    normal = state.normal * np.sign(state.normal[np.argmax(np.abs(state.normal))])
+    normal = turned_positive(state.normal)
     known = np.zeros((7, 6))
     known[:3, :3], known[6, 5] = np.eye(3), 1.0
     # Of the state's normal: turned round, its changes are too.
@@ -93,15 +93,10 @@ def fit_circle(points_mm: Floats) -> Circle:
     known[3:6, 3:5] = turned * np.column_stack(across(state.normal))
     squares_mm2 = cloud.extent_mm**2 * float(distances @ distances)
     return Circle(
-        centre_mm=cloud.mean_mm + cloud.extent_mm * state.centre,
-        normal=normal,
-        radius_mm=cloud.extent_mm * state.radius,
-        rms_mm=float(np.sqrt(squares_mm2 / n_points)),
-        precision=Precision(
-            known @ inverse_normal(design, "circle") @ known.T,
-            2 * n_points - 6,
-            squares_mm2,
-        ),
+        cloud.mean_mm + cloud.extent_mm * state.centre,
+        normal,
+        cloud.extent_mm * state.radius,
+        *cloud.quality("circle", design, known, squares_mm2),
     )
 
 

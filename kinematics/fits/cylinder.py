@@ -18,7 +18,7 @@ from traverse.kinematics.fits.adjustment import (
     adjusted,
     cloud_of,
     frames_across,
-    inverse_normal,
+    turned_positive,
 )
 from traverse.kinematics.model.geometry import across
 
@@ -143,20 +143,15 @@ def _cylinder(
     cloud: Cloud, state: _State, distances: Floats, design: Floats
 ) -> Cylinder:
     first, second = across(state.axis)
-    axis = state.axis * np.sign(state.axis[np.argmax(np.abs(state.axis))])
+    axis = turned_positive(state.axis)
     known = np.zeros((7, 5))
     known[:3, 0], known[:3, 1], known[6, 4] = first, second, 1.0
     turned = np.sign(axis @ state.axis) / cloud.extent_mm
     known[3:6, 2], known[3:6, 3] = turned * first, turned * second
     squares_mm2 = cloud.extent_mm**2 * float(distances @ distances)
     return Cylinder(
-        point_mm=cloud.mean_mm + cloud.extent_mm * state.point,
-        axis=axis,
-        radius_mm=cloud.extent_mm * state.radius,
-        rms_mm=float(np.sqrt(squares_mm2 / len(distances))),
-        precision=Precision(
-            known @ inverse_normal(design, "cylinder") @ known.T,
-            len(distances) - 5,
-            squares_mm2,
-        ),
+        cloud.mean_mm + cloud.extent_mm * state.point,
+        axis,
+        cloud.extent_mm * state.radius,
+        *cloud.quality("cylinder", design, known, squares_mm2),
     )

@@ -1,10 +1,10 @@
-"""The smallest sphere around points, exactly, with the points that hold it.
+"""Points that should coincide: their spread, and the smallest sphere around them.
 
-It is the circumscribed sphere of 1 to 4 of the points, its supports, in whose convex
-hull its centre lies. From the supports so far and the farthest point outside, at
-most five, the smallest sphere of these is found by trying all their subsets; its radius
-grows in every round, so there is an end. Fewer supports are preferred where several
-subsets give the same sphere.
+The smallest sphere is the circumscribed one of 1 to 4 of the points, its supports, in
+whose convex hull its centre lies. From the supports so far and the farthest point
+outside, at most five, the smallest sphere of these is found by trying all their
+subsets; its radius grows in every round, so there is an end. Fewer supports are
+preferred where several subsets give the same sphere.
 """
 
 from dataclasses import dataclass
@@ -103,3 +103,27 @@ def _circumscribed(points: Floats) -> tuple[Floats, float] | None:
         return None  # a smaller sphere encloses them, or a part of them
     from_first = weights @ edges
     return points[0] + from_first, float(np.linalg.norm(from_first))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spread:
+    """Spread of points that should coincide, about their mean.
+
+    Attributes:
+        mean_mm: (3,).
+        max_deviation_mm: Largest distance from the mean.
+        rms_mm: Root mean square of the distances from the mean.
+    """
+
+    mean_mm: Floats
+    max_deviation_mm: float
+    rms_mm: float
+
+
+def spread_about_mean(points_mm: Floats) -> Spread:
+    """Return how points that should coincide do: (n_points, 3), at least one."""
+    points_mm = checked_points(points_mm, at_least=1)
+    mean_mm = points_mm.mean(axis=0)
+    distances_mm = np.linalg.norm(points_mm - mean_mm, axis=1)
+    rms_mm = float(np.sqrt(np.mean(np.square(distances_mm))))
+    return Spread(mean_mm, float(distances_mm.max()), rms_mm)

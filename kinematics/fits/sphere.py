@@ -13,7 +13,6 @@ from traverse.kinematics.fits.adjustment import (
     Precision,
     adjusted,
     cloud_of,
-    inverse_normal,
 )
 
 _State = tuple[Floats, float]
@@ -89,14 +88,9 @@ def _fit(points_mm: Floats, radius_mm: float | None) -> Sphere:
     distances, design = linearised(state)
     squares_mm2 = cloud.extent_mm**2 * float(distances @ distances)
     return Sphere(
-        centre_mm=cloud.mean_mm + cloud.extent_mm * state[0],
-        radius_mm=cloud.extent_mm * state[1],
-        rms_mm=float(np.sqrt(squares_mm2 / len(distances))),
-        precision=Precision(
-            inverse_normal(design, "sphere"),
-            len(distances) - design.shape[1],
-            squares_mm2,
-        ),
+        cloud.mean_mm + cloud.extent_mm * state[0],
+        cloud.extent_mm * state[1],
+        *cloud.quality("sphere", design, np.eye(design.shape[1]), squares_mm2),
     )
 
 
