@@ -405,8 +405,8 @@ class Measurement(MeasurementContext):
         self.points.settle()
 
     def _take_assembled(self, now_ns: int | None = None) -> None:
-        for assembled in self.resampler.resampled(now_ns):
-            self._measure(assembled.samples, assembled.error_bounds_counts)
+        for samples, error_bounds_counts in self.resampler.resampled(now_ns):
+            self._measure(samples, error_bounds_counts)
 
     def _measure(
         self, samples: CountSamples, error_bounds_counts: Floats | None

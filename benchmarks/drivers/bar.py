@@ -213,7 +213,7 @@ def points_of(
             case CountSamples():
                 assembly.record(delivery)
         while len(found) < len(edges) and (made := assembly.at(*edges[len(found)])):
-            found.append(made.counts)
+            found.append(made)
     n_whole = sum(not (counts.status & STATUS_MISSING).any() for counts in found)
     if n_whole < len(stage.presses_s):
         raise RuntimeError(

@@ -93,15 +93,15 @@ def errors(arm: Moving, deliveries: list[Delivery], first_ns: int) -> Errors:
             case CountSamples():
                 judge("as read", replace(delivery, skew_ns=None))
                 assembly.add(delivery, delivery.received_ns)
-                for made in assembly.resampled(delivery.received_ns):
-                    poses = judge("interpolated", made.samples)
-                    skew.flag_block(arm.model, poses, made.error_bounds_counts)
-                    made_s = np.float64(1e-9) * (made.samples.sample_time_ns - first_ns)
+                for made, bounds in assembly.resampled(delivery.received_ns):
+                    poses = judge("interpolated", made)
+                    skew.flag_block(arm.model, poses, bounds)
+                    made_s = np.float64(1e-9) * (made.sample_time_ns - first_ns)
                     readings_rad = arm.course.readings_rad(made_s)
                     noise = np.random.default_rng(0)
                     counts = arm.mounting.encoders.counts(readings_rad, noise)
                     latched = replace(
-                        made.samples, counts=counts.astype(np.uint32), fractions=None
+                        made, counts=counts.astype(np.uint32), fractions=None
                     )
                     judge("latched", latched)
     all_mm = {name: np.concatenate(off_mm[name]) for name in WAYS}

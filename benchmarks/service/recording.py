@@ -167,8 +167,8 @@ def cost(seconds: float) -> Cost:
         meter.dropped,
         sum(one["gaps"] for one in recorded),
         (as_they_were, in_thousands),
-        result.scans.n,
-        result.scans.same,
+        result.scans.tally.n,
+        result.scans.tally.same,
     )
 
 

@@ -9,22 +9,26 @@ from traverse.plurals import counted
 
 def report_of(about: Mapping[str, str], result: ReplayResult) -> str:
     """All figures as one JSON object."""
+    points, scans = result.points, result.scans
     table = {
         "schema": "traverse/replay/1",
         "about": dict(about),
         "holds": result.holds,
         "kernel": {"then": result.kernel_then, "now": result.kernel_now},
-        "points": _table(result.points),
-        "early_points": _table(result.early),
-        "scan_points": _table(result.scans),
-        "missing": {"points": result.missing, "scan_points": result.missing_scan},
-        "new_points": result.new,
-        "not_kept": result.not_kept,
-        "excused": result.excused,
-        "left_out_scan_points": result.left_out,
+        "points": _table(points.sure),
+        "early_points": _table(points.early),
+        "scan_points": _table(scans.tally),
+        "missing": {
+            "points": points.missing,
+            "scan_points": scans.missing,
+        },
+        "new_points": points.new,
+        "not_kept": points.not_kept,
+        "excused": points.excused,
+        "left_out_scan_points": scans.left_out,
         "samples": result.samples,
         "gaps": result.gaps,
-        "tolerance_mm": result.tolerance_mm,
+        "tolerance_mm": points.tolerance_mm,
         "tear": result.tear,
     }
     return json.dumps(table, indent=2)
@@ -32,6 +36,7 @@ def report_of(about: Mapping[str, str], result: ReplayResult) -> str:
 
 def report_text(about: Mapping[str, str], result: ReplayResult) -> str:
     """A few lines."""
+    points, scans = result.points, result.scans
     is_same = result.kernel_then == result.kernel_now
     kernel = result.kernel_now
     if not is_same:
@@ -41,34 +46,32 @@ def report_text(about: Mapping[str, str], result: ReplayResult) -> str:
         )
     lines = [
         f"arm {about.get('arm')}, {counted(result.samples, 'sample')}, kernel {kernel}",
-        *_lines("points", result.points, result, is_same=is_same),
-        *_lines("points of scans", result.scans, result, is_same=is_same),
+        *_lines("points", points.sure, result, is_same=is_same),
+        *_lines("points of scans", scans.tally, result, is_same=is_same),
     ]
-    early, told = result.early, []
+    early, told = points.early, []
     if early.n:
         lines.append(
             f"first seconds of a recording that began in the middle, not judged: "
             f"{early.same} of {counted(early.n, 'point')} the same"
         )
-    if result.excused:
+    if points.excused:
         lines.append(
-            f"{counted(result.excused, 'interpolated point')}: another covariance, as "
-            "blocks are "
-            "cut otherwise"
+            f"{counted(points.excused, 'interpolated point')}: another covariance, as "
+            "blocks are cut otherwise"
         )
-    if result.left_out:
-        said = counted(result.left_out, "point")
+    if scans.left_out:
+        said = counted(scans.left_out, "point")
         lines.append(f"{said} of scans begun before: not compared")
-    if result.missing or result.missing_scan:
+    if points.missing or scans.missing:
         told.append(
-            f"missing: {counted(result.missing, 'point')}, "
-            f"{counted(result.missing_scan, 'point')} of scans"
+            f"missing: {counted(points.missing, 'point')}, "
+            f"{counted(scans.missing, 'point')} of scans"
         )
-    if result.new:
+    if points.new:
         told.append(
-            f"{counted(result.new, 'point')} more than published ({result.not_kept} "
-            "could "
-            "not be kept then)"
+            f"{counted(points.new, 'point')} more than published ({points.not_kept} "
+            "could not be kept then)"
         )
     if result.gaps:
         told.append(f"{counted(result.gaps, 'gap')}: the disk did not keep up then")
@@ -91,7 +94,7 @@ def _lines(
     if not is_same:
         lines.append(
             f"{tally.within} of {tally.n} within 4 ulp of the reach, "
-            f"{result.tolerance_mm:.3g} mm"
+            f"{result.points.tolerance_mm:.3g} mm"
         )
     if tally.differing and is_same:
         fields = ", ".join(f"{name} {n}" for name, n in tally.differing.most_common())

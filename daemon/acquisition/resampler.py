@@ -21,7 +21,7 @@ from traverse.daemon.acquisition.interpolation import Interpolated
 from traverse.daemon.acquisition.joint_stream import NEVER_NS, JointStream
 from traverse.daemon.config.schema import AssemblySection
 from traverse.daemon.pose.arm_model import ArmModel
-from traverse.daemon.pose.poses import JointCounts, ResampledBlock, ResampledCounts
+from traverse.daemon.pose.poses import JointCounts
 from traverse.drivers.base.values import (
     STATUS_LATE,
     STATUS_MISSING,
@@ -29,6 +29,11 @@ from traverse.drivers.base.values import (
     Identity,
     LatchedCounts,
 )
+
+ResampledSamples = tuple[CountSamples, Floats]
+"""Samples of the whole arm, whose channels are the joints, interpolated to common
+instants; (n, n_joints, 2) how far each count may be off for that, see `Interpolated`.
+"""
 
 
 class Resampler:
@@ -102,9 +107,9 @@ class Resampler:
         if samples.device == self.clock:
             self._waiting.append((samples, now_ns + self._wait_ns))
 
-    def resampled(self, now_ns: int | None = None) -> list[ResampledBlock]:
+    def resampled(self, now_ns: int | None = None) -> list[ResampledSamples]:
         """All samples that are complete, or have waited long enough by some time."""
-        made: list[ResampledBlock | None] = []
+        made: list[ResampledSamples | None] = []
         while self._waiting:
             block, deadline_ns = self._waiting[0]
             n = len(block.seq)
@@ -120,9 +125,7 @@ class Resampler:
             self._waiting.popleft()
         return [one for one in made if one is not None]
 
-    def at(
-        self, instant_ns: int, latch: LatchedCounts | None
-    ) -> ResampledCounts | None:
+    def at(self, instant_ns: int, latch: LatchedCounts | None) -> JointCounts | None:
         """The arm at a host monotonic time; None while readings after it are missing.
 
         The latch is what one device has latched at that very instant.
@@ -137,8 +140,8 @@ class Resampler:
             else:
                 return None
         counts, fractions, status, error_bounds = self._concatenate(found)
-        return ResampledCounts(
-            JointCounts(instant_ns, counts[0], status[0], fractions[0]), error_bounds[0]
+        return JointCounts(
+            instant_ns, counts[0], status[0], fractions[0], error_bounds[0]
         )
 
     def missing_reason(self, instant_ns: int, latch: LatchedCounts | None) -> str:
@@ -160,7 +163,7 @@ class Resampler:
         awaited = [s.history.reach_ns for s in sources if not s.lost]
         return min(awaited, default=NEVER_NS)
 
-    def _resample(self, block: CountSamples) -> ResampledBlock | None:
+    def _resample(self, block: CountSamples) -> ResampledSamples | None:
         """Samples of the whole arm at the instants of a block of the clock device."""
         begin_ns = max(s.history.begin_ns for s in self._sources.values())
         known = block.sample_time_ns >= begin_ns
@@ -185,10 +188,10 @@ class Resampler:
             block, counts=counts, status=status, skew_ns=None, fractions=fractions
         )
         if passed.all():
-            return ResampledBlock(samples, error_bounds)
+            return samples, error_bounds
         if not passed.any():
             return None
-        return ResampledBlock(samples.rows(passed), error_bounds[passed])
+        return samples.rows(passed), error_bounds[passed]
 
     def _concatenate(
         self, found: Mapping[str, Interpolated]

@@ -279,11 +279,8 @@ class PointEvaluator:
         # happen to have arrived already: a replay finds the same, however it is cut.
         if found is None or (is_waiting and not stage.trajectory.covers(instant_ns)):
             return None
-        pose = stage.pipeline.pose_at(found.counts, temperature_c)
-        pose = replace(pose, error_bounds_counts=found.error_bounds_counts)
-        return stage.skew.with_flags(
-            stage.pipeline.model, pose, found.error_bounds_counts
-        )
+        pose = stage.pipeline.pose_at(found, temperature_c)
+        return stage.skew.with_flags(stage.pipeline.model, pose)
 
     def _is_whole(self, latch: LatchedCounts) -> bool:
         """The one device that reads all joints has latched them."""

@@ -137,7 +137,6 @@ class Pipeline:
             counts = self._unwrapper.with_turns_near_zero(counts, joints)
         angles_rad = counts_to_angles(model.encoders, counts)
         if samples.fractions is not None:
-            angles_rad = counts_to_angles(model.encoders, counts)
             angles_rad += samples.fractions * model.per_count_rad
         xyz_mm, ijk, quality = self._corrected(
             *self._covariates.block(
@@ -193,6 +192,7 @@ class Pipeline:
             ijk[0],
             int(quality[0]),
             block,
+            latched.error_bounds_counts,
         )
 
     def block_at(

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.arrays import Booleans, Floats, Integers
-from traverse.drivers.base.values import CountSamples
 from traverse.kinematics.effects.base.block import Block
 
 
@@ -19,34 +18,15 @@ class JointCounts:
         counts: (n_joints,) uint32, each within its turn.
         status: (n_joints,) uint8.
         fractions: (n_joints,) to be added to the counts; None for 0.
+        error_bounds_counts: (n_joints, 2) how far each count may be off for the
+            interpolation, see `Interpolated`; None where there was none.
     """
 
     sample_time_ns: int
     counts: NDArray[np.uint32]
     status: NDArray[np.uint8]
     fractions: Floats | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ResampledBlock:
-    """Samples of the whole arm.
-
-    Attributes:
-        samples: their channels are the joints, interpolated to common instants.
-        error_bounds_counts: (n, n_joints, 2) how far each count may be off for
-            that, see `Interpolated`.
-    """
-
-    samples: CountSamples
-    error_bounds_counts: Floats
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ResampledCounts:
-    """One instant of the whole arm, as `ResampledBlock`; error bounds (n_joints, 2)."""
-
-    counts: JointCounts
-    error_bounds_counts: Floats
+    error_bounds_counts: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

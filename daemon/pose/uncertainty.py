@@ -62,12 +62,13 @@ class SkewMonitor:
         self._record(float(errors_mm.max()))
         poses.quality[errors_mm > self._limit_mm] |= np.uint32(QualityFlag.SKEW)
 
-    def with_flags(
-        self, model: ArmModel, pose: LatchedPose, error_bounds_counts: Floats
-    ) -> LatchedPose:
-        """A pose, flagged by the error bounds (n_joints, 2) of its counts."""
+    def with_flags(self, model: ArmModel, pose: LatchedPose) -> LatchedPose:
+        """A pose, flagged by the error bounds of its counts."""
+        if pose.error_bounds_counts is None:
+            return pose
         levers_mm = _levers_mm(model, pose.angles_rad)
-        error_mm = float(_errors_mm(error_bounds_counts[np.newaxis], levers_mm)[0])
+        bounds_counts = pose.error_bounds_counts[np.newaxis]
+        error_mm = float(_errors_mm(bounds_counts, levers_mm)[0])
         self._record(error_mm)
         if error_mm <= self._limit_mm:
             return pose

@@ -135,7 +135,7 @@ class ScanComparison:
         self._then: dict[str, list[NDArray[np.void]]] = defaultdict(list)
         self._now: dict[str, list[Scan]] = defaultdict(list)
         self._begun: set[str] = set()
-        self.left_out = 0
+        self.left_out = self.missing = 0
 
     def was(self, scan: str, cloud: NDArray[np.void]) -> None:
         """These points were published then."""
@@ -153,9 +153,8 @@ class ScanComparison:
         """Something is missing here: scans do not continue as recorded."""
         self._begun.clear()
 
-    def settle(self) -> int:
+    def settle(self) -> None:
         """Compare all; gives how many points of then the replay lacks."""
-        missing = 0
         for name, clouds in self._then.items():
             then = np.concatenate(clouds)
             if name not in self._begun:
@@ -164,15 +163,14 @@ class ScanComparison:
             now = self._now.get(name, [])
             numbers = [np.arange(s.seq, s.seq + len(s.xyz_mm)) for s in now]
             if not sum(map(len, numbers)):
-                missing += len(then)
+                self.missing += len(then)
                 continue
             found = np.concatenate(numbers)
             rows = np.searchsorted(found, then["number"])
             rows_in = np.minimum(rows, len(found) - 1)
             is_there = found[rows_in] == then["number"]
-            missing += int((~is_there).sum())
+            self.missing += int((~is_there).sum())
             self._compare(then[is_there], now, rows_in[is_there])
-        return missing
 
     def _compare(self, then: NDArray[np.void], now: list[Scan], rows: Indices) -> None:
         xyz_mm = np.concatenate([s.xyz_mm for s in now])[rows]
@@ -234,44 +232,24 @@ class ReplayResult:
     """Results of a replay.
 
     Attributes:
-        points: that do not depend on the time before the recording.
-        early: of the first seconds of a recording that began in the middle.
-        scans: points of scans that are in the recording from their beginning.
-        missing, missing_scan: published then, not given by the replay.
-        left_out: points of scans that had begun before the recording.
-        new: given by the replay, not published then.
-        not_kept: refused by the disk then.
-        excused: see `traverse.daemon.replay.compare.PointComparison`.
         samples: sets of counts that were replayed.
         gaps: how often something is missing in the recording.
         kernel_then, kernel_now: what computed.
-        tolerance_mm: by which another kernel may differ.
         tear: where the file ends before its end, or None.
     """
 
-    points: Tally
-    early: Tally
-    scans: Tally
-    missing: int
-    missing_scan: int
-    left_out: int
-    new: int
-    not_kept: int
-    excused: int
+    points: PointComparison
+    scans: ScanComparison
     samples: int
     gaps: int
     kernel_then: str
     kernel_now: str
-    tolerance_mm: float
     tear: str | None
 
     @property
     def holds(self) -> bool:
         """The claim: the same bits with the same kernel, else within the tolerance."""
-        is_same_kernel = self.kernel_then == self.kernel_now
-        compared = (self.points, self.scans)
-        if is_same_kernel:
-            agree = all(tally.same == tally.n for tally in compared)
-        else:
-            agree = all(tally.within == tally.n for tally in compared)
-        return agree and not self.missing and not self.missing_scan
+        tally_name = "same" if self.kernel_then == self.kernel_now else "within"
+        tallies = (self.points.sure, self.scans.tally)
+        agree = all(getattr(tally, tally_name) == tally.n for tally in tallies)
+        return agree and not self.points.missing and not self.scans.missing

@@ -161,23 +161,10 @@ class Replay:
         if points is None or scans is None:
             tear = f" ({self.reader.tear})" if self.reader.tear else ""
             raise ValueError(f"{self.reader.path}: no state to begin with{tear}")
-        missing_scan = scans.settle()
+        scans.settle()
+        then = self.reader.about.get("kernel", "?")
         return ReplayResult(
-            points=points.sure,
-            early=points.early,
-            scans=scans.tally,
-            missing=points.missing,
-            missing_scan=missing_scan,
-            left_out=scans.left_out,
-            new=points.new,
-            not_kept=points.not_kept,
-            excused=points.excused,
-            samples=self._samples,
-            gaps=self._gaps,
-            kernel_then=self.reader.about.get("kernel", "?"),
-            kernel_now=KERNEL,
-            tolerance_mm=points.tolerance_mm,
-            tear=self.reader.tear,
+            points, scans, self._samples, self._gaps, then, KERNEL, self.reader.tear
         )
 
     def _take(self, entry: Entry) -> None:

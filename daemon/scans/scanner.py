@@ -14,7 +14,6 @@ from traverse.daemon.config.schema import ScanSection
 from traverse.daemon.pose.alignment import ActiveAlignment, Alignment
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.poses import PoseBlock
-from traverse.daemon.scans.messages import ScanMessages, empty_block
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.daemon.scans.selection import ButtonGate, ButtonKey, ScanSelection
 from traverse.kinematics.filters import PointBlock
@@ -79,14 +78,14 @@ class Scanner:
     def start(self, plan: ScanPlan, model: ArmModel, session: str) -> None:
         """Begin; points start when the device streams at the plan's rate."""
         self.stream_started.clear()
-        self.plan = plan
+        self.plan = self._plan = plan
         self.session = session
         self._model = model
         self._alignment = self._part.alignment
         self._selection = ScanSelection(
             plan, self.chain, self._gate if plan.held else None
         )
-        self._messages = ScanMessages(self._clock, plan, session)
+        self._next = self._lost = self._dropped = 0
         self._stream: int | None = None
         self._offset = 0
         self._last: tuple[int, int] | None = None
@@ -147,14 +146,14 @@ class Scanner:
         self._decide(None)
         self._flush(last=True)
         self.plan = None
-        return self._messages.next
+        return self._next
 
     def _drop_published(self, scan: str, n: int) -> None:
         """So many points of a scan that had been handed on are dropped after all."""
         self.published_points -= n
         self.dropped_points += n
         if self.plan is not None and self.plan.id == scan:
-            self._messages.dropped += n
+            self._dropped += n
 
     def _instants(self, plan: ScanPlan, poses: PoseBlock) -> PointBlock:
         """The samples that may be points, numbered from the scan's start."""
@@ -226,21 +225,66 @@ class Scanner:
                 final = last and end == bounds[-1]
                 self._publish(points.rows(slice(start, end)), last=final)
         elif last:
-            self._publish(None, last=True)
-
-    def _publish(self, points: PointBlock | None, *, last: bool) -> None:
-        if points is None:
             last_ns = self._last[1] if self._last else self._clock.monotonic_ns()
-            points = empty_block(self._model.encoders.n_joints, last_ns)
-        message = self._messages.message(
-            self._model,
-            self._alignment,
-            points,
-            total=self._selection.next_number if last else None,
-        )
+            self._publish(
+                _empty_block(self._model.encoders.n_joints, last_ns), last=True
+            )
+
+    def _publish(self, points: PointBlock, *, last: bool) -> None:
+        message = self._message(points, self._selection.next_number if last else None)
         n = len(points)
         if self._offer(message, lambda: self._drop_published(message.scan, n)):
             self.published_points += n
         else:
-            self._messages.dropped += n
+            self._dropped += n
             self.dropped_points += n
+
+    def _message(self, points: PointBlock, total: int | None) -> Scan:
+        """The next one, of consecutive points; at the end perhaps of `_empty_block`.
+
+        The last one has the total of the scan's points, lost and dropped included.
+        """
+        model, alignment, n = self._model, self._alignment, len(points)
+        mode = self._plan.mode
+        first = int(points.seq[0]) if n else self._next
+        end = max(first + n, total or 0)
+        self._lost += first - self._next + end - (first + n)
+        self._next = end
+        begin_ns = int(points.time_ns[0])
+        return Scan(
+            session=self.session,
+            scan=self._plan.id,
+            seq=first,
+            arm=model.name,
+            model=model.digest,
+            mode=mode,
+            rate_hz=self._plan.rate_hz if mode == "time" else None,
+            probe_radius_mm=model.probe_radius_mm,
+            time_ns=self._clock.to_utc_ns(begin_ns),
+            dtime_ns=np.maximum.accumulate(points.time_ns[:n] - begin_ns),
+            xyz_mm=points.xyz_mm,
+            ijk=points.ijk,
+            angles_rad=points.angles_rad,
+            counts=points.counts,
+            part_xyz_mm=None
+            if alignment is None
+            else alignment.transform_mm(points.xyz_mm),
+            quality=points.quality,
+            dropped=self._dropped,
+            lost=self._lost,
+            last=total is not None,
+            total=total,
+        )
+
+
+def _empty_block(n_joints: int, time_ns: int) -> PointBlock:
+    """A time without a point."""
+    return PointBlock(
+        np.zeros(0, np.int64),
+        np.array([time_ns], dtype=np.int64),
+        np.zeros((0, 3)),
+        np.zeros((0, 3)),
+        np.zeros((0, n_joints)),
+        np.zeros((0, n_joints), np.int64),
+        np.zeros(0, np.uint32),
+    )

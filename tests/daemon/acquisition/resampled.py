@@ -10,13 +10,13 @@ MUCH_LATER = BEGIN_NS + 10**12
 
 def joined(made):
     """Numbers, instants, counts over all turns, status and doubts of all samples."""
-    seq = np.concatenate([one.samples.seq for one in made])
-    times_ns = np.concatenate([one.samples.sample_time_ns for one in made])
+    seq = np.concatenate([samples.seq for samples, _ in made])
+    times_ns = np.concatenate([samples.sample_time_ns for samples, _ in made])
     counts = np.concatenate(
-        [one.samples.counts.astype(float) + one.samples.fractions for one in made]
+        [samples.counts.astype(float) + samples.fractions for samples, _ in made]
     )
-    status = np.concatenate([one.samples.status for one in made])
-    doubts = np.concatenate([one.error_bounds_counts[:, :, 0] for one in made])
+    status = np.concatenate([samples.status for samples, _ in made])
+    doubts = np.concatenate([bounds[:, :, 0] for _, bounds in made])
     return seq, times_ns, counts, status, doubts
 
 

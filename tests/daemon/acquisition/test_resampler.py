@@ -113,7 +113,7 @@ def test_stamps_that_may_be_off_count_by_the_speed(tmp_path):
     assembly.add(base().samples(range(100)), AT_ONCE)
     made = assembly.resampled()
     _, times_ns, _, _, _ = joined(made)
-    found = np.concatenate([one.error_bounds_counts[:, :, 1] for one in made])
+    found = np.concatenate([bounds[:, :, 1] for _, bounds in made])
     before, after = true_counts(times_ns - 100_000), true_counts(times_ns + 100_000)
     expected = np.abs(after - before)[:, 2]
     inside = found[:, 2] > 0.0  # not where a reading fell on the very instant
@@ -158,7 +158,7 @@ def test_a_single_instant_takes_what_was_latched_and_interpolates_the_rest(tmp_p
         == "no readings of wrist arrived after it"
     )
     assembly.add(wrist().samples(range(20, 40)), AT_ONCE)
-    found = assembly.at(instant_ns, latch).counts
+    found = assembly.at(instant_ns, latch)
     assert found.status.tolist() == [0, 0, STATUS_INTERPOLATED]
     counts = (found.counts + found.fractions)[np.newaxis]
     true = true_counts(np.array([instant_ns]))
@@ -169,7 +169,7 @@ def test_a_single_instant_takes_what_was_latched_and_interpolates_the_rest(tmp_p
     # At the edge of a device without joints all of them are interpolated.
     foreign = LatchedCounts("handle", 0, True, 0, 0, 0, instant_ns, (), ())
     for none in (foreign, None):
-        bits = assembly.at(instant_ns, none).counts.status
+        bits = assembly.at(instant_ns, none).status
         assert bits.tolist() == [STATUS_INTERPOLATED] * 3
 
 

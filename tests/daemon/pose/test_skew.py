@@ -1,5 +1,7 @@
 """The error left by reading joints at different instants, in millimetres."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -50,11 +52,11 @@ def test_motion_adds_up_and_instants_add_as_squares(model):
 
 def test_a_single_pose_is_flagged_beyond_the_limit_and_not_otherwise(model):
     counts = JointCounts(0, np.array([5, 6, 7], np.uint32), np.zeros(3, np.uint8))
+    counts = replace(counts, error_bounds_counts=np.full((3, 2), 50.0))
     pose = Pipeline(model, SetClock()).pose_at(counts)
-    doubts = np.full((3, 2), 50.0)
     watch = SkewMonitor(1e-9)
-    marked = watch.with_flags(model, pose, doubts)
+    marked = watch.with_flags(model, pose)
     assert marked.quality == pose.quality | QualityFlag.SKEW
     largest_mm = watch.pop_largest_mm()
-    assert SkewMonitor(1.01 * largest_mm).with_flags(model, pose, doubts) is pose
+    assert SkewMonitor(1.01 * largest_mm).with_flags(model, pose) is pose
     assert watch.pop_largest_mm() is None

@@ -90,17 +90,21 @@ def test_points_and_scans_are_the_same(tmp_path, two, method):
     for block in (None, 1) if two else BLOCKS:
         result, points = replayed(first, block)
         assert result.holds
-        assert result.points.same == result.points.n == n
-        assert result.scans.same == result.scans.n > 30
-        assert (result.early.n, result.missing, result.new) == (0, 0, 0)
+        assert result.points.sure.same == result.points.sure.n == n
+        assert result.scans.tally.same == result.scans.tally.n > 30
+        assert (result.points.early.n, result.points.missing, result.points.new) == (
+            0,
+            0,
+            0,
+        )
         assert result.tear is None
         if block is None:
             assert [told(p) for p in points] == [told(p) for p in run.points[:n]]
     for block in (None,) if two else BLOCKS:
         result, points = replayed(second, block)
         assert result.holds
-        assert result.points.same == result.points.n >= 5
-        assert result.left_out == 0
+        assert result.points.sure.same == result.points.sure.n >= 5
+        assert result.scans.left_out == 0
         assert len(points) >= 9
 
 
@@ -198,9 +202,9 @@ def test_one_count_more_is_found(tmp_path):
 
     result, _ = replayed(altered(first, alter))
     assert not result.holds
-    assert result.points.same == result.points.n - 1
-    assert 0.0 < result.points.largest_mm < 0.1
-    assert "xyz_mm" in result.points.differing
+    assert result.points.sure.same == result.points.sure.n - 1
+    assert 0.0 < result.points.sure.largest_mm < 0.1
+    assert "xyz_mm" in result.points.sure.differing
 
 
 def test_a_missing_point_and_a_missing_edge_are_found(tmp_path):
@@ -210,14 +214,14 @@ def test_a_missing_point_and_a_missing_edge_are_found(tmp_path):
         first, lambda e: [] if e.topic == "point" and next(points) == 3 else [e]
     )
     result, _ = replayed(without_point)
-    assert (result.new, result.missing, result.holds) == (1, 0, True)
+    assert (result.points.new, result.points.missing, result.holds) == (1, 0, True)
     edges = iter(range(100))
     without_edge = altered(
         first,
         lambda e: [] if e.topic == "device/base/latch" and next(edges) == 4 else [e],
     )
     result, _ = replayed(without_edge)
-    assert result.missing == 1
+    assert result.points.missing == 1
     assert not result.holds
 
 
@@ -231,7 +235,7 @@ def test_another_kernel_may_differ_by_a_little(tmp_path):
                 writer.add(entry)
     result, _ = replayed(path)
     assert result.kernel_then == "another"
-    assert result.points.within == result.points.n
+    assert result.points.sure.within == result.points.sure.n
     assert result.holds
     # A reach of 0.8 m is known to 2^-43 mm or so.
     assert result.tolerance_mm == 4 * 2.0**-43
