@@ -157,8 +157,8 @@ def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, An
     Raises:
         DeviceError: none.
     """
-    from traverse.drivers.amt21.line import TimedValue  # noqa: PLC0415
     from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
+    from traverse.drivers.polling.channel import EncoderReading  # noqa: PLC0415
     from traverse.protocol.amt21 import (  # noqa: PLC0415
         position_request,
         turns_of,
@@ -176,8 +176,8 @@ def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, An
             {
                 "address": address,
                 "position": position,
-                "turns": turns_of(turns.value)
-                if isinstance(turns, TimedValue)
+                "turns": turns_of(turns.count)
+                if isinstance(turns, EncoderReading)
                 else None,
             }
         )
@@ -190,7 +190,7 @@ def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, An
 
 
 def _value(line: "Amt21Line", request: bytes) -> int | None:
-    from traverse.drivers.amt21.line import TimedValue  # noqa: PLC0415
+    from traverse.drivers.polling.channel import EncoderReading  # noqa: PLC0415
 
     answers = (line.ask(request) for _ in range(TRIES))
-    return next((a.value for a in answers if isinstance(a, TimedValue)), None)
+    return next((a.count for a in answers if isinstance(a, EncoderReading)), None)

@@ -41,7 +41,6 @@ SUMMED = (
     "frames_rejected",
 )
 RATES = ("samples_received", "points_captured", "scan_points_published")
-QUEUED = ("point", "event", "resend", "spooled", "scan")
 
 
 def status_message(
@@ -176,20 +175,6 @@ def _resident_bytes() -> int:
     except (OSError, IndexError, ValueError):
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     return pages * resource.getpagesize()
-
-
-def broker_health(connection: BrokerConnection, queue: OutgoingQueue) -> BrokerHealth:
-    """How the connection is, and what waits for it."""
-    return BrokerHealth(
-        state=connection.state,
-        host=connection.address.host,
-        port=connection.address.tcp_port,
-        reconnects=connection.reconnects,
-        queued=sum(queue.waiting(kind) for kind in QUEUED),
-        queue_limit=queue.limit,
-        unacknowledged=queue.waiting("point"),
-        dropped=sum(queue.dropped[kind] for kind in ("event", "scan", "reply")),
-    )
 
 
 def health_counters(

@@ -42,7 +42,6 @@ from traverse.daemon.recorder.recorded_inputs import recorded_files
 from traverse.daemon.recorder.recorder import Recorder, StepRecorder
 from traverse.daemon.reports import (
     HealthReporter,
-    broker_health,
     health_counters,
     status_message,
 )
@@ -269,7 +268,7 @@ class Service:
         queue, connection = self.queue, self.connection
         return self.health.message(
             self.measurement,
-            broker=broker_health(connection, queue),
+            broker=connection.health(),
             outbox=self.outbox.health(),
             spool=self.spool.health(),
             recording=self.recorder.health(),

@@ -5,17 +5,20 @@
 say more.
 """
 
-import json
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
 
 from traverse.recording.maps import bytes_to_map
 from traverse.recording.values import TIMES, Conditions, Samples, Touching
+from traverse.strict_toml.problems import problem_from_error
 
 SCHEMA = "traverse/recording/1"
 TOPICS = ("samples", "touching", "conditions")
+_TOUCHING, _CONDITIONS = TypeAdapter(Touching), TypeAdapter(Conditions)
+T = TypeVar("T")
 
 
 def bytes_to_samples(content: bytes, n_joints: int) -> Samples:
@@ -48,13 +51,7 @@ def bytes_to_touching(content: bytes) -> Touching:
     Raises:
         ValueError: It is none; what was found and what was expected.
     """
-    table, at_ns = _json_table("touching", content)
-    artefact, feature = table.get("artefact"), table.get("feature")
-    if not isinstance(artefact, str | None):
-        raise ValueError(f"touching: artefact is {artefact!r}, expected a name or null")
-    if not isinstance(feature, str):
-        raise ValueError(f"touching: feature is {feature!r}, expected a text")
-    return Touching(at_ns, artefact, feature)
+    return _from_json("touching", content, _TOUCHING)
 
 
 def bytes_to_conditions(content: bytes) -> Conditions:
@@ -63,15 +60,7 @@ def bytes_to_conditions(content: bytes) -> Conditions:
     Raises:
         ValueError: They are none; what was found and what was expected.
     """
-    table, at_ns = _json_table("conditions", content)
-    numbers: list[float | None] = []
-    for key in ("temperature_c", "force_n"):
-        value = table.get(key)
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if value is not None and not (is_number and np.isfinite(value)):
-            raise ValueError(f"conditions: {key} is {value!r}, expected a number")
-        numbers.append(None if value is None else float(value))
-    return Conditions(at_ns, *numbers)
+    return _from_json("conditions", content, _CONDITIONS)
 
 
 def _integers(table: dict[str, Any], key: str) -> NDArray[Any]:
@@ -81,15 +70,9 @@ def _integers(table: dict[str, Any], key: str) -> NDArray[Any]:
     return array
 
 
-def _json_table(topic: str, content: bytes) -> tuple[dict[str, Any], int]:
-    """An object of JSON, and its moment."""
+def _from_json(topic: str, content: bytes, kind: TypeAdapter[T]) -> T:
     try:
-        table = json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{topic}: not JSON: {error}") from error
-    if not isinstance(table, dict):
-        raise ValueError(f"{topic}: a {type(table).__name__}, expected an object")
-    at_ns = table.get("sample_time_ns")
-    if type(at_ns) is not int or abs(at_ns) >= 2**63:
-        raise ValueError(f"{topic}: sample_time_ns is {at_ns!r}, expected ns")
-    return table, at_ns
+        return kind.validate_json(content, strict=True)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise ValueError(f"{topic}: {problem_from_error(first, ())}") from error

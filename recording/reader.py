@@ -1,7 +1,6 @@
 """Reading recordings, torn ones up to the tear."""
 
 import json
-from os import fstat
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +94,7 @@ def read_recording(path: str | Path) -> Recording:
     parts = _Parts()
     try:
         with open_regular(Path(path)) as file:
-            records = TornRecords(file, fstat(file.fileno()).st_size)
+            records = TornRecords(file)
             for record in records:
                 parts.add(record)
         return parts.recording(records.tear)

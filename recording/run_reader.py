@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Iterator
-from os import fstat
 from pathlib import Path
 from typing import Self
 
@@ -36,7 +35,7 @@ class RunReader:
         self._gap: str | None = None
         self._file = open_regular(path)
         try:
-            self._records = TornRecords(self._file, fstat(self._file.fileno()).st_size)
+            self._records = TornRecords(self._file)
             self._rest = iter(self._records)
             self._first = self._next()
             if self.about.get("schema") != SCHEMA:

@@ -72,15 +72,13 @@ class RunWriter:
         flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
         self._file = os.fdopen(os.open(path, flags, OWNER_ONLY), "wb")
         self._channels: dict[str, int] = {}
-        self._n_messages = 0
+        self.n_messages = 0
         self._writer = Writer(self._file, chunk_size=chunk_bytes)
         try:
             self._writer.start(profile=PROFILE, library="traverse")
             about = {"schema": SCHEMA, **head.about}
             self._writer.add_metadata("traverse", about)
-            for name, content in head.files.items():
-                self._attach(name, content)
-            self._file.flush()
+            self.attach(head.files)
         except BaseException:
             self._file.close()
             raise
@@ -96,15 +94,18 @@ class RunWriter:
         if channel is None:
             channel = self._channels[entry.topic] = self._channel(entry.topic)
         log_ns = max(entry.log_ns, 0)
-        self._n_messages += 1
+        self.n_messages += 1
         self._writer.add_message(
-            channel, log_ns, entry.content, log_ns, self._n_messages
+            channel, log_ns, entry.content, log_ns, self.n_messages
         )
 
-    def attach(self, name: str, content: bytes) -> None:
-        """Append a file, after all messages so far."""
+    def attach(self, files: Mapping[str, bytes]) -> None:
+        """Append files, after all messages so far."""
         self._writer.flush()  # type: ignore[no-untyped-call] # mcap's own
-        self._attach(name, content)
+        for name, content in files.items():
+            self._writer.add_attachment(0, 0, name, "application/octet-stream", content)
+            about = {"name": name, "sha256": hashlib.sha256(content).hexdigest()}
+            self._writer.add_metadata(f"{OF_FILE}{name}", about)
         self._file.flush()
 
     def flush(self, *, sync: bool = False) -> None:
@@ -137,11 +138,6 @@ class RunWriter:
 
     def __exit__(self, *raised: object) -> None:
         self.close()
-
-    def _attach(self, name: str, content: bytes) -> None:
-        self._writer.add_attachment(0, 0, name, "application/octet-stream", content)
-        digest = hashlib.sha256(content).hexdigest()
-        self._writer.add_metadata(f"{OF_FILE}{name}", {"name": name, "sha256": digest})
 
     def _channel(self, topic: str) -> int:
         schema = VIEW_SCHEMAS.get(topic)

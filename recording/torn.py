@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Iterator
+from os import fstat
 from typing import IO
 
 import zstandard
@@ -49,15 +50,12 @@ class TornRecords:
     Whether messages are missing, as where the kind of a record was altered, is known in
     the end, by their count.
 
-    Args:
-        size: Of it, in bytes.
-
     Attributes:
         tear: Why the records end before the file does, or None.
     """
 
-    def __init__(self, file: IO[bytes], size: int) -> None:
-        self._whole = _Whole(file, size)
+    def __init__(self, file: IO[bytes]) -> None:
+        self._whole = _Whole(file, fstat(file.fileno()).st_size)
         self.tear: str | None = None
 
     def __iter__(self) -> Iterator[McapRecord]:

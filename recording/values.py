@@ -1,9 +1,11 @@
 """Contents of a recording, as values."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, FiniteFloat
 
 from traverse.arrays import Integers
 
@@ -49,6 +51,7 @@ class Samples:
         return Samples(**times, counts=self.counts[rows])
 
 
+Nanoseconds = Annotated[int, Field(gt=-(2**63), lt=2**63)]
 TIMES = ("numbers", "device_ticks", "received_ns", "sample_time_ns", "utc_ns")
 
 
@@ -62,8 +65,8 @@ class Touching:
         feature: Of the artefact, empty where it has only one.
     """
 
-    sample_time_ns: int
-    artefact: str | None
+    sample_time_ns: Nanoseconds
+    artefact: str | None = None
     feature: str = ""
 
 
@@ -77,9 +80,9 @@ class Conditions:
         force_n: Of the contact, or None.
     """
 
-    sample_time_ns: int
-    temperature_c: float | None = None
-    force_n: float | None = None
+    sample_time_ns: Nanoseconds
+    temperature_c: FiniteFloat | None = None
+    force_n: FiniteFloat | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,6 +37,7 @@ from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
 from traverse.daemon.mqtt.sender import PublishLoop
 from traverse.daemon.mqtt.subscriber import CommandSubscriber, IncomingCommand
 from traverse.protocol.encoding import Encoding
+from traverse.protocol.messages import BrokerHealth
 
 WORDING = Wording(
     who="this arm",
@@ -68,6 +69,7 @@ def reason_of(error: BaseException, address: BrokerAddress) -> str:
 
 log = logging.getLogger(__name__)
 
+QUEUED = ("point", "event", "resend", "spooled", "scan")
 FIRST_RETRY_S = 0.2
 LAST_RETRY_S = 5.0
 UNSUPPORTED_VERSION = (132, 1)  # reason code of MQTT 5, return code of MQTT 3.1.1
@@ -115,6 +117,20 @@ class BrokerConnection:
     def protocol(self) -> str:
         """The MQTT version in use."""
         return "5" if self._version is aiomqtt.ProtocolVersion.V5 else "3.1.1"
+
+    def health(self) -> BrokerHealth:
+        """How the connection is, and what waits for it."""
+        queue = self.queue
+        return BrokerHealth(
+            state=self.state,
+            host=self.address.host,
+            port=self.address.tcp_port,
+            reconnects=self.reconnects,
+            queued=sum(queue.waiting(kind) for kind in QUEUED),
+            queue_limit=queue.limit,
+            unacknowledged=queue.waiting("point"),
+            dropped=sum(queue.dropped[kind] for kind in ("event", "scan", "reply")),
+        )
 
     async def probe(self) -> str | None:
         """Connect once and leave; None, or why that was not possible."""

@@ -157,6 +157,9 @@ class ManualRecording:
         path: of the file; it must not be there yet.
         before: the seconds before it was requested.
 
+    Attributes:
+        gaps: how often something is missing.
+
     Raises:
         OSError: it cannot be written; from all methods.
     """
@@ -175,37 +178,23 @@ class ManualRecording:
         self._name = name
         self._section = section
         self._begun_s = time.monotonic()
-        self._messages = 0
-        self._gaps = 0
-        self._writer = RunWriter(path, head)
+        self.gaps = 0
+        self.writer = RunWriter(path, head)
         for entry in before:
-            self.add(entry)
-        self._writer.flush()
+            self.writer.add(entry)
+        self.writer.flush()
 
     @property
     def recorded(self) -> Recorded:
         """What there is of it so far."""
         return Recorded(
             self._name,
-            self._writer.path,
-            self._writer.path.stat().st_size,
-            self._messages,
+            self.writer.path,
+            self.writer.path.stat().st_size,
+            self.writer.n_messages,
             time.monotonic() - self._begun_s,
-            self._gaps,
+            self.gaps,
         )
-
-    def add(self, entry: Entry) -> None:
-        """Record a message."""
-        self._writer.add(entry)
-        self._messages += 1
-
-    def record_gap(self) -> None:
-        """Report in the file that something is missing from here on."""
-        self._gaps += 1
-
-    def attach(self, name: str, content: bytes) -> None:
-        """Add a file that is in force from now on."""
-        self._writer.attach(name, content)
 
     def flush(self) -> None:
         """Hand all to the operating system, or to the disk.
@@ -213,19 +202,15 @@ class ManualRecording:
         Raises:
             OSError: it cannot be written, or has become too long.
         """
-        check_room(self._writer.path.parent, self._section)
-        self._writer.flush(sync=self._section.sync)
-        if self._writer.n_bytes > self._section.max_mb << 20:
+        check_room(self.writer.path.parent, self._section)
+        self.writer.flush(sync=self._section.sync)
+        if self.writer.n_bytes > self._section.max_mb << 20:
             raise OSError(f"it is longer than max_mb, {self._section.max_mb} MB")
 
     def close(self) -> Recorded:
         """Finish the file; gives what it has become."""
-        self._writer.close(sync=True)
+        self.writer.close(sync=True)
         return self.recorded
-
-    def abandon(self) -> None:
-        """Leave it as it is, after a failure."""
-        self._writer.abandon()
 
 
 def check_room(folder: Path, section: RecordingSection) -> None:

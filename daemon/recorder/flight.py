@@ -137,10 +137,10 @@ class FlightRecorder:
             self.n_bytes += len(entry.content)
 
     @_guarded
-    def attach(self, name: str, content: bytes) -> None:
+    def attach(self, files: Mapping[str, bytes]) -> None:
         """Add a file that is in force from now on."""
         if self._writer is not None:
-            self._writer.attach(name, content)
+            self._writer.attach(files)
 
     @_guarded
     def flush(self) -> None:
@@ -243,7 +243,7 @@ def _join(segments: list[Path], path: Path, about: Mapping[str, str]) -> None:
                     for name, content in reader.files.items():
                         if files.get(name) != content:
                             files[name] = content
-                            writer.attach(name, content)
+                            writer.attach({name: content})
                     writer.add(entry)
     except BaseException:
         if writer is not None:

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import KW_ONLY, InitVar, dataclass
-from operator import methodcaller
 from pathlib import Path
 from typing import TypeVar
 
@@ -138,7 +137,7 @@ class RecorderThread:
         try:
             return manual.close()
         except OSError:
-            manual.abandon()
+            manual.writer.abandon()
             raise
 
     def end(self) -> None:
@@ -200,7 +199,7 @@ class RecorderThread:
         elif item.kind == "gap":
             self._ring.clear()
             if self._manual is not None:
-                self._manual.record_gap()
+                self._manual.gaps += 1
         elif item.kind == "files":
             self._take_files(item.value["files"])
             item = RecorderItem(
@@ -212,15 +211,14 @@ class RecorderThread:
     def _take_files(self, files: Mapping[str, bytes]) -> None:
         self._files = dict(files)
         self._ring.clear()  # what is in it was made with other files
-        for name, content in files.items():
-            self.flight.attach(name, content)
-            self._in_manual(methodcaller("attach", name, content))
+        self.flight.attach(files)
+        self._in_manual(lambda manual: manual.writer.attach(files))
         self.flight.end_segment()
 
     def _record(self, entry: Entry) -> None:
         self._ring.add(entry)
         self.flight.add(entry)
-        self._in_manual(lambda manual: manual.add(entry))
+        self._in_manual(lambda manual: manual.writer.add(entry))
 
     def _in_manual(self, act: Callable[[ManualRecording], object]) -> None:
         if self._manual is None:
@@ -234,7 +232,7 @@ class RecorderThread:
         manual, recorded = self._manual, self.recorded
         self._manual = None
         if manual is not None:
-            manual.abandon()
+            manual.writer.abandon()
         self._notify(RecorderNotification(stopped=(recorded, reason_of(error))))
 
     def _close(self) -> None:

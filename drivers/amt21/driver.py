@@ -8,7 +8,7 @@ of a multi-turn encoder change where its position passes 0.
 
 from collections.abc import Sequence
 
-from traverse.drivers.amt21.line import Amt21Line, TimedValue
+from traverse.drivers.amt21.line import Amt21Line
 from traverse.drivers.amt21.options import Amt21Options
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
 from traverse.drivers.polling.polled_driver import PolledDriver
@@ -89,9 +89,9 @@ class Amt21Driver(PolledDriver[Amt21Line]):
         if isinstance(answer, ReadError):
             return answer
         unused = amt21.VALUE_BITS - self._bits
-        if answer.value & ((1 << unused) - 1):
+        if answer.count & ((1 << unused) - 1):
             return WRONG_BITS
-        return EncoderReading(answer.value >> unused, answer.time_ns)
+        return EncoderReading(answer.count >> unused, answer.time_ns)
 
     def _position_and_turns(self, channel: int) -> EncoderReading | ReadError:
         """A position between two readings of the turns, which show whether 0 passed."""
@@ -105,7 +105,7 @@ class Amt21Driver(PolledDriver[Amt21Line]):
         after = self._get(channel, request)
         if isinstance(after, ReadError):
             return after
-        first, second = amt21.turns_of(before.value), amt21.turns_of(after.value)
+        first, second = amt21.turns_of(before.count), amt21.turns_of(after.count)
         if abs(first - second) > 1:
             return TURNS_UNSTEADY
         upper_half = position.count >> (self._bits - 1)
@@ -136,6 +136,6 @@ class Amt21Driver(PolledDriver[Amt21Line]):
         step = (position - known.count + turn // 2) % turn - turn // 2
         return (known.count + step) % known.modulus
 
-    def _get(self, channel: int, request: bytes) -> TimedValue | ReadError:
+    def _get(self, channel: int, request: bytes) -> EncoderReading | ReadError:
         patient = not self._channels[channel].missing
         return self._open_line.ask(request, patient=patient)

@@ -6,11 +6,10 @@ from one encoder to the next.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from traverse.drivers.base.values import DeviceError
 from traverse.drivers.io.ports import BytePort
-from traverse.drivers.polling.channel import ReadError
+from traverse.drivers.polling.channel import EncoderReading, ReadError
 from traverse.plurals import counted
 from traverse.protocol import amt21
 
@@ -38,14 +37,6 @@ GARBLED = ReadError(
     "answers with wrong check bits",
     "check cable, shielding, baud rate and that no address is used twice",
 )
-
-
-@dataclass(frozen=True, slots=True)
-class TimedValue:
-    """The 14 bits of a reply, and the middle of its exchange."""
-
-    value: int
-    time_ns: int
 
 
 class Amt21Line:
@@ -117,7 +108,9 @@ class Amt21Line:
             "check power, wires A and B, addresses and baud rate",
         )
 
-    def ask(self, request: bytes, *, patient: bool = True) -> TimedValue | ReadError:
+    def ask(
+        self, request: bytes, *, patient: bool = True
+    ) -> EncoderReading | ReadError:
         """Send a request and wait for its reply.
 
         Unless ``patient`` it waits only as long as most replies take.
@@ -142,7 +135,7 @@ class Amt21Line:
         self._learn(received_ns - sent_ns)
         if received_ns - sent_ns > timeout_ns:  # it was there, but was not read
             return SLOW
-        return TimedValue(reply.value, (sent_ns + received_ns) // 2)
+        return EncoderReading(reply.value, (sent_ns + received_ns) // 2)
 
     def command(self, request: bytes) -> None:
         """Send what has no reply, and discard what is received."""

@@ -212,11 +212,11 @@ def test_a_file_by_hand_is_read(tmp_path):
         ),
         ({"messages": [("samples", block(utc_ns=integers(1, 2)))]}, "utc_ns has shape"),
         ({"messages": [("samples", block())] * 2}, "sample 2 of 2 is not later"),
-        ({"messages": [("touching", b"{")]}, "touching: not JSON"),
-        ({"messages": [("touching", b"{}")]}, "sample_time_ns is None"),
+        ({"messages": [("touching", b"{")]}, "Invalid JSON"),
+        ({"messages": [("touching", b"{}")]}, "touching: sample_time_ns: is missing"),
         (
             {"messages": [("conditions", b'{"sample_time_ns":1,"force_n":"x"}')]},
-            "force_n is 'x', expected a number",
+            "force_n: 'x' is not a number",
         ),
     ],
 )

@@ -55,7 +55,7 @@ def test_a_file_attached_in_the_middle_is_there_from_then_on(tmp_path):
     path = tmp_path / "a.mcap"
     with RunWriter(path, HEAD) as writer:
         writer.add(ENTRIES[0])
-        writer.attach("arm.toml", b"another")
+        writer.attach({"arm.toml": b"another"})
         writer.add(ENTRIES[1])
     with RunReader(path) as reader:
         steps = iter(reader)

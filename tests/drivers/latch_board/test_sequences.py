@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from traverse.drivers.latch_board.edge_sequence import WRAP, EdgeSequencer
-from traverse.drivers.timing.stream_sequence import StreamSequence
+from traverse.drivers.latch_board.session import StreamSequence
 
 
 def reference(numbers: list[int]) -> tuple[list[int], int]:
