@@ -74,7 +74,7 @@ async def test_the_last_seconds_before_a_fault_are_kept_and_can_be_replayed(tmp_
     assert {"log", "point", "steps", "device/base/samples"} <= topics
     result, _ = await asyncio.to_thread(replayed, path)
     assert result.holds
-    assert result.points.same == 10
+    assert result.points.sure.same == 10
     assert result.samples == pytest.approx(2050, abs=60)  # of 100 Hz: 2 s after it
 
 
@@ -155,7 +155,7 @@ async def test_without_a_flight_recorder_only_what_is_requested_is_written(tmp_p
     assert list((tmp_path / "recordings").iterdir()) == [path]
     result, points = await asyncio.to_thread(replayed, path)
     assert result.holds
-    assert result.points.same == len(points) == 1
+    assert result.points.sure.same == len(points) == 1
 
 
 async def test_a_recording_without_room_is_refused_and_measuring_continues(tmp_path):
@@ -248,5 +248,5 @@ async def test_a_flood_leaves_a_gap_that_is_reported_and_a_replay_continues_afte
     assert told(run, "recording.overflow")
     result, _ = await asyncio.to_thread(replayed, path)
     assert result.gaps == 1
-    assert result.points.same == result.points.n == 2
+    assert result.points.sure.same == result.points.sure.n == 2
     assert result.holds
