@@ -7,26 +7,43 @@ from typer.testing import CliRunner
 
 from traverse.cli.__main__ import app
 from traverse.cli.replay.report import report_of, report_text
-from traverse.daemon.replay.compare import ReplayResult, Tally
+from traverse.daemon.replay.compare import (
+    PointComparison,
+    ReplayResult,
+    ScanComparison,
+    Tally,
+)
 from traverse.recording.run_writer import RunHead, RunWriter
 
-RESULT = {
-    "points": Tally(n=3, same=3, within=3),
-    "early": Tally(),
-    "scans": Tally(),
-    "missing": 0,
-    "missing_scan": 0,
-    "left_out": 0,
-    "new": 0,
-    "not_kept": 0,
-    "excused": 0,
-    "samples": 500,
-    "gaps": 0,
-    "kernel_then": "avx2",
-    "kernel_now": "avx2",
-    "tolerance_mm": 4.5e-13,
-    "tear": None,
-}
+
+def made_result(
+    *,
+    points=None,
+    early=None,
+    missing=0,
+    new=0,
+    not_kept=0,
+    excused=0,
+    left_out=0,
+    **of,
+):
+    """A result with these figures; three points are the same."""
+    compared = PointComparison(1000.0)
+    compared.sure = points or Tally(n=3, same=3, within=3)
+    compared.early = early or Tally()
+    compared.not_kept, compared.excused = not_kept, excused
+    compared._then[1,] = [None] * missing
+    compared._now[2,] = [None] * new
+    scans = ScanComparison(compared.tolerance_mm)
+    scans.left_out = left_out
+    figures = {
+        "samples": 500,
+        "gaps": 0,
+        "kernel_then": "avx2",
+        "kernel_now": "avx2",
+        "tear": None,
+    }
+    return ReplayResult(compared, scans, **{**figures, **of})
 
 
 def ended(*arguments):
@@ -86,7 +103,7 @@ def test_a_broker_that_is_not_there_and_a_wrong_name_are_reported():
     ],
 )
 def test_a_report_says_what_holds_and_what_does_not(changes, holds, lines):
-    result = ReplayResult(**{**RESULT, **changes})
+    result = made_result(**changes)
     text = report_text({"arm": "bench-7"}, result)
     for line in lines:
         assert line in text
