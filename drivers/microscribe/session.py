@@ -1,6 +1,7 @@
 """A MicroScribe that has been signed on: what it is, and its packets as samples."""
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from statistics import median
 
@@ -63,25 +64,23 @@ def connect(
         DeviceError: there is no arm, or none that can be read.
     """
     if known is not None:
-        port = open_port(baud_rate)
-        try:
+        with ExitStack() as closing:
+            port = open_port(baud_rate)
+            closing.callback(port.close)
             line = MicroscribeLine(port, baud_rate, monotonic_ns, stopping)
             line.still()
             decoder = known.decoder()
             if any(line.packet(decoder) for _ in range(TRIES)):
+                closing.pop_all()
                 return ArmConnection(line, known, resumed=True)
-            port.close()
-        except BaseException:
-            port.close()
-            raise
     line, box, rate = sign_on_at_any_rate(
         open_port, [baud_rate], monotonic_ns, stopping
     )
-    try:
-        return ArmConnection(line, read_identification(line, box, rate), resumed=False)
-    except BaseException:
-        line.port.close()
-        raise
+    with ExitStack() as closing:
+        closing.callback(line.port.close)
+        arm = read_identification(line, box, rate)
+        closing.pop_all()
+    return ArmConnection(line, arm, resumed=False)
 
 
 def sign_on_at_any_rate(
@@ -101,20 +100,17 @@ def sign_on_at_any_rate(
     path = ""
     others = [rate for rate in BAUD_RATES if rate not in rates]
     for rate in [*rates, *others, *rates[:1]]:
-        port = open_port(rate)
-        path = port.path
-        line = MicroscribeLine(port, rate, monotonic_ns, stopping)
-        try:
-            if rate in rates:
-                if (said := line.sign_on()) is not None:
-                    return line, said, rate
-            else:  # a session left at another rate receives nothing but this
+        with ExitStack() as closing:
+            port = open_port(rate)
+            closing.callback(port.close)
+            path = port.path
+            line = MicroscribeLine(port, rate, monotonic_ns, stopping)
+            if rate not in rates:  # a session left there receives nothing but this
                 line.end()
                 line.read_until_quiet()
-            port.close()
-        except BaseException:
-            port.close()
-            raise
+            elif (said := line.sign_on()) is not None:
+                closing.pop_all()
+                return line, said, rate
     raise DeviceError(
         f"no MicroScribe answers on {path} at {', '.join(map(str, rates))} baud",
         "switch the arm on in its home position, check cable and port",

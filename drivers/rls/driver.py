@@ -17,7 +17,6 @@ from traverse.drivers.base.values import (
     DeviceError,
     DeviceTemperatures,
 )
-from traverse.drivers.io.ports import BytePort
 from traverse.drivers.polling.alarms import ConditionAlarms
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
 from traverse.drivers.polling.polled_driver import PolledDriver
@@ -55,20 +54,11 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
     def _open(self) -> tuple[str, Sequence[PolledChannel]]:
         options, layout = self.options, self.options.layout
         group = self._line = RlsLineGroup(
-            self._opened(),
-            layout,
-            options.baud_rate,
-            timeout_s=options.answer_timeout_s,
-            monotonic_ns=self._now_ns,
-            wait_any=self._ports.wait_for_any,
-            wait_for=self._ports.wait_for_wake,
-            wake_fd=self._wake_read,
+            options, self._ports, self._wake_read, self._now_ns
         )
         self._in_hand.clear()
         for number in group.discard_input(LISTEN_S):
-            group.send_setting(
-                number, rls.STOP
-            )  # left in the continuous mode by another
+            group.send_setting(number, rls.STOP)  # another left it continuous
         group.exchange(dict.fromkeys(self._names, rls.SERIAL_NUMBER))
         replies = [line.reply() for line in group.lines]
         found = [
@@ -86,20 +76,6 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
             PolledChannel(name, modulus, per_turn, options.max_speed_rad_s)
             for name in self._names.values()
         ]
-
-    def _opened(self) -> list[BytePort]:
-        """All ports, or none of them."""
-        with contextlib.ExitStack() as opened:
-            ports = [
-                opened.enter_context(
-                    contextlib.closing(
-                        self._ports.open(path, self.options.baud_rate, self._wake_read)
-                    )
-                )
-                for path in self.options.ports
-            ]
-            opened.pop_all()
-        return ports
 
     def _disconnect(self) -> None:
         if self._line is not None and self._continuous and self._stopping:

@@ -1,10 +1,12 @@
 """The lines to several RLS encoders, which are polled side by side."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from statistics import median
 
-from traverse.drivers.io.ports import BytePort, WaitForAny, WaitForWake
+from traverse.drivers.io.ports import PortAccess
 from traverse.drivers.rls.line import RlsLine
+from traverse.drivers.rls.options import RlsOptions
 from traverse.protocol import rls
 
 BETWEEN_BYTES_S = 0.0015  # of settings; the encoder requires 1 ms
@@ -17,28 +19,27 @@ class RlsLineGroup:
 
     def __init__(
         self,
-        ports: Sequence[BytePort],
-        layout: rls.Layout,
-        baud_rate: int,
-        *,
-        timeout_s: float,
-        monotonic_ns: Callable[[], int],
-        wait_any: WaitForAny,
-        wait_for: WaitForWake,
+        options: RlsOptions,
+        ports: PortAccess,
         wake_fd: int,
+        monotonic_ns: Callable[[], int],
     ) -> None:
-        byte_ns = round(BITS_OF_BYTE * 1e9 / baud_rate)
-        doubt_ns = round(DOUBTED_TIMEOUTS * timeout_s * 1e9)
-        self.lines = [
-            RlsLine(port, layout, monotonic_ns, byte_ns=byte_ns, doubt_ns=doubt_ns)
-            for port in ports
-        ]
-        self._all = range(len(ports))
-        self._timeout_ns = round(timeout_s * 1e9)
+        times = {
+            "byte_ns": round(BITS_OF_BYTE * 1e9 / options.baud_rate),
+            "doubt_ns": round(DOUBTED_TIMEOUTS * options.answer_timeout_s * 1e9),
+        }
+        with ExitStack() as opened:  # all of them, or none
+            self.lines = []
+            for path in options.ports:
+                port = ports.open(path, options.baud_rate, wake_fd)
+                opened.callback(port.close)
+                line = RlsLine(port, options.layout, monotonic_ns, **times)
+                self.lines.append(line)
+            opened.pop_all()
+        self._all = range(len(self.lines))
+        self._timeout_ns = round(options.answer_timeout_s * 1e9)
         self._now_ns = monotonic_ns
-        self._wait_any = wait_any
-        self._wait_for = wait_for
-        self._wake_fd = wake_fd
+        self._ports, self._wake_fd = ports, wake_fd
 
     @property
     def unrequested_bytes(self) -> int:
@@ -108,7 +109,7 @@ class RlsLineGroup:
             port.write(bytes((byte,)))
             until_ns = self._now_ns() + round(BETWEEN_BYTES_S * 1e9)
             while (left_ns := until_ns - self._now_ns()) > 0:
-                self._wait_for(self._wake_fd, left_ns * 1e-9)
+                self._ports.wait_for_wake(self._wake_fd, left_ns * 1e-9)
             if port.wait(0.0):
                 port.read()
 
@@ -145,7 +146,7 @@ class RlsLineGroup:
 
     def _ready(self, numbers: Sequence[int], wait_ns: int) -> list[int]:
         ports = [self.lines[n].port for n in numbers]
-        ready = self._wait_any(ports, self._wake_fd, wait_ns * 1e-9)
+        ready = self._ports.wait_for_any(ports, self._wake_fd, wait_ns * 1e-9)
         return [numbers[index] for index in ready]
 
     def _usual_ns(self) -> int:

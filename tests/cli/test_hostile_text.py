@@ -23,7 +23,7 @@ from traverse.daemon.clock import HostClock
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.store.outbox import message_of
 from traverse.daemon.store.records import StoredMessage, StoredSession
-from traverse.daemon.system.log_lines import JsonLines, PlainLines
+from traverse.daemon.system.log_setup import JsonLines, PlainLines
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.protocol.messages.point import Label
 from traverse.simulator.campaigns import (

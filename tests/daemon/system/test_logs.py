@@ -11,8 +11,12 @@ from datetime import datetime
 
 import pytest
 
-from traverse.daemon.system.journal import JournalHandler, entry_of
-from traverse.daemon.system.log_lines import JsonLines, PlainLines
+from traverse.daemon.system.log_setup import (
+    JournalHandler,
+    JsonLines,
+    PlainLines,
+    entry_of,
+)
 
 FIELDS = {"arm": "left", "device": "base", "code": "device.lost", "remedy": ""}
 
