@@ -238,7 +238,7 @@ def test_another_kernel_may_differ_by_a_little(tmp_path):
     assert result.points.sure.within == result.points.sure.n
     assert result.holds
     # A reach of 0.8 m is known to 2^-43 mm or so.
-    assert result.tolerance_mm == 4 * 2.0**-43
+    assert result.points.tolerance_mm == 4 * 2.0**-43
 
 
 def test_a_recording_without_its_arm_is_refused(tmp_path):
