@@ -272,7 +272,7 @@ class Measurement(MeasurementContext):
 
     def snapshot(self) -> dict[str, object]:
         """All that a recording which begins now must know, as values and arrays."""
-        air_mm, alignment = self.points.tip.air_mm, self.alignment.alignment
+        air_mm, alignment = self.points.evaluator.tip.air_mm, self.alignment.alignment
         return {
             "idle": self.is_quiet,
             "model": self.model.digest,
@@ -319,7 +319,7 @@ class Measurement(MeasurementContext):
         if state["alignment"] is not None:
             self.alignment.alignment = Alignment(**state["alignment"])
         if state["air_mm"] is not None:
-            self.points.tip.air_mm = np.array(state["air_mm"])
+            self.points.evaluator.tip.air_mm = np.array(state["air_mm"])
         self.quality.persistent.resume(state["temperatures"])
         # Recordings of earlier versions know nothing of references.
         nothing: dict[str, Any] = {"doubts": {}, "confirmed": {}}
@@ -423,7 +423,7 @@ class Measurement(MeasurementContext):
         self.sinks.latencies["sample_to_pose"].add(taken_ns)
         self.trajectory.add(poses)
         self._note_motion(poses)
-        self.points.follow(poses)
+        self.points.evaluator.follow(poses)
         self.scanner.take(model, poses)
         session = self.capture.session.id
         live = self.live.message(model, poses, session, samples.device)

@@ -38,7 +38,6 @@ class GestureDetector:
 
     Attributes:
         presses: how many there have been.
-        held: the press that is a hold and continues; None where there is none.
     """
 
     def __init__(self, meant: frozenset[str], times: GestureTimes) -> None:
@@ -51,7 +50,6 @@ class GestureDetector:
         elif "double" in meant:  # what stays down is not waited for for ever
             self._still = ("click", times.long_ns)
         self.presses = 0
-        self.held: int | None = None
         self._down_ns: int | None = None  # of the press that is not decided
         self._up_ns: int | None = None  # of its release
 
@@ -68,7 +66,6 @@ class GestureDetector:
         """The button was pressed or released."""
         decided = self.passed(time_ns - 1)
         if not active:
-            self.held = None
             if self._down_ns is not None and self._up_ns is None:
                 if self._still is not None and self.due_ns == time_ns:
                     return [*decided, self._decided(self._still[0], time_ns)]
@@ -77,7 +74,6 @@ class GestureDetector:
                     decided.append(self._decided("click", time_ns))
             return decided
         press, self.presses = self.presses, self.presses + 1
-        self.held = None
         if self._down_ns is not None:
             if self._up_ns is not None:
                 decided.append(self._decided("double", time_ns))
@@ -97,10 +93,7 @@ class GestureDetector:
             return []
         if self._up_ns is not None or self._still is None:
             return [self._decided("click", due_ns)]
-        decision = self._decided(self._still[0], due_ns)
-        if decision.gesture == "hold":
-            self.held = decision.press
-        return [decision]
+        return [self._decided(self._still[0], due_ns)]
 
     def _decided(self, gesture: Gesture, time_ns: int) -> GestureDecision:
         self._down_ns = self._up_ns = None

@@ -14,7 +14,6 @@ from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.points.averaging import SampleAverage
 from traverse.daemon.points.buttons import buttons_of
 from traverse.daemon.points.capture import Capture, Session, triggers_of
-from traverse.daemon.points.compensation import TipCompensator
 from traverse.daemon.points.measurement import MeasurementContext, PointEvaluator
 from traverse.daemon.points.request_queue import (
     OrderedReplies,
@@ -22,7 +21,6 @@ from traverse.daemon.points.request_queue import (
     PointRequest,
     PointRequestQueue,
 )
-from traverse.daemon.pose.poses import PoseBlock
 from traverse.drivers.base.values import LatchedCounts
 from traverse.protocol.messages import Point
 from traverse.protocol.messages.point import Trigger
@@ -40,6 +38,9 @@ class PointController:
 
     Args:
         on_action: called with actions of buttons that are not about points.
+
+    Attributes:
+        evaluator: follows the stream; another one after `use`.
     """
 
     def __init__(
@@ -63,13 +64,8 @@ class PointController:
 
     def arm_changed(self) -> None:
         """Use another arm from now on, also for requests that wait."""
-        self._making.arm_changed()
+        self.evaluator.arm_changed()
         self._pending.look_again()
-
-    @property
-    def tip(self) -> TipCompensator:
-        """What compensates for the ball."""
-        return self._making.tip
 
     @property
     def is_idle(self) -> bool:
@@ -80,7 +76,7 @@ class PointController:
         """Go by other rules; only while `is_idle`."""
         self.triggers = triggers_of(settings)
         self._buttons = buttons_of(settings)
-        self._making = PointEvaluator(self._stage, settings, self._events)
+        self.evaluator = PointEvaluator(self._stage, settings, self._events)
 
     @property
     def has_pending(self) -> asyncio.Event:
@@ -93,10 +89,6 @@ class PointController:
             if now_ns is not None:
                 self._buttons.passed(now_ns)
             self._pending.settle(now_ns)
-
-    def follow(self, poses: PoseBlock) -> None:
-        """Process a block of the arm's stream."""
-        self._making.follow(poses)
 
     # -- requests for points --------------------------------------------------
 
@@ -142,7 +134,7 @@ class PointController:
     def take_mean(self, average: SampleAverage) -> PointFuture:
         """Take a point that is the mean of the samples from now on."""
         request = self._request_now("command")
-        self._making.start_average(request, average)
+        self.evaluator.start_average(request, average)
         return self._asked(request)
 
     def in_order(self, act: Callable[[], Any]) -> asyncio.Future[Any]:
@@ -175,14 +167,15 @@ class PointController:
     # -- results ---------------------------------------------------------------
 
     def _look(self, request: PointRequest) -> None:
-        self._making.look(request)
+        self.evaluator.look(request)
 
     def _deal_with(self, request: PointRequest, is_last_chance: bool) -> bool:
-        if request.is_undecided:
+        press, answer = request.press, request.answer
+        if press is not None and press.action is None:
             return False
         outcome: Outcome = True
         # Do not create a point after its requester has timed out.
-        if not request.is_cancelled:
+        if answer is None or not answer.done():
             within = CURRENT_REQUEST.set(request.requested_by)
             try:
                 outcome = self._outcome(request, is_last_chance)
@@ -195,7 +188,7 @@ class PointController:
                 CURRENT_REQUEST.reset(within)
             if outcome is None:
                 return False
-        self._making.forget(request)
+        self.evaluator.forget(request)
         self._answers.add(request, outcome)
         return True
 
@@ -245,8 +238,8 @@ class PointController:
             return self._done(request, is_last_chance=is_last_chance)
         press = request.press
         if press is not None and press.action == "average" and request.average is None:
-            self._making.start_average(request)
-        measured = self._making.measured(
+            self.evaluator.start_average(request)
+        measured = self.evaluator.measured(
             request, is_last_chance=is_last_chance, is_crowded=self._pending.is_crowded
         )
         if measured is None:
@@ -263,7 +256,7 @@ class PointController:
         if action == "undo" and request.trigger is not None:
             outcome = self._capture.undo(request.trigger)
         elif action == "air":
-            if not self._making.set_air_point(request, is_last_chance=is_last_chance):
+            if not self.evaluator.set_air_point(request, is_last_chance=is_last_chance):
                 return None
         elif action == "session":
             self.begin_session()

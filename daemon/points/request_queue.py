@@ -84,16 +84,6 @@ class PointRequest:
             return False
         return self.device is None or self.latch is None or self.latch.active
 
-    @property
-    def is_undecided(self) -> bool:
-        """It is a press that is not classified yet."""
-        return self.press is not None and self.press.action is None
-
-    @property
-    def is_cancelled(self) -> bool:
-        """Its requester does not wait any more."""
-        return self.answer is not None and self.answer.done()
-
     def resolve(self, outcome: object) -> None:
         """Report the result to the requester, if it still waits."""
         if self.answer is None or self.answer.done():

@@ -22,7 +22,6 @@ from traverse.daemon.recorder.thread import RecorderThread
 from traverse.daemon.step_listener import StateSource, StepListener
 from traverse.daemon.store.records import PendingPoint
 from traverse.drivers.base.delivery_maps import delivery_kind
-from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.drivers.base.values import Delivery
 from traverse.protocol.messages import Event, Message, Point
 from traverse.protocol.messages.health import RecordingHealth
@@ -201,11 +200,7 @@ class Recorder:
             utc_offset_ns=clock.utc_offset_ns(),
             notify=self._handle,
         )
-
-    @property
-    def heartbeat(self) -> Heartbeat:
-        """Signs of life of its thread."""
-        return self._thread.heartbeat
+        self.heartbeat = self._thread.heartbeat
 
     @contextlib.asynccontextmanager
     async def running(self) -> AsyncIterator[None]:

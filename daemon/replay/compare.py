@@ -126,41 +126,28 @@ class ScanComparison:
     """Match points of scans by scan and number.
 
     Attributes:
-        left_out: points of scans that are not here from their beginning on.
+        then, now: clouds as recorded, and messages of the replay, by scan.
+        begun: scans that are here from their beginning on.
+        left_out: points of other scans.
+        missing: points of then that the replay lacks.
     """
 
     def __init__(self, tolerance_mm: float) -> None:
         self._tolerance_mm = tolerance_mm
         self.tally = Tally()
-        self._then: dict[str, list[NDArray[np.void]]] = defaultdict(list)
-        self._now: dict[str, list[Scan]] = defaultdict(list)
-        self._begun: set[str] = set()
+        self.then: dict[str, list[NDArray[np.void]]] = defaultdict(list)
+        self.now: dict[str, list[Scan]] = defaultdict(list)
+        self.begun: set[str] = set()
         self.left_out = self.missing = 0
 
-    def was(self, scan: str, cloud: NDArray[np.void]) -> None:
-        """These points were published then."""
-        self._then[scan].append(cloud)
-
-    def is_now(self, scan: Scan) -> None:
-        """Add points of the replay."""
-        self._now[scan.scan].append(scan)
-
-    def begin(self, scan: str) -> None:
-        """Here a scan begins, so it can be compared."""
-        self._begun.add(scan)
-
-    def lose(self) -> None:
-        """Something is missing here: scans do not continue as recorded."""
-        self._begun.clear()
-
     def settle(self) -> None:
-        """Compare all; gives how many points of then the replay lacks."""
-        for name, clouds in self._then.items():
+        """Compare all."""
+        for name, clouds in self.then.items():
             then = np.concatenate(clouds)
-            if name not in self._begun:
+            if name not in self.begun:
                 self.left_out += len(then)
                 continue
-            now = self._now.get(name, [])
+            now = self.now.get(name, [])
             numbers = [np.arange(s.seq, s.seq + len(s.xyz_mm)) for s in now]
             if not sum(map(len, numbers)):
                 self.missing += len(then)

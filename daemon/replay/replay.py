@@ -174,7 +174,8 @@ class Replay:
                     self._points.was(Point.model_validate_json(entry.content))
             case ["cloud"]:
                 if self._scans is not None:
-                    self._scans.was(*bytes_to_cloud(entry.content))
+                    scan, cloud = bytes_to_cloud(entry.content)
+                    self._scans.then[scan].append(cloud)
             case ["device", _, _]:
                 self._deliver(entry)
             case [topic] if topic == STEPS:
@@ -226,7 +227,7 @@ class Replay:
                     self._points.not_kept += 1
             case "asked":
                 if table["what"] == "start_scan" and self._scans is not None:
-                    self._scans.begin(table["value"]["id"])
+                    self._scans.begun.add(table["value"]["id"])
                 command = recorded_command(table["what"], table["value"])
                 ignore_result(execute(measurement, command))
             case "files":
@@ -236,7 +237,7 @@ class Replay:
             case "gap":
                 self._gaps += 1
                 if self._scans is not None:
-                    self._scans.lose()
+                    self._scans.begun.clear()
                 close_drivers(measurement)
                 self._measurement = None
 
@@ -294,7 +295,7 @@ class Replay:
 
     def _take_new_scan(self, scan: Scan) -> None:
         if self._scans is not None:
-            self._scans.is_now(scan)
+            self._scans.now[scan.scan].append(scan)
         self.take_scan(scan)
 
 

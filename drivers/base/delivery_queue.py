@@ -40,6 +40,10 @@ class DeliveryQueue:
 
     Attributes:
         batch_window_ns: timed samples are collected so long; the consumer sets it.
+        taken: how often the consumer has taken what waited.
+        waiting_samples: timed samples that wait now.
+        dropped_samples: timed samples dropped because the loop did not keep up.
+        dropped_others: reports dropped for the same reason; never latches.
     """
 
     def __init__(
@@ -59,47 +63,27 @@ class DeliveryQueue:
         self._last_edges_ns = -EDGE_INTERVAL_NS  # when some were taken last
         self._lock = threading.Lock()
         self._waiting: deque[Delivery] = deque()
-        self._waiting_samples = 0
+        self.waiting_samples = 0
         self._waiting_others = 0
         self._filled = asyncio.Event()
-        self._dropped_samples = 0
-        self._dropped_others = 0
-        self._taken = 0
+        self.dropped_samples = 0
+        self.dropped_others = 0
+        self.taken = 0
 
     @property
     def is_due(self) -> bool:
         """Whether the consumer has been woken and has not taken anything since."""
         return self._filled.is_set()
 
-    @property
-    def taken(self) -> int:
-        """How often the consumer has taken what waited."""
-        return self._taken
-
-    @property
-    def waiting_samples(self) -> int:
-        """Timed samples that wait now."""
-        return self._waiting_samples
-
-    @property
-    def dropped_samples(self) -> int:
-        """Timed samples dropped because the loop did not keep up."""
-        return self._dropped_samples
-
-    @property
-    def dropped_others(self) -> int:
-        """Reports dropped for the same reason; latches are never among them."""
-        return self._dropped_others
-
     def put(self, delivery: Delivery) -> bool:
         """Hand over from the reader thread; False if there was no room."""
         with self._lock:
             if isinstance(delivery, CountSamples):
                 size = len(delivery.seq)
-                if self._waiting_samples + size > self.max_samples:
-                    self._dropped_samples += size
+                if self.waiting_samples + size > self.max_samples:
+                    self.dropped_samples += size
                     return False
-                self._waiting_samples += size
+                self.waiting_samples += size
                 # Not quite: a driver that gathers as long wakes the loop each time.
                 wake = self._now_ns() - self._woken_ns >= self.batch_window_ns * 4 // 5
             else:
@@ -107,7 +91,7 @@ class DeliveryQueue:
                 room = self._max_others + RESERVED_FOR_STATES * state
                 if self._waiting_others >= room:
                     if not isinstance(delivery, LatchedCounts):
-                        self._dropped_others += 1
+                        self.dropped_others += 1
                     return False
                 self._waiting_others += 1
                 wake = True
@@ -134,13 +118,13 @@ class DeliveryQueue:
         early_ns = self._last_edges_ns + EDGE_INTERVAL_NS - self._now_ns()
         if early_ns > 0:
             await asyncio.sleep(early_ns * 1e-9)
-        self._taken += 1
+        self.taken += 1
         with self._lock:
             self._filled.clear()
             self._is_woken = False
             taken = list(self._waiting)
             self._waiting.clear()
-            self._waiting_samples = 0
+            self.waiting_samples = 0
             self._waiting_others = 0
         if any(isinstance(delivery, LatchedCounts) for delivery in taken):
             self._last_edges_ns = self._now_ns()

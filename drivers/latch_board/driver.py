@@ -85,12 +85,12 @@ class LatchBoardDriver(Driver):
         line = self._line = LatchBoardLine(
             self._port, self._now_ns, self._dispatch, lambda: self._stopping
         )
-        line.begin()
+        line.port.write(b"\0")  # ends whatever the line carried before
         first = self._boot_id is None
         if first:  # HELLO has the board forget edges: they are counted before
             until_ns = self._now_ns() + AGAIN_NS
             while (left_ns := until_ns - self._now_ns()) > 0 and not self._stopping:
-                if line.wait(left_ns * 1e-9):
+                if line.port.wait(left_ns * 1e-9):
                     line.read()
         flags = wire.FORGET_EDGES if first else 0
         hello = line.ask("HELLO", lambda number: wire.hello_request(number, flags))
@@ -146,15 +146,25 @@ class LatchBoardDriver(Driver):
         line, session, broken = self._line, self._session, 0
         while line is not None and session is not None and not self._stopping:
             self._carry_out_requests(line, session)
-            if not line.wait(QUIET_S if self._edges.needs_acknowledgement else 0.1):
+            if not line.port.wait(
+                QUIET_S if self._edges.needs_acknowledgement else 0.1
+            ):
                 self._acknowledge(line)
             else:
                 until_ns = max(self._taken_ns + self._batch_window_ns(), self._now_ns())
                 line.read(until_ns)
                 self._taken_ns = min(until_ns, self._now_ns())
-                self._report_broken(line.broken - broken)
-                broken = line.broken
-            self._counters["frames_received"] = self._frames_before + line.accepted
+                if more := line.decoder.faults.total() - broken:
+                    broken += more
+                    self._fault(
+                        "frames_rejected",
+                        f"{more} broken frames on {self._path}",
+                        "check cable, shielding and baud rate",
+                        more,
+                    )
+            self._counters["frames_received"] = (
+                self._frames_before + line.decoder.accepted
+            )
             self._report_counters()
             line.check_alive()
 
@@ -175,7 +185,7 @@ class LatchBoardDriver(Driver):
         self._session = None
         if self._line is not None:
             self._counters["requests_repeated"] += self._line.repeated
-            self._frames_before += self._line.accepted
+            self._frames_before += self._line.decoder.accepted
             self._line = None
         if self._port is not None:
             self._port.close()
@@ -196,7 +206,7 @@ class LatchBoardDriver(Driver):
         if self._streams_begun != (wanted := self._streams_requested):
             self._streams_begun = wanted
             rate = round(self._rate_hz * 1000)
-            session.end_stream()
+            session.begin_stream(0, 0)  # what still arrives is of the old one
             if rate:
                 self._request_or_fault(
                     line, "START", lambda number: wire.start_request(number, rate)
@@ -208,7 +218,7 @@ class LatchBoardDriver(Driver):
         """Acknowledge processed edges to the board, if there are any."""
         self._acknowledged_ns = self._now_ns()
         if (done := self._edges.take_acknowledgement()) is not None:
-            line.send(wire.edge_ack(done))
+            line.port.write(wire.edge_ack(done))
 
     def _request_or_fault(
         self, line: LatchBoardLine, name: str, frame: Callable[[int], bytes]
@@ -243,12 +253,3 @@ class LatchBoardDriver(Driver):
                 self._edges.note_missed(message.seq)
             case _:
                 pass  # heartbeats are repeated after HELLO
-
-    def _report_broken(self, broken: int) -> None:
-        if broken:
-            self._fault(
-                "frames_rejected",
-                f"{broken} broken frames on {self._path}",
-                "check cable, shielding and baud rate",
-                broken,
-            )

@@ -33,6 +33,7 @@ class LatchBoardLine:
         stopping: polled between waits; True ends an unanswered request.
 
     Attributes:
+        last_message_ns: when the last message was read.
         repeated: requests sent again for lack of an answer.
     """
 
@@ -43,35 +44,16 @@ class LatchBoardLine:
         dispatch: Callable[[wire.Message, int, PartialReads], None],
         stopping: Callable[[], bool],
     ) -> None:
-        self._port = port
+        self.port = port
         self._now_ns = monotonic_ns
         self._dispatch = dispatch
         self._stopping = stopping
-        self._decoder = wire.Decoder()
-        self._last_message_ns = monotonic_ns()
+        self.decoder = wire.Decoder()
+        self.last_message_ns = monotonic_ns()
         self._begun = b""  # of a frame whose end is missing yet
         self._request = 0
         self._answer: Response | None = None
         self.repeated = 0
-
-    @property
-    def last_message_ns(self) -> int:
-        """Time right after the last read with a message."""
-        return self._last_message_ns
-
-    @property
-    def broken(self) -> int:
-        """Frames dropped on this line so far because they were broken."""
-        return self._decoder.faults.total()
-
-    @property
-    def accepted(self) -> int:
-        """Whole frames received on this line so far."""
-        return self._decoder.accepted
-
-    def wait(self, seconds: float) -> bool:
-        """Wait for bytes; False after ``seconds`` or a wake-up without any."""
-        return self._port.wait(seconds)
 
     def read(self, until_ns: int = 0) -> None:
         """Read available bytes and dispatch them.
@@ -80,26 +62,26 @@ class LatchBoardLine:
             until_ns: timed samples are collected so long; anything else among them
                 ends it, an edge above all, and so does a wake-up.
         """
-        data, received_ns = self._port.read(), self._now_ns()
+        data, received_ns = self.port.read(), self._now_ns()
         reads, n_bytes = [(data, received_ns)], len(data)
         while (
             not self._has_other_frames(data)
             and n_bytes < MOST_BYTES
             and received_ns < until_ns
-            and self._port.wait((until_ns - received_ns) * 1e-9)
+            and self.port.wait((until_ns - received_ns) * 1e-9)
         ):
             try:
-                data = self._port.read()
+                data = self.port.read()
             except DeviceError:
                 break  # the next read fails; received messages are processed first
             received_ns = self._now_ns()
             reads.append((data, received_ns))
             n_bytes += len(data)
-        before = self._decoder.accepted
-        messages = self._decoder.feed(b"".join(data for data, _ in reads))
+        before = self.decoder.accepted
+        messages = self.decoder.feed(b"".join(data for data, _ in reads))
         if messages:
-            self._last_message_ns = received_ns
-        earlier = _earlier(reads, self._decoder.accepted - before)
+            self.last_message_ns = received_ns
+        earlier = _earlier(reads, self.decoder.accepted - before)
         for message in messages:
             if isinstance(message, Response) and message.request == self._request:
                 self._answer = message
@@ -114,14 +96,6 @@ class LatchBoardLine:
         joined = self._begun + data
         self._begun = joined.rpartition(b"\0")[2][:MAX_SEGMENT]
         return _OTHER.search(joined) is not None
-
-    def begin(self) -> None:
-        """End whatever the line carried before."""
-        self._port.write(b"\0")
-
-    def send(self, frame: bytes) -> None:
-        """Send a frame that is not answered."""
-        self._port.write(frame)
 
     def ask(self, name: str, frame: Callable[[int], bytes]) -> Response:
         """Send a request until it is answered; all else is dispatched meanwhile.
@@ -140,10 +114,10 @@ class LatchBoardLine:
             self.repeated += attempt > 0
             self._request = self._request % 255 + 1
             self._answer = None
-            self._port.write(frame(self._request))
+            self.port.write(frame(self._request))
             until_ns = self._now_ns() + int(ANSWER_S * 1e9)
             while (left_ns := until_ns - self._now_ns()) > 0:
-                if self._port.wait(left_ns * 1e-9):
+                if self.port.wait(left_ns * 1e-9):
                     self.read()
                 if self._stopping():
                     raise DeviceError(
@@ -152,16 +126,16 @@ class LatchBoardLine:
                 if (answer := self._take_answer()) is not None:
                     return self._accepted(answer)
         raise DeviceError(
-            f"the board on {self._port.path} does not answer {name}",
+            f"the board on {self.port.path} does not answer {name}",
             "check power, baud rate, and that this port is a latch board",
         )
 
     def check_alive(self) -> None:
         """Raise DeviceError when nothing valid has arrived for `SILENCE_S`."""
-        silent_s = (self._now_ns() - self._last_message_ns) * 1e-9
+        silent_s = (self._now_ns() - self.last_message_ns) * 1e-9
         if silent_s > SILENCE_S:
             raise DeviceError(
-                f"the board on {self._port.path} has been silent for {SILENCE_S:g} s",
+                f"the board on {self.port.path} has been silent for {SILENCE_S:g} s",
                 "check power and cable of the board",
             )
 
@@ -174,7 +148,7 @@ class LatchBoardLine:
             asked = wire.REQUEST_NAMES.get(answer.request_type, "a request")
             why = wire.RESULTS.get(answer.result, f"result {answer.result}")
             raise DeviceRefusedError(
-                f"the board on {self._port.path} refused {asked}: {why} "
+                f"the board on {self.port.path} refused {asked}: {why} "
                 f"(value {answer.value})",
                 "change the configuration to what the board can do",
             )

@@ -112,10 +112,6 @@ class LatchBoardSession:
         self._stream, self._request = stream, request
         self._sequence = StreamSequence()
 
-    def end_stream(self) -> None:
-        """The stream is to stop, or another to begin."""
-        self._request = 0
-
     def take(
         self, message: wire.Message, received_ns: int, earlier: PartialReads = ()
     ) -> None:

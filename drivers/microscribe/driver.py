@@ -153,8 +153,8 @@ class MicroscribeDriver(Driver):
         line, faults = session.line, session.decoder.faults
         self._counters["bytes_stray"] = line.unrequested_bytes + faults["stray"]
         self._counters["packets_old"] = line.old
-        self._counters["clock_steps"] = session.clock_steps
-        self._counters["timer_hz"] = session.timer_hz
+        self._counters["clock_steps"] = session.clock.steps
+        self._counters["timer_hz"] = round(session.clock.rate_hz)
         if rejected := faults["broken"] + faults["foreign"] - self._rejected:
             self._rejected += rejected
             self._fault(

@@ -128,6 +128,7 @@ class MicroscribeSession:
         reached_hz: packets that can be requested in a second.
         delay_ns: from the latch to the first bytes of a packet, at the quickest.
         first: the last sample before all others that are requested.
+        clock: of the packets.
         timer_used: whether the arm's timer runs as it should.
     """
 
@@ -145,7 +146,7 @@ class MicroscribeSession:
         ]
         self.decoder: PacketDecoder = self.arm.decoder()
         self._now_ns = monotonic_ns
-        self._clock = PacketClock(0.0, 1, 0)
+        self.clock = PacketClock(0.0, 1, 0)
         wrap, self.timer_used = self.arm.timer_wrap, False
         for _ in range(LOOKS):  # one of them may fall into a stall of the host
             heard, lengths_ns = self._look()
@@ -157,7 +158,7 @@ class MicroscribeSession:
         quickest = min(heard, key=lambda one: one.begun_ns - one.sent_ns)
         self.delay_ns = quickest.delay_ns
         used_hz = timer_rate_hz if self.timer_used else 0.0
-        self._clock = PacketClock(used_hz, wrap, self.delay_ns)
+        self.clock = PacketClock(used_hz, wrap, self.delay_ns)
         self.first = [self.sample_of(one)[0] for one in heard][-1]
         if self.timer_used:  # which identifies an answer that arrives later than that
             usual_s = PATIENCE * max(lengths_ns) * 1e-9
@@ -182,23 +183,13 @@ class MicroscribeSession:
             absolute=False,
         )
 
-    @property
-    def clock_steps(self) -> int:
-        """How often the arm's timer has jumped."""
-        return self._clock.steps
-
-    @property
-    def timer_hz(self) -> int:
-        """Rate of the arm's timer as far as learned; 0 where it is not used."""
-        return round(self._clock.rate_hz) if self.timer_used else 0
-
     def ask(self) -> TimedPacket | None:
         """Request a packet; None if none arrives."""
-        return self.line.packet(self.decoder, self._clock.is_old)
+        return self.line.packet(self.decoder, self.clock.is_old)
 
     def sample_of(self, heard: TimedPacket) -> tuple[PolledSample, list[int]]:
         """A packet as a sample, and the channels whose counts cannot be."""
-        ticks, time_ns = self._clock.time_of(heard)
+        ticks, time_ns = self.clock.time_of(heard)
         status, implausible = [], []
         for number, channel in enumerate(self.channels):
             reading = EncoderReading(heard.packet.encoders[number], time_ns)

@@ -192,10 +192,10 @@ def test_samples_before_the_port_went_away_are_taken_up_first():
     line = LatchBoardLine(
         port, lambda: port.now_ns, lambda *what: found.append(what), lambda: False
     )
-    assert line.wait(0.1)
+    assert line.port.wait(0.1)
     line.read(port.now_ns + BATCH_WINDOW_NS)
     [(block, at_ns, _)] = found
     assert (block.seq.tolist(), at_ns) == ([1, 2], 2 * MS_NS)
-    assert line.wait(0.1)
+    assert line.port.wait(0.1)
     with pytest.raises(DeviceError):
         line.read(port.now_ns + BATCH_WINDOW_NS)
