@@ -5,7 +5,7 @@ for the service, a replay and tests; `traverse.daemon.executor` executes its com
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -280,14 +280,7 @@ class Measurement(MeasurementContext):
             "session": self.capture.session.id,
             "next_seq": self.capture.session.next_seq,
             "label": self.capture.label.model_dump(),
-            "alignment": None
-            if alignment is None
-            else {
-                "name": alignment.name,
-                "rotation": alignment.rotation,
-                "translation_mm": alignment.translation_mm,
-                "scale": alignment.scale,
-            },
+            "alignment": None if alignment is None else asdict(alignment),
             "air_mm": None if air_mm is None else air_mm.tolist(),
             "temperatures": self.quality.persistent.temperatures[-MAX_TEMPERATURES:],
             "pipeline": self.pipeline.state,

@@ -77,18 +77,26 @@ class CommandDispatcher:
         if not self._limits.admit():
             self.refused += 1
             return PAUSE_S if self._limits.is_flooded else 0.0
+        topic = single_line(incoming.topic)
         if incoming.retained:
-            self._tell_retained(incoming.topic)
-            return 0.0
-        if len(incoming.payload) > MAX_COMMAND_BYTES:
-            self._tell_too_long(incoming.topic)
-            return 0.0
-        if len(self._running) >= 2 * MAX_RUNNING:  # those who wait for answers as well
+            self._drop(
+                "commands.retained",
+                f"the broker keeps an old command on {topic}; ignored",
+                "clear it: publish an empty retained message there",
+            )
+        elif len(incoming.payload) > MAX_COMMAND_BYTES:
+            self._drop(
+                "commands.too_long",
+                f"a command on {topic} has more than {MAX_COMMAND_BYTES} bytes; "
+                "dropped without an answer",
+                "find its sender; see max_packet_size of the broker",
+            )
+        elif len(self._running) >= 2 * MAX_RUNNING:  # with those who wait for answers
             self._refuse(f"too many commands at once, one on {incoming.topic} dropped")
-            return 0.0
-        task = asyncio.create_task(self._answer(incoming))
-        self._running.add(task)
-        task.add_done_callback(self._running.discard)
+        else:
+            task = asyncio.create_task(self._answer(incoming))
+            self._running.add(task)
+            task.add_done_callback(self._running.discard)
         return 0.0
 
     def check_flood_end(self) -> None:
@@ -118,24 +126,19 @@ class CommandDispatcher:
             # Without an envelope there is no request to answer by.
             self._refuse(f"command on {incoming.topic} dropped: {error}")
             return
-        problem = self._problem_of_the_way_back(incoming)
-        if problem is not None:
+        topic, correlation = reply_topic(self.arm, name), None
+        try:
+            self._check_way_back(incoming)
+            topic = incoming.response_topic or topic
+            correlation = incoming.correlation
+            task = self._answers.find(name, command.request)
+            if task is None:
+                self._check_rate(name)  # the same request may be sent again later
+                work = self._reply(name, command)
+                task = self._answers.begin(name, command.request, work)
+            payload = await asyncio.shield(task)
+        except RequestRefusedError as problem:
             payload = self._refusal(name, command.request, problem)
-            self._send(payload, reply_topic(self.arm, name), None)
-            return
-        topic = incoming.response_topic or reply_topic(self.arm, name)
-        task = self._answers.find(name, command.request)
-        if task is None:
-            if (problem := self._problem_of_rate(name)) is not None:
-                # Not remembered: the same request may be sent again later.
-                payload = self._refusal(name, command.request, problem)
-                self._send(payload, topic, incoming.correlation)
-                return
-            work = self._reply(name, command)
-            task = self._answers.begin(name, command.request, work)
-        self._send(await asyncio.shield(task), topic, incoming.correlation)
-
-    def _send(self, payload: bytes, topic: str, correlation: bytes | None) -> None:
         self.offer(OutgoingMessage(topic, payload, qos=1, correlation=correlation))
 
     async def _reply(self, name: str, command: Command) -> bytes:
@@ -175,15 +178,13 @@ class CommandDispatcher:
         )
         return encode(Reply(request=request, ok=False, error=error), self.encoding)
 
-    def _problem_of_the_way_back(
-        self, incoming: IncomingCommand
-    ) -> RequestRefusedError | None:
-        """Why the answer cannot be sent to the requested topic."""
+    def _check_way_back(self, incoming: IncomingCommand) -> None:
+        """The answer can be sent to the requested topic."""
         topic, correlation = incoming.response_topic, incoming.correlation
         if topic is not None and not is_response_topic(
             topic, self.arm, self.response_topics
         ):
-            return RequestRefusedError(
+            raise RequestRefusedError(
                 "command.bad_response",
                 f"answers do not go to {topic[:200]!r}; the command was not carried "
                 f"out. Expected: a topic below traverse/{self.arm}/reply/",
@@ -191,47 +192,31 @@ class CommandDispatcher:
                 "in [broker] of the daemon's configuration",
             )
         if correlation is not None and len(correlation) > MAX_CORRELATION_BYTES:
-            return RequestRefusedError(
+            raise RequestRefusedError(
                 "command.bad_response",
                 f"correlation data of {len(correlation)} bytes; the command was not "
                 f"carried out. Expected: at most {MAX_CORRELATION_BYTES}",
                 "use shorter correlation data",
             )
-        return None
 
-    def _problem_of_rate(self, name: str) -> RequestRefusedError | None:
-        if len(self._answers.executing) < MAX_RUNNING and self._limits.admit_kind(name):
-            return None
-        return RequestRefusedError(
-            "command.too_many",
-            "too many commands in a short time, or still being executed; this one "
-            "was not",
-            "wait, and send it again with the same request",
-        )
+    def _check_rate(self, name: str) -> None:
+        n_executing = len(self._answers.executing)
+        if n_executing >= MAX_RUNNING or not self._limits.admit_kind(name):
+            raise RequestRefusedError(
+                "command.too_many",
+                "too many commands in a short time, or still being executed; this one "
+                "was not",
+                "wait, and send it again with the same request",
+            )
 
     def _refuse(self, text: str) -> None:
         """Count a command that was not executed; senders cannot flood the log."""
         self.refused += 1
         self._refusals.write(text)
 
-    def _tell_retained(self, topic: str) -> None:
+    def _drop(self, code: str, text: str, remedy: str) -> None:
         self.refused += 1
-        self.events.report(
-            "warning",
-            "commands.retained",
-            f"the broker keeps an old command on {single_line(topic)}; ignored",
-            remedy="clear it: publish an empty retained message there",
-        )
-
-    def _tell_too_long(self, topic: str) -> None:
-        self.refused += 1
-        self.events.report(
-            "warning",
-            "commands.too_long",
-            f"a command on {single_line(topic)} has more than {MAX_COMMAND_BYTES} "
-            "bytes; dropped without an answer",
-            remedy="find its sender; see max_packet_size of the broker",
-        )
+        self.events.report("warning", code, text, remedy=remedy)
 
     def _tell_flood(self, begins: bool, dropped: int) -> None:
         self.events.change(

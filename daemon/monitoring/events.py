@@ -106,16 +106,8 @@ class EventLog:
         if not is_told and (held := self._held.get(key)) is not None:
             first_ns, count = held.first_ns, held.count + count
         occurrence = Occurrence(
-            severity,
-            code,
-            text,
-            remedy,
-            source,
-            None,
-            first_ns,
-            now_ns,
-            count,
-            data or {},
+            *(severity, code, text, remedy, source, None),
+            *(first_ns, now_ns, count, data or {}),
         )
         if is_told:
             self._tell(key, occurrence)

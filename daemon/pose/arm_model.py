@@ -4,7 +4,7 @@ An arm file that requires what a running daemon cannot do is refused.
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -87,26 +87,18 @@ def covariance_with_probe(
     return ArmCovariance(factor)
 
 
-def encoder_problems(arm: Arm, device_ids: Mapping[str, object]) -> list[Problem]:
+def encoder_problems(arm: Arm, device_ids: Mapping[str, object]) -> Iterator[Problem]:
     """Joints without an encoder, or with one that no device reads."""
-    problems = []
     for index, joint in enumerate(arm.joints):
         where = f"joints[{index}].encoder"
         if joint.encoder is None:
-            problems.append(
-                Problem(where, "is missing; without it counts are not angles")
+            yield Problem(where, "is missing; without it counts are not angles")
+        elif joint.encoder.device_id not in device_ids:
+            text = (
+                f"names device {joint.encoder.device_id!r}, which the configuration "
+                f"does not have; it has: {', '.join(sorted(device_ids)) or 'none'}"
             )
-            continue
-        if joint.encoder.device_id not in device_ids:
-            known = ", ".join(sorted(device_ids)) or "none"
-            problems.append(
-                Problem(
-                    f"{where}.source",
-                    f"names device {joint.encoder.device_id!r}, which the "
-                    f"configuration does not have; it has: {known}",
-                )
-            )
-    return problems
+            yield Problem(f"{where}.source", text)
 
 
 def covariate_problems(effects: ArmEffects) -> list[Problem]:
@@ -125,23 +117,18 @@ def covariate_problems(effects: ArmEffects) -> list[Problem]:
     ]
 
 
-def epoch_problems(arm: Arm) -> list[Problem]:
+def epoch_problems(arm: Arm) -> Iterator[Problem]:
     """Effects bound to moments that the nanoseconds of a sample cannot express."""
-    problems = []
     for index, effect in enumerate(arm.effects):
         if effect.epoch_utc is None:
             continue
         moment_s = effect.epoch_utc.timestamp() + effect.values.get("at_s", 0.0)
         if abs(moment_s) > LARGEST_TIME_S:
-            problems.append(
-                Problem(
-                    f"effects[{index}].epoch_utc",
-                    f"{effect.epoch_utc} and at_s, if there is one, are a moment that "
-                    "times of samples do not reach, expected 1678 to 2261; correct the "
-                    "date",
-                )
+            text = (
+                f"{effect.epoch_utc} and at_s, if there is one, are a moment that "
+                "times of samples do not reach, expected 1678 to 2261; correct the date"
             )
-    return problems
+            yield Problem(f"effects[{index}].epoch_utc", text)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -206,14 +206,13 @@ class FlightRecorder:
         *older, newest = self._found()
         oldest_ns = utc_ns - int(self.section.flight_s * 1e9)
         room = (self.section.flight_mb << 20) - newest.stat().st_size
-        for index in range(len(older) - 1, -1, -1):
-            segment = older[index]
-            follower = older[index + 1] if index + 1 < len(older) else newest
+        is_old, follower = False, newest
+        for segment in reversed(older):
             room -= segment.stat().st_size
-            if room < 0 or int(follower.stem.removeprefix("segment-")) < oldest_ns:
-                for gone in older[: index + 1]:
-                    gone.unlink(missing_ok=True)
-                return
+            is_old |= int(follower.stem.removeprefix("segment-")) < oldest_ns
+            if is_old or room < 0:
+                segment.unlink(missing_ok=True)
+            follower = segment
 
 
 def _is_whole(segment: Path) -> bool:

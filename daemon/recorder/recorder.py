@@ -9,6 +9,7 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
+from typing import Literal
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import RecordingSection
@@ -249,16 +250,13 @@ class Recorder:
     def health(self) -> RecordingHealth:
         """How it is, for the health message."""
         recorded, flight = self._thread.recorded, self._thread.flight
+        state: Literal["off", "flight", "recording", "failed"] = "off"
+        if recorded or self._failed:
+            state = "recording" if recorded else "failed"
+        elif self._section.flight:
+            state = "flight"
         return RecordingHealth(
-            state=(
-                "recording"
-                if recorded
-                else "failed"
-                if self._failed
-                else "flight"
-                if self._section.flight
-                else "off"
-            ),
+            state=state,
             name=recorded.name if recorded else None,
             bytes=recorded.n_bytes if recorded else 0,
             flight_bytes=flight.n_bytes,

@@ -238,13 +238,12 @@ class RecorderThread:
     def _close(self) -> None:
         self.flight.close()
         if self._manual is not None:
+            recorded, why = None, "the daemon ends"
             try:
-                recorded: Recorded | None = self.finish()
-                self._notify(
-                    RecorderNotification(stopped=(recorded, "the daemon ends"))
-                )
+                recorded = self.finish()
             except OSError as error:
-                self._notify(RecorderNotification(stopped=(None, reason_of(error))))
+                why = reason_of(error)
+            self._notify(RecorderNotification(stopped=(recorded, why)))
 
     def _refuse_rest(self) -> None:
         """After a fault: no requester must wait for ever."""

@@ -163,29 +163,20 @@ class ScanComparison:
         xyz_mm = np.concatenate([s.xyz_mm for s in now])[rows]
         ijk = np.concatenate([s.ijk for s in now])[rows]
         quality = np.concatenate([s.quality for s in now])[rows]
-        far_mm = np.abs(
-            np.column_stack([then[f"{axis}_mm"] for axis in "xyz"]) - xyz_mm
-        ).max(axis=1, initial=0.0)
-        turned = np.abs(np.column_stack([then[axis] for axis in "ijk"]) - ijk).max(
-            axis=1, initial=0.0
-        )
+        then_mm = np.column_stack([then[f"{axis}_mm"] for axis in "xyz"])
+        far_mm = np.abs(then_mm - xyz_mm).max(axis=1, initial=0.0)
+        then_ijk = np.column_stack([then[axis] for axis in "ijk"])
+        turned = np.abs(then_ijk - ijk).max(axis=1, initial=0.0)
         flagged = then["quality"] != quality
         tally = self.tally
         same = (far_mm == 0.0) & (turned == 0.0) & ~flagged
         tally.n += len(then)
         tally.same += int(same.sum())
-        tally.within += int(
-            (
-                (far_mm <= self._tolerance_mm) & (turned <= ULPS * 2.3e-16) & ~flagged
-            ).sum()
-        )
-        if len(then):
-            tally.largest_mm = max(tally.largest_mm, float(far_mm.max()))
-        for name, differs in (
-            ("xyz_mm", far_mm),
-            ("ijk", turned),
-            ("quality", flagged),
-        ):
+        is_within = (far_mm <= self._tolerance_mm) & (turned <= ULPS * 2.3e-16)
+        tally.within += int((is_within & ~flagged).sum())
+        tally.largest_mm = max(tally.largest_mm, float(far_mm.max(initial=0.0)))
+        differing = {"xyz_mm": far_mm, "ijk": turned, "quality": flagged}
+        for name, differs in differing.items():
             tally.differing[name] += int(np.count_nonzero(differs))
         tally.differing = +tally.differing
 
