@@ -158,8 +158,8 @@ def test_plain_lines_are_time_level_and_text():
 SCRIPT = """
 import logging, os, sys
 from pathlib import Path
-from traverse.daemon.system import journal, log_setup as logs
-journal.JournalHandler.__init__.__defaults__ = (Path(sys.argv[1]),)
+from traverse.daemon.system import log_setup as logs
+logs.JournalHandler.__init__.__defaults__ = (Path(sys.argv[1]),)
 if sys.argv[2] == "matching":
     told = os.fstat(2)
     os.environ["JOURNAL_STREAM"] = f"{told.st_dev}:{told.st_ino}"
