@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from traverse.cli.options import Json
+from traverse.cli.points.signing import read_public_key_file
 from traverse.cli.refusals import FAILED, print_report, refusals
 
 
@@ -27,6 +28,10 @@ def trace(
             file_okay=False,
         ),
     ] = None,
+    key: Annotated[
+        Path | None,
+        typer.Option(help="Public key of the arm, by which points are checked."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Show what a file follows from, and what of it is missing or altered.
@@ -38,7 +43,8 @@ def trace(
 
         beside = file.resolve().parent
         around = [beside] if file.is_dir() else [beside, beside.parent]
-        found = Tracer([*around, *(where or [])]).trace(file)
+        public_key = None if key is None else read_public_key_file(key)
+        found = Tracer([*around, *(where or [])], public_key).trace(file)
         states = [link.state for link in found.every()]
         bad = [
             f"{states.count(state)} {state}"

@@ -13,7 +13,8 @@ from traverse.daemon.config.schema import (
 )
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.daemon.pose.probe_library import read_probes
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.daemon.store.point_signer import PointSigner, read_signer
+from traverse.strict_toml.problems import FileError, Problem, system_reason
 
 REFUSED = 2
 UNREACHABLE = 3
@@ -43,11 +44,13 @@ class Inputs(NamedTuple):
 
     Attributes:
         probes: names of the probe library's; None where there is no library.
+        signer: of points; None where they are not signed.
     """
 
     configuration: Configuration
     model: ArmModel
     probes: tuple[str, ...] | None = None
+    signer: PointSigner | None = None
 
 
 def address_of(section: BrokerSection, folder: Path) -> BrokerAddress:
@@ -93,6 +96,14 @@ def read_inputs(path: Path, embedded: bool) -> Inputs:
         except FileError as error:
             failures.append(error)
     problems = _end_stop_problems(configuration, model)
+    signer = None
+    if configuration.signing.key is not None:
+        key = path.parent / configuration.signing.key
+        try:
+            signer = read_signer(key)
+        except (ValueError, OSError) as error:
+            why = system_reason(error) if isinstance(error, OSError) else str(error)
+            problems.append(Problem("signing.key", f"{key} {why}"))
     clock = configuration.assembly.clock
     if clock is not None and clock not in model.devices:
         text = f"{clock!r} reads no joint; one of these does: " + ", ".join(
@@ -103,7 +114,7 @@ def read_inputs(path: Path, embedded: bool) -> Inputs:
         failures.append(FileError(str(path), problems))
     if failures:
         raise StartupError(failures, REFUSED)
-    return Inputs(configuration, model, probes)
+    return Inputs(configuration, model, probes, signer)
 
 
 def _end_stop_problems(configuration: Configuration, model: ArmModel) -> list[Problem]:

@@ -50,6 +50,7 @@ def status_message(
     *,
     keeps_points: bool,
     active: Sequence[Occurrence] = (),
+    public_key: str | None = None,
     online: bool = True,
 ) -> Status:
     """The state now, or that of a daemon which is not there any more."""
@@ -63,6 +64,7 @@ def status_message(
             "probes": None if probes is None else probes[:MAX_PROBES],
             "label": measurement.capture.label,
             "alignment": None if alignment is None else alignment.name,
+            "public_key": public_key,
         }
     devices = measurement.devices.values()
     ready = keeps_points and all(device.state == "ready" for device in devices)

@@ -82,7 +82,7 @@ class Service:
     def __init__(
         self, inputs: Inputs, broker: BrokerSection, path: Path, *, embedded: bool
     ) -> None:
-        configuration, model, probes = inputs
+        configuration, model, probes, signer = inputs
         arm, encoding = model.name, broker.encoding
         self.clock = clock = HostClock()
         self.notifier = notifier = Notifier()
@@ -122,6 +122,7 @@ class Service:
             limit=configuration.capture.max_waiting_points,
             latencies=latencies,
             ready_changed=status_due.set,
+            signer=signer,
         )
         self.spool = spool = ScanStore(
             state_path(path) / SCANS, publisher, events, configuration.scan
@@ -170,7 +171,7 @@ class Service:
         self.scans = scans = ScanCommands(measurement)
 
         def apply_inputs(inputs: Inputs) -> None:
-            configuration, model, _ = inputs
+            configuration, model, *_ = inputs
             measurement.apply_settings(configuration, model)
             scans.request_tracking_rate()
             outbox.use(configuration.outbox)
@@ -236,12 +237,14 @@ class Service:
 
     def status(self, online: bool) -> Status:
         """The state now, or that of a daemon which is not there any more."""
+        signer = self.outbox.signer
         message = status_message(
             self.measurement,
             self.clock,
             self.publisher.encoding,
             keeps_points=self.outbox.is_ready,
             active=self.events.active,
+            public_key=None if signer is None else signer.public_key,
             online=online,
         )
         return self.others.sending(message)

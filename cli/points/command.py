@@ -9,21 +9,19 @@ from typing import IO, TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.options import Force
+from traverse.cli.points.options import ConfigOption, DbOption, outbox_of
 from traverse.cli.points.resend import LAST, FromOption, ToOption, resend
+from traverse.cli.points.signing import key, verify
 from traverse.cli.refusals import check_target, refusals, refuse
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
     from sqlite3 import Connection
 
-DbOption = Annotated[Path | None, typer.Option("--db", help="The outbox's file.")]
-ConfigOption = Annotated[
-    Path | None,
-    typer.Option("--config", help="The daemon's configuration, beside its state."),
-]
-
 points = typer.Typer(help="Points on a daemon's disk.", no_args_is_help=True)
 points.command("resend")(resend)
+points.command("key")(key)
+points.command("verify")(verify)
 
 
 @points.command("list")
@@ -53,7 +51,7 @@ def list_points(
         read_sessions,
     )
 
-    with refusals(ValueError), opened_outbox(_outbox(db, config)) as connection:
+    with refusals(ValueError), opened_outbox(outbox_of(db, config)) as connection:
         if session is None:
             for one in read_sessions(connection, LAST):
                 n, unsent = counts_of(connection, one.session)
@@ -102,7 +100,7 @@ def export(
     if out is not None:
         check_target(out, force=force)
     with refusals(ValueError), ExitStack() as stack:
-        connection = stack.enter_context(opened_outbox(_outbox(db, config)))
+        connection = stack.enter_context(opened_outbox(outbox_of(db, config)))
         if session is not None:
             _check(connection, session)
         file: IO[bytes] = sys.stdout.buffer
@@ -124,17 +122,6 @@ def export(
         typer.echo(f"{out}: {counted(n, 'point')}", err=True)
     if unreadable:
         raise typer.Exit(1)
-
-
-def _outbox(db: Path | None, config: Path | None) -> Path:
-    from traverse.daemon.state_dir import OUTBOX, state_path  # noqa: PLC0415
-
-    if (db is None) == (config is None):
-        refuse("give --db FILE or --config FILE, one of them")
-    path = db or state_path(config or Path()) / OUTBOX
-    if config is not None and not (config.is_file() or path.is_file()):
-        refuse(f"{config}: there is no such file; check the path")
-    return path
 
 
 def _check(connection: "Connection", session: str) -> None:

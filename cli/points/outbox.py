@@ -102,13 +102,19 @@ def write_points(
     sink = FORMATS[as_format](file)
     sink.points([])
     for message in messages:
-        if not message.is_whole:
-            unreadable.append(f"seq {message.seq!r}: damaged, and left out")
-            continue
-        try:
-            point = decode(Point, message.payload, message.encoding)
-        except MessageError as error:
-            unreadable.append(f"{message.id}: cannot be read and is left out: {error}")
-            continue
-        sink.points([point])
+        point = point_of(message)
+        if isinstance(point, str):
+            unreadable.append(point)
+        else:
+            sink.points([point])
     return sink.n, unreadable
+
+
+def point_of(message: StoredMessage) -> Point | str:
+    """Read a stored point; a text says why it cannot be."""
+    if not message.is_whole:
+        return f"seq {message.seq!r}: damaged, and left out"
+    try:
+        return decode(Point, message.payload, message.encoding)
+    except MessageError as error:
+        return f"{message.id}: cannot be read and is left out: {error}"

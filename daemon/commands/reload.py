@@ -124,13 +124,14 @@ class ConfigurationReloader:
             ) from error
 
 
+_FIXED = ["broker", "device", "assembly", "metrics", "realtime", "recording", "signing"]
+
+
 def restart_required(old: Inputs, new: Inputs) -> list[str]:
     """What a running daemon cannot change, of all that has."""
     before, after = old.configuration, new.configuration
     found = [
-        f"[{name}]"
-        for name in ("broker", "device", "assembly", "metrics", "realtime", "recording")
-        if getattr(before, name) != getattr(after, name)
+        f"[{name}]" for name in _FIXED if getattr(before, name) != getattr(after, name)
     ]
     if before.capture.max_waiting_points != after.capture.max_waiting_points:
         found.append("max_waiting_points of [capture]")

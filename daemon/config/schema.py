@@ -283,6 +283,12 @@ class HealthSection(StrictModel):
     period_s: float = Field(default=2.0, ge=0.2, le=3600.0)
 
 
+class SigningSection(StrictModel):
+    """The key by which points are signed; without it they are not."""
+
+    key: str | None = Field(default=None, min_length=1)
+
+
 class Configuration(StrictModel):
     """The whole file."""
 
@@ -299,6 +305,7 @@ class Configuration(StrictModel):
     realtime: RealtimeSection = RealtimeSection()
     recording: RecordingSection = RecordingSection()
     outbox: OutboxSection = OutboxSection()
+    signing: SigningSection = SigningSection()
 
 
 def read_configuration(path: Path) -> Configuration:

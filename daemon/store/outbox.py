@@ -4,6 +4,7 @@ import contextlib
 import fcntl
 import os
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 from traverse.daemon.config.schema import OutboxSection
@@ -13,6 +14,7 @@ from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.message_publisher import MessagePublisher
 from traverse.daemon.state_dir import OWNER_ONLY
 from traverse.daemon.store.durable_queue import DurableQueue, QueueProfile
+from traverse.daemon.store.point_signer import PointSigner
 from traverse.daemon.store.queries import read_requested
 from traverse.daemon.store.records import (
     NewMessage,
@@ -65,6 +67,7 @@ class Outbox(DurableQueue):
         latencies: receives how long points took to the disk, and from there to
             the broker.
         ready_changed: called when points can be stored again, or cannot any more.
+        signer: signs points; None: they are not signed.
     """
 
     def __init__(
@@ -77,6 +80,7 @@ class Outbox(DurableQueue):
         limit: int,
         latencies: Mapping[str, Latencies],
         ready_changed: Callable[[], None] = lambda: None,
+        signer: PointSigner | None = None,
     ) -> None:
         super().__init__(
             path,
@@ -90,6 +94,7 @@ class Outbox(DurableQueue):
         )
         self._topic = point_topic(publisher.arm)
         self._limit = limit
+        self.signer = signer
 
     @contextlib.asynccontextmanager
     async def running(self, *, is_needed: bool = True) -> AsyncIterator[None]:
@@ -114,6 +119,9 @@ class Outbox(DurableQueue):
         if not self.is_open or self.n_in_flight >= self._limit:
             return None
         write = PendingPoint(point)
+        if self.signer is not None:
+            point = self.signer.signed(point)
+            write.on_roll_back(partial(self.signer.roll_back, point))
         self.put(message_of(point, self._topic, self._encoding, begun_ns, note), write)
         return write
 

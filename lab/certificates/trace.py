@@ -5,7 +5,6 @@ design and the covariance that it comes from, a campaign the arm file that it wa
 with, a recording the files in it. A name that no file beside them has is missing.
 """
 
-import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,6 +19,7 @@ from traverse.lab.identification.results.files import IDENTIFICATION
 from traverse.lab.measured_points.reading import files_read
 from traverse.lab.report.checksums import SUMS, sums_problems
 from traverse.lab.report.provenance import digest_of_files
+from traverse.protocol.signed_points import checked_points, points_of_lines
 from traverse.recording.reader import read_recording
 from traverse.recording.run_reader import RunReader
 from traverse.strict_toml.files import json_of, table_lines
@@ -82,9 +82,17 @@ class Link:
 
 
 class Tracer:
-    """Walks chains; looks for files in some folders and what lies below them."""
+    """Walks chains.
 
-    def __init__(self, folders: Iterable[Path]) -> None:
+    Args:
+        folders: Where files are looked for, and below.
+        public_key: Of the arm, by which points are checked; None: they are not.
+    """
+
+    def __init__(
+        self, folders: Iterable[Path], public_key: bytes | None = None
+    ) -> None:
+        self._public_key = public_key
         self._folders = tuple(dict.fromkeys(folder.resolve() for folder in folders))
         self._seen: set[str] = set()
 
@@ -230,14 +238,20 @@ class Tracer:
 
     def _points(self, path: Path) -> Link:
         link = Link("points", path, digest_of_files([path]))
-        models: dict[str, None] = {}
         with table_lines(path) as lines:
-            for number, line in enumerate(lines, 1):
-                try:
-                    models[str(json.loads(line)["model"])] = None
-                except (ValueError, TypeError, KeyError):
-                    link.state = "altered"
-                    link.remarks.append(f"line {number} is no point")
+            points = list(points_of_lines(lines))
+        wrong = [one for one in points if isinstance(one, str)]
+        whole = [one for one in points if not isinstance(one, str)]
+        signed = [one for one in whole if one.signature is not None]
+        if self._public_key is not None:
+            wrong = checked_points(points, self._public_key).problems
+        elif signed:
+            told = "signed, and not checked: name the arm's public key by --key"
+            link.remarks.append(told)
+        if wrong:
+            link.state = "altered"
+            link.remarks += wrong
+        models = dict.fromkeys(one.model for one in whole)
         link.links += [self._named("arm file", model) for model in models]
         return link
 

@@ -22,6 +22,7 @@ from traverse.protocol.messages.quality import Quality
 
 Trigger = Literal["button", "switch", "timer", "command"]
 Compensation = Literal["none", "shank", "pretouch", "pulled", "inside", "outside"]
+SIGNATURE_PATTERN = "^[A-Za-z0-9+/]{86}==$"
 Covariance = tuple[float, float, float, float, float, float]
 
 
@@ -88,6 +89,10 @@ class Point(Message):
     """What was touched."""
     quality: Quality
     """Whether the point may be trusted."""
+    previous: Digest | None = None
+    """Link to the point before it in the session; null unless points are signed."""
+    signature: Annotated[str, Field(pattern=SIGNATURE_PATTERN)] | None = None
+    """Ed25519 over the point, base 64; null unless points are signed."""
 
     def retraction(
         self, *, seq: int, point_id: str, trigger: Trigger, time_ns: int

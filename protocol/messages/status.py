@@ -88,6 +88,8 @@ class Status(Message):
     versions."""
     alignment: Text | None = None
     """Name of the alignment to the part; empty: without a name; null: no alignment."""
+    public_key: Annotated[str, Field(pattern="^[A-Za-z0-9+/]{43}=$")] | None = None
+    """Ed25519 key by which points are signed, base 64; null: they are not."""
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Self:

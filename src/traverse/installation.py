@@ -30,7 +30,7 @@ EXTRAS = {
     "foxglove": "live",
     "lxml": "certificate",
     "signxml": "certificate",
-    "cryptography": "certificate",
+    "cryptography": "signed",
 }
 """Extra with a library, by the imported name."""
 
@@ -39,6 +39,7 @@ _NOT_IN_DEBIAN = {
     "keys": "use `traverse gateway lines`",
     "live": "use `traverse page`",
     "certificate": "certify on another computer, with pip",
+    "signed": "leave [signing] out",
 }
 PACKAGED = "/usr/lib/traverse"
 

@@ -45,6 +45,7 @@ ELSEWHERE = {
     "collect": "tests/end_to_end/cli/test_collect.py",
     "daily-check": "tests/cli/test_daily_check.py",
     "certify": "tests/cli/test_certify.py",
+    "points verify": "tests/end_to_end/delivery/test_signed_points.py",
     "points resend": "tests/end_to_end/delivery/test_outbox_recovery.py",
     "microscribe arm-file": "tests/cli/devices/test_microscribe.py",
     **dict.fromkeys(("can scan", "can preset"), "tests/cli/devices/test_can.py"),
@@ -123,6 +124,7 @@ OFFICE = {
     "align": ["align touched.csv --nominal nominal.csv --std 0.01"],
     "probe pivot": ["probe pivot campaign --arm arm.toml --cone cone-1 --yes"],
     "export": ["export points.jsonl --to csv", "export points.jsonl --to dxf"],
+    "points key": ["points key --out arm.key"],
     "points list": ["points list --db outbox.db"],
     "points export": ["points export --db outbox.db --out outbox.csv"],
 }

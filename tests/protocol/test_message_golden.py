@@ -71,7 +71,7 @@ A5 65 72 72 6F 72                                            error
 POINT_FIELDS = """
 schema session seq id retracts arm model trigger time_ns xyz_mm ijk
 surface_mm compensation part_xyz_mm covariance_mm2 angles_rad counts temperature_c
-probe_radius_mm samples spread_mm label quality
+probe_radius_mm samples spread_mm label quality previous signature
 """
 
 

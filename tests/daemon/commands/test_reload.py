@@ -38,7 +38,7 @@ class Reloading:
         self.manager = folder / "notify"
         self.write(CONFIGURATION)
         arm_file(folder)
-        configuration, model, _ = read_inputs(self.path, embedded=False)
+        configuration, model, *_ = read_inputs(self.path, embedded=False)
         self.bench = Bench(model)
         self.used = []
         self.reload = ConfigurationReloader(
@@ -191,7 +191,7 @@ def test_every_input_keeps_its_trigger(tmp_path):
     reloading_path = tmp_path / "daemon.toml"
     reloading_path.write_text(CONFIGURATION)
     arm_file(tmp_path)
-    configuration, _, _ = read_inputs(reloading_path, embedded=False)
+    configuration, *_ = read_inputs(reloading_path, embedded=False)
     triggers = triggers_of(configuration.capture)
     assert triggers["base", 0] == "button"
     assert ("base", 1) not in triggers

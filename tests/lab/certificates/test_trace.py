@@ -11,10 +11,12 @@ from typer.testing import CliRunner
 
 from tests.lab.certificates.made import ARM
 from tests.lab.certificates.test_tampering import mutated
+from tests.protocol.message_examples import POINT
 from traverse.cli.__main__ import app
 from traverse.kinematics.arm_file.arm import arm_digest, read_arm, write_arm
 from traverse.lab.certificates.trace import Tracer
 from traverse.lab.report.checksums import SUMS, read_sums
+from traverse.protocol.encoding import encode
 from traverse.recording.run_writer import Entry, RunHead, RunWriter
 from traverse.strict_toml.problems import FileError
 
@@ -117,9 +119,11 @@ def test_a_recording_and_points_lead_to_the_arm(chain: Path) -> None:
     recording.write_bytes(content[: len(content) // 2])
     assert states(recording)["recording"] == "altered"
     points = chain / "points.jsonl"
-    points.write_text(json.dumps({"model": arm_digest(arm)}) + "\n")
+    one = encode(POINT.model_copy(update={"model": arm_digest(arm)}), "json").decode()
+    points.write_text(f"{one}\n")
     assert states(points) == {"points": "whole", "arm file demo-7": "whole"}
-    points.write_text('{"model": "00"}\nno point\n')
+    other = encode(POINT, "json").decode()
+    points.write_text(f"{other}\nno point\n")
     assert states(points) == {"points": "altered", "arm file": "missing"}
 
 

@@ -1,0 +1,94 @@
+"""A daemon that signs: its points, its outbox, its status; killed in between."""
+
+import json
+import re
+import signal
+
+import pytest
+from typer.testing import CliRunner
+
+from tests.end_to_end.measuring import measuring
+from tests.end_to_end.workbench import REST, Workbench
+from traverse.cli.__main__ import app
+from traverse.client import Arm
+from traverse.protocol.messages import Point
+from traverse.protocol.signed_points import checked_points, read_public_key
+
+pytestmark = pytest.mark.needs("mosquitto")
+
+
+def run(*words: object, status: int = 0) -> str:
+    ran = CliRunner().invoke(app, [str(word) for word in words])
+    assert ran.exit_code == status, (ran.output, ran.exception)
+    return ran.output
+
+
+def write_signing(bench: Workbench) -> None:
+    """A bench at rest whose daemon has a key."""
+    run("points", "key", "--out", bench.folder / "arm.key")
+    bench.write_simulator(REST)
+    bench.write_daemon()
+    file = bench.folder / "daemon.toml"
+    file.write_text(file.read_text() + '\n[signing]\nkey = "arm.key"\n')
+
+
+async def test_points_are_signed_and_checked_wherever_they_are(
+    bench: Workbench,
+) -> None:
+    write_signing(bench)
+    public = bench.folder / "arm.key.pub"
+    broker = f"{bench.host}:{bench.port}"
+    received: list[Point] = []
+    async with measuring(bench) as (listener, _, daemon):
+        async with Arm(bench.arm, broker) as arm:
+            assert (await arm.status()).public_key == public.read_text().strip()
+            received += [await arm.capture() for _ in range(4)]
+            received.append(await arm.undo())
+            await arm.new_session()
+            received += [await arm.capture() for _ in range(2)]
+        await daemon.stop(signal.SIGKILL)
+        with bench.daemon(name="another") as another:
+            async with Arm(bench.arm, broker) as arm:
+                received += [await arm.capture() for _ in range(3)]
+            await listener.n_points(len(received))
+            assert await another.stop() == 0
+    found = checked_points(received, read_public_key(public.read_text()))
+    assert found.problems == []
+    assert sorted(found.last.values()) == [1, 2, 4]
+    config = bench.folder / "daemon.toml"
+    said = json.loads(
+        run("points", "verify", "--config", config, "--key", public, "--json")
+    )
+    assert said == {"points": 10, "problems": [], "last": found.last}
+    file = bench.folder / "points.jsonl"
+    run("points", "export", "--config", config, "--format", "jsonl", "--out", file)
+    assert "10 points: signed" in run("points", "verify", file, "--key", public)
+    run("trace", file, "--in", bench.folder, "--key", public)
+    lines = file.read_text().splitlines(keepends=True)
+    file.write_text("".join([*lines[:2], *lines[3:]]))
+    told = run("points", "verify", file, "--key", public, status=1)
+    assert "2 before it is missing" in told
+    told = run("trace", file, "--in", bench.folder, "--key", public, status=1)
+    assert "2 before it is missing" in told
+    run("points", "key", "--out", bench.folder / "strangers.key")
+    stranger = bench.folder / "strangers.key.pub"
+    told = run("points", "verify", file, "--key", stranger, status=1)
+    assert "was altered, or signed by another key" in told
+
+
+async def test_a_daemon_with_a_key_that_cannot_be_used_does_not_start(
+    bench: Workbench,
+) -> None:
+    write_signing(bench)
+    key = bench.folder / "arm.key"
+    for spoil, told in (
+        (lambda: key.chmod(0o644), "signing.key: .* can be read by others"),
+        (key.unlink, "signing.key: .* does not exist|No such file"),
+    ):
+        spoil()
+        with bench.daemon() as daemon:
+            assert await daemon.ended() == 2
+        assert re.search(told, daemon.log), daemon.log
+    key.touch(0o600)
+    told = run("points", "key", "--out", key, status=2)
+    assert "exists" in told
