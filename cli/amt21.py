@@ -92,9 +92,9 @@ def zero(
     An arm file and an identification made before no longer fit: their zero_rad belongs
     to the old 0.
     """
-    from traverse.protocol.amt21 import zero_request  # noqa: PLC0415 - keeps --help quick
+    from traverse.protocol import amt21 as wire  # noqa: PLC0415
 
-    _command("zero", zero_request, line, address, yes=yes, as_json=as_json)
+    _command("zero", wire.zero_request, line, address, yes=yes, as_json=as_json)
 
 
 @amt21.command()
@@ -103,9 +103,9 @@ def reset(
     *, line: LineOptions, address: Address, yes: Yes = False, as_json: Json = False
 ) -> None:
     """Restart an encoder, as after power-up; the shaft must rest."""
-    from traverse.protocol.amt21 import reset_request  # noqa: PLC0415 - keeps --help quick
+    from traverse.protocol import amt21 as wire  # noqa: PLC0415
 
-    _command("reset", reset_request, line, address, yes=yes, as_json=as_json)
+    _command("reset", wire.reset_request, line, address, yes=yes, as_json=as_json)
 
 
 def _command(
@@ -118,7 +118,7 @@ def _command(
     as_json: bool,
 ) -> None:
     """Show an encoder's position, do something to it, and show it again."""
-    from traverse.protocol.amt21 import START_UP_S  # noqa: PLC0415
+    from traverse.protocol import amt21 as wire  # noqa: PLC0415
 
     number = _address(address)
     with where.opened() as line:
@@ -128,7 +128,7 @@ def _command(
         if not yes:
             typer.confirm(f"{name} this encoder?", abort=True, err=as_json)
         line.command(request(number))
-        time.sleep(2 * START_UP_S)
+        time.sleep(2 * wire.START_UP_S)
         after = _present(line, number)
     now = after["position"]
     report = {"address": number, "before": before["position"], "after": now}
@@ -136,13 +136,13 @@ def _command(
 
 
 def _address(text: str) -> int:
-    from traverse.protocol.amt21 import is_address  # noqa: PLC0415
+    from traverse.protocol import amt21 as wire  # noqa: PLC0415
 
     try:
         number = int(text, 0)
     except ValueError:
         number = -1
-    if not is_address(number):
+    if not wire.is_address(number):
         refuse(f"--address {text} is none; expected a multiple of 4, from 0x04 to 0xFC")
     return number
 
@@ -159,24 +159,20 @@ def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, An
     """
     from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
     from traverse.drivers.polling.channel import EncoderReading  # noqa: PLC0415
-    from traverse.protocol.amt21 import (  # noqa: PLC0415
-        position_request,
-        turns_of,
-        turns_request,
-    )
+    from traverse.protocol import amt21 as wire  # noqa: PLC0415
 
     line.find_echo(addresses)
     found = []
     for address in addresses:
-        position = _value(line, position_request(address))
+        position = _value(line, wire.position_request(address))
         if position is None:
             continue
-        turns = line.ask(turns_request(address))
+        turns = line.ask(wire.turns_request(address))
         found.append(
             {
                 "address": address,
                 "position": position,
-                "turns": turns_of(turns.count)
+                "turns": wire.turns_of(turns.count)
                 if isinstance(turns, EncoderReading)
                 else None,
             }

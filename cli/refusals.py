@@ -87,8 +87,10 @@ def system_refusal(error: OSError) -> str:
     return f"{path}: {system_reason(error)}"
 
 
-def check_target(path: Path, *, force: bool) -> None:
+def check_target(path: Path | None, *, force: bool) -> None:
     """Refuse a file that cannot be written, or that is there, before any work."""
+    if path is None:
+        return
     if not path.parent.is_dir():
         refuse(f"{path}: there is no folder {path.parent}; make it first")
     if path.is_dir():

@@ -121,17 +121,14 @@ def _certificate(
     from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits  # noqa: PLC0415
     from traverse.lab.acceptance.standards import verified  # noqa: PLC0415
     from traverse.lab.measured_points.reading import files_read, read_measured  # noqa: PLC0415
-    from traverse.lab.report.provenance import (  # noqa: PLC0415
-        ReportSource,
-        digest_of_files,
-        report_provenance,
-    )
+    from traverse.lab.report import provenance as sources  # noqa: PLC0415
 
     arm, text = _arm(data, arm_file)
     permitted = NO_LIMITS if limits_file is None else read_limits(limits_file)
     measured = read_measured(data, arm)
     files = {path.name: bytes_of(path) for path in files_read(data)}
-    source = ReportSource(data.resolve().name, digest_of_files(files_read(data)))
+    digest = sources.digest_of_files(files_read(data))
+    source = sources.ReportSource(data.resolve().name, digest)
     files[ARM] = text
     if limits_file is not None:
         files[LIMITS] = bytes_of(limits_file)
@@ -141,7 +138,7 @@ def _certificate(
         permitted,
         files,
         administration_of(measured, arm),
-        report_provenance(source, computed_by),
+        sources.report_provenance(source, computed_by),
     )
 
 

@@ -80,7 +80,6 @@ def from_dh(
     zero), base_rad, name, counts_per_turn, sign, source; _m and _deg also.
     """
     from traverse.cli.arm.making import arm_from_dh_file  # noqa: PLC0415
-    from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415 - keeps --help quick
     from traverse.kinematics.importers.dh_file import Units  # noqa: PLC0415
 
     check_target(out, force=force)
@@ -94,8 +93,7 @@ def from_dh(
             base_xyz_mm=base_xyz_mm,
             base_rpy_rad=base_rpy_rad,
         )
-        write_arm(out, made)
-    _print_made(out, made, as_json=as_json)
+        _write(out, made, as_json=as_json)
 
 
 @arm.command("from-urdf")
@@ -120,13 +118,11 @@ def from_urdf(
     along. The shank is the tip's z axis unless --tool-rpy-rad turns it.
     """
     from traverse.cli.arm.making import arm_from_urdf_file  # noqa: PLC0415
-    from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415 - keeps --help quick
 
     check_target(out, force=force)
     with refusals():
         made = arm_from_urdf_file(file, root, tip, options)
-        write_arm(out, made)
-    _print_made(out, made, as_json=as_json)
+        _write(out, made, as_json=as_json)
 
 
 @arm.command("to-dh")
@@ -151,8 +147,7 @@ def to_dh(
     from traverse.kinematics.importers.dh_report import dh_report, remark_lines  # noqa: PLC0415
     from traverse.strict_toml.writing import arm_text, write_atomically  # noqa: PLC0415
 
-    if out is not None:
-        check_target(out, force=force)
+    check_target(out, force=force)
     with refusals():
         report, csv_text = dh_report(read_arm(file), parallel_below_rad, postures, seed)
         if out is not None:
@@ -179,8 +174,7 @@ def to_urdf(
     from traverse.kinematics.importers.urdf_report import urdf_remarks, urdf_report  # noqa: PLC0415
     from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
 
-    if out is not None:
-        check_target(out, force=force)
+    check_target(out, force=force)
     with refusals():
         values = read_arm(file)
         with refusals(ValueError):
@@ -201,7 +195,10 @@ def _print_converted(
         print_report(report, lines, as_json=as_json)
 
 
-def _print_made(file: Path, made: "Arm", *, as_json: bool) -> None:
+def _write(file: Path, made: "Arm", *, as_json: bool) -> None:
+    from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415
+
+    write_arm(file, made)
     names = [joint.name for joint in made.joints]
     report = {"file": str(file), "arm": made.name, "joints": names}
     print_report(report, [_made(file, made)], as_json=as_json)

@@ -51,17 +51,9 @@ def collect(
     address = broker.address()
     with refusals():
         from traverse.cli.collect.session import run_collection  # noqa: PLC0415
-        from traverse.lab.campaign.campaign_file import (  # noqa: PLC0415
-            example_problems,
-            read_campaign_file,
-        )
+        from traverse.lab.campaign import campaign_file  # noqa: PLC0415
+        from traverse.lab.collection import plan as plans  # noqa: PLC0415
         from traverse.lab.collection.collection import Collection  # noqa: PLC0415
-        from traverse.lab.collection.plan import (  # noqa: PLC0415  # noqa: PLC0415
-            PLAN,
-            planned_targets,
-            read_plan,
-            targets_of,
-        )
         from traverse.lab.collection.report import collection_report  # noqa: PLC0415
         from traverse.protocol.messages.quality import FLAG_MEANINGS  # noqa: PLC0415
 
@@ -73,8 +65,8 @@ def collect(
             )
         if campaign.is_dir():
             campaign /= "campaign.toml"
-        file = read_campaign_file(campaign)
-        for problem in example_problems(file):
+        file = campaign_file.read_campaign_file(campaign)
+        for problem in campaign_file.example_problems(file):
             typer.echo(f"{campaign}: {problem}", err=True)
         if not file.poses.endswith(".csv"):
             refuse(
@@ -88,15 +80,15 @@ def collect(
                     "no point has; make the table of its poses otherwise"
                 )
         model = read_arm(arm)
-        beside = campaign.parent / PLAN
-        plan = read_plan(beside) if beside.is_file() else None
+        beside = campaign.parent / plans.PLAN
+        plan = plans.read_plan(beside) if beside.is_file() else None
         collection = Collection(
             file,
             campaign.parent,
             [joint.name for joint in model.joints],
-            targets_of(file, each)
+            plans.targets_of(file, each)
             if plan is None
-            else planned_targets(plan, file, str(beside)),
+            else plans.planned_targets(plan, file, str(beside)),
             plan,
         )
         collection.resume()

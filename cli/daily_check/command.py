@@ -179,12 +179,8 @@ def _collected(
     from traverse.cli.collect.session import run_collection  # noqa: PLC0415
     from traverse.lab.acceptance.plan import CAMPAIGN  # noqa: PLC0415
     from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
+    from traverse.lab.collection import plan as plans  # noqa: PLC0415
     from traverse.lab.collection.collection import Collection  # noqa: PLC0415
-    from traverse.lab.collection.plan import (  # noqa: PLC0415
-        PLAN,
-        planned_targets,
-        read_plan,
-    )
     from traverse.lab.daily_check.figures import write_check  # noqa: PLC0415
 
     if not radius_mm > 0.0:
@@ -192,12 +188,13 @@ def _collected(
     now = datetime.now(UTC)
     folder = path.parent / "interim" / f"{now:%Y%m%dT%H%M%S.%fZ}"
     write_check(folder, arm, radius_mm, now)
-    file, plan = read_campaign_file(folder / CAMPAIGN), read_plan(folder / PLAN)
+    file = read_campaign_file(folder / CAMPAIGN)
+    plan = plans.read_plan(folder / plans.PLAN)
     collection = Collection(
         file,
         folder,
         [joint.name for joint in arm.joints],
-        planned_targets(plan, file, str(folder / PLAN)),
+        plans.planned_targets(plan, file, str(folder / plans.PLAN)),
         plan,
     )
     run_collection(collection, arm.name, broker, ALLOWED, quiet=quiet)

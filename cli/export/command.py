@@ -2,14 +2,16 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
+from traverse.cli.export.options import Wanted, with_wanted
 from traverse.cli.options import Force, Json
 from traverse.cli.refusals import check_target, refusals, refuse
 
 
+@with_wanted
 def export(
     source: Annotated[
         Path,
@@ -18,33 +20,11 @@ def export(
         ),
     ],
     *,
-    to: Annotated[
-        str,
-        typer.Option(help="csv, dxf, jsonl, npz, parquet, ply, text, xyz or campaign."),
-    ] = "csv",
+    wanted: Wanted,
     out: Annotated[
         Path | None,
         typer.Option(help="File to write (campaign: folder); else SOURCE's name."),
     ] = None,
-    kind: Annotated[
-        Literal["points", "scans"], typer.Option(help="Part of a recording.")
-    ] = "points",
-    coordinates: Annotated[
-        Literal["centre", "surface", "part"],
-        typer.Option(help="Of the ball, of the touched surface, or in the part."),
-    ] = "centre",
-    session: Annotated[
-        str | None, typer.Option(help="Only points of this session.")
-    ] = None,
-    filters: Annotated[
-        Path | None,
-        typer.Option(
-            help="TOML file with [[filters]], as [[scan.filters]] of a daemon."
-        ),
-    ] = None,
-    template: Annotated[
-        str, typer.Option(help="With --to text: such as '{seq};{x_mm:.3f}\\n'.")
-    ] = "",
     arm: Annotated[
         Path | None, typer.Option(help="With --to campaign: the arm file.")
     ] = None,
@@ -52,9 +32,6 @@ def export(
         Path | None,
         typer.Option(help="With --to campaign: a campaign.toml, or its folder."),
     ] = None,
-    retracted: Annotated[
-        bool, typer.Option("--retracted", help="Retracted points and retractions, too.")
-    ] = False,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -64,17 +41,11 @@ def export(
     appears whole or not at all, and replaces another with --force only.
     Exit status 2: a file or an option was refused.
     """
-    from traverse.cli.export.campaign import (  # noqa: PLC0415
-        campaign_words,
-        export_campaign,
-    )
-    from traverse.cli.export.file import (  # noqa: PLC0415
-        Wanted,
-        file_words,
-        write_file,
-    )
+    from traverse.cli.export import campaign as labelled  # noqa: PLC0415
+    from traverse.cli.export.file import file_words, write_file  # noqa: PLC0415
     from traverse.client.exports.formats import FORMATS  # noqa: PLC0415 - keeps --help quick
 
+    to = wanted.to
     if to not in (*FORMATS, "campaign"):
         refuse(f"--to {to}: one of {', '.join(FORMATS)}, campaign")
     with refusals(ValueError):
@@ -82,16 +53,15 @@ def export(
             if arm is None or campaign is None:
                 refuse("--to campaign needs --arm and --campaign")
             folder = out or source.with_suffix("")
-            report = export_campaign(source, arm, campaign, folder, session)
-            said = campaign_words(report)
+            report = labelled.export_campaign(
+                source, arm, campaign, folder, wanted.session
+            )
+            said = labelled.campaign_words(report)
         else:
             path = out or source.with_suffix(f".{'txt' if to == 'text' else to}")
             if path.exists() and source.exists() and path.samefile(source):
                 refuse(f"{path} is the source; name another with --out")
             check_target(path, force=force)
-            wanted = Wanted(
-                to, kind, coordinates, session, filters, template, retracted
-            )
             report = write_file(source, path, wanted)
             said = file_words(source, report)
     if as_json:

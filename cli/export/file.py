@@ -1,16 +1,17 @@
 """One file out of a source: points or scans, filtered, whole or not at all."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from traverse.cli.export.options import Wanted
 from traverse.cli.export.sources import PIECE, points_of, scans_of, tear_of
 from traverse.client.exports.formats import FORMATS
-from traverse.client.exports.point_table import Coordinates, PointTable, table_of
+from traverse.client.exports.point_table import PointTable, table_of
 from traverse.client.exports.sink import Sink
 from traverse.daemon.config.filters import AnyFilter, filter_chain
 from traverse.kinematics.filters import FilterChain, PointBlock
@@ -24,19 +25,6 @@ class FiltersFile(StrictModel):
     """A file of filters."""
 
     filters: tuple[AnyFilter, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Wanted:
-    """Selection to be written."""
-
-    to: str
-    kind: str
-    coordinates: Coordinates
-    session: str | None
-    filters: Path | None
-    template: str
-    retracted: bool
 
 
 def write_file(source: Path, path: Path, wanted: Wanted) -> dict[str, Any]:

@@ -25,7 +25,6 @@ from traverse.cli.refusals import client_errors, refusals, refuse
 if TYPE_CHECKING:
     from traverse.client.gateways.outlets import Outlet
 
-
 gateway = typer.Typer(
     help="Points for programs that do not speak MQTT.", no_args_is_help=True
 )
@@ -162,11 +161,7 @@ def _outlet(
     tcp: str | None, udp: str | None, serial: str | None, baud: int, file: Path | None
 ) -> "Outlet":
     """The one that is named; raises ValueError."""
-    from traverse.client.gateways.outlets import (  # noqa: PLC0415 - quick help
-        FileOutlet,
-        SerialOutlet,
-        UdpOutlet,
-    )
+    from traverse.client.gateways import outlets  # noqa: PLC0415
     from traverse.client.gateways.tcp_outlet import TcpOutlet  # noqa: PLC0415
 
     if sum(one is not None for one in (tcp, udp, serial, file)) != 1:
@@ -174,10 +169,10 @@ def _outlet(
     if tcp is not None:
         return TcpOutlet(*host_port(tcp, "--tcp", "127.0.0.1"), report)
     if udp is not None:
-        return UdpOutlet(*host_port(udp, "--udp", None), report)
+        return outlets.UdpOutlet(*host_port(udp, "--udp", None), report)
     if serial is not None:
-        return SerialOutlet(serial, baud, report)
+        return outlets.SerialOutlet(serial, baud, report)
     path = file or Path()
     if path.is_dir() or not path.parent.is_dir():
         raise ValueError(f"--file {path}: name a file in a folder that is there")
-    return FileOutlet(path, report)
+    return outlets.FileOutlet(path, report)

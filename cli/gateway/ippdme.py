@@ -2,17 +2,13 @@
 
 from collections.abc import Coroutine
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.gateway.running import host_port, report, run, until_signal
 from traverse.cli.refusals import refusals
-
-if TYPE_CHECKING:
-    from traverse.client.arm import Arm
-    from traverse.client.gateways.ippdme.server import IppServer
 
 
 @with_broker
@@ -67,7 +63,14 @@ def ippdme(
     def work() -> Coroutine[Any, Any, None]:
         there = Arm(arm, address)
         server = IppServer(there, host, port, report, options)
-        return until_signal(_serve(there, server))
+
+        async def serve() -> None:
+            async with there:
+                await server.serve(
+                    lambda: report(f"I++ DME server of {arm} on {server.address}")
+                )
+
+        return until_signal(serve())
 
     run(lambda: f"tcp {host}:{port}", work)
 
@@ -77,10 +80,3 @@ def _key(text: str) -> tuple[str, str]:
     if not (source and name.isascii() and name.isalnum()):
         raise ValueError(f"--key {text}: expected INPUT=NAME, such as base/1=Done")
     return source, name
-
-
-async def _serve(arm: "Arm", server: "IppServer") -> None:
-    async with arm:
-        await server.serve(
-            lambda: report(f"I++ DME server of {arm.name} on {server.address}")
-        )

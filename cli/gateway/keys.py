@@ -43,17 +43,13 @@ def keys(
     broker could not be reached.
     """
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
-    from traverse.client.gateways.keys import (  # noqa: PLC0415
-        KeysOutlet,
-        check_typable,
-        keys_template,
-    )
+    from traverse.client.gateways import keys as typing_keys  # noqa: PLC0415
     from traverse.client.gateways.lines import LineForm, LineGateway  # noqa: PLC0415
 
     with refusals(ValueError):
-        check_typable(through, separator)
+        typing_keys.check_typable(through, separator)
         form = LineForm(
-            keys_template(separator, after),
+            typing_keys.keys_template(separator, after),
             None,
             coordinates,
             unit,
@@ -64,7 +60,7 @@ def keys(
 
     def work() -> Coroutine[Any, Any, None]:
         there = Arm(arm, address)
-        outlet = KeysOutlet(there, through, stop_key, report)
+        outlet = typing_keys.KeysOutlet(there, through, stop_key, report)
         return send(there, "points", LineGateway(form, outlet, report))
 
     run(lambda: "the keyboard", work)

@@ -1,17 +1,13 @@
 """`traverse gateway live`: an arm in a viewer that speaks Foxglove's protocol."""
 
 from collections.abc import Coroutine
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.gateway.running import host_port, report, run, until_signal
 from traverse.cli.refusals import refusals
-
-if TYPE_CHECKING:
-    from traverse.client.arm import Arm
-    from traverse.client.gateways.live import LiveServer
 
 
 @with_broker
@@ -45,13 +41,15 @@ def live(
 
     def work() -> Coroutine[Any, Any, None]:
         there = Arm(arm, address, since=since)
-        return _serve(there, LiveServer(there, host, port, magnify, report))
+        server = LiveServer(there, host, port, magnify, report)
+
+        async def serve() -> None:
+            async with server, there:
+                where = f"{arm} at {server.address}"
+                report(f"{where}: open it in Foxglove as a connection")
+                await until_signal(server.serve())
+            report(server.sums())
+
+        return serve()
 
     run(lambda: f"ws://{host}:{port}", work)
-
-
-async def _serve(arm: "Arm", server: "LiveServer") -> None:
-    async with server, arm:
-        report(f"{arm.name} at {server.address}: open it in Foxglove as a connection")
-        await until_signal(server.serve())
-    report(server.sums())

@@ -101,9 +101,10 @@ def identify(
         result = _identified(campaign, arm, options, kept_aside)
         provenance = campaign_provenance(result.campaign, operator)
         lines = _written(result, out, provenance)
-    from traverse.lab.identification.results.files import identification_json  # noqa: PLC0415
+    from traverse.lab.identification.results import files as files_of  # noqa: PLC0415
 
-    print_report(identification_json(result, provenance), lines, as_json=as_json)
+    values = files_of.identification_json(result, provenance)
+    print_report(values, lines, as_json=as_json)
     fine = result.converged and not result.contradictions
     if not fine or (strict and result.undetermined):
         raise typer.Exit(FAILED)
@@ -180,32 +181,26 @@ def _split(
 def _written(
     result: "Identification", out: Path, provenance: "ReportProvenance"
 ) -> list[str]:
-    from traverse.lab.identification.report.page import (  # noqa: PLC0415
-        report_page,
-        result_map,
-        summary_lines,
-    )
-    from traverse.lab.identification.results.files import (  # noqa: PLC0415
-        IDENTIFICATION_FILES,
-        identification_json,
-        write_result,
-    )
+    from traverse.lab.identification.report import page as pages  # noqa: PLC0415
+    from traverse.lab.identification.results import files as files_of  # noqa: PLC0415
     from traverse.lab.report.checksums import SUMS, sums_of, write_sums  # noqa: PLC0415
     from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
 
-    found = result_map(result)
-    lines = summary_lines(result, found)
+    found = pages.result_map(result)
+    lines = pages.summary_lines(result, found)
+    page = pages.report_page(result, found, provenance)
     if not result.converged:
         # An arm file of it might be measured with.
         out.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(identification_json(result, provenance), indent=1) + "\n"
+        values = files_of.identification_json(result, provenance)
+        text = json.dumps(values, indent=1) + "\n"
         write_atomically(out / "identification.json", text)
-        write_atomically(out / "report.html", report_page(result, found, provenance))
+        write_atomically(out / "report.html", page)
         return [*lines, f"wrote {out}: identification.json, report.html; no arm.toml"]
-    write_result(result, out, provenance=provenance)
-    write_atomically(out / "report.html", report_page(result, found, provenance))
-    write_sums(out, sums_of(out, IDENTIFICATION_FILES))
-    return [*lines, f"wrote {out}: {', '.join(IDENTIFICATION_FILES)}, {SUMS}"]
+    files_of.write_result(result, out, provenance=provenance)
+    write_atomically(out / "report.html", page)
+    write_sums(out, sums_of(out, files_of.IDENTIFICATION_FILES))
+    return [*lines, f"wrote {out}: {', '.join(files_of.IDENTIFICATION_FILES)}, {SUMS}"]
 
 
 class _Progress:
@@ -233,10 +228,7 @@ def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -
     """Compare two arms at the probe, within a campaign's ranges if there is one."""
     from traverse.cli.identify.comparison import comparison_values  # noqa: PLC0415
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
-    from traverse.lab.identification.results.arm_comparison import (  # noqa: PLC0415
-        ComparisonError,
-        compare_arms,
-    )
+    from traverse.lab.identification.results import arm_comparison  # noqa: PLC0415
 
     files = [path / "arm.toml" if path.is_dir() else path for path in (first, second)]
     arms = [read_arm(file) for file in files]
@@ -244,12 +236,12 @@ def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -
     if folder is not None:
         angles_rad = _campaign(folder, arms[0]).poses.angles_rad
         ranges = (angles_rad.min(axis=0), angles_rad.max(axis=0))
-    with refusals(ComparisonError):
-        found = compare_arms(arms[0], arms[1], ranges)
+    with refusals(arm_comparison.ComparisonError):
+        found = arm_comparison.compare_arms(arms[0], arms[1], ranges)
     values = comparison_values(files, arms, found)
-    from traverse.lab.identification.report.page import comparison_lines  # noqa: PLC0415
+    from traverse.lab.identification.report import page as pages  # noqa: PLC0415
 
-    print_report(values, comparison_lines(values), as_json=as_json)
+    print_report(values, pages.comparison_lines(values), as_json=as_json)
 
 
 def _campaign(folder: Path, arm: "Arm") -> "Campaign":

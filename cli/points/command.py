@@ -40,27 +40,22 @@ def list_points(
 
     Exit status 2: the file cannot be read, or has no such session.
     """
-    from traverse.cli.points.outbox import (  # noqa: PLC0415 - keeps --help quick
-        opened_outbox,
-        point_line,
-        session_line,
-    )
-    from traverse.daemon.store.queries import (  # noqa: PLC0415
-        counts_of,
-        iter_messages,
-        read_sessions,
-    )
+    from traverse.cli.points import outbox  # noqa: PLC0415
+    from traverse.daemon.store import queries  # noqa: PLC0415
 
-    with refusals(ValueError), opened_outbox(outbox_of(db, config)) as connection:
+    with (
+        refusals(ValueError),
+        outbox.opened_outbox(outbox_of(db, config)) as connection,
+    ):
         if session is None:
-            for one in read_sessions(connection, LAST):
-                n, unsent = counts_of(connection, one.session)
-                typer.echo(session_line(one, n, unsent, as_json=as_json))
+            for one in queries.read_sessions(connection, LAST):
+                n, unsent = queries.counts_of(connection, one.session)
+                typer.echo(outbox.session_line(one, n, unsent, as_json=as_json))
             return
         _check(connection, session)
         last = LAST if to_seq is None else to_seq
-        for message in iter_messages(connection, session, from_seq, last):
-            typer.echo(point_line(message, as_json=as_json))
+        for message in queries.iter_messages(connection, session, from_seq, last):
+            typer.echo(outbox.point_line(message, as_json=as_json))
 
 
 @points.command("export")
@@ -88,31 +83,30 @@ def export(
 
     Exit status 1: some could not be read; 2: the file cannot be read or written.
     """
-    from traverse.cli.points.outbox import FORMATS, opened_outbox, write_points  # noqa: PLC0415
-    from traverse.daemon.store.queries import iter_messages, read_sessions  # noqa: PLC0415
+    from traverse.cli.points import outbox  # noqa: PLC0415
+    from traverse.daemon.store import queries  # noqa: PLC0415
     from traverse.strict_toml.writing import replacing  # noqa: PLC0415
 
-    if as_format not in FORMATS:
-        refuse(f"--format {as_format}: one of {', '.join(FORMATS)}")
+    if as_format not in outbox.FORMATS:
+        refuse(f"--format {as_format}: one of {', '.join(outbox.FORMATS)}")
     if as_json and out is None:
         refuse("--json needs --out; without it --format jsonl is JSON")
     last = LAST if to_seq is None else to_seq
-    if out is not None:
-        check_target(out, force=force)
+    check_target(out, force=force)
     with refusals(ValueError), ExitStack() as stack:
-        connection = stack.enter_context(opened_outbox(outbox_of(db, config)))
+        connection = stack.enter_context(outbox.opened_outbox(outbox_of(db, config)))
         if session is not None:
             _check(connection, session)
         file: IO[bytes] = sys.stdout.buffer
         if out is not None:
             file = stack.enter_context(replacing(out))
-        names = [s.session for s in read_sessions(connection, LAST)]
+        names = [s.session for s in queries.read_sessions(connection, LAST)]
         messages = (
             message
             for name in (names if session is None else [session])
-            for message in iter_messages(connection, name, from_seq, last)
+            for message in queries.iter_messages(connection, name, from_seq, last)
         )
-        n, unreadable = write_points(messages, file, as_format)
+        n, unreadable = outbox.write_points(messages, file, as_format)
     for text in unreadable:
         typer.echo(text, err=True)
     if as_json:
@@ -126,9 +120,9 @@ def export(
 
 def _check(connection: "Connection", session: str) -> None:
     """End the command where the outbox has nothing of a session."""
-    from traverse.daemon.store.queries import read_messages  # noqa: PLC0415 - quick help
+    from traverse.daemon.store import queries  # noqa: PLC0415
 
-    if not read_messages(connection, session, 0, LAST, 1):
+    if not queries.read_messages(connection, session, 0, LAST, 1):
         refuse(
             f"there are no points of session {session!r}; `traverse points list` lists "
             "the sessions"

@@ -64,8 +64,7 @@ def replay(
 
     address = broker.address()
     points: list[Point] = []
-    if out is not None:
-        check_target(out, force=force)
+    check_target(out, force=force)
     with refusals(ValueError), ExitStack() as stack:
         reader = stack.enter_context(RunReader(file))
         lines = None if out is None else stack.enter_context(replacing(out))
