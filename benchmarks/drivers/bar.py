@@ -157,7 +157,7 @@ def measured_virtually(
 
     given: dict[str, Any] = {"monotonic_ns": now.monotonic_ns}
     if make.is_polled:
-        given["ports"] = PortAccess(open_port, now.wait_for, now.wait_for_any)
+        given["ports"] = PortAccess(open_port, now.wait_for_any)
     taker = Taker(min(make.asked_hz, asked_hz), now.over)
     taker.driver = make.driver(taker, folder, **given)
     patched = f"{type(taker.driver).__module__}.SerialPort"

@@ -144,7 +144,7 @@ def read_virtually(
         Amt21Options(port="line", addresses=ADDRESSES),
         straight,
         monotonic_ns=now.monotonic_ns,
-        ports=PortAccess(wait_for_wake=now.wait_for, open=cable.open_port),
+        ports=PortAccess(cable.open_port, now.wait_for_any),
     )
     driver.request_stream(case.rate_hz)
     played(driver, now.over)

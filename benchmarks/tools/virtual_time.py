@@ -60,15 +60,10 @@ class VirtualTime:
             self.go_on(BETWEEN_TRIES_S)
         return FIRST_NS + round(1e9 * self.now_s)
 
-    def wait_for(self, wake_fd: int, seconds: float) -> None:
-        """Let the time pass; for `PolledDriver`."""
-        del wake_fd
-        self.go_on(seconds)
-
     def wait_for_any(
         self, ports: Sequence[Any], wake_fd: int, seconds: float
     ) -> list[int]:
-        """Let the time pass until a port has bytes; for drivers with several."""
+        """Let the time pass until a port has bytes; for `PolledDriver`."""
         del wake_fd
         self.go_on(seconds, lambda: any(port.ready for port in ports))
         return [index for index, port in enumerate(ports) if port.ready]

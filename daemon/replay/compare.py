@@ -36,14 +36,13 @@ class Tally:
     differing: Counter[str] = field(default_factory=Counter)
 
 
+@dataclass(eq=False)
 class PointComparison:
     """Match points by their instants.
 
-    Args:
-        reach_mm: of the arm; another kernel may differ by so many ulp of it.
-        is_recut: blocks are others than they were; see `excused`.
-
     Attributes:
+        is_recut: blocks are others than they were; see `excused`.
+        tolerance_mm: by which another kernel may differ, some ulp of the arm's reach.
         sure: of points that do not depend on the time before the recording.
         early: of the first seconds of a recording that began in the middle.
         not_kept: points that the disk refused then.
@@ -52,12 +51,12 @@ class PointComparison:
             reading more, where that has arrived already.
     """
 
-    def __init__(self, reach_mm: float, *, is_recut: bool = False) -> None:
-        self._is_recut = is_recut
-        self.excused = 0
-        self.tolerance_mm = ULPS * float(np.spacing(reach_mm))
+    is_recut: bool = False
+    tolerance_mm: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.excused = self.not_kept = 0
         self.sure, self.early = Tally(), Tally()
-        self.not_kept = 0
         self._then: dict[Key, list[Point]] = defaultdict(list)
         self._now: dict[Key, list[tuple[Point, bool]]] = defaultdict(list)
 
@@ -99,7 +98,7 @@ class PointComparison:
         ]
         if then.quality != now.quality:
             differing.append("quality")
-        if self._is_recut and differing and "interpolated" in then.quality.flags:
+        if self.is_recut and differing and "interpolated" in then.quality.flags:
             kept = [name for name in differing if name not in ("covariance_mm2",)]
             if set(then.quality.flags) ^ set(now.quality.flags) <= {"skew"}:
                 kept = [name for name in kept if name != "quality"]
@@ -132,15 +131,14 @@ class ScanComparison:
         missing: points of then that the replay lacks.
     """
 
-    def __init__(self, tolerance_mm: float) -> None:
-        self._tolerance_mm = tolerance_mm
+    def __init__(self) -> None:
         self.tally = Tally()
         self.then: dict[str, list[NDArray[np.void]]] = defaultdict(list)
         self.now: dict[str, list[Scan]] = defaultdict(list)
         self.begun: set[str] = set()
         self.left_out = self.missing = 0
 
-    def settle(self) -> None:
+    def settle(self, tolerance_mm: float) -> None:
         """Compare all."""
         for name, clouds in self.then.items():
             then = np.concatenate(clouds)
@@ -157,9 +155,12 @@ class ScanComparison:
             rows_in = np.minimum(rows, len(found) - 1)
             is_there = found[rows_in] == then["number"]
             self.missing += int((~is_there).sum())
-            self._compare(then[is_there], now, rows_in[is_there])
+            rows = rows_in[is_there]
+            self._compare(then[is_there], now, rows, tolerance_mm)
 
-    def _compare(self, then: NDArray[np.void], now: list[Scan], rows: Indices) -> None:
+    def _compare(
+        self, then: NDArray[np.void], now: list[Scan], rows: Indices, limit_mm: float
+    ) -> None:
         xyz_mm = np.concatenate([s.xyz_mm for s in now])[rows]
         ijk = np.concatenate([s.ijk for s in now])[rows]
         quality = np.concatenate([s.quality for s in now])[rows]
@@ -172,7 +173,7 @@ class ScanComparison:
         same = (far_mm == 0.0) & (turned == 0.0) & ~flagged
         tally.n += len(then)
         tally.same += int(same.sum())
-        is_within = (far_mm <= self._tolerance_mm) & (turned <= ULPS * 2.3e-16)
+        is_within = (far_mm <= limit_mm) & (turned <= ULPS * 2.3e-16)
         tally.within += int((is_within & ~flagged).sum())
         tally.largest_mm = max(tally.largest_mm, float(far_mm.max(initial=0.0)))
         differing = {"xyz_mm": far_mm, "ijk": turned, "quality": flagged}

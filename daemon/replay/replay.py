@@ -22,6 +22,7 @@ from traverse.daemon.recorder.file import STEPS
 from traverse.daemon.recorder.recorded_inputs import read_recorded_inputs
 from traverse.daemon.recorder.snapshot import WARM_UP_NS
 from traverse.daemon.replay.compare import (
+    ULPS,
     PointComparison,
     ReplayResult,
     ScanComparison,
@@ -131,8 +132,9 @@ class Replay:
     def __post_init__(self) -> None:
         self._clock = ReplayClock()
         self._measurement: Measurement | None = None
-        self._points: PointComparison | None = None
-        self._scans: ScanComparison | None = None
+        self._points = PointComparison(is_recut=self.block is not None)
+        self._scans = ScanComparison()
+        self._has_begun = False
         self._sure_ns = 0
         self._joined: list[tuple[int, CountSamples]] = []
         self._samples = 0
@@ -157,25 +159,21 @@ class Replay:
         finally:
             if self._measurement is not None:
                 close_drivers(self._measurement)
-        points, scans = self._points, self._scans
-        if points is None or scans is None:
+        if not self._has_begun:
             tear = f" ({self.reader.tear})" if self.reader.tear else ""
             raise ValueError(f"{self.reader.path}: no state to begin with{tear}")
-        scans.settle()
+        self._scans.settle(self._points.tolerance_mm)
         then = self.reader.about.get("kernel", "?")
-        return ReplayResult(
-            points, scans, self._samples, self._gaps, then, KERNEL, self.reader.tear
-        )
+        compared, counted = (self._points, self._scans), (self._samples, self._gaps)
+        return ReplayResult(*compared, *counted, then, KERNEL, self.reader.tear)
 
     def _take(self, entry: Entry) -> None:
         match entry.topic.split("/"):
-            case ["point"]:
-                if self._points is not None:
-                    self._points.was(Point.model_validate_json(entry.content))
-            case ["cloud"]:
-                if self._scans is not None:
-                    scan, cloud = bytes_to_cloud(entry.content)
-                    self._scans.then[scan].append(cloud)
+            case ["point"] if self._has_begun:
+                self._points.was(Point.model_validate_json(entry.content))
+            case ["cloud"] if self._has_begun:
+                scan, cloud = bytes_to_cloud(entry.content)
+                self._scans.then[scan].append(cloud)
             case ["device", _, _]:
                 self._deliver(entry)
             case [topic] if topic == STEPS:
@@ -209,24 +207,22 @@ class Replay:
         self._measurement = measurement
         measurement.restore(state)
         self._sure_ns = 0 if state["fresh"] else table["at_ns"] + WARM_UP_NS
-        if self._points is None:
+        if not self._has_begun:
+            self._has_begun = True
             reach_mm = float(
                 np.linalg.norm(model.geometry.links_mm, axis=1).sum()
                 + np.abs(model.geometry.origin_mm).max()
             )
-            is_recut = self.block is not None
-            self._points = PointComparison(reach_mm, is_recut=is_recut)
-            self._scans = ScanComparison(self._points.tolerance_mm)
+            self._points.tolerance_mm = ULPS * float(np.spacing(reach_mm))
 
     def _step(self, measurement: Measurement, table: Mapping[str, Any]) -> None:
         match table["is"]:
             case "passed":
                 measurement.process_timeouts()
             case "asked" if table["what"] == "not_kept":
-                if self._points is not None:
-                    self._points.not_kept += 1
+                self._points.not_kept += 1
             case "asked":
-                if table["what"] == "start_scan" and self._scans is not None:
+                if table["what"] == "start_scan":
                     self._scans.begun.add(table["value"]["id"])
                 command = recorded_command(table["what"], table["value"])
                 ignore_result(execute(measurement, command))
@@ -236,8 +232,7 @@ class Replay:
                 )
             case "gap":
                 self._gaps += 1
-                if self._scans is not None:
-                    self._scans.begun.clear()
+                self._scans.begun.clear()
                 close_drivers(measurement)
                 self._measurement = None
 
@@ -288,14 +283,12 @@ class Replay:
                 deliver(self._measurement, part)
 
     def _take_new(self, point: Point) -> None:
-        if self._points is not None:
-            now_ns = point.time_ns - self._clock.offset_ns
-            self._points.is_now(point, early=now_ns < self._sure_ns)
+        now_ns = point.time_ns - self._clock.offset_ns
+        self._points.is_now(point, early=now_ns < self._sure_ns)
         self.take_point(point)
 
     def _take_new_scan(self, scan: Scan) -> None:
-        if self._scans is not None:
-            self._scans.now[scan.scan].append(scan)
+        self._scans.now[scan.scan].append(scan)
         self.take_scan(scan)
 
 

@@ -9,8 +9,6 @@ from typing import Protocol
 
 from traverse.drivers.io.serial_port import SerialPort
 
-WaitForWake = Callable[[int, float], None]
-
 
 class BytePort(Protocol):
     """An open port, as `traverse.drivers.io.serial_port.SerialPort` is one.
@@ -52,27 +50,19 @@ class OpenPort(Protocol):
         """Open it; ``wake_fd`` is the pipe that ends its waits."""
 
 
-def wait_for_wake(wake_fd: int, seconds: float) -> None:
-    """Wait until ``wake_fd`` has bytes, which are eaten, at most for a time."""
-    if select.select([wake_fd], [], [], seconds)[0]:
-        _drain(wake_fd)
-
-
 def wait_for_any(ports: Sequence[BytePort], wake_fd: int, seconds: float) -> list[int]:
     """Wait for bytes; numbers of the ports that have some, none after ``seconds``.
+
+    Without ports it waits for a wake-up alone.
 
     Bytes in the non-blocking pipe ``wake_fd`` end the wait early and are eaten.
     """
     numbers = [port.fileno() for port in ports]
     ready, _, _ = select.select([*numbers, wake_fd], [], [], seconds)
     if wake_fd in ready:
-        _drain(wake_fd)
+        with contextlib.suppress(BlockingIOError):
+            os.read(wake_fd, 4096)
     return [index for index, number in enumerate(numbers) if number in ready]
-
-
-def _drain(wake_fd: int) -> None:
-    with contextlib.suppress(BlockingIOError):
-        os.read(wake_fd, 4096)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +70,6 @@ class PortAccess:
     """How a driver opens ports and waits; virtual time replaces all of it together."""
 
     open: OpenPort = SerialPort
-    wait_for_wake: WaitForWake = wait_for_wake
     wait_for_any: WaitForAny = wait_for_any
 
 

@@ -164,4 +164,4 @@ class ModbusDriver(PolledDriver[ModbusClient]):
         """Wait for a time, even where something wakes this thread."""
         until_ns = self._now_ns() + round(seconds * 1e9)
         while (left_ns := until_ns - self._now_ns()) > 0:
-            self._ports.wait_for_wake(self._wake_read, left_ns * 1e-9)
+            self._ports.wait_for_any((), self._wake_read, left_ns * 1e-9)

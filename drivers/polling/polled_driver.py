@@ -122,7 +122,7 @@ class PolledDriver(Driver, Generic[LineT]):
 
     def _wait(self, seconds: float) -> None:
         """Wait until the next action."""
-        self._ports.wait_for_wake(self._wake_read, seconds)
+        self._ports.wait_for_any((), self._wake_read, seconds)
 
     # -- in the reader thread -------------------------------------------------
 

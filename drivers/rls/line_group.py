@@ -109,7 +109,7 @@ class RlsLineGroup:
             port.write(bytes((byte,)))
             until_ns = self._now_ns() + round(BETWEEN_BYTES_S * 1e9)
             while (left_ns := until_ns - self._now_ns()) > 0:
-                self._ports.wait_for_wake(self._wake_fd, left_ns * 1e-9)
+                self._ports.wait_for_any((), self._wake_fd, left_ns * 1e-9)
             if port.wait(0.0):
                 port.read()
 

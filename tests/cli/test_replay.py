@@ -28,13 +28,13 @@ def made_result(
     **of,
 ):
     """A result with these figures; three points are the same."""
-    compared = PointComparison(1000.0)
+    compared = PointComparison(tolerance_mm=4.5e-13)
     compared.sure = points or Tally(n=3, same=3, within=3)
     compared.early = early or Tally()
     compared.not_kept, compared.excused = not_kept, excused
     compared._then[1,] = [None] * missing
     compared._now[2,] = [None] * new
-    scans = ScanComparison(compared.tolerance_mm)
+    scans = ScanComparison()
     scans.left_out = left_out
     figures = {
         "samples": 500,

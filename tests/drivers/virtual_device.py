@@ -93,7 +93,7 @@ def told_by(
         make.options_class(**options),
         straight,
         monotonic_ns=time.monotonic_ns,
-        ports=PortAccess(open_port, time.wait_for, time.wait_for_any),
+        ports=PortAccess(open_port, time.wait_for_any),
     )
     driver.request_stream(rate_hz)
     played(driver, time.over)

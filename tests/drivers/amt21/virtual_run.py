@@ -37,9 +37,7 @@ class Played(Delivered):
             Amt21Options(port="somewhere", addresses=tuple(line.encoders), **options),
             straight,
             monotonic_ns=self.time.monotonic_ns,
-            ports=PortAccess(
-                wait_for_wake=self.time.wait_for, open=self.cable.open_port
-            ),
+            ports=PortAccess(self.cable.open_port, self.time.wait_for_any),
         )
         self.driver.request_stream(rate_hz)
         played(self.driver, self.time.over)
