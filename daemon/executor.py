@@ -7,11 +7,12 @@ does, and is found by its recorded name: no command exists live that a replay la
 
 import asyncio
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
+from pydantic import BaseModel
 
 from traverse.daemon.current_request import CURRENT_REQUEST
 from traverse.daemon.errors import CaptureRefusedError
@@ -35,9 +36,11 @@ class MeasurementCommand(ABC, Generic[T_co]):
 
     Attributes:
         recorded_name: in recordings, and the key in `classes`.
+        inner: the one field whose own values are recorded, and its class.
     """
 
     recorded_name: ClassVar[str]
+    inner: ClassVar[tuple[str, Callable[..., Any]] | None] = None
     classes: ClassVar[dict[str, "type[MeasurementCommand[Any]]"]] = {}
 
     def __init_subclass__(cls, *, recorded_name: str = "") -> None:
@@ -47,12 +50,18 @@ class MeasurementCommand(ABC, Generic[T_co]):
 
     def to_record(self) -> dict[str, Any]:
         """The values as recorded: plain values by name."""
-        return dict(vars(self))
+        if self.inner is None:
+            return dict(vars(self))
+        value = getattr(self, self.inner[0])
+        return value.model_dump() if isinstance(value, BaseModel) else asdict(value)
 
     @classmethod
     def from_record(cls, values: Mapping[str, Any]) -> Self:
         """The command of recorded values."""
-        return cls(**values)
+        if cls.inner is None:
+            return cls(**values)
+        name, kind = cls.inner
+        return cls(**{name: kind(**values)})
 
     @abstractmethod
     def apply(self, measurement: Measurement, now_ns: int) -> T_co:
@@ -205,16 +214,8 @@ class NewSession(OrderedCommand, recorded_name="session"):
 class StartScan(MeasurementCommand[None], recorded_name="start_scan"):
     """Start a scan; none must be running."""
 
+    inner = "plan", ScanPlan
     plan: ScanPlan
-
-    def to_record(self) -> dict[str, Any]:
-        """The values of the plan."""
-        return asdict(self.plan)
-
-    @classmethod
-    def from_record(cls, values: Mapping[str, Any]) -> Self:
-        """The command of recorded values."""
-        return cls(ScanPlan(**values))
 
     def apply(self, measurement: Measurement, now_ns: int) -> None:
         """See the class."""
@@ -238,16 +239,8 @@ class StopScan(MeasurementCommand[int], recorded_name="stop_scan"):
 class SetAlignment(OrderedCommand, recorded_name="align"):
     """Set or clear the alignment for all points that are requested after it."""
 
+    inner = "args", AlignArgs
     args: AlignArgs
-
-    def to_record(self) -> dict[str, Any]:
-        """The arguments of the command."""
-        return self.args.model_dump()
-
-    @classmethod
-    def from_record(cls, values: Mapping[str, Any]) -> Self:
-        """The command of recorded values."""
-        return cls(AlignArgs(**values))
 
     def _act(self, measurement: Measurement, now_ns: int) -> bool:
         alignment = requested_alignment(self.args)
@@ -299,16 +292,8 @@ class SetProbe(OrderedCommand, recorded_name="probe"):
 class ConfirmReference(OrderedCommand, recorded_name="reference"):
     """Accept the positions of the encoders; gives the devices that were in doubt."""
 
+    inner = "args", ReferenceArgs
     args: ReferenceArgs
-
-    def to_record(self) -> dict[str, Any]:
-        """The arguments of the command."""
-        return self.args.model_dump()
-
-    @classmethod
-    def from_record(cls, values: Mapping[str, Any]) -> Self:
-        """The command of recorded values."""
-        return cls(ReferenceArgs(**values))
 
     def _act(self, measurement: Measurement, now_ns: int) -> list[str]:
         args = self.args

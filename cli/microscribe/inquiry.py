@@ -8,12 +8,13 @@ from contextlib import contextmanager
 
 from traverse.cli.microscribe.arm_values import MicroscribeDescription
 from traverse.drivers.io.serial_port import SerialPort
-from traverse.drivers.microscribe.identification import (
+from traverse.drivers.microscribe.line import MicroscribeLine
+from traverse.drivers.microscribe.session import (
+    BAUD_RATES,
     MicroscribeIdentification,
     read_identification,
+    sign_on_at_any_rate,
 )
-from traverse.drivers.microscribe.line import MicroscribeLine
-from traverse.drivers.microscribe.session import BAUD_RATES, sign_on_at_any_rate
 from traverse.protocol.microscribe.session import DH_FORMAT, kinematics_of
 from traverse.strict_toml.problems import FileError, Problem
 

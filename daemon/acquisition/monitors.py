@@ -121,28 +121,20 @@ class DeviceStateTracker:
 CALM_NS = 1_000_000_000  # without another one it is over
 
 
-@dataclass(frozen=True, slots=True)
-class _LateCondition:
-    """One thing that can be wrong with a device's readings."""
-
-    code: str
-    begun: str
-    over: str
-    remedy: str
-
-
-LATE = _LateCondition(
-    "device.late",
-    "readings of {device} arrive too late for the samples of {clock}",
-    "readings of {device} arrive in time again",
-    "lower the rate, use a faster line, or raise resampler.wait_s",
-)
-INCOMPLETE = _LateCondition(
-    "device.incomplete",
-    "samples lack readings of {device}",
-    "samples have all readings of {device} again",
-    "see the other events of this device; check its encoders and their line",
-)
+LATE, INCOMPLETE = "device.late", "device.incomplete"
+CONDITIONS = {
+    LATE: (
+        "readings of {device} arrive too late for the samples of {clock}",
+        "readings of {device} arrive in time again",
+        "lower the rate, use a faster line, or raise resampler.wait_s",
+    ),
+    INCOMPLETE: (
+        "samples lack readings of {device}",
+        "samples have all readings of {device} again",
+        "see the other events of this device; check its encoders and their line",
+    ),
+}
+"""By code: what is reported when it begins and when it is over, and the remedy."""
 
 
 @dataclass(eq=False)
@@ -160,29 +152,32 @@ class LateReadingMonitor:
     def check(self) -> None:
         """Check the counters; call it periodically."""
         now_ns = self.clock.monotonic_ns()
-        for condition, counter in (
+        for code, counter in (
             (LATE, self.resampler.late),
             (INCOMPLETE, self.resampler.incomplete),
         ):
             for device, count in counter.items():
-                key = (condition.code, device)
+                key = (code, device)
                 if count > self._seen[key]:
                     self._seen[key] = count
                     self._last_ns[key] = now_ns
-                    self._report(condition, device, active=True)
+                    self._report(code, device, active=True)
                 elif now_ns - self._last_ns.get(key, now_ns) > CALM_NS:
                     del self._last_ns[key]
-                    self._report(condition, device, active=False)
+                    self._report(code, device, active=False)
 
-    def _report(self, condition: _LateCondition, device: str, *, active: bool) -> None:
-        text = condition.begun if active else condition.over
+    def _report(self, code: str, device: str, *, active: bool) -> None:
+        begun, over, remedy = CONDITIONS[code]
+        text = begun if active else over
         self.events.change(
             active,
             "warning",
-            condition.code,
-            text.format(device=device, clock=self.resampler.clock),
+            code,
+            (begun if active else over).format(
+                device=device, clock=self.resampler.clock
+            ),
             source=device,
-            remedy=condition.remedy if active else "",
+            remedy=remedy if active else "",
         )
 
 

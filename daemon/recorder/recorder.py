@@ -35,32 +35,6 @@ FAULTS = ("alarm.", "device.", "outbox.", "daemon.", "watchdog.", "realtime.")
 """Beginnings of the codes of errors that are faults."""
 
 
-class FaultTrigger:
-    """Note faults, and decide when to store what was before them."""
-
-    def __init__(self) -> None:
-        self._keep_at: tuple[int, str] | None = None
-        self._calm_ns = 0
-
-    def add(self, now_ns: int, event: Event) -> None:
-        """An event is published."""
-        is_fault = (
-            event.severity == "error"
-            and event.active is not False
-            and event.code.startswith(FAULTS)
-        )
-        if is_fault and self._keep_at is None and now_ns >= self._calm_ns:
-            self._keep_at = now_ns + AFTERMATH_NS, event.code
-
-    def due(self, now_ns: int) -> str | None:
-        """The code of a fault that is to be stored now; None: none."""
-        if self._keep_at is None or now_ns < self._keep_at[0]:
-            return None
-        code, self._keep_at = self._keep_at[1], None
-        self._calm_ns = now_ns + CALM_NS
-        return code
-
-
 class StepRecorder(StepListener):
     """Queues all steps and messages for the recorder thread, while it is on.
 
@@ -71,7 +45,8 @@ class StepRecorder(StepListener):
     def __init__(self, clock: HostClock, *, flight: bool) -> None:
         self._clock = clock
         self._flight = flight
-        self._faults = FaultTrigger()
+        self._keep_at: tuple[int, str] | None = None  # a fault, when it is stored
+        self._calm_ns = 0
         self._devices = DeviceSnapshot()
         self._due_ns = 0
         self._missing = 0
@@ -103,8 +78,12 @@ class StepRecorder(StepListener):
     def published(self, now_ns: int, message: Message) -> None:
         """A message has been queued to be published."""
         self._put(RecorderItem("published", now_ns, value=message))
-        if isinstance(message, Event) and self._flight:
-            self._faults.add(now_ns, message)
+        if not (isinstance(message, Event) and self._flight):
+            return
+        is_bad = message.severity == "error" and message.active is not False
+        is_calm = self._keep_at is None and now_ns >= self._calm_ns
+        if is_bad and is_calm and message.code.startswith(FAULTS):
+            self._keep_at = now_ns + AFTERMATH_NS, message.code
 
     def following(self, write: PointWriter) -> PointWriter:
         """A writer of points whose points are recorded when they are on the disk."""
@@ -133,10 +112,12 @@ class StepRecorder(StepListener):
 
     def keep_if_due(self, now_ns: int) -> None:
         """Have the last minutes kept if it is time after a fault."""
-        code = self._faults.due(now_ns)
-        if code is not None:
-            self.queue.put(RecorderItem("keep", now_ns, code))
-            self.queue.wake()
+        if self._keep_at is None or now_ns < self._keep_at[0]:
+            return
+        code, self._keep_at = self._keep_at[1], None
+        self._calm_ns = now_ns + CALM_NS
+        self.queue.put(RecorderItem("keep", now_ns, code))
+        self.queue.wake()
 
     def _settled(self, pending: PendingPoint) -> None:
         now_ns = self._clock.monotonic_ns()

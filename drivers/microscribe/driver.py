@@ -14,10 +14,10 @@ from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.pending_edges import PendingEdges
 from traverse.drivers.base.values import DeviceError, DeviceUp
 from traverse.drivers.io.serial_port import SerialPort
-from traverse.drivers.microscribe.identification import MicroscribeIdentification
 from traverse.drivers.microscribe.line import TimedPacket
 from traverse.drivers.microscribe.options import MicroscribeOptions
 from traverse.drivers.microscribe.session import (
+    MicroscribeIdentification,
     MicroscribeSession,
     MotionReport,
     connect,

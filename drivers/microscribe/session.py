@@ -12,15 +12,17 @@ from traverse.drivers.base.values import (
     PolledSample,
 )
 from traverse.drivers.io.serial_port import SerialPort
-from traverse.drivers.microscribe.identification import (
-    MicroscribeIdentification,
-    read_identification,
-)
 from traverse.drivers.microscribe.line import PACKET_S, MicroscribeLine, TimedPacket
 from traverse.drivers.microscribe.packets import PacketClock, timer_runs
 from traverse.drivers.polling.channel import IMPLAUSIBLE, EncoderReading, PolledChannel
 from traverse.protocol.microscribe import session as wire
-from traverse.protocol.microscribe.packets import N_BUTTONS, PacketDecoder
+from traverse.protocol.microscribe.packets import (
+    N_BUTTONS,
+    TIMER_WRAP,
+    Framing,
+    PacketDecoder,
+)
+from traverse.protocol.microscribe.session import Maxes
 
 BAUD_RATES = (115200, 57600, 38400, 19200, 9600, 28800, 14400)
 LOOK_S = 0.06  # to get acquainted
@@ -36,6 +38,66 @@ QUIET_NS = 250_000_000
 CONFIRM_NS = 15_000_000  # the same while a pedal's change waits to be confirmed
 
 OpenPort = Callable[[int], SerialPort]
+
+
+@dataclass(frozen=True, slots=True)
+class MicroscribeIdentification:
+    """Properties that an arm reports."""
+
+    box: str
+    product: str
+    model: str
+    serial: str
+    version: str
+    maxes: Maxes
+    baud_rate: int
+
+    @property
+    def name(self) -> str:
+        """For people: product, model and number."""
+        words = [self.product or self.box or "MicroScribe", self.model, self.serial]
+        return " ".join(filter(None, words))
+
+    @property
+    def framing(self) -> Framing:
+        """Of its packets."""
+        return self.maxes.framing
+
+    @property
+    def timer_wrap(self) -> int:
+        """Where its timer returns to 0."""
+        greatest = self.maxes.timer
+        return greatest + 1 if 0 < greatest < TIMER_WRAP else TIMER_WRAP
+
+    @property
+    def moduli(self) -> tuple[int, ...]:
+        """Counts a turn of the encoders that are there, from the base outwards."""
+        there = [greatest + 1 for greatest in self.maxes.encoders]
+        return tuple(there[: there.index(1)] if 1 in there else there)
+
+    def decoder(self) -> PacketDecoder:
+        """Of its packets with their timer."""
+        return PacketDecoder(self.framing, timer=True)
+
+
+def read_identification(
+    line: MicroscribeLine, box: str, baud_rate: int
+) -> MicroscribeIdentification:
+    """Read the identity of an arm.
+
+    Raises:
+        DeviceError: it does not answer, or is no MicroScribe.
+    """
+    maxes = line.maxes()
+    return MicroscribeIdentification(
+        box=box,
+        product=line.text("product"),
+        model=line.text("model"),
+        serial=line.text("serial"),
+        version=line.text("version"),
+        maxes=maxes,
+        baud_rate=baud_rate,
+    )
 
 
 @dataclass(frozen=True, slots=True)
