@@ -173,9 +173,7 @@ class LateReadingMonitor:
             active,
             "warning",
             code,
-            (begun if active else over).format(
-                device=device, clock=self.resampler.clock
-            ),
+            text.format(device=device, clock=self.resampler.clock),
             source=device,
             remedy=remedy if active else "",
         )
