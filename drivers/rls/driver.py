@@ -20,8 +20,7 @@ from traverse.drivers.base.values import (
 from traverse.drivers.polling.alarms import ConditionAlarms
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
 from traverse.drivers.polling.polled_driver import PolledDriver
-from traverse.drivers.rls.line import SILENT, TimedPosition
-from traverse.drivers.rls.line_group import RlsLineGroup
+from traverse.drivers.rls.line import SILENT, RlsLineGroup, TimedPosition
 from traverse.drivers.rls.options import CONDITIONS, RlsOptions
 from traverse.protocol import rls
 

@@ -11,7 +11,7 @@ from mcap.writer import Writer
 from numpy.typing import NDArray
 
 from traverse.protocol.arrays import ARRAY_CODE, array_to_bytes
-from traverse.recording.messages import SCHEMA
+from traverse.recording.reader import SCHEMA
 from traverse.recording.torn import PROFILE
 from traverse.recording.values import TIMES, Conditions, Samples, Touching
 
