@@ -1,6 +1,6 @@
 """A simulated campaign in memory, and the truth beside it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 import numpy as np
@@ -16,6 +16,13 @@ from traverse.simulator.effects import Fault
 
 Names = NDArray[np.str_]
 FIRST_LINE = 2  # of poses.csv with a pose; the header is line 1
+
+
+def _freeze(values: "Campaign | Truth") -> None:
+    for field in fields(values):
+        array = getattr(values, field.name)
+        if isinstance(array, np.ndarray):
+            array.setflags(write=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,20 +76,7 @@ class Campaign:
     length_mm: Floats | None = None
 
     def __post_init__(self) -> None:
-        for array in (
-            self.time_s,
-            self.artefact,
-            self.feature,
-            self.readings_rad,
-            self.temperature_c,
-            self.approach,
-            self.speed_rad_s,
-            self.direction,
-            self.force_n,
-            self.length_mm,
-        ):
-            if array is not None:
-                array.setflags(write=False)
+        _freeze(self)
 
     @property
     def n_poses(self) -> int:
@@ -145,13 +139,7 @@ class Truth:
     faults: tuple[Fault, ...]
 
     def __post_init__(self) -> None:
-        for array in (
-            self.turns_rad,
-            self.contacts_mm,
-            self.contact_noise_mm,
-            self.encoder_noise_rad,
-        ):
-            array.setflags(write=False)
+        _freeze(self)
 
     def centres_mm(self, readings_rad: Floats) -> Floats:
         """Where the ball (n, 3) truly is at readings (n, n_joints) without effects.

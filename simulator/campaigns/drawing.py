@@ -5,7 +5,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.campaigns.artefacts.artefact import Table
-from traverse.simulator.campaigns.artefacts.draw_wire import DrawWire
+from traverse.simulator.campaigns.artefacts.seats import DrawWire
 from traverse.simulator.campaigns.campaign import (
     Campaign,
     SimulatedCampaign,

@@ -16,7 +16,7 @@ from traverse.simulator.campaigns.artefacts.artefact import (
 )
 from traverse.simulator.campaigns.conditions import Conditions, drawn_conditions, stream
 from traverse.simulator.campaigns.pose_set import PlacedArtefact, PoseSet, with_effects
-from traverse.simulator.campaigns.postures import reaching_postures, travel_limits
+from traverse.simulator.campaigns.postures import Workspace, workspace_of
 from traverse.simulator.campaigns.siting import (
     UnreachableError,
     misfits,
@@ -50,17 +50,10 @@ def make_poses(
         raise FileError("campaign specification", problems)
     if truth is None:
         truth = true_arm(arm, spec.deviations, seed)
-    if spec.limits_rad is None:
-        limits_rad = travel_limits(truth.mechanism, spec.travel)
-    else:
-        limits_rad = np.array(spec.limits_rad, dtype=np.float64)
-    artefacts = spec_artefacts(spec, truth.mechanism, limits_rad, seed)
+    workspace = workspace_of(truth.mechanism, spec.travel, spec.limits_rad)
+    artefacts = spec_artefacts(spec, workspace, seed)
     placements = place_artefacts(
-        artefacts,
-        truth.mechanism,
-        limits_rad,
-        truth.radius_mm,
-        stream(seed, "placement"),
+        artefacts, workspace, truth.radius_mm, stream(seed, "placement")
     )
     artefact_index, feature_index = _touched(artefacts, spec.conditions.visits)
     conditions = drawn_conditions(
@@ -74,12 +67,12 @@ def make_poses(
         for artefact, placement in zip(artefacts, placements, strict=True)
     )
     touching = _Touching(placed, artefact_index, feature_index, conditions, truth)
-    turns_rad, towards = touching.postures(limits_rad, stream(seed, "contacts"))
+    turns_rad, towards = touching.postures(workspace, stream(seed, "contacts"))
     rigid = PoseSet(
         spec=spec,
         arm=arm,
         truth=truth,
-        limits_rad=limits_rad,
+        limits_rad=workspace.limits_rad,
         artefacts=placed,
         artefact_index=artefact_index,
         feature_index=feature_index,
@@ -121,7 +114,7 @@ class _Touching:
     truth: TrueArm
 
     def postures(
-        self, limits_rad: Floats, rng: np.random.Generator
+        self, workspace: Workspace, rng: np.random.Generator
     ) -> tuple[Floats, Floats]:
         """Turns (n, n_joints) and directions towards the material (n, 3)."""
         n_poses = len(self.artefact_index)
@@ -130,9 +123,7 @@ class _Touching:
         missing: Indices = np.arange(n_poses)
         for _ in range(N_REDRAWS):
             contacts = self._contacts(missing, rng)
-            found, reached = reaching_postures(
-                self.truth.mechanism, limits_rad, contacts.centres_mm, rng
-            )
+            found, reached = workspace.reaching(contacts.centres_mm, rng)
             turns_rad[missing[reached]] = found[reached]
             towards[missing[reached]] = contacts.towards[reached]
             missing = missing[~reached]

@@ -5,7 +5,8 @@ start of its own, the nearest of a few: what a redundant arm leaves free stays a
 so that postures vary.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -55,67 +56,104 @@ LEAST_DAMPING_MM = 1e-4
 CHUNK = 2048  # poses whose matrices fit into the cache
 
 
-def reaching_postures(
-    mechanism: Mechanism,
-    limits_rad: Floats,
-    targets_mm: Floats,
-    rng: np.random.Generator,
-    n_rounds: int = 10,
-) -> tuple[Floats, Booleans]:
-    """Find a posture for every target.
+@dataclass(frozen=True, slots=True)
+class Workspace:
+    """What an arm reaches within the limits of its joints.
 
-    Args:
+    Attributes:
         mechanism: True geometry.
         limits_rad: (n_joints, 2) least and largest turn from the base posture.
-        targets_mm: (n, 3) for the ball's centre.
-        rng: Draws the starts.
-        n_rounds: How often an unreached target is tried from a new start.
-
-    Returns:
-        Turns (n, n_joints) and whether each target was reached: within the tolerance
-        and within the limits.
     """
-    n_targets = len(targets_mm)
-    turns_rad = np.zeros((n_targets, mechanism.n_joints))
-    reached = np.zeros(n_targets, dtype=bool)
-    for round_ in range(n_rounds):
-        missing = np.flatnonzero(~reached)
-        if len(missing) == 0:
-            break
-        for first in range(0, len(missing), CHUNK):
-            rows = missing[first : first + CHUNK]
-            n_choices = min(N_CHOICES << round_, MOST_CHOICES)
-            starts = _near_turns(
-                mechanism, limits_rad, targets_mm[rows], n_choices, rng
-            )
-            found, good = _solved(mechanism, limits_rad, targets_mm[rows], starts)
-            turns_rad[rows[good]] = found[good]
-            reached[rows[good]] = True
-    return turns_rad, reached
+
+    mechanism: Mechanism
+    limits_rad: Floats
+
+    def reaching(
+        self, targets_mm: Floats, rng: np.random.Generator, n_rounds: int = 10
+    ) -> tuple[Floats, Booleans]:
+        """Find a posture for every target.
+
+        Args:
+            targets_mm: (n, 3) for the ball's centre.
+            rng: Draws the starts.
+            n_rounds: How often an unreached target is tried from a new start.
+
+        Returns:
+            Turns (n, n_joints) and whether each target was reached: within the
+            tolerance and within the limits.
+        """
+        n_targets = len(targets_mm)
+        turns_rad = np.zeros((n_targets, self.mechanism.n_joints))
+        reached = np.zeros(n_targets, dtype=bool)
+        for round_ in range(n_rounds):
+            missing = np.flatnonzero(~reached)
+            if len(missing) == 0:
+                break
+            for first in range(0, len(missing), CHUNK):
+                rows = missing[first : first + CHUNK]
+                n_choices = min(N_CHOICES << round_, MOST_CHOICES)
+                starts = self._near_turns(targets_mm[rows], n_choices, rng)
+                found, good = self._solved(targets_mm[rows], starts)
+                turns_rad[rows[good]] = found[good]
+                reached[rows[good]] = True
+        return turns_rad, reached
+
+    def drawn_turns(self, n_poses: int, rng: np.random.Generator) -> Floats:
+        """Turns (n_poses, n_joints), uniform within the limits."""
+        low, high = self.limits_rad.T
+        return rng.uniform(low, high, (n_poses, len(self.limits_rad)))
+
+    def _near_turns(
+        self, targets_mm: Floats, n_choices: int, rng: np.random.Generator
+    ) -> Floats:
+        """Of a few random turns a target (n, 3), those that put the ball nearest."""
+        n_targets = len(targets_mm)
+        turns_rad = self.drawn_turns(max(n_targets, n_choices), rng)
+        centres_mm, _ = probe_pose(self.mechanism, turns_rad)
+        choices = rng.integers(0, len(turns_rad), (n_targets, n_choices))
+        misses_mm = centres_mm[choices] - targets_mm[:, None]
+        nearest = np.argmin(np.einsum("mki,mki->mk", misses_mm, misses_mm), axis=1)
+        near: Floats = turns_rad[choices[np.arange(n_targets), nearest]]
+        return near
+
+    def _solved(
+        self, targets_mm: Floats, starts_rad: Floats
+    ) -> tuple[Floats, Booleans]:
+        """Go from starts (n, n_joints) to targets (n, 3); who arrives, leaves."""
+        low, high = self.limits_rad.T
+        turns_rad = starts_rad
+        good = np.zeros(len(targets_mm), dtype=bool)
+        rows = np.arange(len(targets_mm))
+        stopped = np.zeros(turns_rad.shape, dtype=bool)  # at a limit: the others move
+        for _ in range(N_STEPS):
+            centres_mm, _, rates, _ = probe_rates(self.mechanism, turns_rad[rows])
+            misses_mm = targets_mm[rows] - centres_mm
+            lengths_mm = np.sqrt(np.einsum("mi,mi->m", misses_mm, misses_mm))
+            away = lengths_mm >= TOLERANCE_MM
+            good[rows[~away]] = True
+            if not np.any(away):
+                break
+            rows, misses_mm, rates = rows[away], misses_mm[away], rates[away]
+            rates = np.where(stopped[rows][:, None], 0.0, rates)
+            damping_mm = np.maximum(DAMPING_SHARE * lengths_mm[away], LEAST_DAMPING_MM)
+            steps = _damped_steps(rates, misses_mm, damping_mm)
+            longest = np.max(np.abs(steps), axis=1, keepdims=True)
+            steps *= np.minimum(1.0, LONGEST_STEP_RAD / np.maximum(longest, 1e-12))
+            wanted_rad = turns_rad[rows] + steps
+            turns_rad[rows] = np.clip(wanted_rad, low, high)
+            stopped[rows] = turns_rad[rows] != wanted_rad
+        return turns_rad, good
 
 
-def drawn_turns(limits_rad: Floats, n_poses: int, rng: np.random.Generator) -> Floats:
-    """Turns (n_poses, n_joints), uniform within the limits."""
-    low, high = limits_rad.T
-    return rng.uniform(low, high, (n_poses, len(limits_rad)))
-
-
-def _near_turns(
+def workspace_of(
     mechanism: Mechanism,
-    limits_rad: Floats,
-    targets_mm: Floats,
-    n_choices: int,
-    rng: np.random.Generator,
-) -> Floats:
-    """Of a few random turns for each target (n, 3), those that put the ball nearest."""
-    n_targets = len(targets_mm)
-    turns_rad = drawn_turns(limits_rad, max(n_targets, n_choices), rng)
-    centres_mm, _ = probe_pose(mechanism, turns_rad)
-    choices = rng.integers(0, len(turns_rad), (n_targets, n_choices))
-    misses_mm = centres_mm[choices] - targets_mm[:, None]
-    nearest = np.argmin(np.einsum("mki,mki->mk", misses_mm, misses_mm), axis=1)
-    near: Floats = turns_rad[choices[np.arange(n_targets), nearest]]
-    return near
+    travel: str,
+    limits_rad: Sequence[tuple[float, float]] | None = None,
+) -> Workspace:
+    """Take given limits, or those of the name of a travel."""
+    if limits_rad is None:
+        return Workspace(mechanism, travel_limits(mechanism, travel))
+    return Workspace(mechanism, np.array(limits_rad, dtype=np.float64))
 
 
 def shifted_postures(
@@ -134,35 +172,6 @@ def shifted_postures(
                 break
             moved[rows] += _damped_steps(rates, misses_mm, np.full(len(misses_mm), 0.0))
     return moved
-
-
-def _solved(
-    mechanism: Mechanism, limits_rad: Floats, targets_mm: Floats, starts_rad: Floats
-) -> tuple[Floats, Booleans]:
-    """Go from starts (n, n_joints) to targets (n, 3); rows leave when they arrive."""
-    low, high = limits_rad.T
-    turns_rad = starts_rad
-    good = np.zeros(len(targets_mm), dtype=bool)
-    rows = np.arange(len(targets_mm))
-    stopped = np.zeros(turns_rad.shape, dtype=bool)  # at a limit: the others move
-    for _ in range(N_STEPS):
-        centres_mm, _, rates, _ = probe_rates(mechanism, turns_rad[rows])
-        misses_mm = targets_mm[rows] - centres_mm
-        lengths_mm = np.sqrt(np.einsum("mi,mi->m", misses_mm, misses_mm))
-        away = lengths_mm >= TOLERANCE_MM
-        good[rows[~away]] = True
-        if not np.any(away):
-            break
-        rows, misses_mm, rates = rows[away], misses_mm[away], rates[away]
-        rates = np.where(stopped[rows][:, None], 0.0, rates)
-        damping_mm = np.maximum(DAMPING_SHARE * lengths_mm[away], LEAST_DAMPING_MM)
-        steps = _damped_steps(rates, misses_mm, damping_mm)
-        longest = np.max(np.abs(steps), axis=1, keepdims=True)
-        steps *= np.minimum(1.0, LONGEST_STEP_RAD / np.maximum(longest, 1e-12))
-        wanted_rad = turns_rad[rows] + steps
-        turns_rad[rows] = np.clip(wanted_rad, low, high)
-        stopped[rows] = turns_rad[rows] != wanted_rad
-    return turns_rad, good
 
 
 def _damped_steps(rates: Floats, misses_mm: Floats, damping_mm: Floats) -> Floats:

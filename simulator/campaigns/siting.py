@@ -7,7 +7,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.plurals import counted
-from traverse.simulator.arm.physics import Mechanism, probe_pose
+from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.campaigns.artefacts import Artefact
 from traverse.simulator.campaigns.artefacts.artefact import (
     Placement,
@@ -15,7 +15,7 @@ from traverse.simulator.campaigns.artefacts.artefact import (
     drawn_rotation,
 )
 from traverse.simulator.campaigns.conditions import stream
-from traverse.simulator.campaigns.postures import drawn_turns, reaching_postures
+from traverse.simulator.campaigns.postures import Workspace
 from traverse.simulator.campaigns.spec import CampaignSpec, mix_artefacts, spec_problems
 from traverse.strict_toml.problems import Problem
 
@@ -23,23 +23,22 @@ N_LOOKS = 1000  # postures that determine the width of the working volume
 
 
 def spec_artefacts(
-    spec: CampaignSpec, mechanism: Mechanism, limits_rad: Floats, seed: int
+    spec: CampaignSpec, workspace: Workspace, seed: int
 ) -> tuple[Artefact, ...]:
     """The artefacts of a specification that fits, in sizes for the arm."""
     if spec.mix is None or spec.n_poses is None:
         return spec.artefacts
-    width_mm = _width_mm(mechanism, limits_rad, stream(seed, "sizes"))
+    width_mm = _width_mm(workspace, stream(seed, "sizes"))
     return mix_artefacts(spec.mix, spec.n_poses, width_mm)
 
 
-def _width_mm(
-    mechanism: Mechanism, limits_rad: Floats, rng: np.random.Generator
-) -> float:
+def _width_mm(workspace: Workspace, rng: np.random.Generator) -> float:
     """How wide the working volume is: three sigma where it is thinnest.
 
     Never more than the stretched arm: wide volumes are hollow.
     """
-    places_mm, _ = probe_pose(mechanism, drawn_turns(limits_rad, N_LOOKS, rng))
+    mechanism = workspace.mechanism
+    places_mm, _ = probe_pose(mechanism, workspace.drawn_turns(N_LOOKS, rng))
     thinnest_mm2 = float(np.linalg.eigvalsh(np.cov(places_mm.T))[0])
     corners_mm = np.vstack([mechanism.origins_mm, mechanism.probe_mm])
     reach_mm = np.sum(np.linalg.norm(np.diff(corners_mm, axis=0), axis=1))
@@ -88,8 +87,7 @@ class UnreachableError(ValueError):
 
 def place_artefacts(
     artefacts: Sequence[Artefact],
-    mechanism: Mechanism,
-    limits_rad: Floats,
+    workspace: Workspace,
     ball_mm: float,
     rng: np.random.Generator,
 ) -> tuple[Placement, ...]:
@@ -104,9 +102,7 @@ def place_artefacts(
     placed: list[Placement] = []
     for artefact in artefacts:
         taken_mm = np.array([site.position_mm for site in placed]).reshape(-1, 3)
-        placed.append(
-            _site(artefact, taken_mm, rng, mechanism, limits_rad, ball_mm=ball_mm)
-        )
+        placed.append(_site(artefact, taken_mm, rng, workspace, ball_mm))
     return tuple(placed)
 
 
@@ -114,9 +110,7 @@ def _site(
     artefact: Artefact,
     taken_mm: Floats,
     rng: np.random.Generator,
-    mechanism: Mechanism,
-    limits_rad: Floats,
-    *,
+    workspace: Workspace,
     ball_mm: float,
 ) -> Placement:
     best_share, needed_share = 0.0, 1.0 if artefact.is_fixed else ENOUGH
@@ -125,20 +119,19 @@ def _site(
         if trial >= N_HOPELESS and best_share < 0.5:
             break
         n_sites += N_SITES
-        at_mm, _ = probe_pose(mechanism, drawn_turns(limits_rad, N_SITES, rng))
+        drawn_rad = workspace.drawn_turns(N_SITES, rng)
+        at_mm, _ = probe_pose(workspace.mechanism, drawn_rad)
         sites = [Placement(drawn_rotation(rng), position_mm) for position_mm in at_mm]
         targets_mm = np.concatenate(
             [site.points_mm(_trial_contacts(artefact, ball_mm, rng)) for site in sites]
         )
-        turns_rad, reached = reaching_postures(
-            mechanism, limits_rad, targets_mm, rng, N_ROUNDS
-        )
+        turns_rad, reached = workspace.reaching(targets_mm, rng, N_ROUNDS)
         shares = np.mean(reached.reshape(N_SITES, -1), axis=1)
         best_share = max(best_share, float(np.max(shares)))
         turns_rad[~reached] = np.nan
         good = np.flatnonzero(shares >= needed_share)
         if len(good):
-            postures = turns_rad.reshape(N_SITES, -1, mechanism.n_joints)[good]
+            postures = turns_rad.reshape(N_SITES, -1, turns_rad.shape[1])[good]
             variety = np.mean(np.nanstd(postures, axis=1), axis=1)
             worth = variety * _distances_mm(at_mm[good], taken_mm)
             return sites[int(good[np.argmax(worth)])]

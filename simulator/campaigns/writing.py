@@ -1,13 +1,13 @@
 """Writes a campaign as a folder, numbers bit for bit, and the truth beside it."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Joint, write_arm
 from traverse.simulator.arm.truth import TrueArm
 from traverse.simulator.campaigns.campaign import (
@@ -30,7 +30,9 @@ def write_campaign(folder: Path, simulated: SimulatedCampaign, arm: Arm) -> None
     """
     folder.mkdir(parents=True, exist_ok=True)
     campaign = simulated.campaign
-    (folder / "campaign.toml").write_text(campaign_text(campaign), encoding="utf-8")
+    noise = (campaign.encoder_rad, campaign.contact_mm)
+    text = campaign_text(campaign.artefacts, campaign.start_utc, noise)
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
     for artefact in campaign.artefacts:
         if _has_many_points(artefact):
             text = "".join(_point_lines(artefact.table["points_mm"]))
@@ -42,18 +44,20 @@ def write_campaign(folder: Path, simulated: SimulatedCampaign, arm: Arm) -> None
     _write_truth(folder / "truth", simulated.truth, arm)
 
 
-def campaign_text(campaign: Campaign) -> str:
-    """The text of campaign.toml."""
-    lines = ['schema = "traverse/campaign/1"', 'poses = "poses.csv"']
-    if campaign.start_utc is not None:
-        lines.append(f"start_utc = {campaign.start_utc}")
-    if campaign.encoder_rad is not None and campaign.contact_mm is not None:
-        lines += [
-            "[noise]",
-            f"encoder_rad = {campaign.encoder_rad!r}",
-            f"contact_mm = {campaign.contact_mm!r}",
-        ]
-    for artefact in campaign.artefacts:
+def campaign_text(
+    artefacts: Sequence[StatedArtefact],
+    start_utc: str | None,
+    noise: tuple[float | None, float | None],
+    poses: str = "poses.csv",
+) -> str:
+    """The text of campaign.toml; the noise is of encoders [rad] and contacts [mm]."""
+    lines = ['schema = "traverse/campaign/1"', f'poses = "{poses}"']
+    if start_utc is not None:
+        lines.append(f"start_utc = {start_utc}")
+    if None not in noise:
+        keys = zip(("encoder_rad", "contact_mm"), noise, strict=True)
+        lines += ["[noise]", *(f"{key} = {std!r}" for key, std in keys)]
+    for artefact in artefacts:
         lines += ["[[artefacts]]", f'id = "{artefact.id}"', f'kind = "{artefact.kind}"']
         table = dict(artefact.table)
         if _has_many_points(artefact):
@@ -70,45 +74,32 @@ def campaign_text(campaign: Campaign) -> str:
 
 def pose_lines(campaign: Campaign) -> Iterator[str]:
     """The lines of poses.csv."""
-    yield ",".join(column_names(campaign)) + "\n"
+    columns = list(_columns(campaign))
+    yield ",".join(name for names, _ in columns for name in names) + "\n"
     for first in range(0, campaign.n_poses, CHUNK):
         rows = slice(first, first + CHUNK)
-        columns = [_numbers(campaign.time_s[rows])]
-        columns += [campaign.artefact[rows].tolist(), campaign.feature[rows].tolist()]
-        columns += _by_column(campaign.readings_rad[rows])
-        if campaign.temperature_c is not None:
-            columns.append(_numbers(campaign.temperature_c[rows]))
-        if campaign.approach is not None:
-            columns += [list(map(str, c.tolist())) for c in campaign.approach[rows].T]
-        if campaign.speed_rad_s is not None:
-            columns += _by_column(campaign.speed_rad_s[rows])
-        if campaign.direction is not None:
-            columns += _by_column(campaign.direction[rows])
-        if campaign.force_n is not None:
-            columns.append(_numbers(campaign.force_n[rows]))
-        if campaign.length_mm is not None:
-            columns.append(_numbers(campaign.length_mm[rows]))
-        for cells in zip(*columns, strict=True):
+        parts = [np.atleast_2d(values[rows].T) for _, values in columns]
+        for cells in zip(*(_cells(one) for part in parts for one in part), strict=True):
             yield ",".join(cells) + "\n"
 
 
-def column_names(campaign: Campaign) -> list[str]:
-    """The header of poses.csv."""
-    names = ["time_s", "artefact", "feature"]
-    names += [f"{joint}_rad" for joint in campaign.joints]
-    if campaign.temperature_c is not None:
-        names.append("temperature_c")
-    if campaign.approach is not None:
-        names += [f"{joint}_approach" for joint in campaign.joints]
-    if campaign.speed_rad_s is not None:
-        names += [f"{joint}_speed_rad_s" for joint in campaign.joints]
-    if campaign.direction is not None:
-        names += ["direction_x", "direction_y", "direction_z"]
-    if campaign.force_n is not None:
-        names.append("force_n")
-    if campaign.length_mm is not None:
-        names.append("length_mm")
-    return names
+def _columns(campaign: Campaign) -> Iterator[tuple[list[str], NDArray[Any]]]:
+    """Names of columns with their values, (n,) or (n, n_names), as far as known."""
+    joints = campaign.joints
+    for names, values in (
+        (["time_s"], campaign.time_s),
+        (["artefact"], campaign.artefact),
+        (["feature"], campaign.feature),
+        ([f"{joint}_rad" for joint in joints], campaign.readings_rad),
+        (["temperature_c"], campaign.temperature_c),
+        ([f"{joint}_approach" for joint in joints], campaign.approach),
+        ([f"{joint}_speed_rad_s" for joint in joints], campaign.speed_rad_s),
+        (["direction_x", "direction_y", "direction_z"], campaign.direction),
+        (["force_n"], campaign.force_n),
+        (["length_mm"], campaign.length_mm),
+    ):
+        if values is not None:
+            yield names, values
 
 
 def true_arm_file(arm: Arm, truth: TrueArm) -> Arm:
@@ -198,13 +189,10 @@ def _toml_value(value: Any) -> str:  # noqa: ANN401 - whatever a table may hold
     return repr(value)
 
 
-def _by_column(values: Floats) -> list[list[str]]:
-    """Cells of an array (n, m), column by column."""
-    return [_numbers(column) for column in values.T]
-
-
-def _numbers(values: Floats) -> list[str]:
-    """The shortest text of numbers (n,) that reads back as the same; none for NaN."""
+def _cells(values: NDArray[Any]) -> list[str]:
+    """The shortest text of values (n,) that reads back as the same; none for NaN."""
+    if values.dtype.kind == "U":
+        return [str(text) for text in values]
     texts = list(map(repr, values.tolist()))
     if np.any(np.isnan(values)):
         return ["" if text == "nan" else text for text in texts]

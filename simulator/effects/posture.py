@@ -6,12 +6,12 @@
 each factor a 4x4 matrix in the base posture of the body that it acts on.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 
-from traverse.arrays import Floats
+from traverse.arrays import Floats, Indices
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.arm.physics import Mechanism, body_motions, turn_matrices
 from traverse.simulator.arm.truth import gearing_of
@@ -51,6 +51,12 @@ class Surroundings:
                 "an effect counts from its epoch_utc, but the start in UTC is unknown"
             )
         return self.utc_s - epoch_utc_s
+
+    def part(self, rows: slice | Indices) -> "Surroundings":
+        """Some of the samples."""
+        columns = {field.name: getattr(self, field.name) for field in fields(self)}
+        known = {name: c[rows] for name, c in columns.items() if c is not None}
+        return replace(self, **known)
 
 
 M_PER_MM = 1e-3

@@ -20,9 +20,9 @@ from traverse.simulator.campaigns.conditions import drawn_conditions, stream
 from traverse.simulator.campaigns.drawing import draw_noise
 from traverse.simulator.campaigns.pose_set import PlacedArtefact, PoseSet
 from traverse.simulator.campaigns.postures import (
-    reaching_postures,
+    Workspace,
     shifted_postures,
-    travel_limits,
+    workspace_of,
 )
 from traverse.simulator.campaigns.siting import UnreachableError
 from traverse.simulator.campaigns.spec import CampaignSpec, ConditionTable, NoiseTable
@@ -50,13 +50,13 @@ def acceptance_poses(
         UnreachableError: An artefact that fits nowhere.
     """
     truth = true_arm(arm, Deviations(), seed)
-    limits_rad = travel_limits(truth.mechanism, "full")
+    workspace = workspace_of(truth.mechanism, "full")
     rng = stream(seed, "placement")
     shoulder_mm, reach_mm = _reach(truth.mechanism)
     placed, standings, turns = [], [], []
     for standing in layout_of(standard, reach_mm, truth.radius_mm, std_mm=std_mm):
         placement, turns_rad = _touched(
-            standing, truth.mechanism, limits_rad, (shoulder_mm, reach_mm), rng
+            standing, workspace, (shoulder_mm, reach_mm), rng
         )
         placed.append(PlacedArtefact(standing.artefact, placement))
         standings.append(standing)
@@ -72,7 +72,7 @@ def acceptance_poses(
         spec=spec,
         arm=arm,
         truth=truth,
-        limits_rad=limits_rad,
+        limits_rad=workspace.limits_rad,
         artefacts=tuple(placed),
         artefact_index=np.repeat(
             np.arange(len(standings)), [len(s.features) for s in standings]
@@ -152,8 +152,7 @@ def _reach(mechanism: Mechanism) -> tuple[Floats, float]:
 
 def _touched(
     standing: PlacedStandard,
-    mechanism: Mechanism,
-    limits_rad: Floats,
+    workspace: Workspace,
     volume: tuple[Floats, float],
     rng: np.random.Generator,
 ) -> tuple[Placement, Floats]:
@@ -170,14 +169,10 @@ def _touched(
         farthest_mm = np.max(np.linalg.norm(centres_mm - shoulder_mm, axis=1))
         if farthest_mm > 0.96 * reach_mm:
             continue
-        turns_rad, reached = reaching_postures(
-            mechanism, limits_rad, centres_mm, rng, N_ROUNDS
-        )
+        turns_rad, reached = workspace.reaching(centres_mm, rng, N_ROUNDS)
         if np.all(reached):
             if np.all(np.isfinite(standing.shanks)):
-                turns_rad = _aligned(
-                    standing.shanks, mechanism, limits_rad, centres_mm, rng
-                )
+                turns_rad = _aligned(standing.shanks, workspace, centres_mm, rng)
             return placement, turns_rad
     raise UnreachableError(
         f"{standing.artefact.kind} '{standing.artefact.id}': the arm reaches all of it "
@@ -187,16 +182,15 @@ def _touched(
 
 def _aligned(
     shanks: Floats,
-    mechanism: Mechanism,
-    limits_rad: Floats,
+    workspace: Workspace,
     centres_mm: Floats,
     rng: np.random.Generator,
 ) -> Floats:
     """Choose, of many postures a touch, the one whose probe points as required."""
     n = len(centres_mm)
     many = np.repeat(centres_mm, N_POSTURES, axis=0)
-    turns_rad, reached = reaching_postures(mechanism, limits_rad, many, rng)
-    _, found = probe_pose(mechanism, turns_rad)
+    turns_rad, reached = workspace.reaching(many, rng)
+    _, found = probe_pose(workspace.mechanism, turns_rad)
     likeness = np.einsum("ni,ni->n", found, np.repeat(shanks, N_POSTURES, axis=0))
     likeness[~reached] = -2.0
     best = np.argmax(likeness.reshape(n, N_POSTURES), axis=1)

@@ -1,8 +1,7 @@
 """Artefacts that campaigns touch: one file each."""
 
 from traverse.simulator.campaigns.artefacts.artefact import AnyArtefact, Artefact
-from traverse.simulator.campaigns.artefacts.draw_wire import DrawWire
-from traverse.simulator.campaigns.artefacts.seats import Cone, Points, Seats
+from traverse.simulator.campaigns.artefacts.seats import Cone, DrawWire, Points, Seats
 from traverse.simulator.campaigns.artefacts.surfaces import (
     BallBar,
     ParallelPlanes,

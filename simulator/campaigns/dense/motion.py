@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.simulator.arm.physics import Mechanism, probe_pose
+from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.campaigns.artefacts import Cone, Sphere
 from traverse.simulator.campaigns.artefacts.artefact import Placement
 from traverse.simulator.campaigns.dense.spec import ScanTable
-from traverse.simulator.campaigns.postures import reaching_postures, shifted_postures
+from traverse.simulator.campaigns.postures import Workspace, shifted_postures
 from traverse.simulator.campaigns.siting import UnreachableError
 from traverse.strict_toml.problems import FileError, Problem
 
@@ -47,15 +47,13 @@ class Dragging:
     """All that drags have in common.
 
     Attributes:
-        mechanism: True geometry.
-        limits_rad: (n_joints, 2)
+        workspace: Of the true geometry.
         ball_mm: Radius of the ball.
         scan: How to drag.
         rng: Draws paths and postures.
     """
 
-    mechanism: Mechanism
-    limits_rad: Floats
+    workspace: Workspace
     ball_mm: float
     scan: ScanTable
     rng: np.random.Generator
@@ -78,9 +76,9 @@ class Dragging:
                 continue
             contacts_mm, towards = path.at(times_s)
             turns_rad = _between(followed, times_s / (knots_s[1] - knots_s[0]))
-            places_mm, _ = probe_pose(self.mechanism, turns_rad)
+            places_mm, _ = probe_pose(self.workspace.mechanism, turns_rad)
             turns_rad = shifted_postures(
-                self.mechanism, turns_rad, contacts_mm - places_mm
+                self.workspace.mechanism, turns_rad, contacts_mm - places_mm
             )
             if self._is_smooth(turns_rad, contacts_mm):
                 return Drag(turns_rad, towards, contacts_mm)
@@ -91,7 +89,7 @@ class Dragging:
 
     def waves(self, times_s: Floats) -> Floats:
         """Draw smooth motions (n, n_joints) that begin at zero."""
-        low, high = self.limits_rad.T
+        low, high = self.workspace.limits_rad.T
         n_joints = len(low)
         sizes_rad = 0.5 * self.scan.swing * (high - low) / np.sqrt(N_WAVES)
         waves = np.zeros((len(times_s), n_joints))
@@ -104,13 +102,11 @@ class Dragging:
 
     def _followed(self, centres_mm: Floats, knots_s: Floats) -> Floats | None:
         """Follow a path from knot to knot; None where the joints cannot."""
-        start, reached = reaching_postures(
-            self.mechanism, self.limits_rad, centres_mm[:1], self.rng
-        )
+        start, reached = self.workspace.reaching(centres_mm[:1], self.rng)
         if not reached[0]:
             return None
         wishes_rad = start + self.waves(knots_s)
-        np.clip(wishes_rad, *self.limits_rad.T, out=wishes_rad)
+        np.clip(wishes_rad, *self.workspace.limits_rad.T, out=wishes_rad)
         followed = np.empty_like(wishes_rad)
         turns = start[0]
         followed[0] = turns
@@ -119,20 +115,20 @@ class Dragging:
             wished = wishes_rad[knot] - wishes_rad[knot - 1]
             pull = PULL * (wishes_rad[knot - 1] - turns)
             tried = (turns + wished + pull)[None, :]
-            at_mm, _ = probe_pose(self.mechanism, tried)
+            at_mm, _ = probe_pose(self.workspace.mechanism, tried)
             moved = shifted_postures(
-                self.mechanism, tried, centres_mm[knot : knot + 1] - at_mm
+                self.workspace.mechanism, tried, centres_mm[knot : knot + 1] - at_mm
             )[0]
             if not np.max(np.abs(moved - turns)) < longest_rad:
                 return None
             turns = moved
             followed[knot] = turns
-        low, high = self.limits_rad.T
+        low, high = self.workspace.limits_rad.T
         inside = (followed > low - OVER_LIMIT_RAD) & (followed < high + OVER_LIMIT_RAD)
         return followed if np.all(inside) else None
 
     def _is_smooth(self, turns_rad: Floats, contacts_mm: Floats) -> bool:
-        places_mm, _ = probe_pose(self.mechanism, turns_rad)
+        places_mm, _ = probe_pose(self.workspace.mechanism, turns_rad)
         off_mm = float(np.max(np.abs(places_mm - contacts_mm)))
         speeds = np.abs(np.diff(turns_rad, axis=0)) * self.scan.rate_hz
         return off_mm < OFF_PATH_MM and bool(np.max(speeds) < FASTEST_RAD_S)

@@ -20,7 +20,7 @@ from traverse.simulator.campaigns.dense.motion import (
 )
 from traverse.simulator.campaigns.dense.spec import DenseFile, dense_misfits
 from traverse.simulator.campaigns.noise import encoder_stds, serial_noise
-from traverse.simulator.campaigns.postures import shifted_postures, travel_limits
+from traverse.simulator.campaigns.postures import shifted_postures, workspace_of
 from traverse.simulator.campaigns.siting import misfits, place_artefacts
 from traverse.simulator.effects import (
     FaultyArm,
@@ -80,18 +80,12 @@ def simulate_scan(arm: Arm, file: DenseFile, seed: int) -> DenseScan:
     missing = Problem("arm", f"no encoder of {', '.join(bare)}; a scan needs counts")
     refused([*misfits(file, arm), *dense_misfits(file), *([missing] if bare else [])])
     truth = true_arm(arm, file.deviations, seed)
-    limits_rad = travel_limits(truth.mechanism, file.travel)
-    if file.limits_rad is not None:
-        limits_rad = np.array(file.limits_rad, dtype=np.float64)
+    workspace = workspace_of(truth.mechanism, file.travel, file.limits_rad)
     placements = place_artefacts(
-        file.artefacts,
-        truth.mechanism,
-        limits_rad,
-        truth.radius_mm,
-        stream(seed, "placement"),
+        file.artefacts, workspace, truth.radius_mm, stream(seed, "placement")
     )
     rng = stream(seed, "contacts")
-    dragging = Dragging(truth.mechanism, limits_rad, truth.radius_mm, file.scan, rng)
+    dragging = Dragging(workspace, truth.radius_mm, file.scan, rng)
     order = _order([artefact.n_poses for artefact in file.artefacts])
     drags = [
         dragging.drag(artefact, placements[index])
@@ -217,32 +211,19 @@ def _readings(
     readings_rad = np.empty_like(turns_rad)
     for first in range(0, n_samples, CHUNK):
         rows = slice(first, first + CHUNK)
-        part = _part(around, rows)
+        part = around.part(rows)
         moved = turns_rad[rows].copy()
         here = np.flatnonzero(touching[rows])
         if len(here):
             # Moved first, so that effects are those of where the ball really is.
             yielding = faulty.touching_turns(
-                moved[here], contacts_mm[rows][here], _part(part, here)
+                moved[here], contacts_mm[rows][here], part.part(here)
             )
             moved[here] = shifted_postures(
                 faulty.build.mechanism, yielding, shifts_mm[rows][here]
             )
         readings_rad[rows] = faulty.readings_rad(moved, part) + errors[rows]
     return readings_rad
-
-
-def _part(around: Surroundings, rows: slice | Integers) -> Surroundings:
-    utc_s = around.utc_s
-    return Surroundings(
-        time_s=around.time_s[rows],
-        utc_s=None if utc_s is None else utc_s[rows],
-        temperature_c=around.temperature_c[rows],
-        speed_rad_s=around.speed_rad_s[rows],
-        approach=around.approach[rows],
-        towards=around.towards[rows],
-        force_n=around.force_n[rows],
-    )
 
 
 def _counts(readings_rad: Floats, arm: Arm) -> NDArray[np.uint32]:

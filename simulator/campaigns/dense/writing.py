@@ -15,7 +15,6 @@ from mcap.writer import Writer
 from numpy.typing import NDArray
 
 from traverse.kinematics.arm_file.arm import write_arm
-from traverse.simulator.campaigns.campaign import Campaign
 from traverse.simulator.campaigns.conditions import stream
 from traverse.simulator.campaigns.dense.scan import NOTHING, DenseScan
 from traverse.simulator.campaigns.writing import campaign_text, true_arm_file
@@ -51,24 +50,12 @@ def write_scan(folder: Path, scan: DenseScan, seed: int) -> None:
 
 def scan_campaign_text(scan: DenseScan) -> str:
     """The text of campaign.toml."""
-    noise, none = scan.file.noise, np.zeros(0)
-    empty = Campaign(
-        joints=tuple(joint.name for joint in scan.arm.joints),
-        artefacts=scan.artefacts,
-        encoder_rad=noise.stated_factor * noise.encoder_rad if noise.stated else None,
-        contact_mm=noise.stated_factor * noise.contact_mm if noise.stated else None,
-        start_utc=scan.start_utc.isoformat(),
-        time_s=none,
-        artefact=none.astype(np.str_),
-        feature=none.astype(np.str_),
-        readings_rad=none.reshape(0, 1),
-        temperature_c=None,
-        approach=None,
-        speed_rad_s=None,
-        direction=None,
-        force_n=None,
-    )
-    return campaign_text(empty).replace('"poses.csv"', '"scan.mcap"', 1)
+    noise = scan.file.noise
+    factor = noise.stated_factor if noise.stated else None
+    stds = (noise.encoder_rad, noise.contact_mm)
+    stated = (None, None) if factor is None else (factor * stds[0], factor * stds[1])
+    start_utc = scan.start_utc.isoformat()
+    return campaign_text(scan.artefacts, start_utc, stated, "scan.mcap")
 
 
 def _write_stream(writer: Writer, scan: DenseScan, seed: int) -> None:
