@@ -113,7 +113,7 @@ PLANTED = {
     "folders of the effects": [
         (
             "kinematics/effects/base/contact.py",
-            "traverse.kinematics.effects.mechanics.axis_motion",
+            "traverse.kinematics.effects.mechanics.motions",
         ),
         (
             "kinematics/effects/readings/planted.py",

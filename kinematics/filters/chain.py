@@ -2,13 +2,11 @@
 
 from collections.abc import Sequence
 
-from traverse.kinematics.filters.conditions import Speed, Unflagged
-from traverse.kinematics.filters.distance import Distance
 from traverse.kinematics.filters.point_filter import PointFilter
 from traverse.kinematics.filters.points import PointBlock
-from traverse.kinematics.filters.regions import Ball, Box, Slab
 from traverse.kinematics.filters.sections import Sections
-from traverse.kinematics.filters.spacing import BallSpacing, GridSpacing
+from traverse.kinematics.filters.selections import Ball, Box, Slab, Speed, Unflagged
+from traverse.kinematics.filters.thinning import BallSpacing, Distance, GridSpacing
 
 FILTERS: dict[str, type[PointFilter]] = {
     made.kind: made

@@ -1,14 +1,18 @@
-"""Contact corrections, which need the direction of the surface."""
+"""Corrections at a contact, which need the direction of the surface; standards."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.effects.base.bodies import dot
 from traverse.kinematics.effects.base.contact import Contact
-from traverse.kinematics.effects.base.correction import ContactCorrection
+from traverse.kinematics.effects.base.context import EffectContext
+from traverse.kinematics.effects.base.correction import ContactCorrection, Correction
+
+if TYPE_CHECKING:
+    from traverse.kinematics.arm_file.arm import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,3 +81,23 @@ class StylusBending(ContactCorrection):
         directions, shanks = contact.directions, contact.shanks
         across = directions - shanks * dot(shanks, directions)
         return (-contact.force_n * across)[None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArtefactLength(Correction):
+    """A standard, by its id in the campaign, not as long as its certificate says.
+
+        true length = certified length (1 + 1e-6 error_ppm)
+
+    Off-line only: the arm's points do not depend on it, so it corrects no pose.
+    """
+
+    artefact: str
+
+    kind: ClassVar[str] = "artefact_length"
+
+    @classmethod
+    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
+        """Take the standard."""
+        del setting
+        return {"artefact": effect.values["artefact"]}

@@ -10,12 +10,12 @@ import numpy as np
 
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.kinematics.effects.contacts.touching import ProbeRadius, StylusBending
-from traverse.kinematics.effects.mechanics.axis_motion import AxisRunout, AxisWobble
-from traverse.kinematics.effects.mechanics.compliance import (
+from traverse.kinematics.effects.mechanics.deformations import (
     BearingCompliance,
     MountCompliance,
+    ThermalExpansion,
 )
-from traverse.kinematics.effects.mechanics.thermal_expansion import ThermalExpansion
+from traverse.kinematics.effects.mechanics.motions import AxisRunout, AxisWobble
 from traverse.lab.diagnosis.advice.minimal_detectable import (
     is_vertical,
     probe_is_on_axis,

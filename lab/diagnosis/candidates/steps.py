@@ -18,7 +18,7 @@ from scipy.linalg import (  # type: ignore[import-untyped] # scipy ships no type
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.effect_table import EFFECT_KINDS
-from traverse.kinematics.effects.mechanics.base_motion import BaseStep
+from traverse.kinematics.effects.mechanics.motions import BaseStep
 from traverse.kinematics.effects.readings.rates import CountSlip
 from traverse.lab.diagnosis.candidates.effect_factory import candidate_of_kind
 from traverse.lab.diagnosis.candidates.scoring import (

@@ -15,7 +15,7 @@ from traverse.kinematics.effect_table import EFFECT_KINDS, key_unit
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
 from traverse.kinematics.effects.base.correction import Correction
 from traverse.kinematics.effects.columns import columns
-from traverse.kinematics.effects.contacts.artefact_length import ArtefactLength
+from traverse.kinematics.effects.contacts.touching import ArtefactLength
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.campaign.campaign import Campaign, Poses
 

@@ -5,7 +5,7 @@ from pydantic import ValidationError
 
 from traverse.daemon.config.filters import FilterSection, flag_bits
 from traverse.daemon.config.schema import ScanSection
-from traverse.kinematics.filters.regions import Box
+from traverse.kinematics.filters.selections import Box
 from traverse.protocol.messages import QualityFlag
 from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.reader import parse_strict

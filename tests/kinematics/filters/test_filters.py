@@ -10,11 +10,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from traverse.kinematics.filters import FILTERS, FilterChain, PointBlock, PointFilter
-from traverse.kinematics.filters.conditions import Speed, Unflagged
-from traverse.kinematics.filters.distance import Distance
-from traverse.kinematics.filters.regions import Ball, Box, Slab
 from traverse.kinematics.filters.sections import Sections
-from traverse.kinematics.filters.spacing import BallSpacing, GridSpacing
+from traverse.kinematics.filters.selections import Ball, Box, Slab, Speed, Unflagged
+from traverse.kinematics.filters.thinning import BallSpacing, Distance, GridSpacing
 
 STEP_NS = 1_000_000
 
