@@ -122,14 +122,14 @@ def _command(
 
     number = _address(address)
     with where.opened() as line:
-        before = _present(line, number)
+        (before,) = _answering(line, [number])
         # With --json this is printed where the question is.
         typer.echo(f"{number:#04x} is at {before['position']}", err=as_json)
         if not yes:
             typer.confirm(f"{name} this encoder?", abort=True, err=as_json)
         line.command(request(number))
         time.sleep(2 * wire.START_UP_S)
-        after = _present(line, number)
+        (after,) = _answering(line, [number])
     now = after["position"]
     report = {"address": number, "before": before["position"], "after": now}
     print_report(report, [f"{number:#04x} is at {now}"], as_json=as_json)
@@ -145,10 +145,6 @@ def _address(text: str) -> int:
     if not wire.is_address(number):
         refuse(f"--address {text} is none; expected a multiple of 4, from 0x04 to 0xFC")
     return number
-
-
-def _present(line: "Amt21Line", address: int) -> dict[str, Any]:
-    return _answering(line, [address])[0]
 
 
 def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from traverse.cli.options import Json, Yes, with_options
-from traverse.cli.refusals import device_errors, print_report, refusals, refuse
+from traverse.cli.refusals import device_errors, print_report, refuse
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
@@ -99,8 +99,8 @@ def preset(
 @contextmanager
 def _opened(bus: BusOptions) -> Iterator["Commissioning"]:
     """The bus, opened; ends the command where a device cannot be reached."""
-    with refusals():
-        from traverse.drivers.canopen.commissioning import Commissioning  # noqa: PLC0415 - an extra; quick help
+    from traverse.drivers.canopen.commissioning import Commissioning  # noqa: PLC0415 - an extra; quick help
+
     where = bus.interface, bus.channel, bus.bitrate, bus.timeout
     with device_errors(), Commissioning(*where) as tool:
         yield tool

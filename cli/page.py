@@ -46,12 +46,12 @@ def page(
     refuses to start without. Exit status 2: an option was refused; 3: the broker could
     not be reached, or no arm was found there.
     """
-    with refusals():  # imported when needed: keeps --help quick
-        from traverse.broker.credentials import credential_file  # noqa: PLC0415
-        from traverse.client.display.follower import Follower  # noqa: PLC0415
-        from traverse.client.exports.formats import points_as  # noqa: PLC0415
-        from traverse.client.page.access import read_token  # noqa: PLC0415
-        from traverse.client.page.server import serve  # noqa: PLC0415
+    from traverse.broker.credentials import credential_file  # noqa: PLC0415
+    from traverse.client.display.follower import Follower  # noqa: PLC0415
+    from traverse.client.exports.formats import points_as  # noqa: PLC0415
+    from traverse.client.page.access import read_token  # noqa: PLC0415
+    from traverse.client.page.server import serve  # noqa: PLC0415
+
     beyond = host not in LOOPBACK
     if beyond and None in (token_file, certificate, key):
         raise typer.BadParameter(

@@ -252,7 +252,7 @@ class Arm(ArmCommands):
         kept: dict[str, int] | None = None
         while True:
             cursor = self._stream.cursor
-            if cursor != kept and self._order.has_begun:
+            if cursor != kept and self._order.sessions.has_begun:
                 await asyncio.to_thread(write_cursor, path, self.name, cursor)
                 kept = cursor
             await asyncio.sleep(CURSOR_PERIOD_S)

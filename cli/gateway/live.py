@@ -8,6 +8,7 @@ import typer
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.gateway.running import host_port, report, run, until_signal
 from traverse.cli.refusals import refusals
+from traverse.plurals import counted
 
 
 @with_broker
@@ -48,7 +49,7 @@ def live(
                 where = f"{arm} at {server.address}"
                 report(f"{where}: open it in Foxglove as a connection")
                 await until_signal(server.serve())
-            report(server.sums())
+            report(f"{counted(server.points, 'point')} shown")
 
         return serve()
 

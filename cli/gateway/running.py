@@ -15,7 +15,7 @@ from traverse.protocol.printable import printable
 
 if TYPE_CHECKING:
     from traverse.client.arm import Arm
-    from traverse.client.gateways.lines import LineCounts, LineGateway
+    from traverse.client.gateways.lines import LineGateway
 
 Kind = Literal["points", "scans"]
 
@@ -56,11 +56,8 @@ async def send(arm: "Arm", kind: Kind, sender: "LineGateway") -> None:
         work = sender.send_scans if kind == "scans" else sender.send_points
         # What is being sent when this ends is not done: the next one sends it.
         await until_signal(work(arm))
-    report(_sums(sender.counts))
-
-
-def _sums(counts: "LineCounts") -> str:
-    return (
+    counts = sender.counts
+    report(
         f"{counted(counts.sent, 'line')} sent, "
         f"{counted(counts.held_back, 'point')} held back, "
         f"{counts.undone} taken back after they were sent, {counts.lost} lost"

@@ -17,7 +17,6 @@ from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.gateways.live_scene import arm_entity, deletion, point_entity
 from traverse.client.gateways.outlets import Report
 from traverse.client.points.session_order import Lost
-from traverse.plurals import counted
 from traverse.protocol.messages import Health, Message, Point, Status
 from traverse.recording.views import (
     VIEW_NAMES,
@@ -238,7 +237,3 @@ class LiveServer:
         if over := [name for name in self._alarms if name not in alarms]:
             self._server.remove_status(over)
         self._alarms = alarms
-
-    def sums(self) -> str:
-        """What was shown, for people."""
-        return f"{counted(self.points, 'point')} shown"

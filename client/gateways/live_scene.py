@@ -7,23 +7,7 @@ orange, a point a box with its quality flags beside it.
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from foxglove.messages import (
-    Color,
-    Duration,
-    KeyValuePair,
-    LinePrimitive,
-    LinePrimitiveLineType,
-    Point3,
-    Pose,
-    Quaternion,
-    SceneEntity,
-    SceneEntityDeletion,
-    SceneEntityDeletionType,
-    SpherePrimitive,
-    TextPrimitive,
-    Timestamp,
-    Vector3,
-)
+from foxglove import messages as fox
 
 from traverse.client.display.figures import COVERAGE_FACTOR, flag_words
 from traverse.kinematics.helmert.transformation import quaternion_of
@@ -32,8 +16,8 @@ from traverse.protocol.messages.point import Covariance
 from traverse.recording.views import FRAME
 
 M = 1e-3  # of a millimetre
-BLUE, FAINT_BLUE = (Color(r=0.1, g=0.45, b=0.9, a=a) for a in (1.0, 0.35))
-ORANGE, FAINT_ORANGE = (Color(r=1.0, g=0.5, b=0.0, a=a) for a in (1.0, 0.35))
+BLUE, FAINT_BLUE = (fox.Color(r=0.1, g=0.45, b=0.9, a=a) for a in (1.0, 0.35))
+ORANGE, FAINT_ORANGE = (fox.Color(r=1.0, g=0.5, b=0.0, a=a) for a in (1.0, 0.35))
 MARK_MM = 1.0  # half a mark's width
 JOINT_MM = 20.0
 _CROSS = [np.eye(3)[axis] * side for axis in range(3) for side in (-1, 1)]
@@ -47,7 +31,7 @@ _BOX = [
 ]
 
 
-def point_entity(point: Point, times: float) -> SceneEntity:
+def point_entity(point: Point, times: float) -> fox.SceneEntity:
     """A mark at the ball's centre, and the ellipsoid of its covariance, k = 2.
 
     Args:
@@ -59,7 +43,7 @@ def point_entity(point: Point, times: float) -> SceneEntity:
     centre_mm = np.array(point.xyz_mm)
     mark = _lines(
         (centre_mm + MARK_MM * end for end in (_CROSS if ok else _BOX)),
-        LinePrimitiveLineType.LineList,
+        fox.LinePrimitiveLineType.LineList,
         colour,
     )
     said = [] if ok else [_text(point.xyz_mm, flag_words(point), colour)]
@@ -80,7 +64,7 @@ def point_entity(point: Point, times: float) -> SceneEntity:
     )
 
 
-def arm_entity(live: Live, times: float) -> SceneEntity:
+def arm_entity(live: Live, times: float) -> fox.SceneEntity:
     """Links, joints and the ball in its size; its ellipsoid as of a point.
 
     Without `skeleton_mm` the ball alone.
@@ -95,17 +79,19 @@ def arm_entity(live: Live, times: float) -> SceneEntity:
         live.time_ns,
         spheres=spheres + _ellipsoid(live.xyz_mm, live.covariance_mm2, times, ok=ok),
         lines=[
-            _lines(map(np.array, skeleton_mm), LinePrimitiveLineType.LineStrip, colour)
+            _lines(
+                map(np.array, skeleton_mm), fox.LinePrimitiveLineType.LineStrip, colour
+            )
         ],
         texts=[] if ok else [_text(live.xyz_mm, flag_words(live), colour)],
         metadata={"ok": str(ok).lower(), "flags": ", ".join(live.quality.flags)},
     )
 
 
-def deletion(entity_id: str, utc_ns: int) -> SceneEntityDeletion:
+def deletion(entity_id: str, utc_ns: int) -> fox.SceneEntityDeletion:
     """What takes an entity away."""
-    kind = SceneEntityDeletionType.MatchingId
-    return SceneEntityDeletion(timestamp=_time(utc_ns), type=kind, id=entity_id)
+    kind = fox.SceneEntityDeletionType.MatchingId
+    return fox.SceneEntityDeletion(timestamp=_time(utc_ns), type=kind, id=entity_id)
 
 
 def _ellipsoid(
@@ -114,7 +100,7 @@ def _ellipsoid(
     times: float,
     *,
     ok: bool,
-) -> list[SpherePrimitive]:
+) -> list[fox.SpherePrimitive]:
     """The set of the places within k standard deviations in each direction."""
     if covariance_mm2 is None:
         return []
@@ -124,26 +110,26 @@ def _ellipsoid(
     axes[:, 0] *= np.linalg.det(axes)  # a turn, no mirror image
     size_mm = 2 * times * COVERAGE_FACTOR * np.sqrt(np.maximum(variances, 0.0))
     w, x, y, z = quaternion_of(axes).tolist()
-    turn = Quaternion(x=x, y=y, z=z, w=w)
+    turn = fox.Quaternion(x=x, y=y, z=z, w=w)
     return [_sphere(xyz_mm, size_mm, FAINT_BLUE if ok else FAINT_ORANGE, turn)]
 
 
 def _sphere(
     xyz_mm: Sequence[float],
     size_mm: np.ndarray,
-    colour: Color,
-    turn: Quaternion | None = None,
-) -> SpherePrimitive:
+    colour: fox.Color,
+    turn: fox.Quaternion | None = None,
+) -> fox.SpherePrimitive:
     x, y, z = (size_mm * M).tolist()
-    size = Vector3(x=x, y=y, z=z)
-    return SpherePrimitive(pose=_pose(xyz_mm, turn), size=size, color=colour)
+    size = fox.Vector3(x=x, y=y, z=z)
+    return fox.SpherePrimitive(pose=_pose(xyz_mm, turn), size=size, color=colour)
 
 
 def _lines(
-    ends_mm: Iterable[np.ndarray], kind: LinePrimitiveLineType, colour: Color
-) -> LinePrimitive:
-    points = [Point3(x=x, y=y, z=z) for x, y, z in (end * M for end in ends_mm)]
-    return LinePrimitive(
+    ends_mm: Iterable[np.ndarray], kind: fox.LinePrimitiveLineType, colour: fox.Color
+) -> fox.LinePrimitive:
+    points = [fox.Point3(x=x, y=y, z=z) for x, y, z in (end * M for end in ends_mm)]
+    return fox.LinePrimitive(
         type=kind,
         pose=_pose((0.0, 0.0, 0.0)),
         thickness=2.0,  # pixels
@@ -153,9 +139,9 @@ def _lines(
     )
 
 
-def _text(xyz_mm: Sequence[float], text: str, colour: Color) -> TextPrimitive:
+def _text(xyz_mm: Sequence[float], text: str, colour: fox.Color) -> fox.TextPrimitive:
     x, y, z = xyz_mm
-    return TextPrimitive(
+    return fox.TextPrimitive(
         pose=_pose((x, y, z + 4 * MARK_MM)),
         billboard=True,
         font_size=14.0,  # pixels
@@ -165,33 +151,33 @@ def _text(xyz_mm: Sequence[float], text: str, colour: Color) -> TextPrimitive:
     )
 
 
-def _pose(xyz_mm: Sequence[float], turn: Quaternion | None = None) -> Pose:
+def _pose(xyz_mm: Sequence[float], turn: fox.Quaternion | None = None) -> fox.Pose:
     x, y, z = (value * M for value in xyz_mm)
-    turn = turn or Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
-    return Pose(position=Vector3(x=x, y=y, z=z), orientation=turn)
+    turn = turn or fox.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+    return fox.Pose(position=fox.Vector3(x=x, y=y, z=z), orientation=turn)
 
 
 def _entity(
     entity_id: str,
     utc_ns: int,
     *,
-    spheres: list[SpherePrimitive],
-    lines: list[LinePrimitive],
-    texts: list[TextPrimitive],
+    spheres: list[fox.SpherePrimitive],
+    lines: list[fox.LinePrimitive],
+    texts: list[fox.TextPrimitive],
     metadata: dict[str, str],
-) -> SceneEntity:
-    return SceneEntity(
+) -> fox.SceneEntity:
+    return fox.SceneEntity(
         timestamp=_time(utc_ns),
         frame_id=FRAME,
         id=entity_id,
-        lifetime=Duration(sec=0),
+        lifetime=fox.Duration(sec=0),
         frame_locked=True,
-        metadata=[KeyValuePair(key=key, value=v) for key, v in metadata.items()],
+        metadata=[fox.KeyValuePair(key=key, value=v) for key, v in metadata.items()],
         spheres=spheres,
         lines=lines,
         texts=texts,
     )
 
 
-def _time(utc_ns: int) -> Timestamp:
-    return Timestamp(sec=utc_ns // 10**9, nsec=utc_ns % 10**9)
+def _time(utc_ns: int) -> fox.Timestamp:
+    return fox.Timestamp(sec=utc_ns // 10**9, nsec=utc_ns % 10**9)

@@ -55,6 +55,7 @@ class ReorderBuffer:
         is_whole: where it begins now, with all that is held of the arm's session.
 
     Attributes:
+        sessions: in their order.
         needs_session_list: whether the list of sessions has to be requested.
         ready: points and losses in their order, to be taken from the left.
         n_taken: all received points.
@@ -65,7 +66,7 @@ class ReorderBuffer:
     def __init__(
         self, since: Mapping[str, int] | None, *, is_whole: bool = False
     ) -> None:
-        self._sessions = SessionSequence(since, is_whole=is_whole)
+        self.sessions = SessionSequence(since, is_whole=is_whole)
         self._unknown_sessions: dict[str, dict[int, Point]] = {}
         self._refusal: str | None = None
         self.needs_session_list = True
@@ -75,16 +76,6 @@ class ReorderBuffer:
         self.asked = 0
 
     @property
-    def has_begun(self) -> bool:
-        """Whether it is known where following begins."""
-        return self._sessions.has_begun
-
-    @property
-    def start(self) -> dict[str, int]:
-        """Next numbers where following began."""
-        return self._sessions.start
-
-    @property
     def can_request(self) -> bool:
         """Whether the arm sends points again, as far as is known."""
         return self._refusal is None
@@ -92,7 +83,7 @@ class ReorderBuffer:
     @property
     def needs_request(self) -> bool:
         """Whether a request may be necessary."""
-        head = self._sessions.head
+        head = self.sessions.head
         return self.can_request and (
             self.needs_session_list
             or (
@@ -104,13 +95,13 @@ class ReorderBuffer:
     @property
     def n_held(self) -> int:
         """Points that arrived before their turn."""
-        followed = sum(len(one.held) for one in self._sessions)
+        followed = sum(len(one.held) for one in self.sessions)
         return followed + sum(map(len, self._unknown_sessions.values()))
 
     def take(self, point: Point, *, room: bool = True) -> None:
         """Process a received point; without room it is only counted."""
         self.n_taken += 1
-        followed = self._sessions.get(point.session)
+        followed = self.sessions.get(point.session)
         if followed is None:
             self._buffer_unknown(point)
             return
@@ -118,7 +109,7 @@ class ReorderBuffer:
             self.duplicates += 1
             return
         followed.see(point.seq)
-        is_next = followed is self._sessions.head and point.seq == followed.next_seq
+        is_next = followed is self.sessions.head and point.seq == followed.next_seq
         if not room or (not is_next and self.n_held >= MAX_HELD):
             return  # it is requested again
         followed.held[point.seq] = point
@@ -127,8 +118,8 @@ class ReorderBuffer:
 
     def notice(self, session: str) -> None:
         """The arm reports that this is its session."""
-        self._sessions.anchor = self._sessions.anchor or session
-        if self._sessions.get(session) is None and self._sessions.past(session) is None:
+        self.sessions.anchor = self.sessions.anchor or session
+        if self.sessions.get(session) is None and self.sessions.past(session) is None:
             self.needs_session_list = True
 
     def connection_restored(self) -> None:
@@ -148,7 +139,7 @@ class ReorderBuffer:
                 False  # unless something new arrives before the answer
             )
             return ResendRequest(None)
-        head = self._sessions.head
+        head = self.sessions.head
         if head is None or room < 1:
             return None
         gap = head.missing()
@@ -161,7 +152,7 @@ class ReorderBuffer:
 
     def tail_request(self) -> ResendRequest:
         """Request what may follow the last known point."""
-        head = self._sessions.head
+        head = self.sessions.head
         if head is None:
             return ResendRequest(None)
         first = head.next_seq
@@ -169,7 +160,7 @@ class ReorderBuffer:
 
     def next_seq_of(self, session: str) -> int | None:
         """The number of a session that is handed on next; None: it is complete."""
-        followed = self._sessions.get(session)
+        followed = self.sessions.get(session)
         return None if followed is None else followed.next_seq
 
     def unanswered(self, ask: ResendRequest) -> None:
@@ -183,7 +174,7 @@ class ReorderBuffer:
             The last number that it will send; None where it sends none.
         """
         self.asked += answer.points
-        head = self._sessions.head
+        head = self.sessions.head
         if head is None or head.session != ask.session:
             return None
         first, last = answer.first_seq, answer.last_seq
@@ -209,24 +200,24 @@ class ReorderBuffer:
         """The arm cannot send points again: continue with new ones, and report gaps."""
         self._refusal = reason
         self.needs_session_list = False
-        first_time = not self.has_begun
+        first_time = not self.sessions.has_begun
         if first_time:
-            self._sessions.begin_without_list()
+            self.sessions.begin_without_list()
         self._adopt_unknown_sessions(
-            from_lowest=first_time and self._sessions.begins_now
+            from_lowest=first_time and self.sessions.begins_now
         )
         self._hand_on()
 
     def listed(self, sessions: Sequence[StoredSession]) -> None:
         """The outbox has reported which sessions it holds, oldest first."""
         lowest = {name: min(held) for name, held in self._unknown_sessions.items()}
-        self._sessions.list(sessions, lowest, is_old=self.needs_session_list)
+        self.sessions.list(sessions, lowest, is_old=self.needs_session_list)
         self._adopt_unknown_sessions()
         self._hand_on()
 
     def _buffer_unknown(self, point: Point) -> None:
         """Keep a point of a session that is not known yet."""
-        past = self._sessions.past(point.session)
+        past = self.sessions.past(point.session)
         held = self._unknown_sessions.get(point.session, {})
         is_past = past is not None and (past == NEVER_FOLLOWED or point.seq < past)
         if is_past or point.seq in held:
@@ -244,8 +235,8 @@ class ReorderBuffer:
         unknown_sessions, self._unknown_sessions = self._unknown_sessions, {}
         for session, held in unknown_sessions.items():
             lowest = min(held)
-            past = self._sessions.past(session)
-            followed = self._sessions.get(session)
+            past = self.sessions.past(session)
+            followed = self.sessions.get(session)
             if followed is None and past is None and self.needs_session_list:
                 self._unknown_sessions[session] = held  # the next list may know it
                 continue
@@ -255,7 +246,7 @@ class ReorderBuffer:
             if followed is None:
                 first = lowest if from_lowest else past or 0
                 begun_ns = held[lowest].time_ns if past is None else 0
-                followed = self._sessions.adopt(session, first, begun_ns)
+                followed = self.sessions.adopt(session, first, begun_ns)
                 followed.has_ended = self._refusal is None
             for seq, point in held.items():
                 followed.see(seq)
@@ -266,14 +257,14 @@ class ReorderBuffer:
 
     def _hand_on(self) -> None:
         """Make ready what can be, session by session."""
-        while (head := self._sessions.head) is not None:
+        while (head := self.sessions.head) is not None:
             self.ready.extend(head.run())
             if self._refusal is not None:
                 self.ready.extend(head.give_up(head.known, self._refusal))
-                head.has_ended = len(self._sessions) > 1
+                head.has_ended = len(self.sessions) > 1
             if not head.is_complete:
                 return
             if head.cut:
                 lost = Lost(head.session, head.next_seq, None, head.cut)
                 self.ready.append(lost)
-            self._sessions.leave(head)
+            self.sessions.leave(head)

@@ -34,6 +34,7 @@ class PointStream:
         limit: so many may wait for the reader.
 
     Attributes:
+        follow: requests what is missing, until cancelled.
         lost: points that could not be had any more, as far as they could be counted.
     """
 
@@ -52,6 +53,7 @@ class PointStream:
         self._gap_filler = GapFiller(
             order, link, requests, self._room_for_more, self._arrived
         )
+        self.follow = self._gap_filler.run
         self._has_reader = False
         self._read_s = 0.0
         self._current: Point | Lost | None = None
@@ -76,7 +78,7 @@ class PointStream:
 
         A reader is done with a point when it requests the next one.
         """
-        return dict(self._next_seqs or self._order.start)
+        return dict(self._next_seqs or self._order.sessions.start)
 
     def take(self, point: Point, number: int) -> None:
         """A point was received, with the number for its acknowledgement."""
@@ -141,12 +143,8 @@ class PointStream:
 
     async def begun(self) -> None:
         """Wait until it is known from which point on they are followed."""
-        while not self._order.has_begun:
+        while not self._order.sessions.has_begun:
             await self._arrived.wait()
-
-    async def follow(self) -> None:
-        """Request what is missing, until cancelled."""
-        await self._gap_filler.run()
 
     def _room_for_more(self) -> int:
         """So many points may be requested: none while many wait."""

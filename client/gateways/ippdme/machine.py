@@ -169,7 +169,7 @@ class Machine:
         return (f"CoordSystem({self.systems.selected})",)
 
     def _get_transformation(self, args: Args) -> Sequence[str]:
-        values = self.systems.values(_word(args[0]))
+        values = self.systems.values(word(args[0]))
         return (property_text("GetCsyTransformation", *values),)
 
     def _set_transformation(self, args: Args) -> None:
@@ -177,11 +177,7 @@ class Machine:
         values = tuple(value for value in rest if isinstance(value, float))
         if len(values) != 6:
             raise IppError(509, "expected a system and six numbers")
-        self.systems.set(_word(name), values)
-
-    def select_system(self, args: Args) -> None:
-        """`SetCoordSystem`."""
-        self.systems.select(_word(args[0]))
+        self.systems.set(word(name), values)
 
     COMMANDS: ClassVar[
         Mapping[
@@ -215,7 +211,8 @@ def shown(argument: Argument) -> str:
     return number(argument)
 
 
-def _word(argument: Argument) -> str:
+def word(argument: Argument) -> str:
+    """A name without quotes; raises IppError."""
     if not isinstance(argument, Word):
         raise IppError(509, f"{shown(argument)}: expected a name without quotes")
     return argument.name

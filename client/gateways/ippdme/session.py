@@ -31,6 +31,7 @@ from traverse.client.gateways.ippdme.machine import (
     AXES,
     Machine,
     shown,
+    word,
 )
 from traverse.client.points.session_order import Lost
 from traverse.protocol.messages import Live, Point, Status
@@ -187,7 +188,7 @@ class Session:
         alarm, machine.alarm = machine.alarm, alarm_of(status, ignored=OF_THE_WAY)
         if machine.alarm and machine.alarm != alarm and self._in_session:
             self._unsolicited("Server", IppError(1000, machine.alarm, 1))
-        self._tools.set_library(status.probes or ())
+        self._tools.library = status.probes or ()
         name = status.probe or tools.OWN
         is_new = before is None or before.probe != status.probe
         if is_new and name not in (self._tools.active, self._new_tool):
@@ -323,7 +324,7 @@ class Session:
         if aborts:
             self._abort()
 
-    def _abort(self) -> None:
+    def _abort(self, _: Command | None = None) -> None:
         self._is_locked = True
         left = self._unfinished()
         self._pending.clear()
@@ -358,7 +359,7 @@ class Session:
             self._send(f"{SERVER_TAG} # {data}")
         return is_sent
 
-    def _end(self) -> None:
+    def _end(self, _: Command | None = None) -> None:
         """There is no session: nothing is requested, locked or enabled."""
         self._in_session = self._is_locked = self._user = False
         self._reported: tuple[str, ...] = AXES
@@ -440,9 +441,6 @@ class Session:
         self._end()
         self._in_session = True
 
-    def _end_session(self, _: Command) -> None:
-        self._end()
-
     def _stop_daemon(self, command: Command) -> None:
         there = None if self._moves is None else Word(self._moves.tag)
         if command.args and command.args[0] != there:
@@ -450,9 +448,6 @@ class Session:
         if there is None:
             raise IppError(512, "there is none")
         self._moves = None
-
-    def _abort_all(self, _: Command) -> None:
-        self._abort()
 
     def _clear_all_errors(self, _: Command) -> None:
         self._is_locked = False
@@ -560,14 +555,14 @@ class Session:
         return WAITS
 
     def _select_system(self, command: Command) -> None:
-        self.machine.select_system(command.args)
+        self.machine.systems.select(word(command.args[0]))
         self._moved_virtually()
 
     _COMMANDS: ClassVar[Mapping[str, tuple[Work, int | None]]] = {
         "StartSession": (_start_session, 0),
-        "EndSession": (_end_session, 0),
+        "EndSession": (_end, 0),
         "GetDMEVersion": (_says, 0),
-        "AbortE": (_abort_all, 0),
+        "AbortE": (_abort, 0),
         "ClearAllErrors": (_clear_all_errors, 0),
         "GetErrorInfo": (_error_info, 1),
         "GetErrStatusE": (_says, 0),

@@ -1,6 +1,6 @@
 """Tools of I++ DME: the probe library, and the parameters that clients set."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from traverse.client.gateways.ippdme.grammar import IppError
 
@@ -37,23 +37,20 @@ class Tools:
         active: the name of the active tool.
         found: what `FindTool` has found.
         radii_mm: radii of balls by tool, as far as they are known.
+        library: names of the probes of the library.
     """
 
     def __init__(self, radii_mm: Mapping[str, float]) -> None:
         self.active = OWN
         self.found = UNDEFINED
         self.radii_mm = {**radii_mm, NONE: 0.0}
-        self._library: Sequence[str] = ()
+        self.library: Sequence[str] = ()
         self._actual: dict[str, float] = {}
 
     @property
     def names(self) -> tuple[str, ...]:
         """All that a client may use."""
-        return (OWN, NONE, *self._library)
-
-    def set_library(self, names: Iterable[str]) -> None:
-        """Take the probes of the library."""
-        self._library = tuple(names)
+        return (OWN, NONE, *self.library)
 
     def activate(self, name: str) -> None:
         """Another tool is active; its parameters begin with their defaults."""

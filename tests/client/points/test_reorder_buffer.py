@@ -199,7 +199,7 @@ def test_now_begins_after_what_the_outbox_holds() -> None:
     order.take(outbox.add(new))
     assert numbers(order) == [(new, 3)]
     assert order.duplicates == 2
-    assert order.start == {new: 3}
+    assert order.sessions.start == {new: 3}
 
 
 def test_sessions_after_the_one_at_the_beginning_come_whole() -> None:
