@@ -23,8 +23,7 @@ from benchmarks.tools.virtual_time import (
 )
 from traverse.arrays import Floats
 from traverse.daemon.pose.arm_model import ArmModel, read_model
-from traverse.drivers.amt21.driver import Amt21Driver
-from traverse.drivers.amt21.options import Amt21Options
+from traverse.drivers.amt21.driver import Amt21Driver, Amt21Options
 from traverse.drivers.base.values import Delivery
 from traverse.drivers.io.ports import PortAccess
 from traverse.simulator.arm.trajectory import Trajectory, spline_pieces

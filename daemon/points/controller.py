@@ -95,15 +95,10 @@ class PointController:
     def take_edge(self, device: Device, latch: LatchedCounts) -> None:
         """Process an edge, and only then acknowledge it to the device."""
         name, number = device.section.id, latch.input
-        request = PointRequest(
-            latch.sample_time_ns,
-            latch.received_ns,
-            self._now_ns() + self._stage.point_wait_ns,
-            self.triggers.get((name, number)),
-            device,
-            latch,
-        )
-        if request.trigger == "button" and number is not None:
+        trigger = self.triggers.get((name, number))
+        request = self._request_of(latch, trigger)
+        request.device = device
+        if trigger == "button" and number is not None:
             which, time_ns = (name, number), latch.sample_time_ns
             if latch.active:
                 request.press = self._buttons.down(which, time_ns)
@@ -119,17 +114,9 @@ class PointController:
         self, latch: LatchedCounts, answer: PointFuture, requested_by: str | None
     ) -> None:
         """Take a point of what a device has latched on request."""
-        self._pending.add(
-            PointRequest(
-                latch.sample_time_ns,
-                latch.received_ns,
-                self._now_ns() + self._stage.point_wait_ns,
-                "command",
-                latch=latch,
-                answer=answer,
-                requested_by=requested_by,
-            )
-        )
+        request = self._request_of(latch, "command")
+        request.answer, request.requested_by = answer, requested_by
+        self._pending.add(request)
 
     def take_mean(self, average: SampleAverage) -> PointFuture:
         """Take a point that is the mean of the samples from now on."""
@@ -142,6 +129,13 @@ class PointController:
         request = self._request_now(None)
         request.act = act
         return self._asked(request)
+
+    def _request_of(
+        self, latch: LatchedCounts, trigger: Trigger | None
+    ) -> PointRequest:
+        until_ns = self._now_ns() + self._stage.point_wait_ns
+        times_ns = latch.sample_time_ns, latch.received_ns, until_ns
+        return PointRequest(*times_ns, trigger, latch=latch)
 
     def _request_now(self, trigger: Trigger | None) -> PointRequest:
         now_ns = self._now_ns()

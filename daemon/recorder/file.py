@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from traverse.daemon.config.schema import RecordingSection
-from traverse.daemon.recorder.item_queue import RecorderItem
-from traverse.daemon.recorder.snapshot import WARM_UP_NS
+from traverse.daemon.recorder.item_queue import WARM_UP_NS, RecorderItem
 from traverse.drivers.base.delivery_maps import delivery_to_map
 from traverse.protocol.messages import Event, Point, Scan
 from traverse.recording.maps import map_to_bytes

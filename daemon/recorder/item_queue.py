@@ -24,6 +24,10 @@ MAX_ITEMS = 20_000
 MOST_BYTES = 64 << 20
 ITEM_BYTES = 400  # of anything but samples, roughly
 WAIT_S = 0.2
+WARM_UP_NS = 6_000_000_000
+"""Readings, poses and motion are remembered for less: who continues from a state has to
+be given so much of the stream before all points are as they were.
+"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,12 +18,18 @@ from traverse.daemon.points.capture import PointWriter
 from traverse.daemon.recorder.file import Recorded
 from traverse.daemon.recorder.flight import RecorderNotification
 from traverse.daemon.recorder.item_queue import RecorderItem, RecorderQueue
-from traverse.daemon.recorder.snapshot import DeviceSnapshot
 from traverse.daemon.recorder.thread import RecorderThread
 from traverse.daemon.step_listener import StateSource, StepListener
 from traverse.daemon.store.records import PendingPoint
-from traverse.drivers.base.delivery_maps import delivery_kind
-from traverse.drivers.base.values import Delivery
+from traverse.drivers.base.delivery_maps import delivery_kind, delivery_to_map
+from traverse.drivers.base.values import (
+    Delivery,
+    DeviceAlarm,
+    DeviceLost,
+    DeviceTemperatures,
+    DeviceUp,
+    StreamStarted,
+)
 from traverse.protocol.messages import Event, Message, Point
 from traverse.protocol.messages.health import RecordingHealth
 
@@ -33,6 +39,44 @@ AFTERMATH_NS = 2_000_000_000  # what follows a fault is kept with it
 CALM_NS = 30_000_000_000  # after a file was kept, none is for so long
 FAULTS = ("alarm.", "device.", "outbox.", "daemon.", "watchdog.", "realtime.")
 """Beginnings of the codes of errors that are faults."""
+
+
+class DeviceSnapshot:
+    """The deliveries that together give the devices' current state.
+
+    A recording that begins in the middle has to know them of the time before.
+    """
+
+    def __init__(self) -> None:
+        self._told: dict[str, dict[object, Delivery]] = {}
+
+    def note(self, delivery: Delivery) -> None:
+        """Something has been delivered."""
+        told = self._told.setdefault(delivery.device, {})
+        match delivery:
+            case DeviceUp():
+                told.clear()
+                told["up"] = delivery
+            case DeviceLost() | StreamStarted() | DeviceTemperatures():
+                kind = delivery_kind(delivery)
+                told.pop(kind, None)
+                told[kind] = delivery
+            case DeviceAlarm():
+                alarm = ("alarm", delivery.channel, delivery.code)
+                told.pop(alarm, None)
+                if delivery.raised:
+                    told[alarm] = delivery
+
+    def maps(self) -> list[dict[str, object]]:
+        """All of them, each device's in order."""
+        found = []
+        for told in self._told.values():
+            for delivery in told.values():
+                table = delivery_to_map(delivery)
+                if isinstance(delivery, DeviceUp):
+                    table["restarted"] = False  # what it made is in the state already
+                found.append(table)
+        return found
 
 
 class StepRecorder(StepListener):

@@ -19,8 +19,8 @@ from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.recorder.file import STEPS
+from traverse.daemon.recorder.item_queue import WARM_UP_NS
 from traverse.daemon.recorder.recorded_inputs import read_recorded_inputs
-from traverse.daemon.recorder.snapshot import WARM_UP_NS
 from traverse.daemon.replay.compare import (
     ULPS,
     PointComparison,

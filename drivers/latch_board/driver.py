@@ -3,7 +3,10 @@
 from collections import deque
 from collections.abc import Callable
 
+from pydantic import Field
+
 from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.values import (
     DeviceError,
     DeviceRefusedError,
@@ -18,10 +21,24 @@ from traverse.drivers.latch_board.identification import (
     device_alarm,
 )
 from traverse.drivers.latch_board.line import LatchBoardLine, PartialReads, Response
-from traverse.drivers.latch_board.options import LatchBoardOptions
 from traverse.drivers.latch_board.session import LatchBoardSession
 from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.protocol.latch_board import messages as wire
+
+
+class LatchBoardOptions(DriverOptions):
+    """Options of the driver `latch-board`.
+
+    Attributes:
+        port: path of the serial port.
+        baud_rate: of the line.
+        debounce_us: how long an input must hold its new level.
+    """
+
+    port: str = Field(min_length=1)
+    baud_rate: int = Field(default=1_000_000, ge=9600, le=12_000_000)
+    debounce_us: int = Field(default=5000, ge=0, le=1_000_000)
+
 
 ALL_INPUTS = 0xFF
 HEARTBEAT_MS = 500

@@ -9,13 +9,16 @@ again, so it must be there when it is switched on.
 """
 
 import contextlib
+from typing import Literal
+
+from pydantic import Field
 
 from traverse.drivers.base.driver import Driver
+from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.pending_edges import PendingEdges
 from traverse.drivers.base.values import DeviceError, DeviceUp
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.microscribe.line import TimedPacket
-from traverse.drivers.microscribe.options import MicroscribeOptions
 from traverse.drivers.microscribe.session import (
     MicroscribeIdentification,
     MicroscribeSession,
@@ -28,6 +31,24 @@ from traverse.drivers.polling.pedals import PedalDebouncer
 from traverse.drivers.polling.sampling import SampleBlockBuilder, SampleSchedule
 from traverse.plurals import counted
 from traverse.protocol.microscribe.packets import N_BUTTONS
+
+BaudRate = Literal[9600, 14400, 19200, 28800, 38400, 57600, 115200]
+
+
+class MicroscribeOptions(DriverOptions):
+    """Of a MicroScribe.
+
+    Packets are sent on "request", or by the arm's own "motion"; 0 as timer rate
+    leaves its timer unused.
+    """
+
+    port: str = Field(min_length=1)
+    baud_rate: BaudRate = 115200
+    report: Literal["request", "motion"] = "request"
+    timer_rate_hz: float = Field(default=1000.0, ge=0.0, le=100_000.0)
+    debounce_ms: int = Field(default=20, ge=0, le=1000)
+    max_speed_rad_s: float = Field(default=20.0, gt=0.0, le=1000.0)
+
 
 PEDAL_HZ = 100.0  # a press appears in two packets; least rate of requests
 SILENCE_NS = 500_000_000

@@ -3,7 +3,7 @@ import pytest
 from traverse.daemon.config.devices import section_class
 from traverse.daemon.config.schema import read_configuration
 from traverse.drivers.base.registry import DRIVERS
-from traverse.drivers.latch_board.options import LatchBoardOptions
+from traverse.drivers.latch_board.driver import LatchBoardOptions
 from traverse.installation import remedy
 from traverse.strict_toml.problems import FileError
 

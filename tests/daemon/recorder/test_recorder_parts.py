@@ -6,8 +6,8 @@ from tests.daemon.recorder.recorded_runs import IDENTITIES
 from tests.daemon.values import SetClock
 from traverse.daemon.clock import JITTER_NS, LOOK_NS, FrozenClock
 from traverse.daemon.recorder.file import PreTriggerBuffer
-from traverse.daemon.recorder.item_queue import RecorderItem, RecorderQueue
-from traverse.daemon.recorder.snapshot import WARM_UP_NS, DeviceSnapshot
+from traverse.daemon.recorder.item_queue import WARM_UP_NS, RecorderItem, RecorderQueue
+from traverse.daemon.recorder.recorder import DeviceSnapshot
 from traverse.drivers.base.values import (
     CountSamples,
     DeviceAlarm,

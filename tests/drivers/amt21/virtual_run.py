@@ -6,8 +6,7 @@ from collections.abc import Callable
 from benchmarks.tools.virtual_time import Cable, Straight, VirtualTime, played
 from tests.drivers.amt21.fake_encoders import FakeEncoder, FakeLine, VirtualEncoders
 from tests.drivers.delivered import Delivered
-from traverse.drivers.amt21.driver import Amt21Driver
-from traverse.drivers.amt21.options import Amt21Options
+from traverse.drivers.amt21.driver import Amt21Driver, Amt21Options
 from traverse.drivers.base.values import DeviceAlarm
 from traverse.drivers.io.ports import PortAccess
 

@@ -9,8 +9,7 @@ from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import FakeBoard
 from tests.protocol.latch_board_frames import framed
 from traverse.drivers.base.delivery_queue import DeliveryQueue
-from traverse.drivers.latch_board.driver import LatchBoardDriver
-from traverse.drivers.latch_board.options import LatchBoardOptions
+from traverse.drivers.latch_board.driver import LatchBoardDriver, LatchBoardOptions
 
 
 class LatchBoardRig:

@@ -17,8 +17,7 @@ from traverse.drivers.base.values import (
     LatchedCounts,
     StreamStarted,
 )
-from traverse.drivers.latch_board.driver import LatchBoardDriver
-from traverse.drivers.latch_board.options import LatchBoardOptions
+from traverse.drivers.latch_board.driver import LatchBoardDriver, LatchBoardOptions
 
 
 @pytest.fixture

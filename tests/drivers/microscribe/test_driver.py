@@ -23,8 +23,7 @@ from traverse.drivers.base.values import (
     LatchedCounts,
     StreamStarted,
 )
-from traverse.drivers.microscribe.driver import MicroscribeDriver
-from traverse.drivers.microscribe.options import MicroscribeOptions
+from traverse.drivers.microscribe.driver import MicroscribeDriver, MicroscribeOptions
 
 
 class MicroscribeRig:

@@ -16,8 +16,7 @@ from traverse.drivers.base.delivery_queue import BATCH_WINDOW_NS
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import Delivery, DeviceLost, DeviceTemperatures
 from traverse.drivers.io.serial_port import SerialPort
-from traverse.drivers.latch_board.driver import LatchBoardDriver
-from traverse.drivers.latch_board.options import LatchBoardOptions
+from traverse.drivers.latch_board.driver import LatchBoardDriver, LatchBoardOptions
 from traverse.simulator.config import SimulatorConfig, config_problems
 from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.latch_board.device import (
