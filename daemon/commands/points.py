@@ -62,8 +62,7 @@ class PointCommands:
         """Capture now, one sample or a mean; gives session, seq and id of the point."""
         check_ready(self._devices)
         if (args.samples or 1) > 1 or args.dwell_s is not None:
-            mean = self._mean(args)
-            point = await execute(self.measurement, mean)
+            point = await execute(self.measurement, self._mean(args))
         elif self._devices.has_simultaneous_latch:
             point = await self._latched_point(self._devices.devices[0])
         else:
@@ -76,14 +75,12 @@ class PointCommands:
 
     async def label(self, args: LabelArgs) -> Result:
         """Set the label of the next points."""
-        command = SetLabel(args.artefact, args.feature)
-        label = await execute(self.measurement, command)
+        label = await execute(self.measurement, SetLabel(args.artefact, args.feature))
         return {"label": label.model_dump()}
 
     async def begin_session(self, args: SessionArgs) -> Result:
         """Number from 0 again; gives the new session."""
-        command = NewSession(args.note or "")
-        return {"session": await execute(self.measurement, command)}
+        return {"session": await execute(self.measurement, NewSession(args.note or ""))}
 
     async def align(self, args: AlignArgs) -> Result:
         """Set or clear the alignment; gives which.

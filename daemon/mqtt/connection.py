@@ -113,11 +113,6 @@ class BrokerConnection:
         self.state_known = asyncio.Event()
         self.reconnects = 0
 
-    @property
-    def protocol(self) -> str:
-        """The MQTT version in use."""
-        return "5" if self._version is aiomqtt.ProtocolVersion.V5 else "3.1.1"
-
     def health(self) -> BrokerHealth:
         """How the connection is, and what waits for it."""
         queue = self.queue

@@ -5,7 +5,6 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from traverse.drivers.base.values import (
@@ -85,7 +84,9 @@ def delivery_from_map(table: Mapping[str, Any]) -> Delivery:
 
 
 def _samples(known: dict[str, Any]) -> CountSamples:
-    n, channels = _shape(known)
+    counts = known.get("counts")
+    if not isinstance(counts, np.ndarray) or counts.ndim != 2 or not len(counts):
+        raise ValueError("samples: counts are no array of two dimensions, not empty")
     values: dict[str, Any] = {"skew_ns": None}
     for name in ("device", "stream", "received_ns"):
         wanted = str if name == "device" else int
@@ -96,17 +97,10 @@ def _samples(known: dict[str, Any]) -> CountSamples:
         array = known.get(name)
         if name == "skew_ns" and array is None:
             continue
-        shape = (n, channels)[:dimensions]
+        shape = counts.shape[:dimensions]
         if not isinstance(array, np.ndarray) or array.shape != shape:
             raise ValueError(f"samples: {name} is no array of shape {shape}")
         if array.dtype != np.dtype(dtype):
             raise ValueError(f"samples: {name} is of {array.dtype}, expected {dtype}")
         values[name] = array
     return CountSamples(**values)
-
-
-def _shape(known: dict[str, Any]) -> tuple[int, int]:
-    counts: NDArray[Any] | None = known.get("counts")
-    if not isinstance(counts, np.ndarray) or counts.ndim != 2 or not len(counts):
-        raise ValueError("samples: counts are no array of two dimensions, not empty")
-    return counts.shape[0], counts.shape[1]

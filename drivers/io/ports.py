@@ -35,19 +35,8 @@ class BytePort(Protocol):
 WaitForAny = Callable[[Sequence[BytePort], int, float], list[int]]
 
 
-class OpenPort(Protocol):
-    """Opens a port, as the constructor of `SerialPort` does."""
-
-    def __call__(
-        self,
-        path: str,
-        baud_rate: int,
-        wake_fd: int,
-        *,
-        parity: str = "N",
-        stop_bits: int = 1,
-    ) -> BytePort:
-        """Open it; ``wake_fd`` is the pipe that ends its waits."""
+OpenPort = Callable[..., BytePort]
+"""Opens a port, with the arguments of the constructor of `SerialPort`."""
 
 
 def wait_for_any(ports: Sequence[BytePort], wake_fd: int, seconds: float) -> list[int]:

@@ -168,7 +168,12 @@ class LatchBoardDriver(Driver):
             ):
                 self._acknowledge(line)
             else:
-                until_ns = max(self._taken_ns + self._batch_window_ns(), self._now_ns())
+                # A block of one costs as much to decode as a block of many. Bytes are
+                # read on arrival, so none wait in the port.
+                window_ns = self._delivery_queue.batch_window_ns
+                if self._edges.needs_acknowledgement:
+                    window_ns = min(window_ns, BATCH_WINDOW_WITH_EDGES_NS)
+                until_ns = max(self._taken_ns + window_ns, self._now_ns())
                 line.read(until_ns)
                 self._taken_ns = min(until_ns, self._now_ns())
                 if more := line.decoder.faults.total() - broken:
@@ -184,19 +189,6 @@ class LatchBoardDriver(Driver):
             )
             self._report_counters()
             line.check_alive()
-
-    def _batch_window_ns(self) -> int:
-        """How long to collect samples before they are decoded.
-
-        A block of one costs as much as a block of many. Bytes are read on arrival, so
-        none wait in the port.
-        """
-        batch_window_ns = self._delivery_queue.batch_window_ns
-        return (
-            min(batch_window_ns, BATCH_WINDOW_WITH_EDGES_NS)
-            if self._edges.needs_acknowledgement
-            else batch_window_ns
-        )
 
     def _disconnect(self) -> None:
         self._session = None

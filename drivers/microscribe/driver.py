@@ -82,28 +82,28 @@ class MicroscribeDriver(Driver):
 
     def _connect(self) -> None:
         before, options = self._arm, self.options
-        opened = connect(
+        line, arm, resumed = connect(
             lambda rate: SerialPort(self._path, rate, self._wake_read),
             options.baud_rate,
             before,
             self._now_ns,
             lambda: self._stopping,
         )
-        self._port = opened.line.port
+        self._port = line.port
         self._session = session = MicroscribeSession(
-            opened, options.timer_rate_hz, options.max_speed_rad_s, self._now_ns
+            line, arm, options.timer_rate_hz, options.max_speed_rad_s, self._now_ns
         )
         if options.timer_rate_hz and not session.timer_used:
             self._fault(
                 "timer_unused",
-                f"the timer of {opened.arm.name} does not run at "
+                f"the timer of {arm.name} does not run at "
                 f"{options.timer_rate_hz:g} Hz; times are those of the exchanges",
                 "set timer_rate_hz, or 0 not to use it",
             )
-        restarted = before is not None and not opened.resumed
+        restarted = before is not None and not resumed
         self._deliver_state(DeviceUp(self.device, session.identity, restarted))
         # Not earlier: if that fails, the next try has to report the restart.
-        self._arm = opened.arm
+        self._arm = arm
         self._pedals.begin(session.first)
         self._rejected = 0
         self._streams_begun = 0  # the requested stream is to be started again

@@ -100,27 +100,17 @@ def read_identification(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class ArmConnection:
-    """A line with an arm at its end.
-
-    Attributes:
-        resumed: its session has continued since the last exchange.
-    """
-
-    line: MicroscribeLine
-    arm: MicroscribeIdentification
-    resumed: bool
-
-
 def connect(
     open_port: OpenPort,
     baud_rate: int,
     known: MicroscribeIdentification | None,
     monotonic_ns: Callable[[], int],
     stopping: Callable[[], bool],
-) -> ArmConnection:
+) -> tuple[MicroscribeLine, MicroscribeIdentification, bool]:
     """Sign on, or continue the earlier session if the arm still holds it.
+
+    Returns:
+        The line, the arm, and whether its session has continued.
 
     Raises:
         DeviceError: there is no arm, or none that can be read.
@@ -134,7 +124,7 @@ def connect(
             decoder = known.decoder()
             if any(line.packet(decoder) for _ in range(TRIES)):
                 closing.pop_all()
-                return ArmConnection(line, known, resumed=True)
+                return line, known, True
     line, box, rate = sign_on_at_any_rate(
         open_port, [baud_rate], monotonic_ns, stopping
     )
@@ -142,7 +132,7 @@ def connect(
         closing.callback(line.port.close)
         arm = read_identification(line, box, rate)
         closing.pop_all()
-    return ArmConnection(line, arm, resumed=False)
+    return line, arm, False
 
 
 def sign_on_at_any_rate(
@@ -196,12 +186,13 @@ class MicroscribeSession:
 
     def __init__(
         self,
-        opened: ArmConnection,
+        line: MicroscribeLine,
+        arm: MicroscribeIdentification,
         timer_rate_hz: float,
         max_speed_rad_s: float,
         monotonic_ns: Callable[[], int],
     ) -> None:
-        self.line, self.arm = opened.line, opened.arm
+        self.line, self.arm = line, arm
         self.channels = [
             PolledChannel(f"encoder {number}", modulus, modulus, max_speed_rad_s)
             for number, modulus in enumerate(self.arm.moduli)

@@ -70,14 +70,6 @@ EVIOCGRAB = 0x40000000 | 4 << 16 | ord("E") << 8 | 0x90
 EVIOCGKEY = 0x80000000 | KEY_BYTES << 16 | ord("E") << 8 | 0x18
 
 
-AskKernel = Callable[[int, int, int | bytes], int | bytes]
-
-
-def ask_kernel(fd: int, request: int, argument: int | bytes) -> int | bytes:
-    """The kernel's answer to an ioctl; raises OSError where it has none."""
-    return fcntl.ioctl(fd, request, argument)
-
-
 class EvdevOptions(TriggerOptions):
     """Options of the driver `evdev`; ``port`` is best one below /dev/input/by-id.
 
@@ -128,7 +120,7 @@ class EvdevDriver(TriggerDriver):
         options: EvdevOptions,
         delivery_queue: DeliveryQueue,
         *,
-        ask_kernel: AskKernel = ask_kernel,
+        ask_kernel: Callable[..., int | bytes] = fcntl.ioctl,
     ) -> None:
         super().__init__(device, options, delivery_queue)
         self._numbers = {key_code(key): n for n, key in enumerate(options.keys)}

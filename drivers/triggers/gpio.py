@@ -143,26 +143,28 @@ class GpioDriver(TriggerDriver):
         return self._lines
 
     def _explained(self, error: Exception) -> DeviceError:
-        number = getattr(error, "errno", None)
-        reason = getattr(error, "strerror", None) or str(error)
-        if number == errno.ENOENT:
-            remedy = "check the chip's name; gpiodetect lists those that are there"
-            return DeviceNotFoundError(
-                f"cannot open {self._path}: there is no such chip, or no such line",
-                remedy,
-            )
-        if number in (errno.EACCES, errno.EPERM):
-            return DeviceNotFoundError(
-                f"cannot open {self._path}: not permitted",
-                "add the service's user to the group gpio, or write a udev rule",
-            )
-        if number == errno.EBUSY:
-            return DeviceNotFoundError(
-                f"a line of {self._path} is in use by another program",
+        path = self._path
+        forbidden = (
+            f"cannot open {path}: not permitted",
+            "add the service's user to the group gpio, or write a udev rule",
+        )
+        known = {
+            errno.ENOENT: (
+                f"cannot open {path}: there is no such chip, or no such line",
+                "check the chip's name; gpiodetect lists those that are there",
+            ),
+            errno.EACCES: forbidden,
+            errno.EPERM: forbidden,
+            errno.EBUSY: (
+                f"a line of {path} is in use by another program",
                 "gpioinfo shows by which",
-            )
+            ),
+        }
+        if (number := getattr(error, "errno", None)) in known:
+            return DeviceNotFoundError(*known[number])
+        reason = getattr(error, "strerror", None) or str(error)
         names = ", ".join(map(str, self._names))
         return DeviceRefusedError(
-            f"{self._path} does not give the lines {names} as inputs: {reason}",
+            f"{path} does not give the lines {names} as inputs: {reason}",
             'gpioinfo lists its lines; some chips have no bias: try bias = "as-is"',
         )
