@@ -1,7 +1,7 @@
 """`traverse align`: place of the part, its uncertainty, and its use."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -54,19 +54,23 @@ def align(
         return
     if points is None:
         refuse("name the points to be aligned, or give --clear")
+    from traverse.lab.alignment import files  # noqa: PLC0415 - keeps --help quick
+    from traverse.lab.alignment.page import alignment_lines  # noqa: PLC0415
+
     with refusals():
         if options.problem is not None:
             refuse(options.problem)
-        if options.nominal is None:
-            values = _read(points, send=send)
+        if options.nominal is not None:
+            from traverse.cli.align.computing import compute_alignment  # noqa: PLC0415
+
+            with refusals(ValueError):
+                values = compute_alignment(points, options.nominal, options)
+        elif send:  # one that was computed before
+            values = files.read_alignment(points)
         else:
-            values = _computed(points, options.nominal, options)
+            refuse("--nominal missing; or give an alignment.json and --send")
         if out is not None:
-            from traverse.lab.alignment.files import write_alignment  # noqa: PLC0415
-
-            write_alignment(values, out)
-    from traverse.lab.alignment.page import alignment_lines  # noqa: PLC0415
-
+            files.write_alignment(values, out)
     wrote = f"wrote {out}: alignment.json, alignment.html"
     lines = [*alignment_lines(values), *([] if out is None else [wrote])]
     print_report(values, lines, as_json=as_json)
@@ -76,23 +80,5 @@ def align(
         to = arm_name or values["arm"]
         if to is None:
             refuse("the points do not name their arm; give --arm-name")
-        from traverse.lab.alignment.files import align_args  # noqa: PLC0415
-
-        send_command(to, broker, lambda arm: arm.execute(align_args(values)))
+        send_command(to, broker, lambda arm: arm.execute(files.align_args(values)))
         typer.echo(f"{to} uses it from now on", err=True)
-
-
-def _read(file: Path, *, send: bool) -> dict[str, Any]:
-    """An alignment that was computed before."""
-    if not send:
-        refuse("--nominal missing; or give an alignment.json and --send")
-    from traverse.lab.alignment.files import read_alignment  # noqa: PLC0415
-
-    return read_alignment(file)
-
-
-def _computed(points: Path, nominal: Path, options: AlignmentOptions) -> dict[str, Any]:
-    from traverse.cli.align.computing import compute_alignment  # noqa: PLC0415
-
-    with refusals(ValueError):
-        return compute_alignment(points, nominal, options)

@@ -40,7 +40,7 @@ class ArrayField:
         return core_schema.no_info_plain_validator_function(
             self.checked,
             serialization=core_schema.plain_serializer_function_ser_schema(
-                _nested, when_used="json"
+                np.ndarray.tolist, when_used="json"
             ),
         )
 
@@ -114,7 +114,3 @@ class ArrayField:
             return np.array(level, dtype).reshape(sizes)
         except OverflowError as error:
             raise ValueError(f"elements in the range of {self.dtype}") from error
-
-
-def _nested(array: NDArray[np.generic]) -> object:
-    return array.tolist()
