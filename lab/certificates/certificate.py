@@ -56,7 +56,7 @@ def certify(
             statements cannot be used, or the certificate does not keep to the schema.
     """
     source = str(folder)
-    problems = list(evidence_problems(folder))
+    problems = list(sums_problems(folder)) or list(evidence_problems(folder))
     if problems:
         raise FileError(source, [Problem("", problem) for problem in problems])
     stated = read_laboratory(laboratory)

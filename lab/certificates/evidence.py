@@ -8,12 +8,14 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, read_arm
+from traverse.kinematics.uncertainty.arm_covariance import read_arm_covariance
 from traverse.lab.acceptance.certificate.administration import administration_of
 from traverse.lab.acceptance.certificate.check import (
     CERTIFICATE,
@@ -32,9 +34,12 @@ from traverse.lab.identification.results.files import (
     IDENTIFICATION_FILES,
     SCHEMA,
     identification_json,
+    identified_arm,
 )
+from traverse.lab.identification.results.result import Identification
 from traverse.lab.measured_points.reading import files_read, read_measured
 from traverse.lab.report.differences import differences
+from traverse.lab.report.provenance import digest_of_files
 from traverse.strict_toml.files import json_of
 from traverse.strict_toml.problems import FileError, Problem
 
@@ -141,24 +146,37 @@ def evidence_problems(folder: Path) -> Iterator[str]:
     except IdentificationError as error:
         yield f"cannot be computed again: {error}"
         return
+    yield from _result_problems(folder, values, result)
+
+
+def _result_problems(
+    folder: Path, values: Mapping[str, Any], result: Identification
+) -> Iterator[str]:
+    """Compare what is stated with a result that was computed again."""
     again = json.loads(json.dumps(identification_json(result)))
-    stated, again = (
-        {name: found[name] for name in found if name not in _NOT_COMPARED}
-        for found in (values, again)
-    )
-    yield from differences(stated, again)
-    arm = read_arm(folder / _ARM)
-    for line in differences(_numbers(arm), _numbers(result.arm)):
+    yield from differences(_compared(values), _compared(again))
+    digest = digest_of_files([folder / COVARIANCE_FILE])
+    expected = identified_arm(result, datetime.now(UTC), digest)
+    for line in differences(_values_of(read_arm(folder / _ARM)), _values_of(expected)):
         yield f"{_ARM}: {line}"
-    expected = result.cartesian
-    with np.load(folder / COVARIANCE_FILE, allow_pickle=False) as archive:
-        names_agree = tuple(archive["names"].tolist()) == expected.names
-        scale = np.sqrt(np.diag(expected.covariance))
-        off = np.abs(archive["covariance"] - expected.covariance)
-    if not names_agree or not (off <= 1e-6 * np.outer(scale, scale) + 1e-18).all():
+    found = result.cartesian
+    try:
+        known = read_arm_covariance(folder / COVARIANCE_FILE, found.names, digest)
+    except ValueError as error:
+        yield str(error)
+        return
+    scale = np.sqrt(np.diag(found.covariance))
+    off = np.abs(known.covariance - found.covariance)
+    if not (off <= 1e-6 * np.outer(scale, scale) + 1e-15).all():
         yield f"{COVARIANCE_FILE} does not follow from the data"
 
 
-def _numbers(arm: Arm) -> dict[str, Any]:
-    """The arm without the statements about its identification."""
-    return arm.model_dump(by_alias=True, exclude={"identification"})
+def _compared(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: values[name] for name in values if name not in _NOT_COMPARED}
+
+
+def _values_of(arm: Arm) -> dict[str, Any]:
+    """The arm without the date of its identification."""
+    values = arm.model_dump(by_alias=True)
+    values["identification"] = {**(values["identification"] or {}), "date": None}
+    return values

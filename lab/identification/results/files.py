@@ -56,26 +56,28 @@ def write_result(
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     covariance_digest = write_covariance(result.cartesian, target / COVARIANCE_FILE)
-    arm = result.arm.model_copy(
-        update={
-            "identification": Provenance(
-                sigma0=result.sigma0,
-                redundancy=result.redundancy,
-                date=(when or datetime.now(UTC)).replace(microsecond=0),
-                campaign_digest=result.campaign.digest or None,
-                design_digest=arm_digest(result.design),
-                parameters=tuple(entry.name for entry in result.parameters),
-                covariance_file=COVARIANCE_FILE,
-                covariance_digest=covariance_digest,
-            )
-        }
-    )
+    arm = identified_arm(result, when or datetime.now(UTC), covariance_digest)
     write_arm(target / "arm.toml", arm)
     values = identification_json(result, provenance)
     text = json.dumps(values, indent=1, allow_nan=False)
     write_atomically(target / IDENTIFICATION, text + "\n")
     _write_residuals(result, target / "residuals.csv")
     return arm
+
+
+def identified_arm(result: Identification, when: datetime, covariance: str) -> Arm:
+    """Return the arm with its provenance, the digest of the covariance in it."""
+    provenance = Provenance(
+        sigma0=result.sigma0,
+        redundancy=result.redundancy,
+        date=when.replace(microsecond=0),
+        campaign_digest=result.campaign.digest or None,
+        design_digest=arm_digest(result.design),
+        parameters=tuple(entry.name for entry in result.parameters),
+        covariance_file=COVARIANCE_FILE,
+        covariance_digest=covariance,
+    )
+    return result.arm.model_copy(update={"identification": provenance})
 
 
 def identification_json(

@@ -21,6 +21,7 @@ from traverse.lab.certificates.document import (
 from traverse.lab.certificates.laboratory import read_laboratory
 from traverse.lab.certificates.signature import SigningKey
 from traverse.lab.certificates.xml import indented, read_xml, schema_problems
+from traverse.lab.report.checksums import read_sums, sums_of, write_sums
 from traverse.strict_toml.problems import FileError
 
 NAMES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
@@ -184,12 +185,17 @@ def test_figures_that_do_not_follow_are_not_certified(
     longer = line.replace(first, repr(float(first) + 0.01), 1)
     path.write_text(arm.replace(line, longer, 1))
     key = SigningKey(signer.key, signer.certificate)
+    with pytest.raises(FileError, match=r"arm\.toml was altered: its digest"):
+        certify(folder, laboratory, key)
+    write_sums(folder, sums_of(folder, read_sums(folder)))
     with pytest.raises(FileError, match=r"arm.toml: joints\[J\d\]"):
         certify(folder, laboratory, key)
     path.write_text(arm)
+    write_sums(folder, sums_of(folder, read_sums(folder)))
     certify(folder, laboratory, key)
     data = folder / "data" / "poses.csv"
     data.write_text(data.read_text().replace("cone-1", "cone-2", 1))
+    write_sums(folder, sums_of(folder, read_sums(folder)))
     with pytest.raises(FileError, match="is not the one that was identified from"):
         certify(folder, laboratory, key)
 
