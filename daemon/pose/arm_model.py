@@ -17,7 +17,7 @@ from traverse.drivers.base.values import Identity
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, read_arm
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_from_arm
-from traverse.kinematics.effects.base.covariate import Covariate
+from traverse.kinematics.effects.base.block import Covariate
 from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
 from traverse.kinematics.model.readings import Encoders, encoders_from_arm
 from traverse.kinematics.uncertainty.arm_covariance import (

@@ -10,8 +10,7 @@ from traverse.arrays import Bits, Floats, Integers
 from traverse.daemon.clock import HostClock
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.joint_motion import JointMotionTracker, Motion
-from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.covariate import Covariate
+from traverse.kinematics.effects.base.block import Block, Covariate
 from traverse.protocol.messages import QualityFlag
 
 APPROACH_BAND_RAD = 5e-5  # more than hands that rest tremble, less than any approach

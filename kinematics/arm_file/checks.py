@@ -147,38 +147,10 @@ def arm_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
     joints = tables_in(raw.get("joints"))
     if raw.get("joints") == []:
         yield Problem("joints", "is empty; an arm has at least one joint")
-    yield from _joint_problems(joints)
-    yield from _coupling_problems(joints)
-    yield from _source_problems(joints)
-    yield from _direction_problems(joints, raw.get("probe"))
-    axes = {
-        joint["name"]: joint.get("axis")
-        for joint in joints
-        if isinstance(joint.get("name"), str)
-    }
-    for index, effect in enumerate(tables_in(raw.get("effects"))):
-        yield from effect_problems(f"effects[{index}]", effect, axes)
-
-
-def _joint_problems(joints: Sequence[Mapping[str, Any]]) -> Iterator[Problem]:
-    first_of_name: dict[str, int] = {}
+    names = [joint.get("name") for joint in joints]
+    wrong = "is not a joint name; use letters, digits, '-' and '_'"
+    yield from _text_problems("name", names, _JOINT_NAME, wrong, "names must differ")
     for index, joint in enumerate(joints):
-        name = joint.get("name")
-        if isinstance(name, str):
-            where = f"joints[{index}].name"
-            if not _JOINT_NAME.fullmatch(name):
-                yield Problem(
-                    where,
-                    f"{shown(name)} is not a joint name; use letters, digits, "
-                    "'-' and '_'",
-                )
-            elif name in first_of_name:
-                yield Problem(
-                    where,
-                    f"{shown(name)} is also the name of joints"
-                    f"[{first_of_name[name]}]; names must differ",
-                )
-            first_of_name.setdefault(name, index)
         axis = vector_in(joint.get("axis"))
         if axis is not None and not any(axis):
             yield Problem(
@@ -186,14 +158,47 @@ def _joint_problems(joints: Sequence[Mapping[str, Any]]) -> Iterator[Problem]:
                 f"{shown(joint['axis'])} has no length; give the direction "
                 "of the hinge",
             )
+    yield from _coupling_problems(joints)
+    encoders = [joint.get("encoder") for joint in joints]
+    sources = [e.get("source") if isinstance(e, Mapping) else None for e in encoders]
+    wrong = "is not '<device id>/<channel>', for example 'base/0'"
+    own = "every joint needs its own channel"
+    yield from _text_problems("encoder.source", sources, _SOURCE, wrong, own)
+    yield from _direction_problems(joints, raw.get("probe"))
+    axes = _by_name(joints, "axis")
+    for index, effect in enumerate(tables_in(raw.get("effects"))):
+        yield from effect_problems(f"effects[{index}]", effect, axes)
+
+
+def _by_name(joints: Sequence[Mapping[str, Any]], key: str) -> dict[str, Any]:
+    named = (joint for joint in joints if isinstance(joint.get("name"), str))
+    return {joint["name"]: joint.get(key) for joint in named}
+
+
+def _text_problems(
+    key: str,
+    texts: Sequence[object],
+    pattern: re.Pattern[str],
+    wrong: str,
+    own: str,
+) -> Iterator[Problem]:
+    """Check texts of the joints that must fit a pattern and differ."""
+    first: dict[str, int] = {}
+    for index, text in enumerate(texts):
+        if not isinstance(text, str):
+            continue
+        where = f"joints[{index}].{key}"
+        if not pattern.fullmatch(text):
+            yield Problem(where, f"{shown(text)} {wrong}")
+        elif text in first:
+            what = key.rpartition(".")[2]
+            also = f"{shown(text)} is also the {what} of joints[{first[text]}]"
+            yield Problem(where, f"{also}; {own}")
+        first.setdefault(text, index)
 
 
 def _coupling_problems(joints: Sequence[Mapping[str, Any]]) -> Iterator[Problem]:
-    others = {
-        joint["name"]: joint.get("coupled_to")
-        for joint in joints
-        if isinstance(joint.get("name"), str)
-    }
+    others = _by_name(joints, "coupled_to")
     for index, joint in enumerate(joints):
         where, other = f"joints[{index}].coupled_to", joint.get("coupled_to")
         if ("ratio" in joint) != ("coupled_to" in joint):
@@ -210,30 +215,6 @@ def _coupling_problems(joints: Sequence[Mapping[str, Any]]) -> Iterator[Problem]
         if other is not None and other == way[0]:
             ring = " to ".join(map(str, [*way, other]))
             yield Problem(where, f"couples {ring}: a ring; leave one of them out")
-
-
-def _source_problems(joints: Sequence[Mapping[str, Any]]) -> Iterator[Problem]:
-    first_of_source: dict[str, int] = {}
-    for index, joint in enumerate(joints):
-        encoder = joint.get("encoder")
-        if not isinstance(encoder, Mapping):
-            continue
-        source = encoder.get("source")
-        if not isinstance(source, str):
-            continue
-        where = f"joints[{index}].encoder.source"
-        if not _SOURCE.fullmatch(source):
-            yield Problem(
-                where,
-                f"{shown(source)} is not '<device id>/<channel>', for example 'base/0'",
-            )
-        elif source in first_of_source:
-            yield Problem(
-                where,
-                f"{shown(source)} is also the source of joints"
-                f"[{first_of_source[source]}]; every joint needs its own channel",
-            )
-        first_of_source.setdefault(source, index)
 
 
 def _direction_problems(

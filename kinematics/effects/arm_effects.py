@@ -9,7 +9,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.effects import EFFECTS
-from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.block import Block, Covariate, Need
 from traverse.kinematics.effects.base.bodies import Bodies, bodies_from_arm
 from traverse.kinematics.effects.base.context import (
     EffectContext,
@@ -22,7 +22,6 @@ from traverse.kinematics.effects.base.correction import (
     Correction,
     ReadingCorrection,
 )
-from traverse.kinematics.effects.base.covariate import Covariate, Need
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm, Effect
@@ -165,7 +164,8 @@ def effects_of(
             problems.append(f"effects[{index}]: {error}")
             continue
         built.append(correction)
-        if correction.uses_gravity and not _has_weight(correction, bodies):
+        known = bodies.are_known_beyond
+        if correction.uses_gravity and not known[correction.joints.start]:
             problems.append(f"effects[{index}]: {_no_weight(effect, setting)}")
     if problems:
         raise ValueError(f"arm {arm.name}: " + "\n".join(problems))
@@ -190,11 +190,6 @@ def _believed_utc(arm: "Arm", effect: "Effect") -> Span | None:
     if date.tzinfo is None:
         date = date.replace(tzinfo=UTC)
     return effect.epoch_utc, max(date, effect.epoch_utc)
-
-
-def _has_weight(correction: Correction, bodies: Bodies) -> bool:
-    joint = correction.joints.start
-    return bool(bodies.are_known_beyond[joint])
 
 
 def _no_weight(effect: "Effect", setting: EffectContext) -> str:

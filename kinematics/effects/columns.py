@@ -19,7 +19,6 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.bodies import cross
 from traverse.kinematics.effects.base.contact import Contact, contact_seen
 from traverse.kinematics.effects.base.correction import (
     BodyCorrection,
@@ -33,7 +32,7 @@ from traverse.kinematics.effects.deflection import Deflection, deflection, total
 from traverse.kinematics.effects.pose import checked, undeflected_posture
 from traverse.kinematics.model.forward import chunks
 from traverse.kinematics.model.geometry import Geometry
-from traverse.kinematics.model.quaternion import rotate
+from traverse.kinematics.model.quaternion import cross, rotate
 
 _CHUNK_SAMPLES = 512
 

@@ -67,6 +67,12 @@ def cross_matrices(vectors: Floats) -> Floats:
     return np.moveaxis(np.array(rows), 2, 0)
 
 
+def skew_vector(matrix: Floats) -> Floats:
+    """Take the vector (3,) of M - M', for M (3, 3)."""
+    m = matrix
+    return np.array([m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]])
+
+
 def rotation_matrix(quaternion: Floats) -> Floats:
     """Write a unit quaternion, scalar first, (4,), as a matrix (3, 3)."""
     scalar, vector = quaternion[0], quaternion[1:]
@@ -174,13 +180,7 @@ def _best_quaternion(moments: Floats) -> Floats:
     """
     normal = np.empty((4, 4))
     # The vector of S - S', whose cross matrix is S' - S.
-    skew = np.array(
-        [
-            moments[1, 2] - moments[2, 1],
-            moments[2, 0] - moments[0, 2],
-            moments[0, 1] - moments[1, 0],
-        ]
-    )
+    skew = skew_vector(moments)
     trace = float(np.trace(moments))
     normal[0, 0] = trace
     normal[0, 1:] = normal[1:, 0] = skew

@@ -12,7 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.helmert.transformation import N_RIGID, cross_matrices, motions
+from traverse.kinematics.helmert.transformation import (
+    N_RIGID,
+    cross_matrices,
+    motions,
+    skew_vector,
+)
 
 _HALVINGS = 200
 _ROUNDING = 1e-14
@@ -156,13 +161,7 @@ def volume_error(volume: Volume, centre_mm: Floats, covariance: Floats) -> Volum
     turns, mixed = covariance[3:6, 3:6], covariance[:3, 3:6]
     growth = float(covariance[6, 6]) if n_parameters > N_RIGID else 0.0
     curvature = (float(np.trace(turns)) + growth) * np.eye(3) - turns
-    slope = np.array(
-        [
-            mixed[1, 2] - mixed[2, 1],
-            mixed[2, 0] - mixed[0, 2],
-            mixed[0, 1] - mixed[1, 0],
-        ]
-    )
+    slope = skew_vector(mixed)
     if n_parameters > N_RIGID:
         slope = slope + covariance[:3, 6]
     from_middle = slope + curvature @ (volume.mean_mm - centre_mm)

@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effects.arm_effects import effects_from_arm
-from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.block import Block, Covariate
 from traverse.kinematics.effects.base.correction import Correction
-from traverse.kinematics.effects.base.covariate import Covariate
 from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.importers.dh_report import random_readings_rad, sizes_mm
 from traverse.kinematics.importers.urdf import Mimic, roll_pitch_yaw, turned_by

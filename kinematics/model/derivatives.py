@@ -19,9 +19,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.kinematics.model.forward import chunks
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.model.kernel_choice import checked_readings, compiled_chain
-from traverse.kinematics.model.quaternion import chain_rotations, rotate, turn
+from traverse.kinematics.model.quaternion import chain_rotations, cross, rotate, turn
 
 # Samples computed at a time: 1.3 kB each for seven joints.
 _CHUNK_SAMPLES = 2048
@@ -90,7 +91,7 @@ def numpy_derivatives(geometry: Geometry, angles_rad: Floats) -> ProbeDerivative
     steps_mm = rotate(after, links_mm.T[:, :, np.newaxis])
     # Lever arm of joint k: x - o_k, (3, n_joints, n_samples).
     arms_mm = np.cumsum(steps_mm[:, ::-1], axis=1)[:, ::-1]
-    by_angles = _cross(rotate(after, axes), arms_mm)
+    by_angles = cross(rotate(after, axes), arms_mm)
     columns = np.eye(3)[:, :, np.newaxis, np.newaxis]
     by_links = rotate(after[:, np.newaxis], columns)
     by_axes = _by_axes(axes, by_links, arms_mm)
@@ -116,8 +117,7 @@ def derivative_chunks(
     Yields:
         Which samples, and their derivatives.
     """
-    for start in range(0, len(angles_rad), chunk_samples):
-        part = slice(start, min(start + chunk_samples, len(angles_rad)))
+    for part in chunks(len(angles_rad), chunk_samples):
         yield part, probe_derivatives(geometry, angles_rad[part])
 
 
@@ -139,15 +139,4 @@ def _by_axes(axes: Floats, rotations: Floats, arms_mm: Floats) -> Floats:
     of_x, of_y, of_z = (before - rotations).swapaxes(0, 1)
     ux, uy, uz = axes
     tilts = [of_y * uz - of_z * uy, of_z * ux - of_x * uz, of_x * uy - of_y * ux]
-    return np.stack([_cross(tilt, arms_mm) for tilt in tilts], axis=1)
-
-
-def _cross(a: Floats, b: Floats) -> Floats:
-    """Cross products of (3, n_joints, n_samples)."""
-    return np.stack(
-        [
-            a[1] * b[2] - a[2] * b[1],
-            a[2] * b[0] - a[0] * b[2],
-            a[0] * b[1] - a[1] * b[0],
-        ]
-    )
+    return np.stack([cross(tilt, arms_mm) for tilt in tilts], axis=1)

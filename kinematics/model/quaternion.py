@@ -88,3 +88,16 @@ def chain_rotations(turns: Floats) -> Floats:
     for k in range(1, turns.shape[1]):
         rotations[:, k] = multiply(rotations[:, k - 1], turns[:, k])
     return rotations
+
+
+def cross(a: Floats, b: Floats) -> Floats:
+    """Cross product of vectors (3, ...), component by component."""
+    ax, ay, az = a
+    bx, by, bz = b
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+def dot(a: Floats, b: Floats) -> Floats:
+    """Scalar product of vectors (3, ...), always added in the same order."""
+    product: Floats = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product

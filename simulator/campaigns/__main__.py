@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from traverse.kinematics.arm_file.arm import read_arm
+from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.campaigns.command import run_command
 from traverse.simulator.campaigns.drawing import simulate_campaign
 from traverse.simulator.campaigns.spec import CampaignFile, spec_problems
@@ -21,22 +21,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "python -m traverse.simulator.campaigns",
         "Make a simulated identification campaign: campaign.toml and "
         "poses.csv, arm.toml with the design values, and a folder truth.",
+        lambda spec: read_strict(spec, CampaignFile, spec_problems),
         _made,
         arguments,
     )
 
 
-def _made(spec: Path, folder: Path, seed: int | None) -> list[str]:
-    """Make it; what was made, line by line."""
-    file = read_strict(spec, CampaignFile, spec_problems)
-    seed = file.seed if seed is None else seed
-    arm = read_arm(spec.parent / file.arm)
+def _made(folder: Path, arm: Arm, file: CampaignFile, seed: int) -> list[str]:
     simulated = simulate_campaign(arm, file, seed)
     write_campaign(folder, simulated, arm)
     campaign = simulated.campaign
     touched = [f"{a.id} ({a.kind})" for a in campaign.artefacts]
     return [
-        f"made {folder} seed {seed}",
         f"poses {campaign.n_poses}",
         f"artefacts {len(touched)}: {', '.join(touched)}",
         f"blunders {len(simulated.truth.blunders)}",

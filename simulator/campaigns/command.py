@@ -4,20 +4,30 @@ import argparse
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
+from traverse.kinematics.arm_file.arm import Arm, read_arm
 from traverse.simulator.campaigns.siting import UnreachableError
+from traverse.simulator.campaigns.spec import CampaignFile
 from traverse.strict_toml.problems import FileError
 
 DONE, REFUSED = 0, 2
 
-Make = Callable[[Path, Path, int | None], Sequence[str]]
-"""From specification, folder and seed (None: the specification's) to a summary."""
+File = TypeVar("File", bound=CampaignFile)
 
 
 def run_command(
-    name: str, description: str, make: Make, arguments: Sequence[str] | None
+    name: str,
+    description: str,
+    read: Callable[[Path], File],
+    make: Callable[[Path, Arm, File, int], Sequence[str]],
+    arguments: Sequence[str] | None,
 ) -> int:
-    """Run one; its exit status: 0 made, 2 the specification was refused."""
+    """Run one; its exit status: 0 made, 2 the specification was refused.
+
+    ``make`` gets the folder, the arm, the specification and the seed, and returns a
+    summary.
+    """
     parser = argparse.ArgumentParser(prog=name, description=description)
     parser.add_argument("spec", type=Path, help="specification, TOML")
     parser.add_argument("--out", type=Path, required=True, help="folder to write")
@@ -26,7 +36,9 @@ def run_command(
     if given.seed is not None and given.seed < 0:
         parser.error(f"--seed {given.seed} is negative; expected 0 or more")
     try:
-        summary = make(given.spec, given.out, given.seed)
+        file = read(given.spec)
+        seed = file.seed if given.seed is None else given.seed
+        summary = make(given.out, read_arm(given.spec.parent / file.arm), file, seed)
     except FileError as error:
         problems = FileError(str(given.spec), error.problems)
         is_ours = error.source == "campaign specification"
@@ -35,5 +47,5 @@ def run_command(
     except (UnreachableError, OSError) as error:
         print(f"{given.spec}: {error}", file=sys.stderr)  # noqa: T201 - as above
         return REFUSED
-    print("\n".join(summary))  # noqa: T201 - what the command reports
+    print("\n".join([f"made {given.out} seed {seed}", *summary]))  # noqa: T201 - what the command reports
     return DONE

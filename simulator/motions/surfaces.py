@@ -1,6 +1,5 @@
 """Surfaces are touched or swept over: spheres, a ball bar, planes."""
 
-from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -46,80 +45,54 @@ def cap_directions(pole: Floats, opening_rad: float, n_points: int) -> Floats:
     return directions
 
 
-class Sphere(Motion):
-    """Touch a sphere."""
+class _Balls(Motion):
+    """Touch spheres of one radius, each over a cap around the pole."""
 
-    artefact: str = "sphere"
+    artefact: str
     centre_mm: Vector
     radius_mm: float = Field(gt=0.0)
     points: int = Field(ge=1)
     pole: Direction = (0.0, 0.0, 1.0)
     opening_rad: float = Field(default=1.4, gt=0.0, le=3.0)
 
-    def play(self, stage: CourseBuilder) -> None:
-        """Append this motion to the course."""
-        contacts, is_clear = sphere_contacts(
-            (self.artefact, ""),
-            np.array(self.centre_mm),
-            self.radius_mm,
-            (unit(self.pole), self.opening_rad, self.points),
-        )
+    def touch_ball(self, stage: CourseBuilder, feature: str, centre_mm: Floats) -> None:
+        """Touch the sphere at a place (3,)."""
+
+        def is_clear(places_mm: Floats, ball_mm: float) -> Booleans:
+            distances_mm: Floats = np.linalg.norm(places_mm - centre_mm, axis=1)
+            return distances_mm > self.radius_mm + ball_mm
+
+        cap = cap_directions(unit(self.pole), self.opening_rad, self.points)
+        contacts = [
+            Contact(self.artefact, feature, centre_mm + self.radius_mm * normal, normal)
+            for normal in cap
+        ]
         touch(stage, contacts, is_clear)
 
 
-def sphere_contacts(
-    names: tuple[str, str],
-    centre_mm: Floats,
-    radius_mm: float,
-    cap: tuple[Floats, float, int],
-) -> tuple[list[Contact], Callable[[Floats, float], Booleans]]:
-    """Contacts over a cap of a sphere.
+class Sphere(_Balls):
+    """Touch a sphere."""
 
-    Args:
-        names: Artefact and feature.
-        centre_mm: (3,)
-        radius_mm: Of the sphere.
-        cap: Pole (3,), opening angle, number of points.
+    artefact: str = "sphere"
 
-    Returns:
-        The contacts, and whether balls at places (n, 3) of some radius are outside.
-    """
-
-    def is_clear(places_mm: Floats, ball_mm: float) -> Booleans:
-        distances_mm: Floats = np.linalg.norm(places_mm - centre_mm, axis=1)
-        return distances_mm > radius_mm + ball_mm
-
-    contacts = [
-        Contact(*names, centre_mm + radius_mm * normal, normal)
-        for normal in cap_directions(*cap)
-    ]
-    return contacts, is_clear
+    def play(self, stage: CourseBuilder) -> None:
+        """Append this motion to the course."""
+        self.touch_ball(stage, "", np.array(self.centre_mm))
 
 
-class BallBar(Motion):
+class BallBar(_Balls):
     """Touch sphere 1, then sphere 2, at the ends of a bar."""
 
     artefact: str = "bar"
-    centre_mm: Vector
     direction: Direction
     distance_mm: float = Field(default=800.0, gt=0.0)
     radius_mm: float = Field(default=25.4, gt=0.0)
-    points: int = Field(ge=1)
-    pole: Direction = (0.0, 0.0, 1.0)
-    opening_rad: float = Field(default=1.4, gt=0.0, le=3.0)
 
     def play(self, stage: CourseBuilder) -> None:
         """Append this motion to the course."""
         half_mm = 0.5 * self.distance_mm * unit(self.direction)
         for feature, side in (("1", -1.0), ("2", 1.0)):
-            centre_mm = np.array(self.centre_mm) + side * half_mm
-            contacts, is_clear = sphere_contacts(
-                (self.artefact, feature),
-                centre_mm,
-                self.radius_mm,
-                (unit(self.pole), self.opening_rad, self.points),
-            )
-            touch(stage, contacts, is_clear)
+            self.touch_ball(stage, feature, np.array(self.centre_mm) + side * half_mm)
 
 
 class Plane(Motion):

@@ -1,7 +1,7 @@
 """Wiring of one board: encoders on the virtual arm, buttons, their faults."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -101,9 +101,8 @@ class Wiring:
         counts = self._source.counts(script_s, noise)
         status = np.zeros(counts.shape, dtype=np.uint8)
         for fault in self._faults:
-            struck = (script_s >= fault.at_s) & (
-                script_s < fault.at_s + fault.duration_s
-            )
+            ends_s = fault.at_s + fault.duration_s
+            struck = (script_s >= fault.at_s) & (script_s < ends_s)
             if np.any(struck):
                 self._spoil(fault, struck, counts, status)
         return counts.astype(np.uint32), status
@@ -114,15 +113,9 @@ class Wiring:
         if begin_s is None:
             return None
         entry = self._upcoming()
-        alarm = self._alarms[0] if self._alarms else None
-        if alarm is not None and (entry is None or alarm.time_s <= entry[0]):
-            return AlarmChange(
-                begin_s + alarm.time_s,
-                alarm.channel,
-                alarm.state,
-                alarm.code,
-                alarm.value,
-            )
+        if self._alarms and (entry is None or self._alarms[0].time_s <= entry[0]):
+            alarm = self._alarms[0]
+            return replace(alarm, time_s=begin_s + alarm.time_s)
         if entry is None:
             return None
         script_s, event = entry
@@ -167,10 +160,8 @@ class Wiring:
     ) -> None:
         channel = fault.channel
         if isinstance(fault, JumpFault):
-            jumped = (counts[struck, channel] + fault.step_counts) % self._moduli[
-                channel
-            ]
-            counts[struck, channel] = jumped
+            jumped = counts[struck, channel] + fault.step_counts
+            counts[struck, channel] = jumped % self._moduli[channel]
         elif isinstance(fault, StatusFault):
             status[struck, channel] |= fault.bits
         else:
@@ -180,11 +171,9 @@ class Wiring:
 
 
 def _alarm_changes(faults: Sequence[EncoderFault]) -> list[AlarmChange]:
-    changes = []
-    for fault in faults:
-        if isinstance(fault, StatusFault):
-            told = (fault.channel, fault.code, fault.value)
-            ends_s = fault.at_s + fault.duration_s
-            for time_s, state in ((fault.at_s, 1), (ends_s, 0)):
-                changes.append(AlarmChange(time_s, told[0], state, told[1], told[2]))
-    return changes
+    return [
+        AlarmChange(time_s, fault.channel, state, fault.code, fault.value)
+        for fault in faults
+        if isinstance(fault, StatusFault)
+        for time_s, state in ((fault.at_s, 1), (fault.at_s + fault.duration_s, 0))
+    ]

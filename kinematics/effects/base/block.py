@@ -6,14 +6,37 @@ law's own: an unknown contact force counts as 1 N.
 """
 
 from dataclasses import dataclass, fields
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from traverse.arrays import Floats, Integers
-from traverse.kinematics.effects.base.covariate import Covariate, Need
 from traverse.plurals import counted
+
+
+class Covariate(StrEnum):
+    """A quantity that may accompany the readings; the value is the plain word."""
+
+    TEMPERATURE = "temperature"
+    SPEED = "speed"
+    APPROACH = "direction of approach"
+    UTC = "time in UTC"
+    CAMPAIGN_TIME = "time since the campaign's start"
+    FORCE = "contact force"
+
+
+@dataclass(frozen=True, slots=True)
+class Need:
+    """One covariate that every sample must have.
+
+    Attributes:
+        joint: Of this joint, counted from 0; None: of the arm as a whole.
+    """
+
+    covariate: Covariate
+    joint: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

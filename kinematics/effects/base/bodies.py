@@ -8,7 +8,7 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.model.geometry import Geometry
-from traverse.kinematics.model.quaternion import rotate
+from traverse.kinematics.model.quaternion import cross, rotate
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
@@ -91,16 +91,3 @@ def gravity_moments_nm(
 @lru_cache(maxsize=8)
 def _levers_kg_mm(geometry: Geometry, bodies: Bodies) -> Floats:
     return bodies.levers_kg_mm(geometry).T[:, :, np.newaxis]
-
-
-def cross(a: Floats, b: Floats) -> Floats:
-    """Cross product of vectors (3, ...), component by component."""
-    ax, ay, az = a
-    bx, by, bz = b
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-
-
-def dot(a: Floats, b: Floats) -> Floats:
-    """Scalar product of vectors (3, ...), always added in the same order."""
-    product: Floats = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    return product

@@ -11,9 +11,8 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.bodies import dot
 from traverse.kinematics.model.geometry import Geometry, across
-from traverse.kinematics.model.quaternion import rotate
+from traverse.kinematics.model.quaternion import dot, rotate
 
 
 @dataclass(frozen=True, slots=True, eq=False)

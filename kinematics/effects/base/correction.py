@@ -19,9 +19,8 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS
-from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.block import Block, Covariate, Need
 from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.covariate import Covariate, Need
 from traverse.kinematics.kernel.terms import Term
 from traverse.kinematics.model.geometry import Geometry
 

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from traverse.arrays import Booleans, Floats, Integers
-from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.block import Block, Covariate
 from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import Correction, FlagName
-from traverse.kinematics.effects.base.covariate import Covariate
 from traverse.kinematics.kernel.terms import Quantity, Source
 
 if TYPE_CHECKING:

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.effects.base.bodies import dot
 from traverse.kinematics.effects.base.contact import Contact
 from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import ContactCorrection, Correction
+from traverse.kinematics.model.quaternion import dot
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Effect

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from traverse.arrays import Floats
-from traverse.kinematics.effects.base.bodies import dot
+from traverse.kinematics.effects.base.block import Covariate
 from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import BodyCorrection, Target
-from traverse.kinematics.effects.base.covariate import Covariate
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.kernel.terms import Form, Quantity, Source, Term
+from traverse.kinematics.model.quaternion import dot
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Effect

@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from traverse.arrays import Booleans, Floats
-from traverse.kinematics.effects.base.block import COLUMNS, Block
+from traverse.kinematics.effects.base.block import COLUMNS, Block, Covariate, Need
 from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import FlagName, ReadingCorrection
-from traverse.kinematics.effects.base.covariate import Covariate, Need
 from traverse.kinematics.effects.readings.spline import (
     spline_amounts,
     spline_numbers,

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.block import Block, Covariate
 from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import ReadingCorrection
-from traverse.kinematics.effects.base.covariate import Covariate
 from traverse.kinematics.effects.base.epochs import (
     DriftTime,
     EffectTime,

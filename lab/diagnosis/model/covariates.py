@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Booleans, Floats
-from traverse.kinematics.effects.base.covariate import Covariate, Need
+from traverse.kinematics.effects.base.block import Covariate, Need
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.statistics.outlier_clusters import Cluster, find_outlier_cluster
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from traverse.kinematics.arm_file.arm import read_arm
+from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.campaigns.command import run_command
 from traverse.simulator.campaigns.dense.scan import NOTHING, simulate_scan
 from traverse.simulator.campaigns.dense.spec import DenseFile, dense_problems
@@ -23,22 +23,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "python -m traverse.simulator.campaigns.dense",
         "Make a simulated dense scan: campaign.toml and scan.mcap, "
         "arm.toml with the design values, truth/arm.toml with the true ones.",
+        lambda spec: read_strict(spec, DenseFile, dense_problems),
         _made,
         arguments,
     )
 
 
-def _made(spec: Path, folder: Path, seed: int | None) -> list[str]:
-    """Make it; what was made, line by line."""
-    file = read_strict(spec, DenseFile, dense_problems)
-    seed = file.seed if seed is None else seed
-    arm = read_arm(spec.parent / file.arm)
+def _made(folder: Path, arm: Arm, file: DenseFile, seed: int) -> list[str]:
     scan = simulate_scan(arm, file, seed)
     write_scan(folder, scan, seed)
     touching = int(np.count_nonzero(scan.touched != NOTHING))
     names = ", ".join(f"{a.id} ({a.kind})" for a in scan.artefacts)
     return [
-        f"made {folder} seed {seed}",
         f"samples {len(scan.time_s)}, {touching} of them touching",
         f"artefacts {len(scan.artefacts)}: {names}",
     ]

@@ -5,13 +5,116 @@ does not do is done here: TPDO1 at a SYNC or by its timer, presets, storing, res
 """
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from canopen import LocalNode, ObjectDictionary, SdoAbortedError
 from canopen.network import Network
 from canopen.objectdictionary import ODRecord, ODVariable, datatypes
 
-from traverse.simulator.devices.canopen.lss import LssSlave
+REQUEST, ANSWER = 0x7E5, 0x7E4
+SWITCH_ALL, SET_NODE, SET_BIT_RATE, ACTIVATE, STORE = 0x04, 0x11, 0x13, 0x15, 0x17
+SELECT_VENDOR, SELECT_PRODUCT, SELECT_REVISION, SELECT_SERIAL = 0x40, 0x41, 0x42, 0x43
+SELECTED, IDENTIFIED = 0x44, 0x4F
+FAST_SCAN, INQUIRE_IDENTITY, INQUIRE_NODE = 0x51, 0x5A, 0x5E
+KNOWN_BIT_RATES = (0, 1, 2, 3, 4, 6, 7, 8)
+UNCONFIGURED = 0x80  # "bits to check" of a fast scan that begins
+REFUSED = 1
+WITHOUT_NUMBER = 0xFF  # only such nodes answer a fast scan
+
+
+class LssSlave:
+    """The part of a node that answers on 7E5.
+
+    The identity is vendor, product, revision and serial number.
+
+    Attributes:
+        node: The number that it has from the next reset on.
+        bit_rate: Code of the commanded bit rate.
+        stored: What was stored last: number and bit rate.
+        configures: It is in the state in which it accepts settings.
+    """
+
+    def __init__(
+        self,
+        identity: tuple[int, int, int, int],
+        node: int,
+        answer: Callable[[bytes], None],
+    ) -> None:
+        self._identity, self._answer = identity, answer
+        self.node, self.bit_rate = node, 0
+        self.stored: tuple[int, int] | None = None
+        self.configures = False
+        self._matched = 0  # of the four selecting words
+        self._scanned = 0  # of the four words of a fast scan
+
+    def take(self, data: bytes) -> None:
+        """Obey a request of eight bytes."""
+        if len(data) != 8:
+            return
+        command, word = data[0], int.from_bytes(data[1:5], "little")
+        if command == SWITCH_ALL:
+            self.configures = data[1] == 1
+        elif SELECT_VENDOR <= command <= SELECT_SERIAL:
+            self._select(command - SELECT_VENDOR, word)
+        elif command == FAST_SCAN:
+            self._scan(word, data[5], data[6], data[7])
+        elif self.configures:
+            self._configure(command, data)
+
+    def _configure(self, command: int, data: bytes) -> None:
+        if command == SET_NODE:
+            known = 1 <= data[1] <= 127 or data[1] == WITHOUT_NUMBER
+            if known:
+                self.node = data[1]
+            self._say(command, 0 if known else REFUSED)
+        elif command == SET_BIT_RATE:
+            known = data[1] == 0 and data[2] in KNOWN_BIT_RATES
+            if known:
+                self.bit_rate = data[2]
+            self._say(command, 0 if known else REFUSED)
+        elif command == STORE:
+            self.stored = (self.node, self.bit_rate)
+            self._say(command, 0)
+        elif INQUIRE_IDENTITY <= command < INQUIRE_NODE:
+            word = self._identity[command - INQUIRE_IDENTITY]
+            self._say(command, *word.to_bytes(4, "little"))
+        elif command == INQUIRE_NODE:
+            self._say(command, self.node)
+
+    def _select(self, number: int, word: int) -> None:
+        """Vendor, product, revision and serial number, one after the other."""
+        if number != self._matched:
+            self._matched = 0
+        if number == self._matched and word == self._identity[number]:
+            self._matched += 1
+        else:
+            self._matched = 0
+        if self._matched == len(self._identity):
+            self._matched = 0
+            self.configures = True
+            self._say(SELECTED)
+
+    def _scan(self, word: int, bit: int, sub: int, following: int) -> None:
+        """Answer if the bits from ``bit`` up are those of the requested word."""
+        if self.configures or self.node != WITHOUT_NUMBER:
+            return
+        if bit == UNCONFIGURED:
+            self._scanned = 0
+            self._say(IDENTIFIED)
+        elif (
+            bit < 32
+            and sub == self._scanned < 4
+            and word >> bit == self._identity[sub] >> bit
+        ):
+            self._scanned = following
+            self._say(IDENTIFIED)
+            # The last bit of the last word, and the scan returns to the first.
+            self.configures = bit == 0 and sub == 3 and following == 0
+
+    def _say(self, *content: int) -> None:
+        self._answer(bytes(content).ljust(8, b"\0"))
+
 
 OPERATIONAL, PRE_OPERATIONAL, STOPPED = 5, 127, 4
 PDO_OFF = 0x8000_0000
@@ -176,7 +279,7 @@ class CanOpenEncoder:
 
 def _objects(data: EncoderData) -> ObjectDictionary:
     """Its objects, as they are delivered."""
-    vendor, product, revision, serial = data.identity
+    identity = enumerate(data.identity, 1)
     kind = 2 if data.turns > 1 else 1
     found = ObjectDictionary()  # type: ignore[no-untyped-call]  # the library's
     for index, n_bytes, access, value in (
@@ -199,23 +302,13 @@ def _objects(data: EncoderData) -> ObjectDictionary:
         (0x6507, 4, "ro", 0x0100_0302),
         (0x6508, 4, "ro", 0xFFFF_FFFF),
         (0x6509, 4, "ro", 0),
-        (0x650B, 4, "ro", serial),
+        (0x650B, 4, "ro", data.serial),
     ):
         found.add_object(_variable(index, 0, n_bytes, access, value))
     cob_id = 0x180 + data.number
     for index, entries in (
-        (0x1010, ((0, 1, "ro", 1), (1, 4, "rw", 1))),
-        (0x1011, ((0, 1, "ro", 1), (1, 4, "rw", 1))),
-        (
-            0x1018,
-            (
-                (0, 1, "ro", 4),
-                (1, 4, "ro", vendor),
-                (2, 4, "ro", product),
-                (3, 4, "ro", revision),
-                (4, 4, "ro", serial),
-            ),
-        ),
+        *((index, ((0, 1, "ro", 1), (1, 4, "rw", 1))) for index in (0x1010, 0x1011)),
+        (0x1018, ((0, 1, "ro", 4), *((n, 4, "ro", w) for n, w in identity))),
         (0x1800, ((1, 4, "rw", cob_id), (2, 1, "rw", 254), (5, 2, "rw", 0))),
         (0x1801, ((1, 4, "rw", cob_id + 0x100), (2, 1, "rw", 1), (5, 2, "rw", 0))),
         (0x1A00, ((0, 1, "rw", 1), (1, 4, "rw", 0x6004_0020), (2, 4, "rw", 0))),

@@ -20,8 +20,7 @@ from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects import EFFECTS
 from traverse.kinematics.effects.arm_effects import effects_from_arm, effects_of
-from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.covariate import Covariate, Need
+from traverse.kinematics.effects.base.block import Block, Covariate, Need
 from traverse.kinematics.effects.columns import columns
 from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.model.forward import probe_pose
