@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from traverse.kinematics.arm_file.arm import Arm, read_arm
+from traverse.kinematics.arm_file.arm import Arm, Encoder, read_arm
 from traverse.plurals import counted
 from traverse.simulator.arm.inverse import Reach
 from traverse.simulator.arm.truth import EncoderSet, TrueArm, true_arm
@@ -172,14 +172,19 @@ def build_sources(
     ]
 
 
-def encoders_of(device: DeviceTable, arm: Arm, noise_rad: float) -> EncoderSet:
-    """The encoders on a device, in the order of its channels."""
+def _wired(device: DeviceTable, arm: Arm) -> list[tuple[int, int, Encoder]]:
+    """Channel, number of the joint and encoder of all that a device reads."""
     wired = [
         (joint.encoder.channel, number, joint.encoder)
         for number, joint in enumerate(arm.joints)
         if joint.encoder is not None and joint.encoder.device_id == device.id
     ]
-    wired.sort(key=lambda entry: entry[0])
+    return sorted(wired, key=lambda entry: entry[0])
+
+
+def encoders_of(device: DeviceTable, arm: Arm, noise_rad: float) -> EncoderSet:
+    """The encoders on a device, in the order of its channels."""
+    wired = _wired(device, arm)
     per_turn = np.array([entry[2].counts_per_turn for entry in wired], dtype=np.int64)
     return EncoderSet(
         joints=np.array([entry[1] for entry in wired], dtype=np.int64),
@@ -204,12 +209,8 @@ def _source_problems(devices: Sequence[DeviceTable], arm: Arm) -> list[Problem]:
             )
             problems.append(Problem("device", message))
     for number, device in enumerate(devices):
-        wired = sorted(
-            (joint.encoder.channel, joint.encoder.counts_per_turn)
-            for joint in arm.joints
-            if joint.encoder is not None and joint.encoder.device_id == device.id
-        )
-        channels = [channel for channel, _ in wired]
+        wired = _wired(device, arm)
+        channels = [channel for channel, _, _ in wired]
         if channels != list(range(len(channels))):
             message = (
                 f"the arm file uses the channels {channels} of '{device.id}'; "
@@ -224,7 +225,7 @@ def _source_problems(devices: Sequence[DeviceTable], arm: Arm) -> list[Problem]:
             message += f"a device of kind '{device.kind}' has {device.MOST_CHANNELS}"
             problems.append(Problem(f"device[{number}].id", message))
         else:
-            found = device.channel_problems([per_turn for _, per_turn in wired])
+            found = device.channel_problems([e.counts_per_turn for _, _, e in wired])
             problems += [Problem(f"device[{number}].{key}", m) for key, m in found]
     return problems
 

@@ -4,8 +4,6 @@ Distances are orthogonal: those of the points from the shape. Every shape says h
 it is known, see `traverse.kinematics.fits.adjustment`.
 """
 
-from traverse.kinematics.fits.circle import Circle, fit_circle
-from traverse.kinematics.fits.cylinder import Cylinder, fit_cylinder
 from traverse.kinematics.fits.enclosing import (
     EnclosingSphere,
     Spread,
@@ -14,6 +12,7 @@ from traverse.kinematics.fits.enclosing import (
 )
 from traverse.kinematics.fits.plane import Line, Plane, fit_line, fit_plane
 from traverse.kinematics.fits.plausible import PLAUSIBLE_MM, off_seat, off_sphere
+from traverse.kinematics.fits.round import Circle, Cylinder, fit_circle, fit_cylinder
 from traverse.kinematics.fits.sphere import Sphere, fit_sphere, fit_sphere_of_radius
 
 __all__ = [

@@ -1,9 +1,15 @@
-"""A cylinder: the distance from the axis less the radius.
+"""Circles and cylinders, by orthogonal distances.
 
-The sum of squares has several valleys. For a given direction of the axis the points,
-projected along it, lie on a circle, whose algebraic fit is closed: directions over a
-half sphere and the principal ones of the cloud are tried so, the best few are starts
-of Gauss-Newton steps, and the lowest end counts.
+A circle in space: with h the height of a point over the circle's plane and q its
+distance from the circle's axis, the square of its distance from the curve is
+(q - r)^2 + h^2: plane and circle are fitted together. (Some programs fit a plane first
+and a circle in it then.)
+
+A cylinder: the distance from the axis less the radius. The sum of squares has several
+valleys. For a given direction of the axis the points, projected along it, lie on a
+circle, whose algebraic fit is closed: directions over a half sphere and the principal
+ones of the cloud are tried so, the best few are starts of Gauss-Newton steps, and the
+lowest end counts.
 """
 
 from dataclasses import dataclass
@@ -21,6 +27,112 @@ from traverse.kinematics.fits.adjustment import (
     turned_positive,
 )
 from traverse.kinematics.model.geometry import across
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _State:
+    """A circle with its centre and normal, or a cylinder."""
+
+    point: Floats
+    axis: Floats
+    radius: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Circle:
+    """A fitted circle.
+
+    Attributes:
+        centre_mm: (3,).
+        normal: Unit vector, its largest component positive, (3,).
+        rms_mm: Root mean square of the distances.
+        precision: Of centre (mm), normal, radius (mm): (7, 7).
+    """
+
+    centre_mm: Floats
+    normal: Floats
+    radius_mm: float
+    rms_mm: float
+    precision: Precision
+
+
+def fit_circle(points_mm: Floats) -> Circle:
+    """Fit a circle to at least three points, (n_points, 3).
+
+    Raises:
+        ValueError: Too few points, on one line, or nothing like a circle.
+    """
+    cloud = cloud_of(points_mm, at_least=3)
+    cloud.refuse_degenerate("circle", flat=False)
+    points, n_points = cloud.points, len(cloud.points)
+
+    def linearised(state: _State) -> tuple[Floats, Floats]:
+        from_centre = points - state.point
+        height = from_centre @ state.axis
+        flat = from_centre - height[:, np.newaxis] * state.axis
+        lengths = np.linalg.norm(flat, axis=1)
+        if not np.all(lengths > 0.0):
+            raise ValueError("a point lies on the axis of the circle; leave it out")
+        outwards = flat / lengths[:, np.newaxis]
+        first, second = across(state.axis)
+        tilts = np.column_stack([first, second])
+        in_plane = np.column_stack(
+            [
+                -outwards,
+                -height[:, np.newaxis] * (outwards @ tilts),
+                -np.ones(n_points),
+            ]
+        )
+        out_of_plane = np.column_stack(
+            [
+                np.tile(-state.axis, (n_points, 1)),
+                from_centre @ tilts,
+                np.zeros(n_points),
+            ]
+        )
+        return (
+            np.concatenate([lengths - state.radius, height]),
+            np.concatenate([in_plane, out_of_plane]),
+        )
+
+    state = adjusted(
+        _circle_start(points, cloud.axes), linearised, _circle_moved, "circle"
+    )
+    distances, design = linearised(state)
+    normal = turned_positive(state.axis)
+    known = np.zeros((7, 6))
+    known[:3, :3], known[6, 5] = np.eye(3), 1.0
+    # Of the state's normal: turned round, its changes are too.
+    turned = np.sign(normal @ state.axis) / cloud.extent_mm
+    known[3:6, 3:5] = turned * np.column_stack(across(state.axis))
+    squares_mm2 = cloud.extent_mm**2 * float(distances @ distances)
+    return Circle(
+        cloud.mean_mm + cloud.extent_mm * state.point,
+        normal,
+        cloud.extent_mm * state.radius,
+        *cloud.quality("circle", design, known, squares_mm2),
+    )
+
+
+def _circle_start(points: Floats, axes: Floats) -> _State:
+    """Fit a plane, and in it |p - c|^2 = r^2, which is linear in c and r^2 - |c|^2."""
+    flat = points @ axes[:2].T
+    design = np.column_stack([2.0 * flat, np.ones(len(points))])
+    squares = np.einsum("ij,ij->i", flat, flat)
+    solution = np.linalg.lstsq(design, squares, rcond=None)[0]
+    radius = float(np.sqrt(solution[2] + solution[:2] @ solution[:2]))
+    return _State(solution[:2] @ axes[:2], axes[2], radius)
+
+
+def _circle_moved(state: _State, step: Floats) -> _State:
+    first, second = across(state.axis)
+    normal = state.axis + step[3] * first + step[4] * second
+    return _State(
+        state.point + step[:3],
+        normal / np.linalg.norm(normal),
+        state.radius + float(step[5]),
+    )
+
 
 _N_DIRECTIONS = 400
 _N_STARTS = 6
@@ -44,13 +156,6 @@ class Cylinder:
     radius_mm: float
     rms_mm: float
     precision: Precision
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _State:
-    point: Floats
-    axis: Floats
-    radius: float
 
 
 def fit_cylinder(points_mm: Floats) -> Cylinder:
@@ -78,9 +183,9 @@ def fit_cylinder(points_mm: Floats) -> Cylinder:
 
     best: tuple[float, _State] | None = None
     reasons: list[str] = []
-    for start in _starts(cloud):
+    for start in _cylinder_starts(cloud):
         try:
-            state = adjusted(start, linearised, _moved, "cylinder")
+            state = adjusted(start, linearised, _cylinder_moved, "cylinder")
         except ValueError as error:
             reasons.append(str(error))
             continue
@@ -92,7 +197,7 @@ def fit_cylinder(points_mm: Floats) -> Cylinder:
     return _cylinder(cloud, best[1], *linearised(best[1]))
 
 
-def _starts(cloud: Cloud) -> list[_State]:
+def _cylinder_starts(cloud: Cloud) -> list[_State]:
     """Try directions of the axis, and circles of the points projected along them."""
     numbers = np.arange(_N_DIRECTIONS)
     heights = (numbers + 0.5) / _N_DIRECTIONS
@@ -130,7 +235,7 @@ def _starts(cloud: Cloud) -> list[_State]:
     return chosen
 
 
-def _moved(state: _State, step: Floats) -> _State:
+def _cylinder_moved(state: _State, step: Floats) -> _State:
     first, second = across(state.axis)
     axis = state.axis + step[2] * first + step[3] * second
     axis = axis / np.linalg.norm(axis)
