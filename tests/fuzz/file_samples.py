@@ -17,6 +17,7 @@ from tests.cli.test_check import PROBES
 from tests.cli.test_verify import limits_file
 from tests.daemon.recorder.recorded_runs import RecordedRun
 from tests.daemon.store.test_damage import make
+from tests.lab.certificates.made import LABORATORY
 from tests.lab.collection.test_collection import CAMPAIGN, touch
 from tests.protocol.message_examples import SCAN
 from traverse.cli.__main__ import app
@@ -77,6 +78,8 @@ def make_samples(folder: Path, *, computed: bool = True) -> Path:
         f'[[points]]\nname = "P{n}"\nx_mm = {x}\ny_mm = {y}\nz_mm = {z}\n'
         for n, (x, y, z) in enumerate(NOMINAL.tolist())
     )
+    (folder / "laboratory.toml").write_text(LABORATORY, "utf-8")
+    (folder / "arm.key.pub").write_text(f"{'A' * 43}=\n")
     (folder / "nominal.toml").write_text(f'schema = "traverse/nominal/1"\n{nominal}')
     table(folder / "measured.csv", measured())
     lines(folder / "points.jsonl", measured())

@@ -95,6 +95,27 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "verify-check/json": ("certificate/certificate.json", "verify --check certificate"),
     "verify-check/data": ("certificate/data/poses.csv", "verify --check certificate"),
+    "certify/json": (
+        "certificate/certificate.json",
+        "certify certificate --laboratory laboratory.toml",
+    ),
+    "certify/laboratory": (
+        "laboratory.toml",
+        "certify certificate --laboratory laboratory.toml",
+    ),
+    "trace/certificate": ("certificate/certificate.json", "trace certificate"),
+    "trace/arm": ("identified/arm.toml", "trace identified/arm.toml"),
+    "trace/campaign": ("campaign/campaign.toml", "trace campaign"),
+    "trace/recording": ("run.mcap", "trace run.mcap"),
+    "trace/points": ("points.jsonl", "trace points.jsonl"),
+    "points-verify/points": (
+        "points.jsonl",
+        "points verify points.jsonl --key arm.key.pub",
+    ),
+    "points-verify/key": (
+        "arm.key.pub",
+        "points verify points.jsonl --key arm.key.pub",
+    ),
     "align/nominal": ("nominal.toml", "align measured.csv --nominal nominal.toml"),
     "align/points": ("measured.csv", "align measured.csv --nominal nominal.toml"),
     "align/lines": ("points.jsonl", "align points.jsonl --nominal nominal.toml"),
@@ -171,6 +192,8 @@ _ENDLESS_S = 4
 _BUSY = 6
 _OF_COMPUTED = (
     "verify",
+    "certify",
+    "trace",
     "daily-check",
     "run/covariance",
     "check/covariance",
