@@ -13,8 +13,7 @@ import sys
 from pathlib import Path
 
 import asyncapi
-from message_schemas import json_schema, json_schemas, name
-from message_tables import Schema, field_table
+from message_schemas import Schema, field_table, json_schema, json_schemas, name
 
 from traverse.protocol import arrays
 from traverse.protocol.encoding import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS

@@ -1,5 +1,6 @@
-"""JSON Schemas (2020-12) of the MQTT messages, from their definitions."""
+"""JSON Schemas (2020-12) of the MQTT messages, and tables of their fields."""
 
+import json
 from typing import Any
 
 from traverse.protocol.messages import COMMANDS, MESSAGES, Args, Command, Value
@@ -43,3 +44,85 @@ def command_schema(args: type[Args]) -> Schema:
     schema["description"] = inner["description"]
     schema["$id"] += f"/{args.command}"
     return schema | ({"$defs": definitions} if definitions else {})
+
+
+USUAL_LENGTH = 2000
+"""Most characters of a text; stated where it is another."""
+
+
+def field_table(schema: Schema) -> list[str]:
+    """A Markdown table of the properties of an object; not of its schema and arm."""
+    rows = ["| field | type | meaning |", "|---|---|---|"]
+    for key, field in schema.get("properties", {}).items():
+        if key in ("schema", "arm"):
+            continue
+        meaning = " ".join(str(field.get("description", "")).split())
+        kind = type_text(field)
+        if "default" in field:
+            kind += f", default {json.dumps(field['default'])}"
+        rows.append(f"| `{key}` | {kind} | {meaning} |")
+    return rows if len(rows) > 2 else ["No fields."]
+
+
+def type_text(schema: Schema) -> str:
+    """A type in words that fit both encodings."""
+    if "anyOf" in schema:
+        return " or ".join(type_text(one) for one in schema["anyOf"])
+    if "$ref" in schema:
+        target = schema["$ref"].rsplit("/", 1)[-1]
+        return f"[{target}](#{target.lower()})"
+    if "const" in schema:
+        return f'`"{schema["const"]}"`'
+    if "enum" in schema:
+        return ", ".join(f'`"{value}"`' for value in schema["enum"])
+    return _structure_text(schema)
+
+
+def _structure_text(schema: Schema) -> str:
+    """What is made of elements, and what is a single value."""
+    if "x-dtype" in schema:
+        shape = ", ".join(map(str, schema["x-shape"]))
+        return f"array {schema['x-dtype']} ({shape})"
+    kind = schema.get("type")
+    if kind == "array":
+        return _list_text(schema)
+    if kind == "object":
+        values = schema.get("additionalProperties")
+        return f"map of names to {type_text(values)}" if values else "map"
+    if schema.get("format") == "time-ns":
+        return "time"
+    if schema.get("minLength") == 1 and schema["maxLength"] == 64:
+        return "name"
+    return f"{_KINDS[str(kind)]}{_limits(schema)}"
+
+
+_KINDS = {
+    "string": "text",
+    "number": "number",
+    "integer": "integer",
+    "boolean": "bool",
+    "null": "null",
+}
+
+
+def _list_text(schema: Schema) -> str:
+    if "prefixItems" in schema:
+        items = schema["prefixItems"]
+        return f"[{len(items)}] {type_text(items[0])}"
+    return f"list of {type_text(schema['items'])}"
+
+
+def _limits(schema: Schema) -> str:
+    """Only limits that say something: not those of 53 bits."""
+    if schema.get("maximum", 0) >= 2**53 - 1:
+        return " from 0" if schema.get("minimum") == 0 else ""
+    texts = []
+    if "exclusiveMinimum" in schema:
+        texts.append(f"above {schema['exclusiveMinimum']:g}")
+    if "minimum" in schema:
+        texts.append(f"from {schema['minimum']}")
+    if "maximum" in schema:
+        texts.append(f"to {schema['maximum']}")
+    if schema.get("maxLength", USUAL_LENGTH) != USUAL_LENGTH:
+        texts.append(f"up to {schema['maxLength']} characters")
+    return " " + " ".join(texts) if texts else ""

@@ -173,6 +173,13 @@ def angle_corrections(geometry: Geometry, effects: ArmEffects, block: Block) -> 
     return np.ascontiguousarray(_d_alpha_rad(geometry, effects, block).T)
 
 
+def corrected_readings(geometry: Geometry, effects: ArmEffects, block: Block) -> Floats:
+    """Subtract all reading corrections, (n_samples, n_joints) [rad]."""
+    if not effects.readings:
+        return block.angles_rad
+    return block.angles_rad - angle_corrections(geometry, effects, block)
+
+
 def contact_shifts(geometry: Geometry, effects: ArmEffects, block: Block) -> Floats:
     """Compute the shifts of the ball's centre that depend on the surface.
 

@@ -19,7 +19,7 @@ from traverse.arrays import Floats
 from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.columns import columns
-from traverse.kinematics.effects.pose import angle_corrections
+from traverse.kinematics.effects.pose import corrected_readings
 from traverse.kinematics.model.derivatives import ProbeDerivatives, probe_derivatives
 from traverse.kinematics.model.geometry import Geometry
 from traverse.strict_toml.files import bytes_of
@@ -75,10 +75,7 @@ def parameter_columns(
     Returns:
         dx/dp, (n_samples, 3, n_parameters), and the derivatives that it is made of.
     """
-    readings_rad = block.angles_rad
-    if effects.readings:
-        readings_rad = readings_rad - angle_corrections(geometry, effects, block)
-    known = probe_derivatives(geometry, readings_rad)
+    known = probe_derivatives(geometry, corrected_readings(geometry, effects, block))
     n = len(block)
     by_effects = (
         columns(geometry, effects, block)

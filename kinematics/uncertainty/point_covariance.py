@@ -31,7 +31,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.pose import angle_corrections
+from traverse.kinematics.effects.pose import corrected_readings
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.uncertainty.arm_covariance import (
@@ -95,9 +95,7 @@ def point_uncertainties(
         samples: Each point is the mean of so many.
     """
     if arm is None:
-        readings_rad = block.angles_rad
-        if effects.readings:
-            readings_rad = readings_rad - angle_corrections(geometry, effects, block)
+        readings_rad = corrected_readings(geometry, effects, block)
         known, by_parameters = probe_derivatives(geometry, readings_rad), None
     else:
         by_parameters, known = parameter_columns(geometry, effects, block)

@@ -8,10 +8,8 @@ from traverse.arrays import Floats
 from traverse.kinematics.helmert.adjustment import (
     AdjustedHelmert,
     HelmertError,
-    adjusted_helmert,
-)
-from traverse.kinematics.helmert.reliability import (
     Reliability,
+    adjusted_helmert,
     point_statistics,
     reliability_of,
 )

@@ -113,6 +113,19 @@ class PoseSet:
         return 1e-6 * sum(errors_ppm)
 
 
+def rigid_fields(arm: Arm, truth: TrueArm, turns_rad: Floats) -> dict[str, Any]:
+    """Fields of a set without effects, of an arm at turns (n, n_joints)."""
+    return {
+        "arm": arm,
+        "truth": truth,
+        "rigid_turns_rad": turns_rad,
+        "turns_rad": turns_rad,
+        "effects": (),
+        "faults": (),
+        "faulty": faulty_arm(arm, truth.mechanism, truth.zeros_rad, ()),
+    }
+
+
 def with_effects(
     poses: PoseSet, effects: Sequence[Effect], faults: Sequence[Fault] = ()
 ) -> PoseSet:

@@ -15,7 +15,12 @@ from traverse.simulator.campaigns.artefacts.artefact import (
     Touches,
 )
 from traverse.simulator.campaigns.conditions import Conditions, drawn_conditions, stream
-from traverse.simulator.campaigns.pose_set import PlacedArtefact, PoseSet, with_effects
+from traverse.simulator.campaigns.pose_set import (
+    PlacedArtefact,
+    PoseSet,
+    rigid_fields,
+    with_effects,
+)
 from traverse.simulator.campaigns.postures import Workspace, workspace_of
 from traverse.simulator.campaigns.siting import (
     UnreachableError,
@@ -24,7 +29,6 @@ from traverse.simulator.campaigns.siting import (
     spec_artefacts,
 )
 from traverse.simulator.campaigns.spec import CampaignSpec
-from traverse.simulator.effects.faulty_arm import faulty_arm
 from traverse.strict_toml.problems import FileError
 
 __all__ = ["PlacedArtefact", "PoseSet", "make_poses"]
@@ -70,20 +74,14 @@ def make_poses(
     turns_rad, towards = touching.postures(workspace, stream(seed, "contacts"))
     rigid = PoseSet(
         spec=spec,
-        arm=arm,
-        truth=truth,
         limits_rad=workspace.limits_rad,
         artefacts=placed,
         artefact_index=artefact_index,
         feature_index=feature_index,
         contacts_mm=probe_pose(truth.mechanism, turns_rad)[0],
-        rigid_turns_rad=turns_rad,
-        turns_rad=turns_rad,
         towards=towards,
         conditions=conditions,
-        effects=(),
-        faults=(),
-        faulty=faulty_arm(arm, truth.mechanism, truth.zeros_rad, ()),
+        **rigid_fields(arm, truth, turns_rad),
     )
     return with_effects(rigid, arm.effects) if arm.effects else rigid
 

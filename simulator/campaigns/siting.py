@@ -113,7 +113,7 @@ def _site(
     workspace: Workspace,
     ball_mm: float,
 ) -> Placement:
-    best_share, needed_share = 0.0, 1.0 if artefact.is_fixed else ENOUGH
+    best_share, needed_share = 0.0, 1.0 if artefact.IS_FIXED else ENOUGH
     n_sites = 0
     for trial in range(N_TRIALS):
         if trial >= N_HOPELESS and best_share < 0.5:

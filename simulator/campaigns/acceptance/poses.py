@@ -18,7 +18,7 @@ from traverse.simulator.campaigns.artefacts.artefact import Placement
 from traverse.simulator.campaigns.campaign import SimulatedCampaign, StatedArtefact
 from traverse.simulator.campaigns.conditions import drawn_conditions, stream
 from traverse.simulator.campaigns.drawing import draw_noise
-from traverse.simulator.campaigns.pose_set import PlacedArtefact, PoseSet
+from traverse.simulator.campaigns.pose_set import PlacedArtefact, PoseSet, rigid_fields
 from traverse.simulator.campaigns.postures import (
     Workspace,
     shifted_postures,
@@ -26,7 +26,6 @@ from traverse.simulator.campaigns.postures import (
 )
 from traverse.simulator.campaigns.siting import UnreachableError
 from traverse.simulator.campaigns.spec import CampaignSpec, ConditionTable, NoiseTable
-from traverse.simulator.effects.faulty_arm import faulty_arm
 
 N_PLACES = 80
 N_ROUNDS = 4
@@ -70,8 +69,6 @@ def acceptance_poses(
     )
     return PoseSet(
         spec=spec,
-        arm=arm,
-        truth=truth,
         limits_rad=workspace.limits_rad,
         artefacts=tuple(placed),
         artefact_index=np.repeat(
@@ -84,8 +81,6 @@ def acceptance_poses(
             ]
         ).astype(np.intp),
         contacts_mm=probe_pose(truth.mechanism, turns_rad)[0],
-        rigid_turns_rad=turns_rad,
-        turns_rad=turns_rad,
         towards=np.concatenate(
             [
                 entry.placement.directions(standing.towards)
@@ -95,9 +90,7 @@ def acceptance_poses(
         conditions=drawn_conditions(
             table, len(turns_rad), truth.mechanism.n_joints, stream(seed, "conditions")
         ),
-        effects=(),
-        faults=(),
-        faulty=faulty_arm(arm, truth.mechanism, truth.zeros_rad, ()),
+        **rigid_fields(arm, truth, turns_rad),
     )
 
 
@@ -107,15 +100,7 @@ def touched_by(poses: PoseSet, truth: TrueArm) -> PoseSet:
     turns_rad = shifted_postures(
         truth.mechanism, poses.rigid_turns_rad, poses.contacts_mm - centres_mm
     )
-    return replace(
-        poses,
-        truth=truth,
-        rigid_turns_rad=turns_rad,
-        turns_rad=turns_rad,
-        effects=(),
-        faults=(),
-        faulty=faulty_arm(poses.arm, truth.mechanism, truth.zeros_rad, ()),
-    )
+    return replace(poses, **rigid_fields(poses.arm, truth, turns_rad))
 
 
 def drawn_acceptance(poses: PoseSet, seed: int) -> SimulatedCampaign:

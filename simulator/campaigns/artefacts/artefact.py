@@ -108,6 +108,7 @@ class Artefact(KindTable):
 
     FAMILY = "artefact"
     KINDS: ClassVar[dict[str, type["Artefact"]]] = {}  # filled by the package
+    IS_FIXED: ClassVar[bool] = False  # no other spot to touch: all must be reached
 
     id: str = Field(pattern=r"^[A-Za-z0-9_.+-]+$", min_length=1)
     n_poses: int = Field(ge=1)
@@ -117,11 +118,6 @@ class Artefact(KindTable):
     def features(self) -> tuple[str, ...]:
         """Names of its parts."""
         return ("",)
-
-    @property
-    def is_fixed(self) -> bool:
-        """There is no other spot to touch: every feature must be reached."""
-        return False
 
     @property
     def thermal_growth_per_c(self) -> float:

@@ -1,6 +1,6 @@
 """Artefacts that hold the ball: cones, alone and on bars, known points, a draw wire."""
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -22,12 +22,9 @@ from traverse.simulator.campaigns.artefacts.artefact import (
 class Cone(Artefact):
     """A seat for the ball."""
 
-    kind: Literal["cone"] = "cone"
+    IS_FIXED: ClassVar[bool] = True
 
-    @property
-    def is_fixed(self) -> bool:
-        """A seat is a seat."""
-        return True
+    kind: Literal["cone"] = "cone"
 
     def contacts(self, touches: Touches) -> Contacts:
         """The seat, as often as requested."""
@@ -44,6 +41,8 @@ class Seats(Standard):
     The standard deviation is that of the stated distances.
     """
 
+    IS_FIXED: ClassVar[bool] = True
+
     kind: Literal["seats"] = "seats"
     n_seats: int = Field(default=2, ge=2)
     distance_mm: float = Field(gt=0.0)
@@ -53,11 +52,6 @@ class Seats(Standard):
     def features(self) -> tuple[str, ...]:
         """Names of the seats."""
         return tuple(str(number + 1) for number in range(self.n_seats))
-
-    @property
-    def is_fixed(self) -> bool:
-        """A seat is a seat."""
-        return True
 
     @property
     def own_mm(self) -> Floats:
@@ -107,6 +101,8 @@ class Points(Standard):
         points_std_mm: Of each coordinate that the campaign states.
     """
 
+    IS_FIXED: ClassVar[bool] = True
+
     kind: Literal["points"] = "points"
     n_points: int = Field(default=8, ge=1)
     size_mm: float = Field(gt=0.0)
@@ -118,11 +114,6 @@ class Points(Standard):
     def features(self) -> tuple[str, ...]:
         """Names of the points."""
         return tuple(f"P{number + 1}" for number in range(self.n_points))
-
-    @property
-    def is_fixed(self) -> bool:
-        """A seat is a seat."""
-        return True
 
     @property
     def own_mm(self) -> Floats:

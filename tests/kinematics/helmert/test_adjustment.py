@@ -9,8 +9,12 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from traverse.kinematics.helmert.adjustment import HelmertError, adjusted_helmert
-from traverse.kinematics.helmert.reliability import point_statistics, reliability_of
+from traverse.kinematics.helmert.adjustment import (
+    HelmertError,
+    adjusted_helmert,
+    point_statistics,
+    reliability_of,
+)
 from traverse.kinematics.helmert.shape import shape_of, undetermined
 from traverse.kinematics.helmert.transformation import (
     Helmert,
