@@ -11,7 +11,7 @@ from traverse.simulator.motions import AnyMotion
 from traverse.simulator.motions.stage import Operator
 from traverse.simulator.scenario.course import ClimateTable
 from traverse.simulator.scenario.faults import AnyFault
-from traverse.strict_toml.problems import Problem
+from traverse.strict_toml.problems import Problem, tables_in
 from traverse.strict_toml.reader import StrictModel
 
 
@@ -51,7 +51,7 @@ def config_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
         if raw.get(key) == []:
             yield Problem(key, "is empty; at least one is needed")
     yield from _device_problems(raw)
-    motions = _tables(raw, "motion")
+    motions = tables_in(raw.get("motion"))
     for number, motion in enumerate(motions):
         kind = motion.get("kind")
         if kind == "replay" and len(motions) > 1:
@@ -66,7 +66,7 @@ def config_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
 
 def _device_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
     """Find names that are used twice, and faults of devices that are not there."""
-    devices = _tables(raw, "device")
+    devices = tables_in(raw.get("device"))
     for keys in (("id",), ("port", "ports")):
         seen: set[str] = set()
         for number, key in ((n, k) for n in range(len(devices)) for k in keys):
@@ -77,15 +77,8 @@ def _device_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
                     yield Problem(f"device[{number}].{key}", message)
                 seen.add(name)
     ids = {str(device.get("id")) for device in devices}
-    for number, fault in enumerate(_tables(raw, "fault")):
+    for number, fault in enumerate(tables_in(raw.get("fault"))):
         named = fault.get("device")
         if isinstance(named, str) and named not in ids:
             where = f"fault[{number}].device"
             yield Problem(where, f"no device '{named}'; there are {sorted(ids)}")
-
-
-def _tables(raw: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
-    tables = raw.get(key)
-    if not isinstance(tables, list):
-        return []
-    return [table for table in tables if isinstance(table, Mapping)]

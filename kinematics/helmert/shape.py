@@ -83,11 +83,8 @@ def undetermined(shape: Shape) -> str | None:
 
 def direction_text(direction: Floats) -> str:
     """Write a direction (3,)."""
-    return (
-        "("
-        + ", ".join(f"{round(part, 3) + 0.0:.3f}" for part in direction.tolist())
-        + ")"
-    )
+    parts = (f"{round(part, 3) + 0.0:.3f}" for part in direction.tolist())
+    return f"({', '.join(parts)})"
 
 
 def _points(n: int) -> str:

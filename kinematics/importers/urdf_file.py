@@ -146,17 +146,14 @@ class _Reading:
             if ":" in element.tag:
                 what = "is a macro; expand the file first: xacro FILE > robot.urdf"
                 self._refuse(element, f"<{element.tag}> {what}")
-            elif element.tag == "link":
-                if not name or name in links:
-                    self._refuse(
-                        element, f"link {shown(name)}: each needs its own name"
-                    )
+                continue
+            taken = {"link": links, "joint": names}.get(element.tag, ())
+            if element.tag in ("link", "joint") and (not name or name in taken):
+                what = f"{element.tag} {shown(name)}: each needs its own name"
+                self._refuse(element, what)
+            if element.tag == "link":
                 links[name] = self._body(element)
             elif element.tag == "joint":
-                if not name or name in names:
-                    self._refuse(
-                        element, f"joint {shown(name)}: each needs its own name"
-                    )
                 names.add(name)
                 joint = self._joint(element, name)
                 if joint.child in joints:

@@ -12,7 +12,6 @@ from canopen import LocalNode, ObjectDictionary, SdoAbortedError
 from canopen.network import Network
 from canopen.objectdictionary import ODRecord, ODVariable, datatypes
 
-REQUEST, ANSWER = 0x7E5, 0x7E4
 SWITCH_ALL, SET_NODE, SET_BIT_RATE, ACTIVATE, STORE = 0x04, 0x11, 0x13, 0x15, 0x17
 SELECT_VENDOR, SELECT_PRODUCT, SELECT_REVISION, SELECT_SERIAL = 0x40, 0x41, 0x42, 0x43
 SELECTED, IDENTIFIED = 0x44, 0x4F
