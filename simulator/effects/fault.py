@@ -1,10 +1,15 @@
-"""The three classes of faults, by the quantity that they change.
+"""Faults: entries of an arm file, and three classes by the quantity that they change.
 
-Any fault of one of them can be played, whether an arm file can name it or not.
+What an entry does is in `laws`; any fault of a class can be played beside it, whether
+an arm file can name it or not.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from traverse.arrays import Floats
 from traverse.simulator.effects.posture import Build, Deflection, Posture, Surroundings
@@ -75,4 +80,50 @@ class TouchFault(ABC):
         """From where a perfect ball is to where the arm's end is, (n, 3)."""
 
 
-Fault = ReadingFault | BodyFault | TouchFault
+OF_JOINT = ("_temperature_c", "_speed_rad_s", "_approach", "_rad")
+OF_ARM = ("time_s", "temperature_c", "force_n")
+
+
+@dataclass(frozen=True, slots=True)
+class EffectEntry:
+    """An effect of an arm file with what it refers to.
+
+    Attributes:
+        kind: Its own.
+        values: Of the keys of its kind.
+        joints: Which ones, from 0; all where it names none.
+        joint: Which one; -1 where it names none.
+        reference_c: Of the arm.
+        epoch_utc_s: Since 1970; 0 where it has none.
+        names: Of the arm's joints.
+    """
+
+    kind: str
+    values: Mapping[str, Any]
+    joints: slice
+    joint: int
+    reference_c: float
+    epoch_utc_s: float
+    names: tuple[str, ...]
+
+    def __getitem__(self, key: str) -> float:
+        number: float = self.values[key]
+        return number
+
+    def array(self, key: str) -> Floats:
+        """The vector of a key."""
+        return np.array(self.values[key], dtype=np.float64)
+
+    @property
+    def covariate(self) -> tuple[str, int] | None:
+        """Column and joint (-1 for none) of an empirical effect, if there is such."""
+        name = str(self.values["covariate"])
+        if name in OF_ARM:
+            return name, -1
+        for number, joint in enumerate(self.names):
+            if name.startswith(joint) and name.removeprefix(joint) in OF_JOINT:
+                return name.removeprefix(joint), number
+        return None
+
+
+Fault = EffectEntry | ReadingFault | BodyFault | TouchFault

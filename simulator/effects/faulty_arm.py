@@ -1,7 +1,8 @@
 """An arm with faults: turns in, readings and places of the ball out."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -16,8 +17,10 @@ from traverse.simulator.effects.fault import (
     Touch,
     TouchFault,
 )
+from traverse.simulator.effects.laws import BODY_LAWS, READING_LAWS, TOUCH_LAWS
 from traverse.simulator.effects.posture import (
     Build,
+    Deflection,
     Posture,
     Surroundings,
     build_of,
@@ -43,9 +46,9 @@ class FaultyArm:
     """The true arm and all that is wrong with it."""
 
     build: Build
-    readings: tuple[ReadingFault, ...]
-    bodies: tuple[BodyFault, ...]
-    touches: tuple[TouchFault, ...]
+    readings: tuple[tuple[slice, Callable[[JointState], Floats]], ...]
+    bodies: tuple[Callable[[Posture, Deflection], None], ...]
+    touches: tuple[Callable[[Touch], Floats], ...]
 
     @property
     def is_stiff(self) -> bool:
@@ -65,8 +68,8 @@ class FaultyArm:
         for _ in range(N_LOOKS):
             seen = JointState(self.build, turns_rad, shown_rad, around)
             errors_rad = np.zeros_like(perfect_rad)
-            for fault in self.readings:
-                errors_rad[:, fault.joints] += fault.errors_rad(seen)
+            for joints, excess_rad in self.readings:
+                errors_rad[:, joints] += excess_rad(seen)
             before_rad, shown_rad = shown_rad, perfect_rad + errors_rad
             if np.max(np.abs(shown_rad - before_rad), initial=0.0) <= SAME_RAD:
                 break
@@ -88,8 +91,8 @@ class FaultyArm:
         if self.touches:
             towards = np.nan_to_num(around.towards)  # zero where nothing is touched
             touch = Touch(self.build, motion, towards, around.force_n)
-            for fault in self.touches:
-                ends_mm = ends_mm - fault.offsets_mm(touch)
+            for offsets_mm in self.touches:
+                ends_mm = ends_mm - offsets_mm(touch)
         return ends_mm, motion[:, :3, :3] @ mechanism.shank
 
     def touching_turns(
@@ -143,8 +146,8 @@ class FaultyArm:
         """Of the last element, (n, 4, 4)."""
         yielding = no_yielding(*turns_rad.shape)
         posture = Posture(self.build, turns_rad, around)
-        for fault in self.bodies:
-            fault.move(posture, yielding)
+        for move in self.bodies:
+            move(posture, yielding)
         return deflected_motion(self.build, turns_rad, yielding)
 
 
@@ -152,10 +155,19 @@ def faulty_arm(
     arm: Arm, mechanism: Mechanism, zeros_rad: Floats, faults: Iterable[Fault]
 ) -> FaultyArm:
     """Put faults into a true arm."""
-    faults = tuple(faults)
-    return FaultyArm(
-        build_of(arm, mechanism, zeros_rad),
-        tuple(fault for fault in faults if isinstance(fault, ReadingFault)),
-        tuple(fault for fault in faults if isinstance(fault, BodyFault)),
-        tuple(fault for fault in faults if isinstance(fault, TouchFault)),
-    )
+    readings, bodies, touches = [], [], []
+    for fault in faults:
+        if isinstance(fault, ReadingFault):
+            readings.append((fault.joints, fault.errors_rad))
+        elif isinstance(fault, BodyFault):
+            bodies.append(fault.move)
+        elif isinstance(fault, TouchFault):
+            touches.append(fault.offsets_mm)
+        elif fault.kind in READING_LAWS:
+            readings.append((fault.joints, partial(READING_LAWS[fault.kind], fault)))
+        elif fault.kind in BODY_LAWS:
+            bodies.append(partial(BODY_LAWS[fault.kind], fault))
+        else:
+            touches.append(partial(TOUCH_LAWS[fault.kind], fault))
+    build = build_of(arm, mechanism, zeros_rad)
+    return FaultyArm(build, tuple(readings), tuple(bodies), tuple(touches))

@@ -1,29 +1,13 @@
 """From entries of `[[effects]]` to faults."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect
-from traverse.simulator.effects.fault import (
-    BodyFault,
-    Fault,
-    JointState,
-    ReadingFault,
-    Touch,
-    TouchFault,
-)
-from traverse.simulator.effects.laws import (
-    BODY_LAWS,
-    OF_ARM,
-    OF_JOINT,
-    READING_LAWS,
-    TOUCH_LAWS,
-    EffectEntry,
-)
-from traverse.simulator.effects.posture import Deflection, Posture
+from traverse.simulator.effects.fault import OF_ARM, OF_JOINT, EffectEntry
+from traverse.simulator.effects.laws import BODY_LAWS, READING_LAWS, TOUCH_LAWS
 from traverse.strict_toml.problems import FileError, Problem
 
 TIMED = {"encoder_drift", "count_slip", "base_drift", "base_step"}
@@ -35,52 +19,9 @@ POINTING = {
 OF_STANDARDS = "artefact_length"
 
 
-@dataclass(frozen=True, slots=True)
-class NamedReadingFault(ReadingFault):
-    """An effect of readings in an arm file, by its law."""
-
-    entry: EffectEntry
-
-    def errors_rad(self, seen: JointState) -> Floats:
-        """By the law."""
-        return READING_LAWS[self.entry.kind](self.entry, seen)
-
-
-@dataclass(frozen=True, slots=True)
-class NamedBodyFault(BodyFault):
-    """An effect of bodies in an arm file, by its law."""
-
-    entry: EffectEntry
-
-    def move(self, posture: Posture, yielding: Deflection) -> None:
-        """By the law."""
-        BODY_LAWS[self.entry.kind](self.entry, posture, yielding)
-
-
-@dataclass(frozen=True, slots=True)
-class NamedTouchFault(TouchFault):
-    """An effect of touches in an arm file, by its law."""
-
-    entry: EffectEntry
-
-    def offsets_mm(self, touch: Touch) -> Floats:
-        """By the law."""
-        return TOUCH_LAWS[self.entry.kind](self.entry, touch)
-
-
-def _named_fault(entry: EffectEntry) -> Fault:
-    if entry.kind in READING_LAWS:
-        return NamedReadingFault(entry.joints, entry)
-    if entry.kind in BODY_LAWS:
-        return NamedBodyFault(entry)
-    if entry.kind in TOUCH_LAWS:
-        return NamedTouchFault(entry)
-    raise KeyError(entry.kind)
-
-
 def faults_from_effects(
     arm: Arm, effects: Sequence[Effect], source: str = "arm file"
-) -> tuple[Fault, ...]:
+) -> tuple[EffectEntry, ...]:
     """Make faults; those of standards are not the arm's and are left out.
 
     Messages call them ``source``.
@@ -93,6 +34,8 @@ def faults_from_effects(
     for number, effect in enumerate(effects):
         if effect.kind == OF_STANDARDS:
             continue
+        if not any(effect.kind in t for t in (READING_LAWS, BODY_LAWS, TOUCH_LAWS)):
+            raise KeyError(effect.kind)
         where = f"effects[{number}]"
         if effect.joint is not None and effect.joint not in names:
             message = f"'{effect.joint}' is no joint of this arm: {', '.join(names)}"
@@ -119,7 +62,7 @@ def faults_from_effects(
             )
             problems.append(Problem(f"{where}.covariate", message))
         else:
-            faults.append(_named_fault(entry))
+            faults.append(entry)
     if problems:
         raise FileError(source, problems)
     return tuple(faults)
