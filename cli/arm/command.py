@@ -7,6 +7,7 @@ import typer
 
 from traverse.cli.arm.options import ArmOptions, Out
 from traverse.cli.options import Force, Json, with_options
+from traverse.cli.qif_check import QifSchemas, check_schema, schema_words
 from traverse.cli.refusals import check_target, print_report, refusals
 from traverse.plurals import counted
 
@@ -183,6 +184,39 @@ def to_urdf(
             write_atomically(out, text)
     lines = [_made(out, values), *urdf_remarks(report)]
     _print_converted(report, text if out is None else None, lines, as_json=as_json)
+
+
+@arm.command("to-qif")
+def to_qif(
+    file: Annotated[Path, typer.Argument(help="An arm file.")],
+    out: Out,
+    *,
+    verification: Annotated[
+        Path | None, typer.Option(help="Folder of `traverse verify --out` of the arm.")
+    ] = None,
+    schemas: QifSchemas = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Write QIF 3.0 measurement resources: the arm as AACMM, tests where verified."""
+    from traverse.cli.arm.qif import qif_of_arm  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.strict_toml.writing import replacing  # noqa: PLC0415
+
+    check_target(out, force=force)
+    with refusals(ValueError):
+        content, report = qif_of_arm(read_arm(file), verification)
+        if schemas is not None:
+            check_schema(content, out, schemas)
+        with replacing(out) as target:
+            target.write(content)
+    report = {"file": str(out), **report, "schema": schema_words(schemas)}
+    lines = [
+        f"{out}: arm {report['arm']} with {counted(report['joints'], 'joint')}",
+        *(f"{one['test']}: {one['of']}" for one in report["tests"]),
+        report["schema"],
+    ]
+    print_report(report, lines, as_json=as_json)
 
 
 def _print_converted(

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from traverse.cli.export.options import Wanted
 from traverse.cli.export.sources import PIECE, points_of, scans_of, tear_of
+from traverse.cli.qif_check import check_schema, schema_words
 from traverse.client.exports.formats import FORMATS
 from traverse.client.exports.point_table import PointTable, table_of
 from traverse.client.exports.sink import Sink
@@ -47,6 +49,8 @@ def write_file(source: Path, path: Path, wanted: Wanted) -> dict[str, Any]:
         options["template"] = wanted.template
     elif wanted.template:
         raise ValueError("--template needs --to text")
+    if wanted.to == "qif" and wanted.schemas is not None:
+        options["check"] = partial(check_schema, file=path, schemas=wanted.schemas)
     with replacing(path) as file, FORMATS[wanted.to](file, **options) as sink:
         if wanted.kind == "scans":
             _write_scans(source, sink, chain, wanted)
@@ -63,6 +67,7 @@ def write_file(source: Path, path: Path, wanted: Wanted) -> dict[str, Any]:
             if not one.interpolates
         ],
         "tear": tear_of(source),
+        **({"schema": schema_words(wanted.schemas)} if wanted.to == "qif" else {}),
     }
 
 
@@ -74,6 +79,8 @@ def file_words(source: Path, report: dict[str, Any]) -> list[str]:
         f"filter {one['filter']}: {one['points']} held back"
         for one in report["held_back"]
     ]
+    if "schema" in report:
+        said.append(report["schema"])
     if report["tear"] is not None:
         said.append(f"{source}: read up to a tear: {report['tear']}")
     return said

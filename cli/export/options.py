@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import typer
 
 from traverse.cli.options import with_options
+from traverse.cli.qif_check import QifSchemas
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -15,7 +16,9 @@ class Wanted:
 
     to: Annotated[
         str,
-        typer.Option(help="csv, dxf, jsonl, npz, parquet, ply, text, xyz or campaign."),
+        typer.Option(
+            help="csv, dxf, jsonl, npz, parquet, ply, qif, text, xyz or campaign."
+        ),
     ] = "csv"
     kind: Annotated[
         Literal["points", "scans"], typer.Option(help="Part of a recording.")
@@ -39,6 +42,7 @@ class Wanted:
     retracted: Annotated[
         bool, typer.Option("--retracted", help="Retracted points and retractions, too.")
     ] = False
+    schemas: QifSchemas = None
 
 
 with_wanted = with_options("wanted", Wanted)

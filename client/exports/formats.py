@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from traverse.client.exports.binary import Numpy, Parquet, Ply
 from traverse.client.exports.dxf import Dxf
 from traverse.client.exports.point_table import Coordinates, standing
+from traverse.client.exports.qif import Qif
 from traverse.client.exports.sink import Sink
 from traverse.client.exports.text import Csv, JsonLines, Template, Xyz
 from traverse.protocol.messages import Point
@@ -17,6 +18,7 @@ FORMATS: dict[str, type[Sink]] = {
     "npz": Numpy,
     "parquet": Parquet,
     "ply": Ply,
+    "qif": Qif,
     "text": Template,
     "xyz": Xyz,
 }

@@ -52,7 +52,7 @@ def row_of(point: Point) -> list[Any]:
     """A point in the order of `COLUMNS`; None for unknown values."""
     return [
         *(point.session, point.seq, point.id, point.retracts),
-        *(point.time_ns, *_iso_times([point.time_ns]), point.trigger),
+        *(point.time_ns, *iso_times([point.time_ns]), point.trigger),
         *point.xyz_mm,
         *point.ijk,
         *(point.surface_mm or [None] * 3),
@@ -96,7 +96,7 @@ def scan_rows(table: PointTable) -> Iterable[list[Any]]:
     columns = zip(
         table.seq.tolist(),
         table.time_ns.tolist(),
-        _iso_times(table.time_ns),
+        iso_times(table.time_ns),
         table.xyz_mm.tolist(),
         table.ijk.tolist(),
         table.std_mm.tolist(),
@@ -110,7 +110,7 @@ def scan_rows(table: PointTable) -> Iterable[list[Any]]:
         yield [seq, time_ns, time_utc, *xyz_mm, *ijk, *known, *said]
 
 
-def _iso_times(time_ns: ArrayLike) -> list[str]:
+def iso_times(time_ns: ArrayLike) -> list[str]:
     """Write times [ns, UTC] as ISO 8601 with all nine digits of a second."""
     times = np.asarray(time_ns, dtype="datetime64[ns]")
     return [str(text) for text in np.datetime_as_string(times, timezone="UTC")]

@@ -76,19 +76,21 @@ class _FromFolder(etree.Resolver):
         return self.resolve_string(bytes_of(self._folder / name), context)
 
 
-def schema_problems(root: etree._Element, schemas: Path | None) -> Iterator[str]:
+def schema_problems(
+    root: etree._Element, schemas: Path | None, name: str = SCHEMA
+) -> Iterator[str]:
     """Hold a document to the schema of a folder; None: the part that comes with us.
 
     Raises:
         FileError: The folder has no schema, or one that cannot be used.
     """
-    path = (schemas or OWN_SCHEMAS) / SCHEMA
+    path = (schemas or OWN_SCHEMAS) / name
     parser = _parser()
     parser.resolvers.add(_FromFolder(path.parent))
     try:
         schema = etree.XMLSchema(etree.fromstring(bytes_of(path), parser))
     except (etree.LxmlError, OSError) as error:
-        told = f"is no schema that can be used: {error}; see how to sign a certificate"
+        told = f"is no schema that can be used: {error}; see the guide to --schemas"
         raise FileError(str(path), [Problem("", told)]) from error
     if not schema.validate(root):
         for entry in schema.error_log:

@@ -114,6 +114,7 @@ OFFICE = {
     "arm show": ["arm show arm.toml"],
     "arm to-dh": ["arm to-dh arm.toml --postures 10 --out dh.csv"],
     "arm to-urdf": ["arm to-urdf arm.toml --postures 10 --out arm.urdf"],
+    "arm to-qif": ["arm to-qif arm.toml --out arm.qif"],
     "arm from-dh": ["arm from-dh table.csv --convention classic --out of-dh.toml"],
     "arm from-urdf": ["arm from-urdf robot.urdf --out of-urdf.toml"],
     "identify": ["identify --compare arm.toml arm.toml"],

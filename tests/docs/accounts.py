@@ -37,6 +37,7 @@ ELSEWHERE: Final = {
     r"traverse verify ": "tests/cli/test_verify.py",
     r"(traverse certify|openssl req) ": "tests/cli/test_certify.py",
     r"traverse points (key|verify) ": "tests/end_to_end/delivery/test_signed_points.py",
+    r"traverse (arm to-qif|export \S+ --to qif) ": "tests/cli/arm/test_qif.py",
     r"traverse trace ": "tests/lab/certificates/test_trace.py",
     r"traverse check limits.toml": "tests/cli/test_check.py",
     r"python -m traverse\.simulator\.campaigns\.dense ": (

@@ -1,0 +1,144 @@
+"""QIF 3.0 `MeasurementResources`: an arm as AACMM, with the tests of a verification.
+
+A test is written where a certificate holds all that the schema wants of it. The
+effective diameter (its average diameter) and AACMMPointAccuracyTest (of places, over
+the whole volume) are not among the figures of a verification, so neither is written.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element, SubElement
+
+from traverse.cli.arm.summary import arm_summary
+from traverse.client.exports.qif import (
+    QifDocument,
+    add_attributes,
+    decimal_text,
+    text_element,
+)
+from traverse.kinematics.arm_file.arm import Arm
+
+_ZONES = ("near", "far", "middle")  # in the order of the schema
+_N_BARS = 20
+_LENGTHS = ("e_uni", "e_bi")
+
+
+def qif_of_arm(arm: Arm, verification: Path | None) -> tuple[bytes, dict[str, Any]]:
+    """Write an arm, and what of a verification belongs to it; return a report, too.
+
+    Args:
+        arm: It.
+        verification: Folder of `traverse verify --out`, or certificate.json in it; it
+            is checked as `traverse verify --check` does.
+
+    Raises:
+        ValueError: The verification is of another arm, was altered, or a text cannot
+            be written.
+        FileError: It is no certificate.
+    """
+    summary = arm_summary(arm)
+    values = None if verification is None else _checked(verification, summary["digest"])
+    document = QifDocument()
+    resources = SubElement(document.root, "MeasurementResources")
+    devices = SubElement(resources, "MeasurementDevices", n="1")
+    device = document.identified(devices, "AACMM")
+    text_element(device, "Name", " ".join(arm.name.split()))
+    if values is not None and (serial := values["administration"]["arm_serial_number"]):
+        text_element(device, "SerialNumber", str(serial))
+    joints = summary["joints"]
+    add_attributes(
+        device,
+        {
+            "arm_digest": summary["digest"],
+            "joints": " ".join(joint["name"] for joint in joints),
+            "link_mm": " ".join(repr(joint["link_mm"]) for joint in joints),
+        },
+    )
+    text_element(device, "NumberOfJoints", str(len(joints)))
+    _length(device, "MaxMeasuringDistance", summary["reach_mm"])
+    _length(device, "ProbeTipDiameter", 2.0 * arm.probe.radius_mm)
+    tests = {} if values is None else _tests(values)
+    if values is not None and tests:
+        accuracies = SubElement(device, "Accuracies", n=str(len(tests)))
+        for told, test in tests.items():
+            _add_accuracy(accuracies, values, told, test)
+    report = {
+        "arm": arm.name,
+        "joints": len(joints),
+        "tests": [{"test": test.tag, "of": told} for told, test in tests.items()],
+    }
+    return document.content(), report
+
+
+def _checked(verification: Path, digest: str) -> dict[str, Any]:
+    from traverse.lab.acceptance.certificate.check import (  # noqa: PLC0415 - extra `lab`
+        CERTIFICATE,
+        certificate_problems,
+    )
+    from traverse.strict_toml.files import json_of  # noqa: PLC0415
+
+    file = verification / CERTIFICATE if verification.is_dir() else verification
+    problems = certificate_problems(file)
+    if problems:
+        raise ValueError(f"{file}: altered: {'; '.join(problems)}")
+    values: dict[str, Any] = json_of(file)
+    if values["arm"]["digest"] != digest:
+        raise ValueError(f"{file}: is of another arm, or of other values of this arm")
+    return values
+
+
+def _tests(values: Mapping[str, Any]) -> dict[str, Element]:
+    """Return tests by what they were made of."""
+    figures = {figure["key"]: figure for figure in values["figures"]}
+    found: dict[str, Element] = {}
+    parts = {
+        key: {part["name"]: part["value_mm"] for part in figure["parts"]}
+        for key, figure in figures.items()
+    }
+    b89 = Element("AACMMB89Test")
+    if "spat_max" in parts and "spat_2s" in parts:
+        spat = SubElement(b89, "SinglePointArticulationPerformanceTest")
+        for key, name in (
+            ("spat_max", "MaxDeviationFromAverage"),
+            ("spat_2s", "TwiceStandardDeviation"),
+        ):
+            for zone in _ZONES:
+                _length(spat, f"{name}{zone.title()}", parts[key][zone])
+    lengths = values["lengths"]
+    if "volumetric_max" in parts and len(lengths) == _N_BARS:
+        volume = SubElement(b89, "VolumetricPerformanceTest")
+        errors = SubElement(volume, "DeviationsFromCalibration", n=str(_N_BARS))
+        for length in lengths:
+            _length(errors, "LinearValue", length["error_mm"])
+        two_s_mm = parts["volumetric_max"]["twice the standard deviation"]
+        _length(volume, "TwiceStandardDeviation", two_s_mm)
+    if len(b89):
+        found[values["title"]] = b89
+    for key in _LENGTHS:
+        if key in figures:
+            test = Element("AACMMISO10360Test")
+            _length(test, "MaxErrorConstant", abs(figures[key]["value_mm"]))
+            told = f"{values['title']}, {figures[key]['name']}, largest error measured"
+            found[told] = test
+    return found
+
+
+def _add_accuracy(
+    parent: Element, values: Mapping[str, Any], told: str, test: Element
+) -> None:
+    accuracy = SubElement(parent, "AACMMAccuracy")
+    administration = values["administration"]
+    low, high = (administration[f"temperature_{end}_c"] for end in ("least", "largest"))
+    text = "temperature of the arm was not measured"
+    if low is not None and high is not None:
+        text = f"temperature of the arm {low!r} to {high!r} degrees Celsius"
+    text_element(SubElement(accuracy, "EnvironmentalRange"), "Description", text)
+    accuracy.append(test)
+    digest = values["digest"]["digest"]
+    source = SubElement(accuracy, "AccuracySource")
+    text_element(source, "OtherAccuracySource", f"{told}; digest {digest}")
+
+
+def _length(parent: Element, name: str, value_mm: float) -> None:
+    text_element(parent, name, decimal_text(value_mm))

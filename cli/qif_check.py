@@ -1,0 +1,38 @@
+"""Holding QIF to the standard's own schema, where its files are given."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from traverse.strict_toml.problems import FileError, Problem
+
+SCHEMA = "QIFDocument.xsd"
+QifSchemas = Annotated[
+    Path | None,
+    typer.Option(
+        envvar="TRAVERSE_SCHEMAS",
+        help="Of QIF: folder with QIFDocument.xsd and all that it includes.",
+    ),
+]
+
+
+def check_schema(content: bytes, file: Path, schemas: Path) -> None:
+    """Hold what is to be written to the schema (extra `certificate`).
+
+    Raises:
+        FileError: It does not keep to the schema, or that cannot be used.
+    """
+    from traverse.lab.certificates.xml import read_xml, schema_problems  # noqa: PLC0415 - of an extra
+
+    found = schema_problems(read_xml(content, str(file)), schemas, SCHEMA)
+    problems = [Problem("", f"schema: {told}") for told in found]
+    if problems:
+        raise FileError(str(file), problems)
+
+
+def schema_words(schemas: Path | None) -> str:
+    """Tell what the file was held to."""
+    if schemas is None:
+        return "not checked against the schema (no schemas folder given)"
+    return f"keeps to {schemas / SCHEMA}"
