@@ -84,14 +84,9 @@ def status_message(
 
 
 def _alarm(what: Occurrence, clock: HostClock) -> Alarm:
-    return Alarm(
-        severity=what.severity,
-        code=what.code,
-        source=what.source,
-        text=what.text,
-        remedy=what.remedy,
-        since_ns=clock.to_utc_ns(what.first_ns),
-    )
+    names = ("severity", "code", "source", "text", "remedy")
+    same = {name: getattr(what, name) for name in names}
+    return Alarm(**same, since_ns=clock.to_utc_ns(what.first_ns))
 
 
 class HealthReporter:

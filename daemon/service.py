@@ -30,7 +30,7 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import latencies_by_name, timed_collections
 from traverse.daemon.monitoring.metrics_endpoint import metrics_endpoint
 from traverse.daemon.monitoring.prometheus import exposition
-from traverse.daemon.mqtt.connection import BrokerConnection
+from traverse.daemon.mqtt.connection import BrokerConnection, run_until_first
 from traverse.daemon.mqtt.message_publisher import MessagePublisher
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.mqtt.second_daemon import SecondDaemonWatch
@@ -45,7 +45,7 @@ from traverse.daemon.reports import (
     health_counters,
     status_message,
 )
-from traverse.daemon.startup_check import check_startup, run_unless, startup_limit_s
+from traverse.daemon.startup_check import check_startup, startup_limit_s
 from traverse.daemon.state_dir import OUTBOX, RECORDINGS, REFERENCES, SCANS, state_path
 from traverse.daemon.store.outbox import Outbox
 from traverse.daemon.store.scan_store import ScanStore
@@ -338,7 +338,7 @@ async def run(service: Service, *, keep_trying: bool) -> None:
                 check = check_startup(
                     devices, service.connection, events, keep_trying=keep_trying
                 )
-                await run_unless(stopping, check)
+                await run_until_first(check, stopping.wait())
                 if not stopping.is_set():
                     await _remember_answers(service)
                     works = (
@@ -389,7 +389,8 @@ async def _measure(service: Service, stopping: asyncio.Event) -> None:
     service.publish_status()
     service.scans.request_tracking_rate()
     log_model(measurement.model, configuration.capture.compensation)
-    await run_unless(stopping, service.connection.state_known.wait())
+    known = service.connection.state_known.wait()
+    await run_until_first(known, stopping.wait())
     readers = [device.driver.thread for device in service.devices]
     prepare(configuration.realtime, readers, service.events)
     service.phase = "measuring"

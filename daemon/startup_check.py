@@ -6,8 +6,7 @@ it and begins without; it keeps trying, and what is there is used.
 
 import asyncio
 import logging
-from collections.abc import Coroutine, Iterable, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.inputs import REFUSED, UNREACHABLE, StartupError
@@ -82,17 +81,3 @@ async def check_devices(devices: Iterable[Device]) -> list[tuple[int, str]]:
             failures.append((UNREACHABLE, f"{name}: {lost.reason}; {lost.remedy}"))
         failures += [(REFUSED, f"{name}: {text}") for text in device.problems]
     return failures
-
-
-async def run_unless(
-    stopping: asyncio.Event, work: Coroutine[Any, Any, object]
-) -> None:
-    """Do this, or abandon it when the daemon is to end meanwhile."""
-    working = asyncio.ensure_future(work)
-    ending = asyncio.ensure_future(stopping.wait())
-    await asyncio.wait((working, ending), return_when=asyncio.FIRST_COMPLETED)
-    for task in (working, ending):
-        task.cancel()
-    result, _ = await asyncio.gather(working, ending, return_exceptions=True)
-    if isinstance(result, Exception):
-        raise result

@@ -12,8 +12,9 @@ can make of one. That is the first error bound of a count. The second is what th
 instants themselves leave open: the speed times how far each may be off.
 """
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,13 +122,24 @@ def interpolate(
 
 
 def _last_known(readings: EncoderReadings, n: int) -> Interpolated:
+    """No reading is valid: the last count, marked missing."""
     status = np.bitwise_or.reduce(readings.status) | STATUS_MISSING
-    return Interpolated(
-        np.full(n, readings.counts[-1]),
-        np.zeros(n),
-        np.full(n, status, np.uint8),
-        np.zeros((n, 2)),
-    )
+    return exact(np.full(n, readings.counts[-1]), np.full(n, status, np.uint8))
+
+
+def exact(counts: Integers, status: NDArray[np.uint8]) -> Interpolated:
+    """Counts that were read at the very instants."""
+    no_bounds = np.zeros((*counts.shape, 2))
+    return Interpolated(counts, np.zeros(counts.shape), status, no_bounds)
+
+
+_COLUMNS = tuple(field.name for field in fields(Interpolated))
+
+
+def combined(parts: Sequence[Interpolated], how: Callable[..., Any]) -> Interpolated:
+    """Several joints as columns of one; ``how`` is `np.stack` or `np.concatenate`."""
+    columns = ([getattr(part, name) for part in parts] for name in _COLUMNS)
+    return Interpolated(*(how(column, axis=1) for column in columns))
 
 
 def _error_bounds(

@@ -7,13 +7,14 @@ from collections import deque
 from dataclasses import InitVar, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from traverse.arrays import Booleans, Indices, Integers
 from traverse.daemon.acquisition.interpolation import (
     EncoderReadings,
     Interpolated,
     InterpolationLimits,
+    combined,
+    exact,
     interpolate,
 )
 from traverse.drivers.base.values import CountSamples, LatchedCounts, are_valid
@@ -183,14 +184,14 @@ class JointStream:
         """What the device latched, one instant."""
         counts = np.array([latch.counts], np.int64)[:, self.channels]
         status = np.array([latch.status], np.uint8)[:, self.channels]
-        return _exact(counts, status)
+        return exact(counts, status)
 
     def at_own_instants(self, block: CountSamples) -> Interpolated:
         """The device's own samples at their own instants."""
         status = block.status[:, self.channels]
         if block.skew_ns is None and are_valid(status).all():
             # What `at` would find, at once.
-            return _exact(block.counts[:, self.channels].astype(np.int64), status)
+            return exact(block.counts[:, self.channels].astype(np.int64), status)
         return self.at(block.sample_time_ns)
 
     def at(self, instants_ns: Integers) -> Interpolated:
@@ -201,15 +202,4 @@ class JointStream:
         )
         around = self.history.readings_around(int(instants_ns[0]), max_gap_ns)
         found = [interpolate(readings, instants_ns, limits) for readings in around]
-        return Interpolated(
-            np.stack([one.counts for one in found], axis=1),
-            np.stack([one.fractions for one in found], axis=1),
-            np.stack([one.status for one in found], axis=1),
-            np.stack([one.error_bounds_counts for one in found], axis=1),
-        )
-
-
-def _exact(counts: Integers, status: NDArray[np.uint8]) -> Interpolated:
-    return Interpolated(
-        counts, np.zeros(counts.shape), status, np.zeros((*counts.shape, 2))
-    )
+        return combined(found, np.stack)

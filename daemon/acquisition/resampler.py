@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.arrays import Booleans, Floats
-from traverse.daemon.acquisition.interpolation import Interpolated
+from traverse.daemon.acquisition.interpolation import Interpolated, combined
 from traverse.daemon.acquisition.joint_stream import NEVER_NS, JointStream
 from traverse.daemon.config.schema import AssemblySection
 from traverse.daemon.pose.arm_model import ArmModel
@@ -198,13 +198,12 @@ class Resampler:
     ) -> tuple[NDArray[np.uint32], Floats, NDArray[np.uint8], Floats]:
         """Counts within their turns, fractions, status and error bounds."""
         order = np.argsort(np.concatenate([s.joints for s in self._sources.values()]))
-        columns = list(found.values())
-        counts = np.concatenate([c.counts for c in columns], axis=1)[:, order]
+        columns = combined(list(found.values()), np.concatenate)
         return (
-            (counts % self._wraps).astype(np.uint32),
-            np.concatenate([c.fractions for c in columns], axis=1)[:, order],
-            np.concatenate([c.status for c in columns], axis=1)[:, order],
-            np.concatenate([c.error_bounds_counts for c in columns], axis=1)[:, order],
+            (columns.counts[:, order] % self._wraps).astype(np.uint32),
+            columns.fractions[:, order],
+            columns.status[:, order],
+            columns.error_bounds_counts[:, order],
         )
 
     def _count_shortfalls(self, device: str, status: NDArray[np.uint8]) -> Booleans:

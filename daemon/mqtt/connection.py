@@ -78,6 +78,20 @@ UNSUPPORTED_VERSION = (132, 1)  # reason code of MQTT 5, return code of MQTT 3.1
 CONNECTION_FAILURES = (aiomqtt.MqttError, OSError, CredentialsError)
 
 
+async def run_until_first(*works: Coroutine[Any, Any, object]) -> None:
+    """Do all of this until the first of it ends; raises what has failed."""
+    tasks = [asyncio.create_task(work) for work in works]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()
+        results = await asyncio.gather(*tasks, return_exceptions=True)
+    for result in results:
+        if isinstance(result, Exception):
+            raise result
+
+
 @dataclass(eq=False, kw_only=True)
 class BrokerConnection:
     """Keep a connection, send the queue, pass on what is received.
@@ -168,7 +182,7 @@ class BrokerConnection:
                     self.state = "connected"
                     self.state_known.set()
                     self.changed(True, f"broker {self.address} connected")
-                    await self._serve(
+                    await run_until_first(
                         publish_loop.run(client),
                         client.wait_closed(),
                         subscriber.run(client),
@@ -185,19 +199,6 @@ class BrokerConnection:
             pause_s = max(retry_s, self.least_retry_s()) * random.uniform(0.5, 1.0)
             await asyncio.sleep(pause_s)
             retry_s = min(2 * retry_s, LAST_RETRY_S)
-
-    async def _serve(self, *works: Coroutine[Any, Any, None]) -> None:
-        """Do all of this until the first of it ends; raises what has failed."""
-        tasks = [asyncio.create_task(work) for work in works]
-        try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            for task in tasks:
-                task.cancel()
-            results = await asyncio.gather(*tasks, return_exceptions=True)
-        for result in results:
-            if isinstance(result, Exception):
-                raise result
 
     async def _wait_for_changed_files(self) -> None:
         """Wait until the files that open the broker are others than at connecting."""
