@@ -126,14 +126,9 @@ class Measurement(MeasurementContext):
         self.joint_devices = JointDevices(model, devices)
         self.pipeline = Pipeline(model, clock)
         self.resampler = Resampler(model, settings)
-        self.states = DeviceStateTracker(
-            clock=clock,
-            devices=self.joint_devices,
-            pipeline=self.pipeline,
-            resampler=self.resampler,
-            events=events,
-            changed=sinks.status_changed,
-        )
+        parts = self.joint_devices, self.pipeline, self.resampler
+        changed = sinks.status_changed
+        self.states = DeviceStateTracker(clock, *parts, events, changed)
         self.late_readings = LateReadingMonitor(self.resampler, clock, events)
         self.temperatures = TemperatureMonitor(clock, events)
         self.skew = SkewMonitor(settings.skew_limit_mm)

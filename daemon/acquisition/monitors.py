@@ -14,7 +14,7 @@ from traverse.daemon.pose.pipeline import Pipeline
 from traverse.drivers.base.values import DeviceAlarm, DeviceFault, DeviceLost, DeviceUp
 
 
-@dataclass(eq=False, kw_only=True)
+@dataclass(eq=False)
 class DeviceStateTracker:
     """Track states of devices and report their changes.
 

@@ -187,22 +187,7 @@ class EventLog:
         self._told_ns[key] = occurrence.last_ns
         times = f" ({occurrence.count} times)" if occurrence.count > 1 else ""
         remedy = f"; {occurrence.remedy}" if occurrence.remedy else ""
-        log.log(
-            LEVELS[occurrence.severity],
-            "%s: %s%s%s",
-            occurrence.code,
-            occurrence.text,
-            times,
-            remedy,
-            extra={"fields": self._fields(occurrence)},
-        )
-        self.publish(occurrence)
-        if occurrence.active is not None:
-            self.changed()
-
-    def _fields(self, occurrence: Occurrence) -> dict[str, str | int]:
-        """What a log with fields keeps beside the text."""
-        return {
+        fields = {
             "arm": self.arm,
             "device": occurrence.source.partition("/")[0],
             "source": occurrence.source,
@@ -210,3 +195,15 @@ class EventLog:
             "count": occurrence.count,
             "remedy": occurrence.remedy,
         }
+        log.log(
+            LEVELS[occurrence.severity],
+            "%s: %s%s%s",
+            occurrence.code,
+            occurrence.text,
+            times,
+            remedy,
+            extra={"fields": fields},
+        )
+        self.publish(occurrence)
+        if occurrence.active is not None:
+            self.changed()

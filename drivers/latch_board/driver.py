@@ -15,13 +15,13 @@ from traverse.drivers.base.values import (
 )
 from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
-from traverse.drivers.latch_board.identification import (
+from traverse.drivers.latch_board.line import LatchBoardLine, PartialReads, Response
+from traverse.drivers.latch_board.session import (
+    LatchBoardSession,
     board_identity,
     check_identification,
     device_alarm,
 )
-from traverse.drivers.latch_board.line import LatchBoardLine, PartialReads, Response
-from traverse.drivers.latch_board.session import LatchBoardSession
 from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.protocol.latch_board import messages as wire
 

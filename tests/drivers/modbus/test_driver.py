@@ -20,9 +20,8 @@ from traverse.drivers.base.values import (
     DeviceUp,
     StreamStarted,
 )
-from traverse.drivers.modbus.driver import ModbusDriver
+from traverse.drivers.modbus.driver import ModbusDriver, ModbusOptions
 from traverse.drivers.modbus.line import ModbusClient
-from traverse.drivers.modbus.options import ModbusOptions
 from traverse.simulator.devices.modbus import ModbusTable, SimulatedModbusLine
 
 FIELD = {"baud_rate": 115_200, "request_delay_s": 2e-4, "reply_delay_s": 2e-4}
