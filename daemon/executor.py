@@ -1,6 +1,6 @@
-"""Commands of the measurement as values, and the one function that executes them.
+"""Commands of the measurement as values, which the service and a replay execute.
 
-The service and a replay both call `execute`; it notifies the listener first, so that a
+`MeasurementCommand.execute` notifies the listener first, so that a
 recording holds every command. A class of commands states how it is recorded and what it
 does, and is found by its recorded name: no command exists live that a replay lacks.
 """
@@ -63,31 +63,28 @@ class MeasurementCommand(ABC, Generic[T_co]):
         name, kind = cls.inner
         return cls(**{name: kind(**values)})
 
+    def execute(self, measurement: Measurement) -> T_co:
+        """Execute it now, after it has been recorded; gives its result."""
+        now_ns = measurement.clock.step()
+        record = self.to_record()
+        measurement.listener.asked(now_ns, self.recorded_name, record, measurement)
+        measurement.quality.check_clock()
+        return self._apply(measurement, now_ns)
+
     @abstractmethod
-    def apply(self, measurement: Measurement, now_ns: int) -> T_co:
-        """Do it at an instant; only `execute` calls this."""
+    def _apply(self, measurement: Measurement, now_ns: int) -> T_co:
+        """Do it at an instant."""
 
 
 class OrderedCommand(MeasurementCommand["asyncio.Future[Any]"]):
     """Base of what takes effect after all points that were requested before."""
 
-    def apply(self, measurement: Measurement, now_ns: int) -> "asyncio.Future[Any]":
-        """See the class."""
+    def _apply(self, measurement: Measurement, now_ns: int) -> "asyncio.Future[Any]":
         return measurement.points.in_order(lambda: self._act(measurement, now_ns))
 
     @abstractmethod
     def _act(self, measurement: Measurement, now_ns: int) -> object:
         """Do it, when its turn has come."""
-
-
-def execute(measurement: Measurement, command: MeasurementCommand[T]) -> T:
-    """Execute a command now, after it has been recorded; gives its result."""
-    now_ns = measurement.clock.step()
-    measurement.listener.asked(
-        now_ns, command.recorded_name, command.to_record(), measurement
-    )
-    measurement.quality.check_clock()
-    return command.apply(measurement, now_ns)
 
 
 def recorded_command(name: str, values: Mapping[str, Any]) -> MeasurementCommand[Any]:
@@ -102,7 +99,7 @@ def recorded_command(name: str, values: Mapping[str, Any]) -> MeasurementCommand
 
 def stop_scan(measurement: Measurement) -> int:
     """Stop the running scan if there is one; gives how many points it has."""
-    return execute(measurement, StopScan()) if measurement.scanner.is_running else 0
+    return StopScan().execute(measurement) if measurement.scanner.is_running else 0
 
 
 # -- points ---------------------------------------------------------------------------
@@ -112,8 +109,7 @@ def stop_scan(measurement: Measurement) -> int:
 class TakeNow(MeasurementCommand[PointFuture], recorded_name="take_now"):
     """Take a point at this instant, out of the stream."""
 
-    def apply(self, measurement: Measurement, now_ns: int) -> PointFuture:
-        """See the class."""
+    def _apply(self, measurement: Measurement, now_ns: int) -> PointFuture:
         return measurement.points.take_now()
 
 
@@ -126,8 +122,7 @@ class TakeMean(MeasurementCommand[PointFuture], recorded_name="take_mean"):
     speed_mm_s: float
     spread_mm: float
 
-    def apply(self, measurement: Measurement, now_ns: int) -> PointFuture:
-        """See the class."""
+    def _apply(self, measurement: Measurement, now_ns: int) -> PointFuture:
         limits = AverageLimits(self.speed_mm_s, self.spread_mm)
         average = SampleAverage(now_ns, self.samples, self.dwell_ns, limits)
         return measurement.points.take_mean(average)
@@ -139,8 +134,7 @@ class AwaitLatch(MeasurementCommand[PointFuture], recorded_name="await_latch"):
 
     token: int
 
-    def apply(self, measurement: Measurement, now_ns: int) -> PointFuture:
-        """See the class."""
+    def _apply(self, measurement: Measurement, now_ns: int) -> PointFuture:
         answer: PointFuture = asyncio.get_running_loop().create_future()
         measurement.latches[self.token] = answer, CURRENT_REQUEST.get()
         measurement.latch_points[self.token] = answer
@@ -159,8 +153,7 @@ class GiveUpLatch(MeasurementCommand[None], recorded_name="give_up_latch"):
 
     token: int
 
-    def apply(self, measurement: Measurement, now_ns: int) -> None:
-        """See the class."""
+    def _apply(self, measurement: Measurement, now_ns: int) -> None:
         measurement.latches.pop(self.token, None)
         answer = measurement.latch_points.pop(self.token, None)
         if answer is not None:
@@ -217,8 +210,7 @@ class StartScan(MeasurementCommand[None], recorded_name="start_scan"):
     inner = "plan", ScanPlan
     plan: ScanPlan
 
-    def apply(self, measurement: Measurement, now_ns: int) -> None:
-        """See the class."""
+    def _apply(self, measurement: Measurement, now_ns: int) -> None:
         session = measurement.capture.session.id
         measurement.scanner.start(self.plan, measurement.model, session)
 
@@ -227,8 +219,7 @@ class StartScan(MeasurementCommand[None], recorded_name="start_scan"):
 class StopScan(MeasurementCommand[int], recorded_name="stop_scan"):
     """Stop the running scan; gives how many points it has."""
 
-    def apply(self, measurement: Measurement, now_ns: int) -> int:
-        """See the class."""
+    def _apply(self, measurement: Measurement, now_ns: int) -> int:
         return measurement.scanner.stop()
 
 

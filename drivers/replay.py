@@ -14,8 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from traverse.drivers.base.delivery_maps import delivery_from_map
-from traverse.drivers.base.driver import Driver
-from traverse.drivers.base.options import DriverOptions
+from traverse.drivers.base.driver import Driver, DriverOptions
 from traverse.drivers.base.values import (
     CountSamples,
     Delivery,

@@ -94,7 +94,7 @@ PLANTED = {
     "drivers know bytes, ports": [
         ("drivers/timing/device_clock.py", "traverse.kinematics.model.forward"),
         ("drivers/base/driver.py", "traverse.recording.reader"),
-        ("drivers/base/options.py", "traverse.recording.values"),
+        ("drivers/base/driver.py", "traverse.recording.values"),
     ],
     "the simulator shares no code": [
         ("simulator/devices/latch_board/wire.py", "traverse.protocol.latch_board"),

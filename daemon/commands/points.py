@@ -19,7 +19,6 @@ from traverse.daemon.executor import (
     TakeMean,
     TakeNow,
     Undo,
-    execute,
 )
 from traverse.daemon.measurement import Measurement
 from traverse.daemon.points.averaging import MAX_AVERAGING_NS
@@ -62,38 +61,38 @@ class PointCommands:
         """Capture now, one sample or a mean; gives session, seq and id of the point."""
         check_ready(self._devices)
         if (args.samples or 1) > 1 or args.dwell_s is not None:
-            point = await execute(self.measurement, self._mean(args))
+            point = await self._mean(args).execute(self.measurement)
         elif self._devices.has_simultaneous_latch:
             point = await self._latched_point(self._devices.devices[0])
         else:
-            point = await execute(self.measurement, TakeNow())
+            point = await TakeNow().execute(self.measurement)
         return point_result(point)
 
     async def undo(self, args: UndoArgs) -> Result:
         """Take the last point back; gives the retraction and what it retracts."""
-        return point_result(await execute(self.measurement, Undo(args.id)))
+        return point_result(await Undo(args.id).execute(self.measurement))
 
     async def label(self, args: LabelArgs) -> Result:
         """Set the label of the next points."""
-        label = await execute(self.measurement, SetLabel(args.artefact, args.feature))
+        label = await SetLabel(args.artefact, args.feature).execute(self.measurement)
         return {"label": label.model_dump()}
 
     async def begin_session(self, args: SessionArgs) -> Result:
         """Number from 0 again; gives the new session."""
-        return {"session": await execute(self.measurement, NewSession(args.note or ""))}
+        return {"session": await NewSession(args.note or "").execute(self.measurement)}
 
     async def align(self, args: AlignArgs) -> Result:
         """Set or clear the alignment; gives which.
 
         Points that were requested before the command keep their alignment.
         """
-        await execute(self.measurement, SetAlignment(args))
+        await SetAlignment(args).execute(self.measurement)
         return {"aligned": args.action != "clear", "name": args.name}
 
     async def confirm_reference(self, args: ReferenceArgs) -> Result:
         """Accept the present positions; gives the devices that were in doubt."""
         check_ready(self._devices)
-        return {"confirmed": await execute(self.measurement, ConfirmReference(args))}
+        return {"confirmed": await ConfirmReference(args).execute(self.measurement)}
 
     async def change_probe(self, args: ProbeArgs) -> Result:
         """Measure with a probe of the library; gives its name and the new model."""
@@ -120,7 +119,7 @@ class PointCommands:
                 "use one of these names, or add the probe to the library",
             )
         try:
-            model = await execute(self.measurement, SetProbe(probe))
+            model = await SetProbe(probe).execute(self.measurement)
         except CaptureRefusedError as error:  # or a fault while the change waited
             raise RequestRefusedError(
                 PROBE_REFUSED, str(error), error.remedy
@@ -192,7 +191,7 @@ class PointCommands:
             raise RequestRefusedError(
                 "device.busy", str(error), error.remedy
             ) from error
-        waiting = execute(self.measurement, AwaitLatch(token))
+        waiting = AwaitLatch(token).execute(self.measurement)
         try:
             await asyncio.wait({waiting}, timeout=LATCH_TIMEOUT_S)
             if token in self.measurement.latches:
@@ -204,7 +203,7 @@ class PointCommands:
             return await waiting  # it may have to wait for its turn
         finally:
             if not waiting.done():
-                execute(self.measurement, GiveUpLatch(token))
+                GiveUpLatch(token).execute(self.measurement)
 
 
 def point_result(point: Point) -> dict[str, Any]:

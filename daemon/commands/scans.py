@@ -6,7 +6,7 @@ from typing import Literal
 
 from traverse.daemon.commands.points import check_ready
 from traverse.daemon.errors import RequestRefusedError, Result
-from traverse.daemon.executor import StartScan, execute, stop_scan
+from traverse.daemon.executor import StartScan, stop_scan
 from traverse.daemon.measurement import Measurement
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.scans.plan import requested_scan
@@ -60,7 +60,7 @@ class ScanCommands:
             tracking_rate_hz=tracking_hz,
         )
         stop_scan(self._measurement)
-        execute(self._measurement, StartScan(plan))
+        StartScan(plan).execute(self._measurement)
         self._devices.request_stream(plan.device_rate_hz)
         try:
             async with asyncio.timeout(STREAM_TIMEOUT_S):

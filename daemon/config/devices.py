@@ -13,7 +13,7 @@ from pydantic import (
     field_validator,
 )
 
-from traverse.drivers.base.options import DriverOptions
+from traverse.drivers.base.driver import DriverOptions
 from traverse.drivers.base.registry import DRIVERS, DriverUnavailableError, driver_class
 from traverse.strict_toml.problems import unknown_name_message
 

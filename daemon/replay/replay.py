@@ -14,7 +14,7 @@ import numpy as np
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import Configuration
-from traverse.daemon.executor import execute, recorded_command
+from traverse.daemon.executor import recorded_command
 from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel
@@ -225,7 +225,7 @@ class Replay:
                 if table["what"] == "start_scan":
                     self._scans.begun.add(table["value"]["id"])
                 command = recorded_command(table["what"], table["value"])
-                ignore_result(execute(measurement, command))
+                ignore_result(command.execute(measurement))
             case "files":
                 measurement.apply_settings(
                     *read_recorded_inputs(self.reader.files, table["value"]["probe"])

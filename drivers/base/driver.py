@@ -19,7 +19,6 @@ from typing import ClassVar, Self
 
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.heartbeat import Heartbeat
-from traverse.drivers.base.options import DriverOptions
 from traverse.drivers.base.values import (
     DeviceCounters,
     DeviceError,
@@ -28,6 +27,7 @@ from traverse.drivers.base.values import (
     DeviceUp,
     StreamStarted,
 )
+from traverse.strict_toml.reader import StrictModel
 
 log = logging.getLogger(__name__)
 
@@ -37,6 +37,18 @@ COUNTERS_S = 0.5
 CONNECT_S = 60.0  # the longest that any device may need to be found and set up
 ASK_S = 15.0  # one exchange with a device, repetitions included
 CLOSE_S = 10.0
+
+
+class DriverOptions(StrictModel):
+    """Options of one driver: flat keys, with units in their names and with bounds.
+
+    Each driver has a child of it, which is validated here once, and is frozen.
+    """
+
+    @property
+    def where(self) -> str:
+        """Port or bus, for messages; a child without ``port`` overrides it."""
+        return str(getattr(self, "port", ""))
 
 
 class Driver(ABC):

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from traverse.drivers.base.options import DriverOptions
+from traverse.drivers.base.driver import DriverOptions
 from traverse.protocol.canopen.frames import FIRST_NODE, LAST_NODE
 
 NodeId = Annotated[int, Field(ge=FIRST_NODE, le=LAST_NODE)]

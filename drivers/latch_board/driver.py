@@ -5,8 +5,7 @@ from collections.abc import Callable
 
 from pydantic import Field
 
-from traverse.drivers.base.driver import Driver
-from traverse.drivers.base.options import DriverOptions
+from traverse.drivers.base.driver import Driver, DriverOptions
 from traverse.drivers.base.values import (
     DeviceError,
     DeviceRefusedError,

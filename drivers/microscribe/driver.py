@@ -13,8 +13,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from traverse.drivers.base.driver import Driver
-from traverse.drivers.base.options import DriverOptions
+from traverse.drivers.base.driver import Driver, DriverOptions
 from traverse.drivers.base.pending_edges import PendingEdges
 from traverse.drivers.base.values import DeviceError, DeviceUp
 from traverse.drivers.io.serial_port import SerialPort

@@ -16,8 +16,7 @@ from typing import Generic, Protocol, TypeVar
 from pydantic import Field
 
 from traverse.drivers.base.delivery_queue import DeliveryQueue
-from traverse.drivers.base.driver import ASK_S, Driver
-from traverse.drivers.base.options import DriverOptions
+from traverse.drivers.base.driver import ASK_S, Driver, DriverOptions
 from traverse.drivers.base.values import DeviceUp, Identity
 from traverse.drivers.io.ports import SERIAL_PORTS, PortAccess
 from traverse.drivers.polling.alarms import ReadErrorLog

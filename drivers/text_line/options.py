@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from traverse.drivers.base.options import DriverOptions
+from traverse.drivers.base.driver import DriverOptions
 from traverse.drivers.text_line.line import LinePattern
 from traverse.plurals import counted
 

@@ -14,8 +14,7 @@ from os import read
 
 from pydantic import Field
 
-from traverse.drivers.base.driver import Driver
-from traverse.drivers.base.options import DriverOptions
+from traverse.drivers.base.driver import Driver, DriverOptions
 from traverse.drivers.base.pending_edges import PendingEdges
 from traverse.drivers.base.values import DeviceUp, Identity, PolledSample
 from traverse.plurals import counted

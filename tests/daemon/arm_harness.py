@@ -10,8 +10,7 @@ from traverse.daemon.config.schema import AssemblySection, UncertaintySection
 from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog
 from traverse.drivers.base.delivery_queue import DeliveryQueue
-from traverse.drivers.base.driver import Driver
-from traverse.drivers.base.options import DriverOptions
+from traverse.drivers.base.driver import Driver, DriverOptions
 from traverse.drivers.base.values import (
     DeviceUp,
     Identity,

@@ -11,7 +11,7 @@ from tests.daemon.two_devices import base
 from tests.daemon.values import ARM, MODULI, SetClock, arm_model, count_samples, latch
 from traverse.daemon.config.schema import EndStopSection, QualitySection
 from traverse.daemon.errors import CaptureRefusedError
-from traverse.daemon.executor import ConfirmReference, execute
+from traverse.daemon.executor import ConfirmReference
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.reference_file import ReferenceFile
 from traverse.daemon.pose.references import (
@@ -193,7 +193,7 @@ async def test_points_and_poses_are_flagged_until_confirmed(bench):
     assert bench.points[-1].quality.flags == ("turns_uncertain",)
     assert not bench.points[-1].quality.ok
     args = ReferenceArgs(action="confirm")
-    assert await execute(bench.measurement, ConfirmReference(args)) == ["base"]
+    assert await ConfirmReference(args).execute(bench.measurement) == ["base"]
     bench.take(rest(10), press())
     assert bench.points[-1].quality.ok
     assert [e.active for e in bench.events if e.code == CODE] == [True, False]
@@ -302,8 +302,8 @@ async def test_a_known_point_is_held_against_the_position(bench):
     off = tuple((here_mm + np.array([0.0, 2.0, 0.0])).tolist())
     wrong = ReferenceArgs(action="confirm", at_xyz_mm=off)
     with pytest.raises(CaptureRefusedError, match=r"2\.000 mm from the known point"):
-        await execute(bench.measurement, ConfirmReference(wrong))
+        await ConfirmReference(wrong).execute(bench.measurement)
     assert bench.measurement.quality.references.bits
     right = ReferenceArgs(action="confirm", at_xyz_mm=off, tolerance_mm=2.1)
-    await execute(bench.measurement, ConfirmReference(right))
+    await ConfirmReference(right).execute(bench.measurement)
     assert not bench.measurement.quality.references.bits

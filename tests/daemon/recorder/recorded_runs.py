@@ -9,7 +9,7 @@ import numpy as np
 from tests.daemon.two_devices import BEGIN_NS, ON_TWO, TURNS, Reader, true_counts
 from tests.daemon.values import ARM, UTC_OFFSET_NS
 from traverse.daemon.config.schema import RecordingSection
-from traverse.daemon.executor import execute, recorded_command
+from traverse.daemon.executor import recorded_command
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.recorder.recorded_inputs import (
     read_recorded_inputs,
@@ -193,7 +193,7 @@ class RecordedRun:
 
     def ask(self, what, **values):
         """A command, as the service executes it."""
-        ignore_result(execute(self.measurement, recorded_command(what, values)))
+        ignore_result(recorded_command(what, values).execute(self.measurement))
 
 
 def replayed(path, block=None):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import pytest
 
 from tests.daemon.recorder.recorded_runs import RecordedRun, replayed
-from traverse.daemon.executor import MeasurementCommand, execute
+from traverse.daemon.executor import MeasurementCommand
 from traverse.daemon.replay.replay import Replay
 from traverse.drivers.base.values import DeviceAlarm, DeviceTemperatures, StreamStarted
 from traverse.protocol.messages import Label
@@ -141,7 +141,7 @@ def with_planted(folder, planted):
             for seq in (None, None, 40):
                 run.later(0.2)
                 if seq is not None:
-                    execute(run.measurement, planted(seq))
+                    planted(seq).execute(run.measurement)
                 run.click()
             run.later(1.0)
             await run.recorder.finish()

@@ -6,8 +6,7 @@ import threading
 
 from traverse.drivers.base import driver as driver_module
 from traverse.drivers.base.delivery_queue import DeliveryQueue
-from traverse.drivers.base.driver import CONNECT_S, Driver
-from traverse.drivers.base.options import DriverOptions
+from traverse.drivers.base.driver import CONNECT_S, Driver, DriverOptions
 
 
 class Deaf(Driver):
