@@ -17,7 +17,6 @@ from traverse.daemon.acquisition.device import Device, open_device, running_driv
 from traverse.daemon.clock import FrozenClock, HostClock
 from traverse.daemon.commands.dispatcher import MAX_REMEMBERED, CommandDispatcher
 from traverse.daemon.commands.points import PointCommands, point_result
-from traverse.daemon.commands.recording import record
 from traverse.daemon.commands.reload import ConfigurationReloader
 from traverse.daemon.commands.resend import ResendCommands
 from traverse.daemon.commands.scans import ButtonScans, ScanCommands
@@ -218,7 +217,7 @@ class Service:
                 "covariance": points.covariance,
                 "reload": reloader.carry_out,
                 "resend": ResendCommands(outbox, spool).carry_out,
-                "record": lambda args: record(recorder, args),
+                "record": recorder.carry_out,
             },
         )
 

@@ -31,16 +31,11 @@ class ReadingBuffer:
     Args:
         channels: of the device that are joints, (n_joints,).
         wraps_counts: where each wraps to 0, (n_joints,): one turn or several.
-
-    Attributes:
-        n_out_of_order: readings left out because their time was not after the
-            last one's.
     """
 
     def __init__(self, channels: Indices, wraps_counts: Integers) -> None:
         self._channels = channels
         self.wraps_counts = wraps_counts
-        self.n_out_of_order = 0
         self.reset()
 
     def reset(self) -> None:
@@ -77,7 +72,6 @@ class ReadingBuffer:
         numbers = self._numbered(samples)
         rows = self._ordered(times_ns)
         if not rows.all():
-            self.n_out_of_order += len(rows) - int(rows.sum())
             times_ns, numbers = times_ns[rows], numbers[rows]
             if not len(numbers):
                 return

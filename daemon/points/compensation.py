@@ -126,3 +126,9 @@ class TipCompensator:
             surface_mm=surface_point(pose.xyz_mm, towards, model.probe_radius_mm),
             compensation=method,
         )
+
+
+def without_direction(measured: PointMeasurement) -> PointMeasurement:
+    """Mark the point: a direction is required and unknown."""
+    pose = measured.pose
+    return replace(measured, pose=replace(pose, quality=pose.quality | UNKNOWN))

@@ -13,9 +13,9 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.averaging import AverageLimits, SampleAverage
 from traverse.daemon.points.capture import PointMeasurement
 from traverse.daemon.points.compensation import (
-    UNKNOWN,
     RetractDetector,
     TipCompensator,
+    without_direction,
 )
 from traverse.daemon.points.request_queue import PointRequest
 from traverse.daemon.pose.pipeline import Pipeline
@@ -155,8 +155,7 @@ class PointEvaluator:
                 str(error),
                 remedy="take the point again with a known direction",
             )
-            pose = replace(seen.pose, quality=seen.pose.quality | UNKNOWN)
-            return replace(seen, pose=pose)
+            return without_direction(seen)
 
     def arm_changed(self) -> None:
         """The samples from now on are of another arm: they mix with none before."""

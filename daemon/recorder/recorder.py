@@ -13,6 +13,7 @@ from typing import Literal
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.schema import RecordingSection
+from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import PointWriter
 from traverse.daemon.recorder.file import Recorded
@@ -30,7 +31,7 @@ from traverse.drivers.base.values import (
     DeviceUp,
     StreamStarted,
 )
-from traverse.protocol.messages import Event, Message, Point
+from traverse.protocol.messages import Event, Message, Point, RecordArgs
 from traverse.protocol.messages.health import RecordingHealth
 
 STATE_NS = 6_000_000_000
@@ -246,6 +247,44 @@ class Recorder:
         """The name of what is being recorded; None without."""
         recorded = self._thread.recorded
         return None if recorded is None else recorded.name
+
+    async def carry_out(self, args: RecordArgs) -> Result:
+        """Start or stop a recording; gives its file, and at the end how long it is.
+
+        Raises:
+            RequestRefusedError: it cannot be written, another one runs, or none does.
+        """
+        if args.action == "start" and self.name_in_use is not None:
+            raise RequestRefusedError(
+                "recording.busy",
+                f"{self.name_in_use!r} is being recorded",
+                "stop it first; there is one recording at a time",
+            )
+        if args.action == "stop" and self.name_in_use is None:
+            raise RequestRefusedError(
+                "recording.none",
+                "nothing is being recorded",
+                "it may have ended by itself: see the events recording.stopped",
+            )
+        try:
+            if args.action == "start":
+                path = await self.begin(args.name or "", args.note or "")
+                return {"name": args.name or "", "file": str(path)}
+            recorded = await self.finish()
+        except OSError as error:
+            raise RequestRefusedError(
+                "recording.failed",
+                f"the recording cannot be written: {error.strerror or error}",
+                "make room on the daemon's disk, or use another name",
+            ) from error
+        return {
+            "name": recorded.name,
+            "file": str(recorded.path),
+            "bytes": recorded.n_bytes,
+            "messages": recorded.messages,
+            "seconds": recorded.seconds,
+            "gaps": recorded.gaps,
+        }
 
     async def begin(self, name: str, note: str) -> Path:
         """Begin a recording; gives its path.

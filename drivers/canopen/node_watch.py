@@ -79,7 +79,6 @@ class NodeMonitor:
         self._nodes = [_Node(number, now_ns, now_ns) for number in nodes]
         self._patience_ns = int(HEARTBEATS_MISSED * heartbeat_ms * 1e6)
         self._conditions = conditions
-        self.boot_ups = 0
         for channel in range(len(nodes)):
             for code in ("node_lost", "duplicate_node", "emergency"):
                 conditions.end(channel, code)
@@ -97,7 +96,6 @@ class NodeMonitor:
                 self.duplicate(channel, now_ns, "two boot-ups at once")
             node.boot_ns = now_ns
             node.wants_set_up = True
-            self.boot_ups += 1
         # Its first word after the start may still be of the state before.
         node.idle = (
             state in (wire.STATE_STOPPED, wire.STATE_PRE_OPERATIONAL)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from tests.daemon.recorder.recorded_runs import RecordedRun, replayed
-from traverse.daemon.commands.recording import record
 from traverse.daemon.errors import RequestRefusedError
 from traverse.drivers.base.values import CountSamples
 from traverse.protocol.messages import Event, RecordArgs
@@ -166,7 +165,7 @@ async def test_a_recording_without_room_is_refused_and_measuring_continues(tmp_p
         with pytest.raises(
             RequestRefusedError, match=r"only [0-9]+ MB are free"
         ) as refusal:
-            await record(run.recorder, RecordArgs(action="start", name="asked"))
+            await run.recorder.carry_out(RecordArgs(action="start", name="asked"))
         assert run.recorder.health().state == "failed"
         run.later(0.5)
     assert refusal.value.code == "recording.failed"
@@ -189,7 +188,7 @@ async def test_a_disk_that_fails_stops_the_recording_alone(tmp_path):
             run.click()
             run.later(0.1)
             with pytest.raises(RequestRefusedError, match="nothing is being recorded"):
-                await record(run.recorder, RecordArgs(action="stop"))
+                await run.recorder.carry_out(RecordArgs(action="stop"))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, ignored)
@@ -205,14 +204,14 @@ async def test_a_disk_that_fails_stops_the_recording_alone(tmp_path):
 async def test_names_are_used_once_and_one_recording_runs_at_a_time(tmp_path):
     async with RecordedRun(tmp_path) as run:
         start = RecordArgs(action="start", name="one", note="n")
-        assert (await record(run.recorder, start))["name"] == "one"
+        assert (await run.recorder.carry_out(start))["name"] == "one"
         with pytest.raises(RequestRefusedError, match="'one' is being recorded"):
-            await record(run.recorder, RecordArgs(action="start", name="two"))
+            await run.recorder.carry_out(RecordArgs(action="start", name="two"))
         run.later(0.2)
-        result = await record(run.recorder, RecordArgs(action="stop"))
+        result = await run.recorder.carry_out(RecordArgs(action="stop"))
         assert result["gaps"] == 0
         with pytest.raises(RequestRefusedError, match="is there already"):
-            await record(run.recorder, start)
+            await run.recorder.carry_out(start)
     assert [e.code for e in run.events] == ["recording.started", "recording.stopped"]
 
 
