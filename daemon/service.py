@@ -8,7 +8,7 @@ import contextlib
 import logging
 import signal
 import time
-from collections.abc import AsyncIterator, Coroutine, Mapping
+from collections.abc import AsyncIterator, Coroutine
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from traverse.daemon.commands.points import PointCommands, point_result
 from traverse.daemon.commands.reload import ConfigurationReloader
 from traverse.daemon.commands.resend import ResendCommands
 from traverse.daemon.commands.scans import ButtonScans, ScanCommands
-from traverse.daemon.config.schema import Action, BrokerSection, Configuration
+from traverse.daemon.config.schema import Action, BrokerSection
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.executor import stop_scan
 from traverse.daemon.inputs import REFUSED, Inputs, StartupError, address_of
@@ -91,6 +91,10 @@ class Service:
         self.status_line = StatusLine()
         self.phase = "starting"
 
+        try:
+            files = recorded_files(path, configuration)
+        except OSError as error:
+            raise StartupError([f"{error}; was it moved just now?"], REFUSED) from error
         steps = StepRecorder(clock, flight=configuration.recording.flight)
         step_clock = FrozenClock(clock, steps.related)
         active = ActiveSession(step_clock)
@@ -110,7 +114,7 @@ class Service:
             folder=(state_path(path) / RECORDINGS).absolute(),
             clock=step_clock,
             about={"arm": arm, "version": version("traverse-cmm"), "kernel": KERNEL},
-            files=_files_to_record(path, configuration),
+            files=files,
             events=events,
         )
         self.outbox = outbox = Outbox(
@@ -293,13 +297,6 @@ class Service:
         self.notifier.status(
             self.status_line.text(self.phase, states, self.connection.state, unsent)
         )
-
-
-def _files_to_record(path: Path, configuration: Configuration) -> Mapping[str, bytes]:
-    try:
-        return recorded_files(path, configuration)
-    except OSError as error:
-        raise StartupError([f"{error}; was it moved just now?"], REFUSED) from error
 
 
 async def run(service: Service, *, keep_trying: bool) -> None:

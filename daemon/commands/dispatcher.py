@@ -131,7 +131,7 @@ class CommandDispatcher:
             self._check_way_back(incoming)
             topic = incoming.response_topic or topic
             correlation = incoming.correlation
-            task = self._answers.find(name, command.request)
+            task = self._answers.answers.get((name, command.request))
             if task is None:
                 self._check_rate(name)  # the same request may be sent again later
                 work = self._reply(name, command)
@@ -238,19 +238,15 @@ class ReplyCache:
     """
 
     def __init__(self) -> None:
-        self._answers: OrderedDict[tuple[str, str], Answer] = OrderedDict()
+        self.answers: OrderedDict[tuple[str, str], Answer] = OrderedDict()
         self.executing: set[Answer] = set()
         self._bytes = 0
-
-    def find(self, name: str, request: str) -> Answer | None:
-        """The first answer to a request, finished or not, if it is remembered."""
-        return self._answers.get((name, request))
 
     def remember(self, name: str, request: str, payload: bytes) -> None:
         """Remember an answer that was given by an earlier run."""
         answer: Answer = asyncio.get_running_loop().create_future()
         answer.set_result(payload)
-        self._answers[name, request] = answer
+        self.answers[name, request] = answer
         self._ended(answer)
 
     def begin(
@@ -259,19 +255,19 @@ class ReplyCache:
         """Work on an answer and remember it."""
         task = asyncio.create_task(work)
         self.executing.add(task)
-        self._answers[name, request] = task
+        self.answers[name, request] = task
         task.add_done_callback(self._ended)
         return task
 
     def _ended(self, task: Answer) -> None:
         self.executing.discard(task)
         self._bytes += _size(task)
-        while len(self._answers) > MAX_REMEMBERED or self._bytes > MAX_REMEMBERED_BYTES:
-            done = (key for key, one in self._answers.items() if one.done())
+        while len(self.answers) > MAX_REMEMBERED or self._bytes > MAX_REMEMBERED_BYTES:
+            done = (key for key, one in self.answers.items() if one.done())
             oldest = next(done, None)
             if oldest is None:
                 return
-            self._bytes -= _size(self._answers.pop(oldest))
+            self._bytes -= _size(self.answers.pop(oldest))
 
 
 def _size(task: Answer) -> int:

@@ -34,8 +34,6 @@ COUNTED = {
 }
 """Counts of the cycles, and under which names they are counted for `health`."""
 
-Fault = Callable[[str, str, str, int], None]
-
 
 @dataclass(slots=True)
 class NodeSupervisor:
@@ -53,7 +51,7 @@ class NodeSupervisor:
     conditions: Conditions
     options: CanOpenOptions
     now_ns: Callable[[], int]
-    report_fault: Fault
+    report_fault: Callable[[str, str, str, int], None]
     counters: Counter[str]
     _restarted: Sequence[int] = ()
     _look_due_ns: int = 0

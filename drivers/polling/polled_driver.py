@@ -166,23 +166,20 @@ class PolledDriver(Driver, Generic[LineT]):
 
     def _serve(self) -> None:
         try:
-            self._serve_until_stopped()
+            while not self._stopping:
+                if self._streams_begun != (wanted := self._streams_requested):
+                    self._streams_begun = wanted
+                    self._begin_stream(self._rate_hz)
+                if self._schedule is None:
+                    self._wait(IDLE_S)
+                    self._cycle()
+                else:
+                    self._serve_stream(self._schedule)
+                self._read_errors.raise_if_all_missing(self._channels)
+                self._read_errors.report(self._channels, self._now_ns())
+                self._report_counters()
         finally:
             self._block.deliver(self._stream)
-
-    def _serve_until_stopped(self) -> None:
-        while not self._stopping:
-            if self._streams_begun != (wanted := self._streams_requested):
-                self._streams_begun = wanted
-                self._begin_stream(self._rate_hz)
-            if self._schedule is None:
-                self._wait(IDLE_S)
-                self._cycle()
-            else:
-                self._serve_stream(self._schedule)
-            self._read_errors.raise_if_all_missing(self._channels)
-            self._read_errors.report(self._channels, self._now_ns())
-            self._report_counters()
 
     def _begin_stream(self, rate_hz: float) -> None:
         self._block.deliver(self._stream)
