@@ -1,7 +1,8 @@
 """Values that a driver delivers: one frozen class for each kind of event."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -90,24 +91,24 @@ class CountSamples:
         """Blocks of one stream that follow one another; received as the last."""
         if len(blocks) == 1:
             return blocks[0]
-        arrays: dict[str, Any] = {
-            name: np.concatenate([getattr(block, name) for block in blocks])
-            for name in _ARRAYS
-            if getattr(blocks[0], name) is not None  # as in all of a stream
-        }
-        return replace(blocks[-1], **arrays)
+        last = blocks[-1]
+        arrays: list[Any] = [
+            None if column[0] is None else np.concatenate(column)
+            for column in zip(*map(_arrays, blocks), strict=True)
+        ]
+        seq, ticks, *others = arrays
+        return cls(last.device, last.stream, seq, ticks, last.received_ns, *others)
 
     def rows(self, which: slice | Booleans) -> "CountSamples":
         """Some of the samples."""
-        arrays: dict[str, Any] = {
-            name: array[which]
-            for name in _ARRAYS
-            if (array := getattr(self, name)) is not None
-        }
-        return replace(self, **arrays)
+        arrays: list[Any] = [None if a is None else a[which] for a in _arrays(self)]
+        seq, ticks, *others = arrays
+        return CountSamples(
+            self.device, self.stream, seq, ticks, self.received_ns, *others
+        )
 
 
-_ARRAYS = (
+_arrays = attrgetter(
     *("seq", "device_ticks", "sample_time_ns", "inputs"),
     *("counts", "status", "skew_ns", "fractions"),
 )
