@@ -123,7 +123,7 @@ def planted():
     class RenumberFrom(MeasurementCommand[None], recorded_name="planted"):
         seq: int
 
-        def apply(self, measurement, now_ns):
+        def _apply(self, measurement, now_ns):
             measurement.capture.session.next_seq = self.seq
             measurement.capture.label = Label(artefact="planted")
 
