@@ -1,5 +1,6 @@
 """`traverse trace`: the chain of evidence behind a file."""
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -41,7 +42,8 @@ def trace(
     with refusals():
         from traverse.lab.certificates.trace import Tracer  # noqa: PLC0415
 
-        beside = file.resolve().parent
+        # Path.resolve raises RuntimeError where a link leads to itself.
+        beside = Path(os.path.realpath(file)).parent
         around = [beside] if file.is_dir() else [beside, beside.parent]
         public_key = None if key is None else read_public_key_file(key)
         found = Tracer([*around, *(where or [])], public_key).trace(file)

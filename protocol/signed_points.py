@@ -7,6 +7,7 @@ session, of the first one the SHA-256 of the session's name. The signature is Ed
 breaks the chain; not so the last points of a session that are missing.
 """
 
+import csv
 import hashlib
 from base64 import b64decode
 from collections import OrderedDict
@@ -129,7 +130,16 @@ def checked_points(points: Iterable[Point | str], public_key: bytes) -> CheckedP
 
 def points_of_lines(lines: Iterable[str]) -> Iterator[Point | str]:
     """Read points as JSON, one a line; a text says which line is none."""
-    for number, line in enumerate(lines, 1):
+    rows, number = iter(lines), 0
+    while True:
+        number += 1
+        try:
+            line = next(rows)
+        except StopIteration:
+            return
+        except (UnicodeDecodeError, csv.Error) as error:
+            yield f"cannot be read from line {number} on, or near it: {error}"
+            return
         try:
             yield decode(Point, line.encode(), "json")
         except MessageError as error:

@@ -114,10 +114,9 @@ def read_public_key_file(path: Path) -> bytes:
     from traverse.protocol.signed_points import read_public_key  # noqa: PLC0415
     from traverse.strict_toml.files import text_of  # noqa: PLC0415
 
-    with refusals():
-        text = text_of(path)
     try:
-        return read_public_key(text)
+        with refusals():
+            return read_public_key(text_of(path))
     except ValueError as error:
         refuse(
             f"{path}: is no public key of an arm ({error}); it has `public_key` of the "

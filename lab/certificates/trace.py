@@ -5,6 +5,7 @@ design and the covariance that it comes from, a campaign the arm file that it wa
 with, a recording the files in it. A name that no file beside them has is missing.
 """
 
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,7 +18,7 @@ from traverse.lab.campaign.campaign import campaign_digest
 from traverse.lab.campaign.campaign_file import CampaignFile, read_campaign_file
 from traverse.lab.identification.results.files import IDENTIFICATION
 from traverse.lab.measured_points.reading import files_read
-from traverse.lab.report.checksums import SUMS, sums_problems
+from traverse.lab.report.checksums import SUMS, sums_of, sums_problems
 from traverse.lab.report.provenance import digest_of_files
 from traverse.protocol.signed_points import checked_points, points_of_lines
 from traverse.recording.reader import read_recording
@@ -93,7 +94,9 @@ class Tracer:
         self, folders: Iterable[Path], public_key: bytes | None = None
     ) -> None:
         self._public_key = public_key
-        self._folders = tuple(dict.fromkeys(folder.resolve() for folder in folders))
+        self._folders = tuple(
+            dict.fromkeys(Path(os.path.realpath(folder)) for folder in folders)
+        )
         self._seen: set[str] = set()
 
     def trace(self, path: Path) -> Link:
@@ -167,7 +170,7 @@ class Tracer:
         """A file whose bytes are named; what it follows from is walked."""
         if not path.is_file():
             return Link(path.name, None, digest, "missing")
-        if digest_of_files([path]) != digest:
+        if sums_of(path.parent, [path.name])[path.name] != digest:
             remark = "its digest is not the one by which it is named"
             return Link(path.name, path, digest, "altered", [remark])
         if path.name == "arm.toml":
@@ -211,7 +214,7 @@ class Tracer:
         return link
 
     def _recording(self, path: Path) -> Link:
-        link = Link("recording", path, digest_of_files([path]))
+        link = Link("recording", path)
         text, tear = None, None
         try:
             with RunReader(path) as run:
@@ -229,6 +232,8 @@ class Tracer:
         if tear is not None:
             link.state = "altered"
             link.remarks.append(f"is not whole: {tear}")
+        else:  # a file that is none may be endless
+            link.sha256 = digest_of_files([path])
         if text is None:
             link.links.append(Link("arm file", state="not stated"))
         else:
@@ -237,9 +242,9 @@ class Tracer:
         return link
 
     def _points(self, path: Path) -> Link:
-        link = Link("points", path, digest_of_files([path]))
         with table_lines(path) as lines:
             points = list(points_of_lines(lines))
+        link = Link("points", path)
         wrong = [one for one in points if isinstance(one, str)]
         whole = [one for one in points if not isinstance(one, str)]
         signed = [one for one in whole if one.signature is not None]
@@ -251,6 +256,8 @@ class Tracer:
         if wrong:
             link.state = "altered"
             link.remarks += wrong
+        else:  # a file that is none may be endless
+            link.sha256 = digest_of_files([path])
         models = dict.fromkeys(one.model for one in whole)
         link.links += [self._named("arm file", model) for model in models]
         return link
@@ -285,7 +292,8 @@ class Tracer:
                 ):
                     found.setdefault(arm_digest(read_arm(path)), path)
                 elif path.suffix == ".npz":
-                    found.setdefault(digest_of_files([path]), path)
+                    own = sums_of(path.parent, [path.name])[path.name]
+                    found.setdefault(own, path)
             except (FileError, OSError):
                 continue  # whatever it is, it is not what is looked for
         return found
@@ -293,7 +301,7 @@ class Tracer:
     def _candidates(self) -> Iterator[Path]:
         n_left = _MOST_ENTRIES
         for folder in self._folders:
-            waiting = [(folder, 0)]
+            waiting = [(Path(folder), 0)]
             while waiting:
                 place, depth = waiting.pop(0)
                 try:
