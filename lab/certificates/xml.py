@@ -60,7 +60,7 @@ def xml_bytes(root: etree._Element) -> bytes:
 
 
 class _FromFolder(etree.Resolver):
-    """Finds imported schemas in one folder, wherever they are imported from."""
+    """Finds schemas in one folder that are not where they are imported from."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__()
@@ -72,7 +72,10 @@ class _FromFolder(etree.Resolver):
         public_id: str | None,
         context: Any,  # noqa: ANN401 - of lxml
     ) -> Any:  # noqa: ANN401 - of lxml
-        name = Path(system_url or "").name
+        named = Path(system_url or "")
+        if named.is_file():
+            return None  # one file must have one name, or it would be read twice
+        name = named.name
         return self.resolve_string(bytes_of(self._folder / name), context)
 
 
@@ -88,7 +91,9 @@ def schema_problems(
     parser = _parser()
     parser.resolvers.add(_FromFolder(path.parent))
     try:
-        schema = etree.XMLSchema(etree.fromstring(bytes_of(path), parser))
+        schema = etree.XMLSchema(
+            etree.fromstring(bytes_of(path), parser, base_url=str(path.resolve()))
+        )
     except (etree.LxmlError, OSError) as error:
         told = f"is no schema that can be used: {error}; see the guide to --schemas"
         raise FileError(str(path), [Problem("", told)]) from error

@@ -127,6 +127,23 @@ def test_content_is_held_to_a_schema_before_it_is_written(tmp_path):
         check_schema(written(TWO), tmp_path / "points.qif", tmp_path)
 
 
+def test_schemas_in_two_folders_are_read_once_each(tmp_path):
+    inside, beside = tmp_path / "QIFApplications", tmp_path / "QIFLibrary"
+    head = """<xs:schema xmlns:xs="http://www.w3.org/2001/XMLSchema"
+     targetNamespace="http://qifstandards.org/xsd/qif3">"""
+    kind = '<xs:simpleType name="K"><xs:restriction base="xs:string"/></xs:simpleType>'
+    root = '<xs:element name="QIFDocument"/>'
+    for file, names, body in (
+        (inside / SCHEMA, ["../QIFLibrary/A.xsd", "../QIFLibrary/B.xsd"], root),
+        (beside / "A.xsd", ["B.xsd"], ""),
+        (beside / "B.xsd", [], kind),
+    ):
+        file.parent.mkdir(exist_ok=True)
+        told = "".join(f'<xs:include schemaLocation="{name}"/>' for name in names)
+        file.write_text(f"{head}{told}{body}</xs:schema>")
+    check_schema(written(TWO), tmp_path / "points.qif", inside)
+
+
 @pytest.mark.skipif(
     not (SCHEMAS / SCHEMA).exists(), reason="TRAVERSE_SCHEMAS has no QIFDocument.xsd"
 )
