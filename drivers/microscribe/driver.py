@@ -148,7 +148,10 @@ class MicroscribeDriver(Driver):
         now_ns = self._now_ns()
         if self._block.is_due(now_ns):
             self._block.deliver(self._stream)
-        if now_ns - self._told_ns >= TELL_NS:
+        ends = self._stopping or self._streams_begun != self._streams_requested
+        if ends:
+            self._report_losses(session)  # there may be no later report
+        elif now_ns - self._told_ns >= TELL_NS:
             self._told_ns = now_ns
             self._report_losses(session)
             self._read_errors.raise_if_all_missing(session.channels)
@@ -167,7 +170,7 @@ class MicroscribeDriver(Driver):
                 "check its cable; if it was off, put it into its home position "
                 "while it is switched on",
             )
-        return not self._stopping and self._streams_begun == self._streams_requested
+        return not ends
 
     def _report_losses(self, session: MicroscribeSession) -> None:
         line, faults = session.line, session.decoder.faults
