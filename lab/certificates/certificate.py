@@ -122,6 +122,7 @@ def checked_certificate(
     problems += [f"{DCC} is invalid: {one}" for one in schema_problems(root, schemas)]
     if problems:
         return CheckedCertificate(tuple(problems), ())
+    problems += sums_problems(folder, read_evidence(folder).files)
     if xml_bytes(root) != content:
         problems.append(f"{DCC} was altered: it is not as it was written")
     issued = date.fromisoformat(root.findtext(f".//{_ISSUED}") or "")

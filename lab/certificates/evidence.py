@@ -20,6 +20,7 @@ from traverse.lab.acceptance.certificate.administration import administration_of
 from traverse.lab.acceptance.certificate.check import (
     CERTIFICATE,
     DATA,
+    PAGES,
     certificate_problems,
 )
 from traverse.lab.campaign.campaign import read_campaign
@@ -77,8 +78,7 @@ def read_evidence(folder: Path) -> Evidence:
     try:
         if (folder / CERTIFICATE).is_file():
             values = _values(folder / CERTIFICATE)
-            own = (CERTIFICATE, "certificate.html", "certificate.pdf")
-            return Evidence(verification_document(values), (*own, *data))
+            return Evidence(verification_document(values), (*PAGES, *data))
         values = _values(folder / IDENTIFICATION)
         arm = read_arm(folder / _ARM)
         measured = read_measured(folder / DATA, arm)

@@ -13,10 +13,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, parse_arm, read_arm
-from traverse.lab.acceptance.certificate.check import CERTIFICATE, DATA
+from traverse.lab.acceptance.certificate.check import CERTIFICATE, DATA, PAGES
 from traverse.lab.campaign.campaign import campaign_digest
 from traverse.lab.campaign.campaign_file import CampaignFile, read_campaign_file
-from traverse.lab.identification.results.files import IDENTIFICATION
+from traverse.lab.identification.results.files import (
+    IDENTIFICATION,
+    IDENTIFICATION_FILES,
+)
 from traverse.lab.measured_points.reading import files_read
 from traverse.lab.report.checksums import SUMS, sums_of, sums_problems
 from traverse.lab.report.provenance import digest_of_files
@@ -127,9 +130,10 @@ class Tracer:
         )
         raise FileError(str(path), [Problem("", told)])
 
-    def _folder(self, what: str, folder: Path, required: Iterable[str]) -> Link:
+    def _folder(self, what: str, folder: Path, named: Iterable[str]) -> Link:
         link = Link(what, folder)
-        link.remarks += sums_problems(folder)
+        if (folder / SUMS).is_file():
+            link.remarks += sums_problems(folder, named)
         if link.remarks:
             link.state = "altered"
         elif not (folder / SUMS).is_file():
@@ -137,15 +141,12 @@ class Tracer:
         if (folder / DCC).is_file():
             told = "signature and figures are checked by `traverse verify --check`"
             link.remarks.append(f"has a certificate, {DCC}: {told}")
-        for name in required:
-            if not (folder / name).is_file():
-                link.links.append(Link(name, state="missing"))
         return link
 
     def _verification(self, folder: Path) -> Link:
         values = _table(folder / CERTIFICATE)
         title = values.get("title", "an unknown standard")
-        link = self._folder(f"verification by {title}", folder, ())
+        link = self._folder(f"verification by {title}", folder, PAGES)
         stated = values.get("digest")
         files = stated.get("files") if isinstance(stated, Mapping) else None
         for name, digest in (files if isinstance(files, Mapping) else {}).items():
@@ -154,11 +155,13 @@ class Tracer:
 
     def _identification(self, folder: Path) -> Link:
         values = _table(folder / IDENTIFICATION)
-        link = self._folder("identification", folder, ("arm.toml",))
+        link = self._folder("identification", folder, IDENTIFICATION_FILES)
         if (folder / "arm.toml").is_file():
             link.links.append(
                 self._arm(read_arm(folder / "arm.toml"), folder / "arm.toml")
             )
+        else:
+            link.links.append(Link("arm.toml", state="missing"))
         source = values.get("provenance")
         campaign = source.get("campaign") if isinstance(source, Mapping) else None
         digest = campaign.get("sha256") if isinstance(campaign, Mapping) else None

@@ -17,7 +17,7 @@ from traverse.lab.acceptance.certificate.values import (
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
 from traverse.lab.acceptance.standards import STANDARDS, verified
 from traverse.lab.measured_points.reading import files_read, read_measured
-from traverse.lab.report.checksums import sums_problems
+from traverse.lab.report.checksums import SUMS, sums_problems
 from traverse.lab.report.differences import differences
 from traverse.lab.report.provenance import (
     ReportSource,
@@ -30,6 +30,7 @@ from traverse.strict_toml.problems import FileError, Problem
 # When, by whom and with what it was computed.
 _NOT_COMPARED = ("date_utc", "provenance")
 CERTIFICATE = "certificate.json"
+PAGES = (CERTIFICATE, "certificate.html", "certificate.pdf")
 ARM, LIMITS = "arm.toml", "limits.toml"
 DATA = "data"
 
@@ -46,9 +47,11 @@ def certificate_problems(path: Path) -> list[str]:
     values = _read(file)
     folder = file.parent / DATA
     stated = values.pop("digest")
+    # Folders of early versions have no digests of their pages.
+    pages = PAGES if (file.parent / SUMS).is_file() else ()
     return (
         list(_digest_problems(values, stated, folder))
-        or list(sums_problems(file.parent))
+        or list(sums_problems(file.parent, pages))
         or list(_figure_problems(values, folder))
     )
 

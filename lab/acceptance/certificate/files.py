@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from traverse.lab.acceptance.certificate.check import CERTIFICATE, DATA
+from traverse.lab.acceptance.certificate.check import CERTIFICATE, DATA, PAGES
 from traverse.lab.acceptance.certificate.page import certificate_page
 from traverse.lab.acceptance.certificate.pdf import certificate_pdf
 from traverse.lab.acceptance.certificate.values import SealedCertificate
@@ -30,6 +30,5 @@ def write_certificate(certificate: SealedCertificate, folder: Path) -> None:
     document = certificate_pdf(values, {**certificate.files, CERTIFICATE: text})
     (folder / "certificate.pdf").write_bytes(document)
     write_atomically(folder / CERTIFICATE, text.decode())
-    own = (CERTIFICATE, "certificate.html", "certificate.pdf")
-    names = (*own, *(f"{DATA}/{name}" for name in certificate.files))
+    names = (*PAGES, *(f"{DATA}/{name}" for name in certificate.files))
     write_sums(folder, sums_of(folder, names))

@@ -58,7 +58,7 @@ def test_altered_bytes_anywhere_are_found(kind, request, tmp_path):
     names = [*read_sums(folder), "SHA256SUMS"]
     for name in names:
         path, original = folder / name, (folder / name).read_bytes()
-        for _ in range(N_MUTATIONS // 10):
+        for _ in range(N_MUTATIONS // 20):
             changed = mutated(original, chance)
             path.write_bytes(changed)
             assert changed == original or problems(folder), (name, changed)
@@ -79,14 +79,14 @@ def test_altered_bytes_of_a_signed_certificate_with_remade_sums(
     original = path.read_bytes()
     n_signed = original.index(b"<ds:Signature")
     n_found = 0
-    for _ in range(N_MUTATIONS):
+    for _ in range(N_MUTATIONS // 2):
         changed = mutated(original, chance)
         path.write_bytes(changed)
         remake_sums(folder)
         found = problems(folder, signer)
         n_found += bool(found)
         assert found or changed[:n_signed] == original[:n_signed], changed
-    assert n_found > 0.98 * N_MUTATIONS
+    assert n_found > 0.98 * N_MUTATIONS // 2
 
 
 @pytest.mark.parametrize(
@@ -99,6 +99,17 @@ def test_a_file_altered_with_remade_sums(signed_verification, tmp_path, name):
     path.write_bytes(path.read_bytes() + b"\n")
     remake_sums(folder)
     assert problems(folder)
+
+
+@pytest.mark.parametrize("kind", ["signed_verification", "signed_identification"])
+def test_a_list_of_digests_with_a_line_less(kind, request, tmp_path):
+    folder = shutil.copytree(request.getfixturevalue(kind), tmp_path / "copy")
+    sums = folder / "SHA256SUMS"
+    lines = sums.read_text().splitlines(keepends=True)
+    for number, line in enumerate(lines):
+        sums.write_text("".join([*lines[:number], *lines[number + 1 :]]))
+        name = line.split()[-1]
+        assert any(f"{name} is not in it" in one for one in problems(folder)), name
 
 
 def test_sums_that_are_gone_or_point_elsewhere(signed_verification, tmp_path):
