@@ -129,11 +129,11 @@ class PointCovariances(CommandResult):
     def joint(self) -> "JointCovariance":
         """As one covariance, for lengths and features."""
         from traverse.kinematics.uncertainty.joint_covariance import (  # noqa: PLC0415 - numpy's fits, for those who want them
-            joint_covariance,
+            JointCovariance,
         )
 
         own = np.array([one.covariance_mm2 for one in self.points])
-        return joint_covariance(
+        return JointCovariance(
             np.array([one.xyz_mm for one in self.points]),
             own[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]],
             np.array([one.shared_mm for one in self.points]),

@@ -23,7 +23,7 @@ from traverse.kinematics.model.readings import Encoders, encoders_from_arm
 from traverse.kinematics.uncertainty.arm_covariance import (
     ArmCovariance,
     parameter_names,
-    read_arm_covariance,
+    read_parameter_covariance,
 )
 from traverse.plurals import counted
 from traverse.protocol.messages.point import Compensation
@@ -37,27 +37,6 @@ _NEVER_KNOWN = {
     Covariate.CAMPAIGN_TIME: "the time since the start of a campaign that is over",
     Covariate.FORCE: "the force of a contact",
 }
-
-
-def read_parameter_covariance(
-    path: Path, arm: Arm, effects: ArmEffects, inline_effects: ArmEffects
-) -> ArmCovariance | None:
-    """The covariance of the parameters that poses depend on; None without its file.
-
-    Raises:
-        ValueError: the file is missing, damaged, or of another arm.
-    """
-    given = arm.identification
-    if given is None or given.covariance_file is None:
-        return None
-    joints = [joint.name for joint in arm.joints]
-    names = parameter_names(joints, effects.parameter_names)
-    found = read_arm_covariance(
-        path.parent / given.covariance_file, names, given.covariance_digest
-    )
-    places = {name: row for row, name in enumerate(names)}
-    kept = parameter_names(joints, inline_effects.parameter_names)
-    return ArmCovariance(found.factor[[places[name] for name in kept]])
 
 
 def covariance_with_probe(

@@ -10,6 +10,12 @@ w, and what they cost is w' S^-1 w. T then moves by xi = (J' S^-1 J)^-1 J' S^-1 
 J is taken at the corrected place T(from + v_from): with J there, and not at T(from), xi
 vanishes exactly where that sum is least (total least squares, no bias by S).
 
+Errors of an arm's parameters are the same for all its points. With factors F of them,
+of both sides by the same parameters, S = D + G G': D in blocks of the points, G = F_to
+- s R F_from. Nothing larger than the rank of F is inverted (M. A. Woodbury, 1950):
+
+    S^-1 = D^-1 - D^-1 G (I + G' D^-1 G)^-1 G' D^-1
+
 Reliability is after W. Baarda (1968). An error e of point i enters the residuals
 through B = P - P J Q J' P, the block of point i (P = S^-1): the noncentrality that it
 gives to a test is e'B e. What B does not see stays in the transformation: it moves by
@@ -47,6 +53,45 @@ class HelmertError(ValueError):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class MisclosureCovariance:
+    """S = D + G G' of n points.
+
+    Attributes:
+        own_mm2: D, (n, 3, 3), positive definite.
+        shared_mm: G, (n, 3, rank).
+    """
+
+    own_mm2: Floats
+    shared_mm: Floats
+
+    def solve(self, right: Floats) -> Floats:
+        """S^-1 times columns, (n, 3, n_columns)."""
+        alone = np.linalg.solve(self.own_mm2, right)
+        if not self.shared_mm.size:
+            return np.asarray(alone, dtype=np.float64)
+        solved, inner = self._shared_parts()
+        common = np.einsum("nir,nic->rc", solved, right)
+        less = solved @ np.linalg.solve(inner, common)
+        return np.asarray(alone - less, dtype=np.float64)
+
+    @property
+    def weights(self) -> Floats:
+        """The blocks of the points in S^-1, (n, 3, 3)."""
+        alone = np.linalg.inv(self.own_mm2)
+        if not self.shared_mm.size:
+            return np.asarray(alone, dtype=np.float64)
+        solved, inner = self._shared_parts()
+        less = solved @ np.linalg.inv(inner) @ solved.transpose(0, 2, 1)
+        return np.asarray(alone - less, dtype=np.float64)
+
+    def _shared_parts(self) -> tuple[Floats, Floats]:
+        """D^-1 G, and I + G' D^-1 G."""
+        solved = np.asarray(np.linalg.solve(self.own_mm2, self.shared_mm))
+        inner = np.einsum("nir,nis->rs", self.shared_mm, solved)
+        return solved, np.eye(len(inner)) + inner
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class AdjustedHelmert:
     """A transformation with its covariance and residuals.
 
@@ -56,7 +101,7 @@ class AdjustedHelmert:
         misclosures_mm: to - T(from), (n, 3).
         from_corrections_mm: v_from, (n, 3).
         to_corrections_mm: v_to, (n, 3).
-        misclosure_covariance_mm2: S as stated, (n, 3, 3).
+        misclosure_covariance: S as stated.
         design: J, (n, 3, p).
         sum_of_squares: Of w' S^-1 w.
         steps: How many it took.
@@ -68,7 +113,7 @@ class AdjustedHelmert:
     misclosures_mm: Floats
     from_corrections_mm: Floats
     to_corrections_mm: Floats
-    misclosure_covariance_mm2: Floats
+    misclosure_covariance: "MisclosureCovariance"
     design: Floats
     sum_of_squares: float
     steps: int
@@ -90,7 +135,7 @@ class AdjustedHelmert:
 class _State:
     transformation: Helmert
     misclosures_mm: Floats
-    covariance_mm2: Floats
+    covariance: MisclosureCovariance
     weighted: Floats  # S^-1 w
     from_corrections_mm: Floats
     design: Floats
@@ -102,6 +147,8 @@ def adjusted_helmert(
     from_covariance_mm2: Floats,
     to_covariance_mm2: Floats,
     *,
+    from_shared_mm: Floats | None = None,
+    to_shared_mm: Floats | None = None,
     with_scale: bool = False,
 ) -> AdjustedHelmert:
     """Adjust the transformation between two systems.
@@ -111,6 +158,9 @@ def adjusted_helmert(
         to_mm: In the other, (n, 3).
         from_covariance_mm2: (n, 3, 3). Of each point, one of both may be zero.
         to_covariance_mm2: (n, 3, 3).
+        from_shared_mm: F, the part of the covariances that points share by the
+            parameters of one arm, (n, 3, rank); None: nothing is shared.
+        to_shared_mm: By the same parameters of the same arm, (n, 3, rank).
         with_scale: Seven parameters, else six.
 
     Raises:
@@ -122,6 +172,12 @@ def adjusted_helmert(
         if problem is not None:
             raise HelmertError(problem)
     n_parameters = N_RIGID + int(with_scale)
+    given = [one for one in (from_shared_mm, to_shared_mm) if one is not None]
+    none = np.zeros_like(given[0]) if given else np.zeros((*from_mm.shape, 0))
+    from_shared = none if from_shared_mm is None else from_shared_mm
+    to_shared = none if to_shared_mm is None else to_shared_mm
+    from_own = from_covariance_mm2 - from_shared @ from_shared.transpose(0, 2, 1)
+    to_own = to_covariance_mm2 - to_shared @ to_shared.transpose(0, 2, 1)
     traces = np.einsum("nii->n", from_covariance_mm2 + to_covariance_mm2)
     if not np.all(traces > 0.0):
         raise ValueError("a point has no errors on either side; state its covariance")
@@ -133,27 +189,26 @@ def adjusted_helmert(
 
     def at(transformation: Helmert) -> _State:
         turn = transformation.scale * transformation.rotation
-        covariance_mm2 = to_covariance_mm2 + turn @ from_covariance_mm2 @ turn.T
+        covariance = MisclosureCovariance(
+            to_own + turn @ from_own @ turn.T, to_shared - turn @ from_shared
+        )
         misclosures_mm = to_mm - transformation.places_mm(from_mm)
         try:
-            np.linalg.cholesky(covariance_mm2)
+            np.linalg.cholesky(covariance.own_mm2)
         except np.linalg.LinAlgError as error:
             raise ValueError(
                 "the covariances of a point, both sides together, are not positive "
                 "definite; state errors in all directions"
             ) from error
-        weighted = np.asarray(
-            np.linalg.solve(covariance_mm2, misclosures_mm[:, :, np.newaxis])[..., 0],
-            dtype=np.float64,
-        )
-        corrections_mm: Floats = np.einsum(
-            "nij,nj->ni", from_covariance_mm2, weighted @ turn
-        )
+        weighted = covariance.solve(misclosures_mm[:, :, np.newaxis])[..., 0]
+        common = np.einsum("nir,ni->r", covariance.shared_mm, weighted)
+        corrections_mm: Floats = np.einsum("nij,nj->ni", from_own, weighted @ turn)
+        corrections_mm -= from_shared @ common
         corrected_mm = transformation.places_mm(from_mm + corrections_mm)
         return _State(
             transformation,
             misclosures_mm,
-            covariance_mm2,
+            covariance,
             weighted,
             corrections_mm,
             motions(corrected_mm - centre_mm, n_parameters),
@@ -173,14 +228,17 @@ def adjusted_helmert(
             break
     if not size < _SMALL_ENOUGH:
         raise HelmertError(_astray(shape_of(to_mm), size))
+    common = np.einsum("nir,ni->r", state.covariance.shared_mm, state.weighted)
+    to_corrections_mm = np.einsum("nij,nj->ni", to_own, state.weighted)
+    to_corrections_mm += to_shared @ common
     return AdjustedHelmert(
         transformation=state.transformation,
         centre_mm=centre_mm,
         cofactors=_cofactors(state, units),
         misclosures_mm=state.misclosures_mm,
         from_corrections_mm=state.from_corrections_mm,
-        to_corrections_mm=-np.einsum("nij,nj->ni", to_covariance_mm2, state.weighted),
-        misclosure_covariance_mm2=state.covariance_mm2,
+        to_corrections_mm=-to_corrections_mm,
+        misclosure_covariance=state.covariance,
         design=state.design,
         sum_of_squares=float(np.sum(state.weighted * state.misclosures_mm)),
         steps=steps,
@@ -204,9 +262,7 @@ def _astray(shape: Shape, size: float) -> str:
 def _cofactors(state: _State, units: Floats) -> Floats:
     """Compute (J' S^-1 J)^-1, in units in which its parts are alike."""
     design = state.design * units
-    normal = np.einsum(
-        "nip,niq->pq", design, np.linalg.solve(state.covariance_mm2, design)
-    )
+    normal = np.einsum("nip,niq->pq", design, state.covariance.solve(design))
     try:
         inverse = np.linalg.inv(normal)
     except np.linalg.LinAlgError as error:
@@ -252,9 +308,9 @@ class Reliability:
 
 def reliability_of(adjusted: AdjustedHelmert) -> Reliability:
     """Compute what an adjustment could reveal."""
-    weights = np.linalg.inv(adjusted.misclosure_covariance_mm2)
+    weights = adjusted.misclosure_covariance.weights
     design, cofactors = adjusted.design, adjusted.cofactors
-    weighted = weights @ design
+    weighted = adjusted.misclosure_covariance.solve(design)
     moves = cofactors @ np.swapaxes(weighted, 1, 2)
     hat = design @ moves
     shares = 1.0 - np.einsum("nii->ni", hat)
@@ -275,8 +331,8 @@ def point_statistics(adjusted: AdjustedHelmert, found: Reliability) -> Floats:
     Returns:
         (n,), with as many degrees of freedom as `seen_per_mm2` has values above 0.
     """
-    weighted = np.linalg.solve(
-        adjusted.misclosure_covariance_mm2, adjusted.misclosures_mm[:, :, np.newaxis]
+    weighted = adjusted.misclosure_covariance.solve(
+        adjusted.misclosures_mm[:, :, np.newaxis]
     )[..., 0]
     parts = np.einsum("nki,ni->nk", found.directions, weighted)
     seen = found.seen_per_mm2

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.columns import columns
@@ -135,6 +136,36 @@ def read_arm_covariance(
             f"{path} is no covariance of an arm ({error}); identify the arm again"
         ) from error
     return ArmCovariance(_factor(path, names, told, covariance))
+
+
+def read_parameter_covariance(
+    path: Path, arm: Arm, effects: ArmEffects, inline_effects: ArmEffects
+) -> ArmCovariance | None:
+    """Read the covariance of the parameters that poses depend on.
+
+    Args:
+        path: Of the arm file, which names the file of the covariance.
+        arm: As read.
+        effects: All that the arm file has.
+        inline_effects: Those of poses.
+
+    Returns:
+        The covariance; None where the arm file names none.
+
+    Raises:
+        ValueError: The file is missing, damaged, or of another arm.
+    """
+    given = arm.identification
+    if given is None or given.covariance_file is None:
+        return None
+    joints = [joint.name for joint in arm.joints]
+    names = parameter_names(joints, effects.parameter_names)
+    found = read_arm_covariance(
+        path.parent / given.covariance_file, names, given.covariance_digest
+    )
+    places = {name: row for row, name in enumerate(names)}
+    kept = parameter_names(joints, inline_effects.parameter_names)
+    return ArmCovariance(found.factor[[places[name] for name in kept]])
 
 
 def _factor(

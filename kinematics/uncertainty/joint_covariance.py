@@ -52,13 +52,48 @@ class JointCovariance:
 
     Attributes:
         points_mm: (n_points, 3).
-        covariance_mm2: In the order x1, y1, z1, x2, ..., (3 n_points, 3 n_points).
-        with_arm: Whether the parameters of the arm are in it.
+        covariances_mm2: Of each by itself, (n_points, 3, 3).
+        shared_mm: Factors S of what the arm contributes, (n_points, 3, rank).
     """
 
     points_mm: Floats
-    covariance_mm2: Floats
-    with_arm: bool
+    covariances_mm2: Floats
+    shared_mm: Floats
+
+    @property
+    def with_arm(self) -> bool:
+        """Whether the parameters of the arm are in it."""
+        return bool(self.shared_mm.size)
+
+    @property
+    def own_mm2(self) -> Floats:
+        """What is of each point alone, (n_points, 3, 3)."""
+        return self.covariances_mm2 - self.shared_mm @ self.shared_mm.transpose(0, 2, 1)
+
+    @property
+    def covariance_mm2(self) -> Floats:
+        """In the order x1, y1, z1, x2, ..., (3 n_points, 3 n_points)."""
+        n = len(self.points_mm)
+        factor = self.shared_mm.reshape(3 * n, -1)
+        joint: Floats = factor @ factor.T
+        for point in range(n):
+            at = slice(3 * point, 3 * point + 3)
+            joint[at, at] = self.covariances_mm2[point]
+        return joint
+
+    def combined(self, weights: Floats) -> tuple[Floats, Floats]:
+        """Compute what the errors do to figures q = sum over i of W_i x_i.
+
+        Args:
+            weights: (n_figures, n_points, 3).
+
+        Returns:
+            The covariance of the figures, (n_figures, n_figures), and its part that
+            they share with other points by the arm, as a factor (n_figures, rank).
+        """
+        shared = np.einsum("qni,nir->qr", weights, self.shared_mm)
+        own: Floats = np.einsum("qni,nij,pnj->qp", weights, self.own_mm2, weights)
+        return own + shared @ shared.T, shared
 
     def length(self, first: int, second: int) -> Length:
         """Return the length between two points, by their numbers.
@@ -70,11 +105,13 @@ class JointCovariance:
         length_mm = float(np.linalg.norm(way_mm))
         if not length_mm > 0.0:
             raise ValueError("both points are in the same place; a length has two ends")
-        along = np.zeros(len(self.covariance_mm2))
-        along[3 * second : 3 * second + 3] = way_mm / length_mm
-        along[3 * first : 3 * first + 3] = -way_mm / length_mm
-        variance_mm2 = float(along @ self.covariance_mm2 @ along)
-        return Length(length_mm, float(np.sqrt(max(variance_mm2, 0.0))), self.with_arm)
+        ends = [first, second]
+        weights = np.stack([-way_mm, way_mm])[np.newaxis] / length_mm
+        (variance_mm2,), _ = JointCovariance(
+            self.points_mm[ends], self.covariances_mm2[ends], self.shared_mm[ends]
+        ).combined(weights)
+        std_mm = float(np.sqrt(max(float(variance_mm2[0]), 0.0)))
+        return Length(length_mm, std_mm, self.with_arm)
 
     def sphere(self) -> tuple[Sphere, Floats]:
         """Fit a sphere to all points.
@@ -89,7 +126,7 @@ class JointCovariance:
         normals = self.points_mm - found.centre_mm
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         design = np.column_stack([normals, np.ones(len(normals))])
-        return found, self._of_fit(design, normals)
+        return found, self.combined(fit_weights(design, normals))[0]
 
     def plane(self) -> tuple[Plane, Floats]:
         """Fit a plane to all points.
@@ -108,30 +145,18 @@ class JointCovariance:
             [np.ones(len(local_mm)), -local_mm @ first, -local_mm @ second]
         )
         normals = np.broadcast_to(found.normal, local_mm.shape)
-        return found, self._of_fit(design, normals)
-
-    def _of_fit(self, design: Floats, normals: Floats) -> Floats:
-        """Covariance of parameters q that follow distances n_i dx_i = design_i dq."""
-        inverse = np.linalg.pinv(design)
-        by_points = (inverse[:, :, np.newaxis] * normals).reshape(len(inverse), -1)
-        covariance: Floats = by_points @ self.covariance_mm2 @ by_points.T
-        return covariance
+        return found, self.combined(fit_weights(design, normals))[0]
 
 
-def joint_covariance(
-    points_mm: Floats, covariances_mm2: Floats, shared_mm: Floats
-) -> JointCovariance:
-    """Put points of one arm together.
+def fit_weights(design: Floats, normals: Floats) -> Floats:
+    """Return how points move parameters q with n_i dx_i = design_i dq.
 
     Args:
-        points_mm: (n_points, 3).
-        covariances_mm2: Of each by itself, (n_points, 3, 3).
-        shared_mm: Factors S of what the arm contributes, (n_points, 3, rank).
+        design: (n_points, n_parameters).
+        normals: n_i of the surface, (n_points, 3).
+
+    Returns:
+        W_i for `JointCovariance.combined`, (n_parameters, n_points, 3).
     """
-    n = len(points_mm)
-    factor = shared_mm.reshape(3 * n, -1)
-    joint = factor @ factor.T
-    for point in range(n):
-        at = slice(3 * point, 3 * point + 3)
-        joint[at, at] = covariances_mm2[point]
-    return JointCovariance(points_mm, joint, bool(shared_mm.size))
+    weights: Floats = np.linalg.pinv(design)[:, :, np.newaxis] * normals
+    return weights

@@ -42,6 +42,10 @@ def drawn_covariances(rng, n, size_mm=0.02):
     return root @ np.swapaxes(root, 1, 2) + 1e-6 * np.eye(3)
 
 
+def with_shared(covariances, shared):
+    return covariances + shared @ np.swapaxes(shared, 1, 2)
+
+
 def noise(rng, covariances):
     return np.einsum(
         "nij,nj->ni",
@@ -86,9 +90,11 @@ def test_with_errors_on_one_side_the_scale_is_that_of_umeyama():
     assert found.scale == pytest.approx(sizes @ sign / np.sum(x**2), rel=1e-10)
 
 
-@pytest.mark.parametrize("with_scale", [False, True])
+@pytest.mark.parametrize(
+    ("with_scale", "rank"), [(False, 0), (True, 0), (False, 2), (True, 40)]
+)
 def test_the_adjustment_is_where_scipy_finds_the_least_squares_of_both_sides(
-    with_scale,
+    with_scale, rank
 ):
     rng = np.random.default_rng(3)
     n = 5
@@ -96,26 +102,39 @@ def test_the_adjustment_is_where_scipy_finds_the_least_squares_of_both_sides(
     true = drawn_transformation(rng, 1.02 if with_scale else 1.0)
     # Errors of a hundredth of the extent: a wrong weight would show.
     ca, cb = drawn_covariances(rng, n, 1.0), drawn_covariances(rng, n, 1.5)
-    a = a_true + noise(rng, ca)
-    b = true.places_mm(a_true) + noise(rng, cb)
-    found = adjusted_helmert(a, b, ca, cb, with_scale=with_scale)
+    fa, fb = rng.normal(0.0, 1.0, (2, n, 3, rank))
+    shared = rng.normal(size=rank)
+    a = a_true + noise(rng, ca) + fa @ shared
+    b = true.places_mm(a_true) + noise(rng, cb) + fb @ shared
+    found = adjusted_helmert(
+        a,
+        b,
+        with_shared(ca, fa),
+        with_shared(cb, fb),
+        from_shared_mm=fa if rank else None,
+        to_shared_mm=fb if rank else None,
+        with_scale=with_scale,
+    )
     la, lb = (np.linalg.inv(np.linalg.cholesky(c)) for c in (ca, cb))
 
     def residuals(x):
-        """Adjusted places of one side are unknowns, too."""
+        """Adjusted places of one side are unknowns, too, and what all share."""
         scale = x[6] if with_scale else 1.0
-        places = x[7:].reshape(n, 3)
+        z, places = x[7 : 7 + rank], x[7 + rank :].reshape(n, 3)
         there = scale * Rotation.from_rotvec(x[:3]).apply(places) + x[3:6]
         return np.concatenate(
             [
-                np.einsum("nij,nj->ni", la, places - a).ravel(),
-                np.einsum("nij,nj->ni", lb, there - b).ravel(),
+                np.einsum("nij,nj->ni", la, places + fa @ z - a).ravel(),
+                np.einsum("nij,nj->ni", lb, there + fb @ z - b).ravel(),
+                z,
             ]
         )
 
     start = closed_helmert(a, b, np.ones(n), with_scale=with_scale)
     turn = Rotation.from_matrix(start.rotation).as_rotvec()
-    x0 = np.concatenate([turn, start.translation_mm, [start.scale], a.ravel()])
+    x0 = np.concatenate(
+        [turn, start.translation_mm, [start.scale], np.zeros(rank), a.ravel()]
+    )
     best = least_squares(residuals, x0, xtol=1e-15, ftol=1e-15, gtol=1e-15)
     assert found.sum_of_squares == pytest.approx(2.0 * best.cost, rel=1e-9)
     np.testing.assert_allclose(
@@ -125,7 +144,7 @@ def test_the_adjustment_is_where_scipy_finds_the_least_squares_of_both_sides(
     )
     np.testing.assert_allclose(found.transformation.translation_mm, best.x[3:6], 1e-4)
     np.testing.assert_allclose(
-        found.from_corrections_mm, best.x[7:].reshape(n, 3) - a, atol=1e-5
+        found.from_corrections_mm, best.x[7 + rank :].reshape(n, 3) - a, atol=1e-5
     )
     corrected = found.transformation.places_mm(a + found.from_corrections_mm)
     np.testing.assert_allclose(corrected, b + found.to_corrections_mm, atol=1e-9)
@@ -181,16 +200,24 @@ def test_places_move_as_the_design_says(n_parameters):
         np.testing.assert_allclose(design[:, :, column], slope, atol=1e-5)
 
 
-def test_the_covariance_is_the_scatter_of_many_adjustments():
+@pytest.mark.parametrize("rank", [0, 4])
+def test_the_covariance_is_the_scatter_of_many_adjustments(rank):
     rng = np.random.default_rng(6)
     a_true, true = drawn(rng, 4), drawn_transformation(rng)
     b_true = true.places_mm(a_true)
     ca, cb = drawn_covariances(rng, 4), drawn_covariances(rng, 4)
+    fa, fb = rng.normal(0.0, 0.03, (2, 4, 3, rank))
     n = 300
     scatter, squares = np.empty((n, 6)), np.empty(n)
     for row in range(n):
+        shared = rng.normal(size=rank)
         found = adjusted_helmert(
-            a_true + noise(rng, ca), b_true + noise(rng, cb), ca, cb
+            a_true + noise(rng, ca) + fa @ shared,
+            b_true + noise(rng, cb) + fb @ shared,
+            with_shared(ca, fa),
+            with_shared(cb, fb),
+            from_shared_mm=fa,
+            to_shared_mm=fb,
         )
         off = found.transformation.rotation @ true.rotation.T
         centre = found.centre_mm
@@ -217,23 +244,35 @@ def test_a_covariance_about_another_centre_gives_places_the_same_errors():
     )
 
 
-def test_redundancy_numbers_add_up_to_the_redundancy():
+@pytest.mark.parametrize("rank", [0, 3])
+def test_redundancy_numbers_add_up_to_the_redundancy(rank):
     rng = np.random.default_rng(8)
+    shared = rng.normal(0.0, 0.05, (6, 3, rank))
     a = drawn(rng, 6)
     ca, cb = drawn_covariances(rng, 6), drawn_covariances(rng, 6)
     b = drawn_transformation(rng).places_mm(a) + noise(rng, cb)
     for with_scale, redundancy in ((False, 12), (True, 11)):
-        found = adjusted_helmert(a, b, ca, cb, with_scale=with_scale)
+        found = adjusted_helmert(
+            a,
+            b,
+            with_shared(ca, shared),
+            cb,
+            from_shared_mm=shared,
+            with_scale=with_scale,
+        )
         assert found.redundancy == redundancy
         shares = reliability_of(found).shares
         assert shares.sum() == pytest.approx(redundancy)
 
 
-def test_what_is_seen_of_an_error_is_how_the_sum_of_squares_grows():
+@pytest.mark.parametrize("rank", [0, 3])
+def test_what_is_seen_of_an_error_is_how_the_sum_of_squares_grows(rank):
     rng = np.random.default_rng(9)
     a, true = drawn(rng, 5), drawn_transformation(rng)
     b, c = true.places_mm(a), drawn_covariances(rng, 5)
-    found = adjusted_helmert(a, b, c, c)
+    shared = rng.normal(0.0, 0.05, (5, 3, rank))
+    given = (with_shared(c, shared), c)
+    found = adjusted_helmert(a, b, *given, from_shared_mm=shared)
     seen = reliability_of(found)
     way = rng.normal(size=3)
     way /= np.linalg.norm(way)
@@ -241,7 +280,10 @@ def test_what_is_seen_of_an_error_is_how_the_sum_of_squares_grows():
     wrong[2] += 1e-3 * way
     parts = seen.directions[2] @ way
     expected = 1e-6 * seen.seen_per_mm2[2] @ parts**2
-    moved = adjusted_helmert(a, wrong, c, c)
+    moved = adjusted_helmert(a, wrong, *given, from_shared_mm=shared)
+    # As one point of all that was moved, its statistic is all there is.
+    statistic = point_statistics(moved, reliability_of(moved))[2]
+    assert statistic == pytest.approx(moved.sum_of_squares, rel=1e-3)
     assert moved.sum_of_squares == pytest.approx(expected, rel=1e-3)
     # and it moves as it says
     shift = moved.transformation.places_mm(a) - found.transformation.places_mm(a)

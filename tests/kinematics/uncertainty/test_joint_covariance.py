@@ -16,13 +16,14 @@ from tests.kinematics.uncertainty.test_point_covariance import (
     stated_values,
 )
 from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.fits.plane import fit_plane
+from traverse.kinematics.fits.sphere import fit_sphere
 from traverse.kinematics.uncertainty.arm_covariance import (
     ArmCovariance,
     parameter_columns,
 )
 from traverse.kinematics.uncertainty.joint_covariance import (
     JointCovariance,
-    joint_covariance,
 )
 from traverse.kinematics.uncertainty.point_covariance import (
     PointNoise,
@@ -61,7 +62,7 @@ class Bench:
             self.geometry, self.effects, block, self.noise, self.arm
         )
         places_mm = self.measured(angles_rad, None)
-        return joint_covariance(places_mm, found.covariances_mm2, found.shared_mm)
+        return JointCovariance(places_mm, found.covariances_mm2, found.shared_mm)
 
     def measured(self, angles_rad, rng):
         """Where an arm of this kind finds the points; without chance the stated one."""
@@ -126,9 +127,9 @@ def test_95_of_100_lengths_lie_within_their_uncertainty(bench, kind):
 def test_what_points_share_does_not_lengthen_what_is_between_them(bench):
     """Neighbours are off together: a short length is better than its ends."""
     short = bench.stated(pair("near", bench))
-    own = short.covariance_mm2.copy()
-    own[:3, 3:] = own[3:, :3] = 0.0
-    apart = JointCovariance(short.points_mm, own, with_arm=True)
+    apart = JointCovariance(
+        short.points_mm, short.covariances_mm2, np.zeros_like(short.shared_mm)
+    )
     assert short.length(0, 1).std_mm < 0.5 * apart.length(0, 1).std_mm
 
 
@@ -145,10 +146,7 @@ def test_a_sphere_and_a_plane_of_touches(bench):
     assert abs(stated.radius_mm - 20.0) < 1e-6
     found = []
     for _ in range(N):
-        drawn = JointCovariance(
-            bench.measured(on_sphere, rng), np.eye(75), with_arm=True
-        )
-        sphere, _ = drawn.sphere()
+        sphere = fit_sphere(bench.measured(on_sphere, rng))
         found.append([*(sphere.centre_mm - centre_mm), sphere.radius_mm - 20.0])
     stds = np.sqrt(np.diag(covariance))
     inside = np.mean(np.abs(found) <= 2.0 * stds, axis=0)
@@ -159,10 +157,7 @@ def test_a_sphere_and_a_plane_of_touches(bench):
     plane, covariance = bench.stated(on_plane).plane()
     heights_mm = []
     for _ in range(N):
-        drawn = JointCovariance(
-            bench.measured(on_plane, rng), np.eye(75), with_arm=True
-        )
-        other, _ = drawn.plane()
+        other = fit_plane(bench.measured(on_plane, rng))
         along = other.normal * np.sign(other.normal @ plane.normal)
         heights_mm.append(along @ (plane.point_mm - other.point_mm))
     inside = np.mean(np.abs(heights_mm) <= 2.0 * np.sqrt(covariance[0, 0]))
@@ -211,7 +206,7 @@ def test_without_an_arm_it_is_said_and_one_place_is_no_length(bench):
         bench.geometry, bench.effects, Block(angles_rad), bench.noise
     )
     places_mm = bench.measured(angles_rad, None)
-    joint = joint_covariance(places_mm, found.covariances_mm2, found.shared_mm)
+    joint = JointCovariance(places_mm, found.covariances_mm2, found.shared_mm)
     assert not joint.length(0, 1).with_arm
     assert joint.length(0, 1).length_mm == pytest.approx(
         np.linalg.norm(np.diff(places_mm, axis=0))
