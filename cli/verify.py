@@ -125,11 +125,17 @@ def _certificate(
 
     arm, text = _arm(data, arm_file)
     permitted = NO_LIMITS if limits_file is None else read_limits(limits_file)
-    measured = read_measured(data, arm)
+    covariance = _covariance_beside(arm, arm_file)
+    measured = read_measured(data, arm, None if covariance is None else arm_file)
     files = {path.name: bytes_of(path) for path in files_read(data)}
     digest = sources.digest_of_files(files_read(data))
     source = sources.ReportSource(data.resolve().name, digest)
     files[ARM] = text
+    if covariance is not None and measured.errors_unknown is None:
+        files[covariance.name] = bytes_of(covariance)
+    elif covariance is not None:
+        reason = measured.errors_unknown
+        typer.echo(f"lengths are not predicted by the arm file: {reason}", err=True)
     if limits_file is not None:
         files[LIMITS] = bytes_of(limits_file)
     return SealedCertificate(
@@ -140,6 +146,16 @@ def _certificate(
         administration_of(measured, arm),
         sources.report_provenance(source, computed_by),
     )
+
+
+def _covariance_beside(arm: "Arm", file: Path | None) -> Path | None:
+    """The file of the arm's covariance; None where it is not beside the arm file."""
+    known = arm.identification
+    if file is None or known is None or known.covariance_file is None:
+        return None
+    found = file.with_name(Path(known.covariance_file).name)
+    same = found == file.parent / known.covariance_file
+    return found if same and found.is_file() else None
 
 
 def _arm(data: Path, file: Path | None) -> "tuple[Arm, bytes]":

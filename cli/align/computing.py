@@ -1,8 +1,9 @@
 """From files to an alignment's values: what `traverse align` computes."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from traverse.lab.alignment.touches import (
     touches_of_points,
 )
 from traverse.lab.measured_points.reading import files_read, read_measured
+from traverse.lab.measured_points.uncertainty import shared_by_points
 from traverse.lab.report.provenance import (
     ReportSource,
     digest_of_files,
@@ -53,15 +55,15 @@ def compute_alignment(
         OSError: A file cannot be read.
     """
     arm = None if options.arm is None else read_arm(options.arm)
-    touches = _touches(points, options.coordinates, arm)
+    touches, remarks = _touches(points, options, arm)
     arm_name = _arm_of(touches) or (None if arm is None else arm.name)
     name = options.name or nominal_file.stem
     if options.method == "leapfrog":
-        result = _leapfrog(options, touches, nominal_file, arm)
+        result = _leapfrog(options, touches, nominal_file, arm, remarks)
     else:
         nominal = read_nominal(nominal_file)
         name = options.name or nominal.name or nominal_file.stem
-        result = _onto_nominal(options, touches, nominal, arm)
+        result = _onto_nominal(options, touches, nominal, arm, remarks)
     values = alignment_values(
         result,
         name=name,
@@ -86,14 +88,16 @@ def _onto_nominal(
     touches: Sequence[Touch],
     nominal: Nominal,
     arm: Arm | None,
+    remarks: Sequence[str],
 ) -> AlignmentResult:
     volume_of, source = _volume(options, nominal, arm)
     if options.method == "3-2-1":
-        return align_plane_line_point(
+        found = align_plane_line_point(
             touches, nominal, volume_of, source, std_mm=options.std
         )
+        return replace(found, remarks=(*remarks, *found.remarks))
     known = [point.name for point in nominal.points]
-    measured, remarks = places_by_name(
+    measured, left_out = places_by_name(
         touches, known, std_mm=options.std, spheres=options.spheres
     )
     places = {
@@ -105,7 +109,7 @@ def _onto_nominal(
         volume_of,
         source,
         with_scale=options.scale,
-        remarks=remarks,
+        remarks=[*remarks, *left_out],
     )
 
 
@@ -114,12 +118,14 @@ def _leapfrog(
     touches: Sequence[Touch],
     from_file: Path,
     arm: Arm | None,
+    remarks: Sequence[str],
 ) -> AlignmentResult:
-    before = _touches(from_file, options.coordinates, arm)
-    first, first_remarks = places_by_name(
+    before, first_remarks = _touches(from_file, options, arm)
+    first, left_out = places_by_name(
         before, None, std_mm=options.std, spheres=options.spheres
     )
-    second, remarks = places_by_name(
+    first_remarks += left_out
+    second, left_out = places_by_name(
         touches, list(first), std_mm=options.std, spheres=options.spheres
     )
     if options.volume is None:
@@ -134,7 +140,11 @@ def _leapfrog(
         source,
         method="leapfrog",
         with_scale=options.scale,
-        remarks=[*remarks, *(f"first station: {one}" for one in first_remarks)],
+        remarks=[
+            *remarks,
+            *left_out,
+            *(f"first station: {one}" for one in first_remarks),
+        ],
     )
 
 
@@ -155,12 +165,15 @@ def _volume(
 
 
 def _touches(
-    source: Path, coordinates: Literal["centre", "surface"], arm: Arm | None
-) -> list[Touch]:
+    source: Path, options: AlignmentOptions, arm: Arm | None
+) -> tuple[list[Touch], list[str]]:
     """Read touches with names, of the ball's centre or of the touched place.
 
     The source is points in JSON lines, a recording, an outbox, a table in CSV, or the
     folder of a campaign that was measured with an arm.
+
+    Returns:
+        The touches, and remarks on what their errors share.
 
     Raises:
         FileError: A file was refused.
@@ -168,28 +181,55 @@ def _touches(
         OSError: It cannot be read.
     """
     if source.is_dir():
-        return _of_campaign(source, coordinates, arm)
+        return _of_campaign(source, options, arm)
     if source.suffix == ".csv":
-        return read_touch_table(source, coordinates)
+        return read_touch_table(source, options.coordinates), []
     points = standing(list(points_of(source)))
     if not points:
         raise FileError(str(source), [Problem("", "holds no points; measure some")])
-    return touches_of_points(points, coordinates)
+    shared_mm, remarks = None, []
+    if options.std is None and all(p.covariance_mm2 is not None for p in points):
+        try:
+            if options.arm is None or arm is None:
+                raise ValueError("the arm file is not given: --arm FILE")
+            shared_mm = shared_by_points(points, options.arm, arm)
+            remarks.append(_SHARED)
+        except ValueError as error:
+            remarks.append(f"{_APART}: {error}")
+    return touches_of_points(points, options.coordinates, shared_mm), remarks
 
 
-def _of_campaign(folder: Path, coordinates: str, arm: Arm | None) -> list[Touch]:
-    if arm is None:
+_SHARED = "errors of the arm's parameters are taken as what they are: common to all"
+_APART = "errors of the arm's parameters are taken as each point's own"
+
+
+def _of_campaign(
+    folder: Path, options: AlignmentOptions, arm: Arm | None
+) -> tuple[list[Touch], list[str]]:
+    if options.arm is None or arm is None:
         raise ValueError(f"{folder}: a campaign needs the arm file: --arm FILE")
-    if coordinates != "centre":
+    if options.coordinates != "centre":
         raise ValueError(f"{folder}: a campaign has centres of the ball only")
-    measured = read_measured(folder, arm)
-    return [
-        Touch(names_of(name, feature), place, arm=arm.name, off_mm=float(tip_mm))
-        for name, touched in measured.touched.items()
-        for feature, place, tip_mm in zip(
-            touched.features, touched.places_mm, touched.tip_mm, strict=True
-        )
-    ]
+    measured = read_measured(folder, arm, options.arm)
+    remarks = []
+    if options.std is None:
+        lacking = measured.errors_unknown
+        remarks.append(_SHARED if lacking is None else f"no errors stated: {lacking}")
+    touches = []
+    for name, touched in measured.touched.items():
+        errors = touched.errors
+        for row, feature in enumerate(touched.features):
+            touches.append(
+                Touch(
+                    names_of(name, feature),
+                    touched.places_mm[row],
+                    None if errors is None else errors.covariances_mm2[row],
+                    None if errors is None else errors.shared_mm[row],
+                    arm=arm.name,
+                    off_mm=float(touched.tip_mm[row]),
+                )
+            )
+    return touches, remarks
 
 
 def _arm_of(touches: Sequence[Touch]) -> str | None:

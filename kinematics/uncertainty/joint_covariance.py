@@ -81,6 +81,20 @@ class JointCovariance:
             joint[at, at] = self.covariances_mm2[point]
         return joint
 
+    def part(self, rows: list[int]) -> "JointCovariance":
+        """Take some of the points."""
+        return JointCovariance(
+            self.points_mm[rows], self.covariances_mm2[rows], self.shared_mm[rows]
+        )
+
+    def joined(self, other: "JointCovariance") -> "JointCovariance":
+        """Put points of the same arm together."""
+        return JointCovariance(
+            np.concatenate([self.points_mm, other.points_mm]),
+            np.concatenate([self.covariances_mm2, other.covariances_mm2]),
+            np.concatenate([self.shared_mm, other.shared_mm]),
+        )
+
     def combined(self, weights: Floats) -> tuple[Floats, Floats]:
         """Compute what the errors do to figures q = sum over i of W_i x_i.
 
@@ -105,11 +119,8 @@ class JointCovariance:
         length_mm = float(np.linalg.norm(way_mm))
         if not length_mm > 0.0:
             raise ValueError("both points are in the same place; a length has two ends")
-        ends = [first, second]
         weights = np.stack([-way_mm, way_mm])[np.newaxis] / length_mm
-        (variance_mm2,), _ = JointCovariance(
-            self.points_mm[ends], self.covariances_mm2[ends], self.shared_mm[ends]
-        ).combined(weights)
+        (variance_mm2,), _ = self.part([first, second]).combined(weights)
         std_mm = float(np.sqrt(max(float(variance_mm2[0]), 0.0)))
         return Length(length_mm, std_mm, self.with_arm)
 
@@ -123,10 +134,7 @@ class JointCovariance:
             ValueError: The points determine none.
         """
         found = fit_sphere(self.points_mm)
-        normals = self.points_mm - found.centre_mm
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        design = np.column_stack([normals, np.ones(len(normals))])
-        return found, self.combined(fit_weights(design, normals))[0]
+        return found, self.combined(sphere_weights(self.points_mm, found))[0]
 
     def plane(self) -> tuple[Plane, Floats]:
         """Fit a plane to all points.
@@ -160,3 +168,11 @@ def fit_weights(design: Floats, normals: Floats) -> Floats:
     """
     weights: Floats = np.linalg.pinv(design)[:, :, np.newaxis] * normals
     return weights
+
+
+def sphere_weights(points_mm: Floats, found: Sphere) -> Floats:
+    """Return `fit_weights` of centre and radius, (4, n_points, 3)."""
+    normals = points_mm - found.centre_mm
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    design = np.column_stack([normals, np.ones(len(normals))])
+    return fit_weights(design, normals)

@@ -5,7 +5,7 @@ by features; docs/acceptance.md lists them.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from traverse.lab.acceptance.conformity.figure import (
     Figure,
@@ -17,6 +17,7 @@ from traverse.lab.acceptance.conformity.limits import NO_LIMITS, Limits
 from traverse.lab.acceptance.procedures.b89 import articulation, volumetric
 from traverse.lab.acceptance.procedures.interim_test import interim_test
 from traverse.lab.acceptance.procedures.length_tests import length_test
+from traverse.lab.acceptance.procedures.predicted_lengths import predicted_lengths
 from traverse.lab.acceptance.procedures.probing import (
     effective_diameter,
     location,
@@ -69,7 +70,8 @@ def verified(
     chosen = STANDARDS[standard]
     parts = list(chosen.tests(measured, limits))
     remarks = [*measured.notes, *_not_stated(parts, limits)]
-    return verification(standard, chosen.title, parts, remarks)
+    found = verification(standard, chosen.title, parts, remarks)
+    return replace(found, predicted=predicted_lengths(measured, found.lengths))
 
 
 def _not_stated(parts: list[Part], limits: Limits) -> Iterator[str]:

@@ -56,7 +56,13 @@ def best_fit_alignment(
     from_mm, to_mm = _places_mm(common.measured), _places_mm(common.nominal)
     from_covariance, to_covariance, is_stated = _errors(common)
     adjusted = adjusted_helmert(
-        from_mm, to_mm, from_covariance, to_covariance, with_scale=with_scale
+        from_mm,
+        to_mm,
+        from_covariance,
+        to_covariance,
+        from_shared_mm=_shared_mm(common.measured),
+        to_shared_mm=_shared_mm(common.nominal),
+        with_scale=with_scale,
     )
     if mirrored_share(from_mm, to_mm) < _MIRRORED:
         raise HelmertError(
@@ -104,6 +110,14 @@ def best_fit_alignment(
 
 def _places_mm(places: Sequence[Place]) -> Floats:
     return np.array([place.place_mm for place in places]).reshape(-1, 3)
+
+
+def _shared_mm(places: Sequence[Place]) -> Floats | None:
+    """Factors of what places share, (n, 3, rank); None where it is not known of all."""
+    known = [
+        p.shared_mm for p in places if p.shared_mm is not None and p.shared_mm.size
+    ]
+    return np.array(known) if len(known) == len(places) else None
 
 
 def _errors(common: CommonPoints) -> tuple[Floats, Floats, bool]:

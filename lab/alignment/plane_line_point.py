@@ -23,7 +23,7 @@ from traverse.lab.alignment.plane_line_point_frames import (
     local_heights,
     measured_frame,
     nominal_frame,
-    redundancy_shares,
+    residual_map,
     sensitivity,
     transformation_between,
 )
@@ -35,7 +35,7 @@ from traverse.lab.alignment.result import (
     global_test,
     point_p_value,
 )
-from traverse.lab.alignment.touches import Touch, stated_covariances
+from traverse.lab.alignment.touches import Touch, stated_errors
 from traverse.plurals import counted
 
 _AXES = ("along the line", "across the line", "off the plane")
@@ -119,16 +119,17 @@ def align_plane_line_point(
     on_plane_mm = transformation.places_mm(touched.plane_mm)
     local_mm, axis, heights_mm = local_heights(touched, frame)
     moves = sensitivity(local_mm, axis)
-    shares = redundancy_shares(local_mm, axis)
-    covariances = stated_covariances(everything, std_mm)
-    is_stated = covariances is not None
+    errors = stated_errors(everything, std_mm)
+    is_stated = errors is not None
     redundancy = len(axis) - 6
-    used = np.eye(3)[axis] @ frame.axes.T  # the direction that counts, arm's system
-    if covariances is not None:
-        stds_mm = np.sqrt(np.einsum("ni,nij,nj->n", used, covariances, used))
-    else:
-        stds_mm = np.ones(len(axis))
-    squares = float(np.sum((heights_mm / stds_mm) ** 2))
+    mapped = residual_map(local_mm, axis, moves)
+    of_touches = np.eye(len(axis))
+    if errors is not None:
+        # The direction that counts of each touch, in the arm's system.
+        weights = np.einsum("rn,na->rna", of_touches, np.eye(3)[axis] @ frame.axes.T)
+        of_touches, _ = errors.combined(weights)
+    of_residuals = mapped @ of_touches @ mapped.T
+    squares = _sum_of_squares(heights_mm, of_residuals, redundancy)
     test = global_test(squares, redundancy, is_stated=is_stated)
     trusted = is_stated and (test is None or bool(test.passed))
     factor = 1.0 if trusted else (None if test is None else test.sigma0)
@@ -137,7 +138,7 @@ def align_plane_line_point(
     moves = to_part @ moves
     covariance = None
     if factor is not None:
-        covariance = factor**2 * (moves * stds_mm**2) @ moves.T
+        covariance = factor**2 * moves @ of_touches @ moves.T
         problem = turn_problem(covariance, shape_of(on_plane_mm))
         if problem is not None:
             raise ValueError(problem.replace("common points", "touches of the plane"))
@@ -155,8 +156,8 @@ def align_plane_line_point(
             touch,
             goal.axes[:, axis[row]],
             residual_mm=-heights_mm[row],
-            share=float(shares[row]),
-            std_mm=unit * stds_mm[row],
+            share=float(mapped[row, row]),
+            std_mm=unit * float(np.sqrt(of_residuals[row, row])),
             in_volume=float(in_volume[row]),
             is_stated=is_stated,
         )
@@ -197,9 +198,12 @@ def _point(
     in_volume: float,
     is_stated: bool,
 ) -> PointResult:
-    """Compute the effect of an undetected error of a touch along its way; test it."""
-    least_mm = FOUND * float(std_mm) / np.sqrt(share) if share else None
-    statistic = (residual_mm / std_mm) ** 2 / share if share else 0.0
+    """Compute the effect of an undetected error of a touch along its way; test it.
+
+    The standard deviation is of its residual, which shows that share of an error.
+    """
+    least_mm = FOUND * std_mm / share if share else None
+    statistic = (residual_mm / std_mm) ** 2 if share else 0.0
     return PointResult(
         name=touch.names[0],
         measured_mm=touch.place_mm,
@@ -216,6 +220,15 @@ def _point(
         if is_stated
         else None,
     )
+
+
+def _sum_of_squares(residuals_mm: Floats, covariance_mm2: Floats, rank: int) -> float:
+    """Return e' C^+ e, chi-squared with as many degrees of freedom as C has rank."""
+    if rank <= 0:
+        return 0.0
+    sizes, vectors = np.linalg.eigh(covariance_mm2)
+    parts = residuals_mm @ vectors[:, -rank:]
+    return float(np.sum(parts**2 / sizes[-rank:]))
 
 
 def _groups(touches: Sequence[Touch], nominal: Nominal) -> list[list[Touch]]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.fits import fit_plane
-from traverse.kinematics.helmert.transformation import N_RIGID, Helmert
+from traverse.kinematics.helmert.transformation import N_RIGID, Helmert, motions
 from traverse.lab.alignment.nominal import Nominal
 
 _STRAIGHT = 1e-9
@@ -175,13 +175,17 @@ def sensitivity(local_mm: Floats, axis: Integers) -> Floats:
     return moves
 
 
-def redundancy_shares(local_mm: Floats, axis: Integers) -> Floats:
-    """Return how much of the error of every touch its residual shows, (n,)."""
-    shares = np.empty(len(axis))
-    for which, columns in ((2, (0, 1)), (1, (0,)), (0, ())):
-        rows = np.flatnonzero(axis == which)
-        parts = [np.ones(len(rows)), *(local_mm[rows, column] for column in columns)]
-        design = np.column_stack(parts)
-        hat = design @ np.linalg.pinv(design)
-        shares[rows] = 1.0 - np.diag(hat)
-    return np.where(shares > 1e-9, shares, 0.0)
+def residual_map(local_mm: Floats, axis: Integers, moves: Floats) -> Floats:
+    """Return what an error of each touch does to the residual of each.
+
+    Args:
+        local_mm: The touches in the frame, (n, 3).
+        axis: Which of its axes counts, (n,).
+        moves: See `sensitivity`, (6, n).
+
+    Returns:
+        (n, n), of rank n - 6; its diagonal are the redundancy numbers.
+    """
+    along = motions(local_mm, N_RIGID)[np.arange(len(axis)), axis]
+    mapped: Floats = np.eye(len(axis)) + along @ moves
+    return np.where(np.abs(mapped) > 1e-9, mapped, 0.0)

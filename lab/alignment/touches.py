@@ -13,6 +13,10 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.fits import fit_sphere
+from traverse.kinematics.uncertainty.joint_covariance import (
+    JointCovariance,
+    sphere_weights,
+)
 from traverse.plurals import counted
 from traverse.protocol.messages import Point
 from traverse.strict_toml.files import table_lines
@@ -38,6 +42,7 @@ class Touch:
         names: Possible names; the first one that is defined counts.
         place_mm: (3,).
         covariance_mm2: (3, 3); None if unknown.
+        shared_mm: Factor of the part of it that all touches of an arm share, (3, rank).
         shank: Unit vector towards the ball, (3,); None if unknown.
         arm: Name of the arm; None if unknown.
         flags: What is doubtful about it.
@@ -48,6 +53,7 @@ class Touch:
     names: tuple[str, ...]
     place_mm: Floats
     covariance_mm2: Floats | None = None
+    shared_mm: Floats | None = None
     shank: Floats | None = None
     arm: str | None = None
     flags: tuple[str, ...] = ()
@@ -60,16 +66,29 @@ def names_of(artefact: str | None, feature: str | None) -> tuple[str, ...]:
     return tuple(name for name in (both, feature, artefact) if name)
 
 
-def touches_of_points(points: Sequence[Point], coordinates: Coordinates) -> list[Touch]:
+def touches_of_points(
+    points: Sequence[Point], coordinates: Coordinates, shared_mm: Floats | None = None
+) -> list[Touch]:
     """Make touches of captured points, none of which is taken back.
+
+    Args:
+        points: n of them.
+        coordinates: Which.
+        shared_mm: See `shared_by_points`, (n, 3, rank); None: not known.
 
     Raises:
         ValueError: A point has no touched place.
     """
-    return [_touch_of(point, coordinates) for point in points]
+    shared = [None] * len(points) if shared_mm is None else shared_mm
+    return [
+        _touch_of(point, coordinates, by_arm)
+        for point, by_arm in zip(points, shared, strict=True)
+    ]
 
 
-def _touch_of(point: Point, coordinates: Coordinates) -> Touch:
+def _touch_of(
+    point: Point, coordinates: Coordinates, shared_mm: Floats | None
+) -> Touch:
     place = point.xyz_mm if coordinates == "centre" else point.surface_mm
     if place is None:
         raise ValueError(
@@ -81,6 +100,7 @@ def _touch_of(point: Point, coordinates: Coordinates) -> Touch:
         names_of(point.label.artefact, point.label.feature),
         np.array(place),
         None if covariance is None else matrix_of(covariance),
+        None if covariance is None else shared_mm,
         np.array(point.ijk),
         point.arm,
         tuple(point.quality.flags),
@@ -160,6 +180,7 @@ def _row_touch(row: dict[str, str], coordinates: Coordinates) -> Touch:
         (row["name"],) if row.get("name") else names,
         place_mm,
         covariance,
+        None,
         _numbers(row, _SHANK),
         None,
         tuple(row.get("flags", "").split()),
@@ -192,12 +213,14 @@ class Place:
         covariance_mm2: (3, 3); None if unknown.
         touches: How many it was made of.
         spread_mm: Root mean square distance from their mean, or from the sphere.
+        shared_mm: As of a touch, (3, rank); None if nothing is.
     """
 
     place_mm: Floats
     covariance_mm2: Floats | None
     touches: int = 1
     spread_mm: float | None = None
+    shared_mm: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -218,8 +241,8 @@ def places_by_name(
 ) -> tuple[dict[str, Place], list[str]]:
     """Sort touches by name, and make one place of each name that is known (None: all).
 
-    The covariance of a mean is the mean of the covariances, not divided by their
-    number: an arm's errors in one place are much the same each time. The standard
+    What is of each touch alone is averaged for a mean, not divided by their number: an
+    arm's errors in one place are much the same each time. The standard
     deviation is of every coordinate of a touch; None: as the touches say. Spheres:
     a name's touches lie on a sphere whose centre counts.
 
@@ -254,46 +277,76 @@ def places_by_name(
             remarks.append(f"{name}: touches carry flags: {', '.join(flags)}")
     make = _sphere_centre if spheres else _mean_place
     return {
-        name: make(name, group, stated_covariances(group, std_mm))
+        name: make(name, group, stated_errors(group, std_mm))
         for name, group in groups.items()
     }, remarks
 
 
-def stated_covariances(touches: Sequence[Touch], std_mm: float | None) -> Floats | None:
-    """List the covariances of touches, (n, 3, 3); None if one is unknown."""
+def stated_errors(
+    touches: Sequence[Touch], std_mm: float | None
+) -> JointCovariance | None:
+    """Return the errors of n touches as stated; None if those of one are unknown.
+
+    What they share is known of all or, with rank 0, of none.
+    """
+    places_mm = np.array([touch.place_mm for touch in touches])
+    n = len(touches)
+    nothing = np.zeros((n, 3, 0))
     if std_mm is not None:
-        return np.tile(std_mm**2 * np.eye(3), (len(touches), 1, 1))
-    found = [touch.covariance_mm2 for touch in touches]
-    known = [covariance for covariance in found if covariance is not None]
-    return np.array(known) if len(known) == len(found) else None
+        own = np.tile(std_mm**2 * np.eye(3), (n, 1, 1))
+        return JointCovariance(places_mm, own, nothing)
+    stated = [t.covariance_mm2 for t in touches if t.covariance_mm2 is not None]
+    if len(stated) < n:
+        return None
+    shared = [touch.shared_mm for touch in touches if touch.shared_mm is not None]
+    return JointCovariance(
+        places_mm,
+        np.array(stated),
+        np.array(shared) if len(shared) == n else nothing,
+    )
 
 
-def _mean_place(name: str, group: Sequence[Touch], covariances: Floats | None) -> Place:
+def _mean_place(
+    name: str, group: Sequence[Touch], errors: JointCovariance | None
+) -> Place:
     del name
     places_mm = np.array([touch.place_mm for touch in group])
     mean_mm = places_mm.mean(axis=0)
     spread_mm = float(np.sqrt(np.mean(np.sum((places_mm - mean_mm) ** 2, axis=1))))
-    covariance = None if covariances is None else covariances.mean(axis=0)
-    return Place(mean_mm, covariance, len(group), spread_mm if len(group) > 1 else None)
+    covariance = shared = None
+    if errors is not None:
+        shared = errors.shared_mm.mean(axis=0)
+        covariance = errors.own_mm2.mean(axis=0) + shared @ shared.T
+    return Place(
+        mean_mm,
+        covariance,
+        len(group),
+        spread_mm if len(group) > 1 else None,
+        shared,
+    )
 
 
 def _sphere_centre(
-    name: str, group: Sequence[Touch], covariances: Floats | None
+    name: str, group: Sequence[Touch], errors: JointCovariance | None
 ) -> Place:
     """Fit a sphere; a touch scatters as stated, or as the fit says if that is more."""
+    places_mm = np.array([touch.place_mm for touch in group])
     try:
-        sphere = fit_sphere(np.array([touch.place_mm for touch in group]))
+        sphere = fit_sphere(places_mm)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from error
     found_mm = sphere.precision.std_mm
-    covariance = None
-    if covariances is not None:
-        stated_mm = float(np.sqrt(np.mean(np.einsum("nii->n", covariances)) / 3.0))
-        std_mm = max(stated_mm, found_mm or 0.0)
-        covariance = sphere.precision.covariance(std_mm)[:3, :3]
+    covariance = shared = None
+    if errors is not None:
+        own_mm2 = float(np.mean(np.einsum("nii->n", errors.own_mm2)) / 3.0)
+        more = max(1.0, (found_mm or 0.0) ** 2 / own_mm2)
+        both, shared_all = errors.combined(sphere_weights(places_mm, sphere))
+        common = shared_all @ shared_all.T
+        covariance = (common + more * (both - common))[:3, :3]
+        shared = shared_all[:3]
     elif found_mm is not None:
         covariance = sphere.precision.covariance(found_mm)[:3, :3]
-    return Place(sphere.centre_mm, covariance, len(group), sphere.rms_mm)
+    return Place(sphere.centre_mm, covariance, len(group), sphere.rms_mm, shared)
 
 
 def common_points(

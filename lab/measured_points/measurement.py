@@ -13,6 +13,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics import fits
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
 from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.artefacts.parallel_planes import ParallelPlanes
@@ -31,12 +32,14 @@ class ArtefactTouches:
         features: (n,).
         temperature_c: NaN where unknown, (n,).
         tip_mm: Radius of the ball, (n,).
+        errors: Of the places; None where they are not known.
     """
 
     places_mm: Floats
     features: tuple[str, ...]
     temperature_c: Floats
     tip_mm: Floats
+    errors: JointCovariance | None = None
 
     def __len__(self) -> int:
         return len(self.features)
@@ -48,6 +51,7 @@ class ArtefactTouches:
             tuple(self.features[row] for row in rows),
             self.temperature_c[rows],
             self.tip_mm[rows],
+            None if self.errors is None else self.errors.part(rows),
         )
 
     def of(self, feature: str) -> "ArtefactTouches":
@@ -95,6 +99,7 @@ class Measurement:
         reach_mm: How far the ball gets from there, at most.
         notes: What is not as it should be, but no reason to refuse.
         occasion: Who measured, where and when.
+        errors_unknown: Why the touches have no errors; None where they have.
     """
 
     artefacts: Mapping[str, Artefact]
@@ -104,6 +109,7 @@ class Measurement:
     reach_mm: float
     notes: tuple[str, ...] = ()
     occasion: Occasion = Occasion()
+    errors_unknown: str | None = "the points have no angles"
 
     @property
     def temperature_c(self) -> Floats:
@@ -146,6 +152,7 @@ def measurement_of_touches(
     notes: Iterable[str],
     *,
     occasion: Occasion,
+    errors: JointCovariance | str = "the points have no angles",
 ) -> Measurement:
     """Sort touches by artefact.
 
@@ -156,7 +163,9 @@ def measurement_of_touches(
         numbers: Place of the ball's centre, temperature, radius of the tip, (n, 5).
         notes: What is not as it should be.
         occasion: Who measured, where and when.
+        errors: Of the places; else why they are not known.
     """
+    known = None if isinstance(errors, str) else errors
     by_name: dict[str, list[int]] = {}
     for row, name in enumerate(names[0]):
         by_name.setdefault(name, []).append(row)
@@ -167,6 +176,7 @@ def measurement_of_touches(
             tuple(names[1][row] for row in rows),
             numbers[rows, 3],
             numbers[rows, 4],
+            None if known is None else known.part(rows),
         )
         for name, rows in by_name.items()
     }
@@ -178,6 +188,7 @@ def measurement_of_touches(
         reach_mm=reach_mm,
         notes=tuple(notes),
         occasion=occasion,
+        errors_unknown=errors if isinstance(errors, str) else None,
     )
 
 

@@ -15,12 +15,13 @@ from pathlib import Path
 import numpy as np
 import tomlkit
 
-from traverse.arrays import Integers
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm, Effect, parse_arm
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.pose import PoseFlags, corrected_pose
 from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
 from traverse.lab.artefacts import Artefact
 from traverse.lab.campaign.campaign import Campaign, read_campaign
 from traverse.lab.campaign.campaign_file import (
@@ -33,6 +34,7 @@ from traverse.lab.measured_points.measurement import (
     Occasion,
     measurement_of_touches,
 )
+from traverse.lab.measured_points.uncertainty import errors_of_poses
 from traverse.recording.reader import read_recording
 from traverse.strict_toml.files import table_lines, text_of
 from traverse.strict_toml.problems import (
@@ -113,18 +115,19 @@ def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
     )
 
 
-def read_measured(data: Path, arm: Arm) -> Measurement:
+def read_measured(data: Path, arm: Arm, arm_file: Path | None = None) -> Measurement:
     """Read a campaign's folder, whose poses may be a table of exported points.
 
     Args:
         data: Folder with `campaign.toml` in it, or a recording with a campaign.
         arm: Of the measurement.
+        arm_file: Beside which its covariance is; None: errors are not asked for.
 
     Raises:
         FileError: With everything that is wrong with a file.
     """
     if data.suffix == ".mcap":
-        return _from_recording(data, arm)
+        return _from_recording(data, arm, arm_file)
     file = read_campaign_file(data / "campaign.toml")
     poses = data / file.poses
     # Coordinates in place of readings?
@@ -133,7 +136,7 @@ def read_measured(data: Path, arm: Arm) -> Measurement:
             raise FileError(str(data / "campaign.toml"), problems)
         return read_points_table(poses, file, arm)
     campaign = read_campaign(data, [joint.name for joint in arm.joints])
-    return measured_campaign(campaign, arm, file.artefacts, str(data))
+    return measured_campaign(campaign, arm, file.artefacts, str(data), arm_file)
 
 
 def files_read(data: Path) -> tuple[Path, ...]:
@@ -162,7 +165,11 @@ def files_read(data: Path) -> tuple[Path, ...]:
 
 
 def measured_campaign(
-    campaign: Campaign, arm: Arm, artefacts: Sequence[Artefact], source: str = ""
+    campaign: Campaign,
+    arm: Arm,
+    artefacts: Sequence[Artefact],
+    source: str = "",
+    arm_file: Path | None = None,
 ) -> Measurement:
     """Compute the ball's centres of a campaign with the arm file.
 
@@ -171,6 +178,7 @@ def measured_campaign(
         arm: With its effects.
         artefacts: As in the campaign file, with the points that were not touched.
         source: What to call the campaign in errors.
+        arm_file: As of `read_measured`.
 
     Raises:
         FileError: The campaign lacks data that effects need.
@@ -196,6 +204,7 @@ def measured_campaign(
     warm = poses.temperature_c
     temperature_c = np.full(len(poses), np.nan) if warm is None else warm
     tip_mm = np.full(len(poses), arm.probe.radius_mm)
+    middles = np.arange(len(poses))
     if campaign.is_stream:
         rows = _runs(poses.lines, touched, features)
         touched = [touched[row[0]] for row in rows]
@@ -203,6 +212,7 @@ def measured_campaign(
         places_mm = np.array([places_mm[row].mean(axis=0) for row in rows])
         temperature_c = np.array([temperature_c[row].mean() for row in rows])
         tip_mm = tip_mm[: len(rows)]
+        middles = np.array([row[len(row) // 2] for row in rows])
     notes = [*campaign.notes, *_flag_notes(flags)]
     notes += [
         f"{kind} of the arm file is not applied: what a standard is long says its "
@@ -218,7 +228,24 @@ def measured_campaign(
         occasion=Occasion(
             campaign.operator, campaign.place, *_first_and_last(campaign)
         ),
+        errors=_errors(campaign, middles, places_mm, arm, arm_file),
     )
+
+
+def _errors(
+    campaign: Campaign,
+    rows: Integers,
+    places_mm: Floats,
+    arm: Arm,
+    arm_file: Path | None,
+) -> JointCovariance | str:
+    """State the errors of touches, by a pose of each; else why they are not known."""
+    if arm_file is None:
+        return "the arm file is not given"
+    try:
+        return errors_of_poses(campaign, rows, places_mm, arm_file, arm)
+    except ValueError as error:
+        return str(error)
 
 
 def _first_and_last(campaign: Campaign) -> tuple[datetime | None, datetime | None]:
@@ -268,7 +295,7 @@ def _runs(
     return groups
 
 
-def _from_recording(path: Path, arm: Arm) -> Measurement:
+def _from_recording(path: Path, arm: Arm, arm_file: Path | None) -> Measurement:
     """Read a recording with its own campaign file; its arm file gives the readings."""
     recording = read_recording(path)
     if recording.campaign_text is None:
@@ -284,4 +311,4 @@ def _from_recording(path: Path, arm: Arm) -> Measurement:
         (Path(folder) / "campaign.toml").write_text(tomlkit.dumps(table), "utf-8")
         file = read_campaign_file(Path(folder) / "campaign.toml")
         campaign = read_campaign(folder, [joint.name for joint in arm.joints])
-    return measured_campaign(campaign, arm, file.artefacts, str(path))
+    return measured_campaign(campaign, arm, file.artefacts, str(path), arm_file)

@@ -12,14 +12,23 @@ from typer.testing import CliRunner
 
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.lab.report.pages import Page
+from tests.lab.uncertain_arm import write_uncertain_arm
 from tests.protocol.message_examples import POINT
 from traverse.cli.__main__ import app
-from traverse.kinematics.arm_file.arm import read_arm
+from traverse.kinematics.arm_file.arm import arm_digest, read_arm
+from traverse.kinematics.effects.arm_effects import effects_from_arm
+from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.helmert.transformation import Helmert
+from traverse.kinematics.model.forward import probe_pose
+from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.kinematics.uncertainty.arm_covariance import (
+    parameter_columns,
+    read_parameter_covariance,
+)
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import AlignArgs
 from traverse.protocol.messages.point import Label
-from traverse.simulator.campaigns import write_campaign
+from traverse.simulator.campaigns import NoiseTable, write_campaign
 from traverse.simulator.campaigns.acceptance.poses import (
     acceptance_poses,
     drawn_acceptance,
@@ -286,3 +295,102 @@ def test_a_campaign_is_a_source_and_spheres_touched_all_around_are_no_points(tmp
     assert "diameter/1 (14" in flags["scattered_touches"]
     assert values["arm"] == arm.name
     align(*given[:-3], status=2)
+
+
+@pytest.fixture(scope="module")
+def same_arm(tmp_path_factory):
+    """Points of six places with their angles, by one arm of those of its file."""
+    folder = tmp_path_factory.mktemp("same_arm")
+    path = write_uncertain_arm(folder, 0.02, 1e-5)
+    arm = read_arm(path)
+    rng = np.random.default_rng(6)
+    angles_rad = rng.uniform(-1.0, 1.0, (6, len(arm.joints)))
+    places, _ = probe_pose(geometry_from_arm(arm), angles_rad)
+    found = shared_errors(path, arm, angles_rad)
+    total = found @ found.transpose(0, 2, 1) + 0.01**2 * np.eye(3)
+    upper = total[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+    measured_mm = places + found @ rng.normal(size=found.shape[2])
+    measured_mm += rng.normal(0.0, 0.01, (6, 3))
+    messages = [
+        POINT.model_copy(
+            update={
+                "seq": n,
+                "id": f"s-{n}",
+                "arm": "bench-7",
+                "model": arm_digest(arm),
+                "xyz_mm": tuple(place),
+                "angles_rad": tuple(angles_rad[n]),
+                "counts": (0,) * len(arm.joints),
+                "covariance_mm2": tuple(upper[n]),
+                "temperature_c": None,
+                "label": Label(artefact="part", feature=f"P{n}"),
+            }
+        )
+        for n, place in enumerate(measured_mm.tolist())
+    ]
+    (folder / "points.jsonl").write_bytes(
+        b"\n".join(encode(m, "json") for m in messages)
+    )
+    table(folder / "nominal.csv", TRUE.places_mm(places))
+    return folder
+
+
+def shared_errors(path, arm, angles_rad):
+    effects = effects_from_arm(arm)
+    known = read_parameter_covariance(path, arm, effects, effects)
+    columns, _ = parameter_columns(geometry_from_arm(arm), effects, Block(angles_rad))
+    return columns @ known.factor
+
+
+def test_errors_of_the_arm_are_common_to_its_points(same_arm):
+    given = [same_arm / "points.jsonl", "--nominal", same_arm / "nominal.csv", "--json"]
+    apart = json.loads(align(*given).stdout)
+    together = json.loads(align(*given, "--arm", same_arm / "arm.toml").stdout)
+    assert any(
+        "as each point's own: the arm file is not" in r for r in apart["remarks"]
+    )
+    assert any(r.endswith("what they are: common to all") for r in together["remarks"])
+    assert together["global_test"]["passed"]
+    assert 0.6 < together["sigma0"] < 1.5
+    # Residuals show less of an error that is common than of one that is each point's.
+    assert together["sigma0"] > apart["sigma0"]
+    assert (
+        together["points"][0]["detectable_mm"]["best"]
+        < 0.8 * (apart["points"][0]["detectable_mm"]["best"])
+    )
+
+
+def test_points_of_another_arm_file_share_nothing_and_it_is_told(same_arm, tmp_path):
+    text = (same_arm / "arm.toml").read_text()
+    (tmp_path / "arm.toml").write_text(text.replace("220.0", "220.5", 1))
+    assert (tmp_path / "arm.toml").read_text() != text
+    given = [same_arm / "points.jsonl", "--nominal", same_arm / "nominal.csv", "--json"]
+    values = json.loads(align(*given, "--arm", tmp_path / "arm.toml").stdout)
+    assert any("were not taken with" in remark for remark in values["remarks"])
+
+
+def test_a_leapfrog_of_one_arm_knows_what_both_stations_share(same_arm):
+    points = same_arm / "points.jsonl"
+    given = [points, "--nominal", points, "--method", "leapfrog", "--json"]
+    apart = json.loads(align(*given).stdout)
+    together = json.loads(align(*given, "--arm", same_arm / "arm.toml").stdout)
+    # The same postures again: what the arm is off is off in both.
+    assert np.sum(np.square(together["covariance"]["std"][:3])) == pytest.approx(
+        2.0 * 3.0 * 0.01**2 / 6.0, rel=0.02
+    )
+    assert together["covariance"]["std"][0] < 0.5 * apart["covariance"]["std"][0]
+
+
+def test_a_campaign_with_noise_states_its_errors(same_arm, tmp_path):
+    arm = read_arm(same_arm / "arm.toml")
+    folder = tmp_path / "campaign"
+    poses = acceptance_poses(arm, "vdi2617-9", seed=1, noise=NoiseTable())
+    write_campaign(folder, drawn_acceptance(poses, seed=1), arm)
+    given = [folder, "--nominal", folder, "--method", "leapfrog", "--json"]
+    values = json.loads(align(*given, "--arm", same_arm / "arm.toml").stdout)
+    assert values["errors_stated"]
+    text = (folder / "campaign.toml").read_text()
+    (folder / "campaign.toml").write_text(text.replace("encoder_rad", "# encoder_rad"))
+    values = json.loads(align(*given, "--arm", same_arm / "arm.toml").stdout)
+    assert not values["errors_stated"]
+    assert any("no errors stated: campaign.toml" in r for r in values["remarks"])

@@ -2,21 +2,26 @@
 
 import json
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from tests.docs.pages import CHECKOUT
+from tests.lab.uncertain_arm import write_uncertain_arm
 from traverse.cli.__main__ import app
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.campaign.campaign_file import read_campaign_file
+from traverse.simulator.arm.truth import Deviations, true_arm
 from traverse.simulator.campaigns import NoiseTable, write_campaign
 from traverse.simulator.campaigns.acceptance.poses import (
     acceptance_poses,
     drawn_acceptance,
+    touched_by,
 )
 
 ARM = CHECKOUT / "cli" / "demo_data" / "arm.toml"
 NOISE = NoiseTable(encoder_rad=2e-6, contact_mm=0.003)
+LINKS_MM, AXES_RAD = 0.02, 1e-5
 
 
 def run(*arguments):
@@ -169,3 +174,59 @@ def test_what_is_refused(arguments, message, tmp_path, monkeypatch):
     ran = run(*arguments)
     assert ran.exit_code == 2
     assert message in ran.output
+
+
+@pytest.fixture(scope="module")
+def uncertain_arm(tmp_path_factory):
+    """An arm file with its covariance; and a true arm that is as the file says."""
+    folder, arm = tmp_path_factory.mktemp("uncertain"), read_arm(ARM)
+    write_uncertain_arm(folder, LINKS_MM, AXES_RAD)
+    drawn = Deviations(links_mm=LINKS_MM, axes_rad=AXES_RAD, zeros_rad=0.0)
+    poses = acceptance_poses(arm, "iso10360-12", 1, noise=NOISE)
+    poses = touched_by(poses, true_arm(arm, drawn, 4))
+    write_campaign(folder / "campaign", drawn_acceptance(poses, 1), arm)
+    return folder
+
+
+def test_lengths_are_compared_with_what_the_arm_file_predicts(uncertain_arm, tmp_path):
+    arm, out = uncertain_arm / "arm.toml", tmp_path / "certificate"
+    words = (uncertain_arm / "campaign", "--standard", "iso10360-12", "--arm", arm)
+    ran = run(*words, "--out", out)
+    assert ran.exit_code == 0, ran.output
+    assert "of 105 errors of length lie within U, k = 2, of arm and" in ran.output
+    assert "the uncertainty that it states of lengths holds" in ran.output
+    values = json.loads((out / "certificate.json").read_text())["predicted_by_arm"]
+    assert 90 <= values["inside"] <= 105
+    assert 0.7 < values["sigma0"] < 1.3
+    assert values["explains"]
+    assert len(values["lengths"]) == 105
+    assert 'id="predicted"' in (out / "certificate.html").read_text()
+    assert run("--check", out).exit_code == 0
+    # The statement is computed again, not believed.
+    (out / "data" / "arm.cov.npz").unlink()
+    assert "data/arm.cov.npz is missing" in run("--check", out).output
+
+
+def test_an_arm_worse_than_its_file_says_is_told(uncertain_arm, tmp_path):
+    with np.load(uncertain_arm / "arm.cov.npz") as file:
+        names, covariance = file["names"], file["covariance"]
+    np.savez(tmp_path / "arm.cov.npz", names=names, covariance=covariance / 100.0)
+    text = (uncertain_arm / "arm.toml").read_text()
+    text = text.partition("covariance_digest")[0]
+    (tmp_path / "arm.toml").write_text(text)
+    words = (uncertain_arm / "campaign", "--standard", "iso10360-12")
+    ran = run(*words, "--arm", tmp_path / "arm.toml", "--json")
+    assert not json.loads(ran.output)["predicted_by_arm"]["explains"]
+    ran = run(*words, "--arm", tmp_path / "arm.toml")
+    assert "errors are larger than it states; identify the arm again" in ran.output
+
+
+def test_why_lengths_are_not_predicted_is_told(uncertain_arm, tmp_path):
+    for file in ("campaign.toml", "poses.csv"):
+        text = (uncertain_arm / "campaign" / file).read_text()
+        (tmp_path / file).write_text(text.replace("contact_mm", "# contact_mm"))
+    words = ("--standard", "iso10360-12", "--arm", uncertain_arm / "arm.toml")
+    ran = run(tmp_path, *words)
+    assert ran.exit_code == 0
+    assert "states no encoder_rad and contact_mm in [noise]" in ran.output
+    assert "Predicted by the arm file" not in ran.output

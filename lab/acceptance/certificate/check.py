@@ -9,6 +9,7 @@ from typing import Any
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.acceptance.certificate.administration import administration_of
 from traverse.lab.acceptance.certificate.values import (
+    PREDICTED,
     SCHEMA,
     SealedCertificate,
     digest_values,
@@ -106,7 +107,8 @@ def _figure_problems(values: Mapping[str, Any], folder: Path) -> Iterator[str]:
     has_campaign = (folder / "campaign.toml").is_file()
     data = folder if has_campaign or not recordings else recordings[0]
     arm = read_arm(folder / ARM)
-    measured = read_measured(data, arm)
+    # Certificates without a prediction may lack the covariance that the arm file names.
+    measured = read_measured(data, arm, folder / ARM if PREDICTED in values else None)
     again = SealedCertificate(
         verified(measured, standard, limits),
         arm,

@@ -2,17 +2,24 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from traverse.kinematics.arm_file.arm import Arm, arm_digest
-from traverse.lab.acceptance.conformity.figure import Figure, Verification
+from traverse.lab.acceptance.conformity.figure import (
+    PREDICTED_FACTOR,
+    Figure,
+    LengthError,
+    PredictedLengths,
+    Verification,
+)
 from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.report.provenance import ReportProvenance
 
 SCHEMA = "traverse/acceptance/1"
 ALGORITHM = "SHA-256"
+PREDICTED = "predicted_by_arm"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +53,9 @@ class SealedCertificate:
 def result_values(certificate: SealedCertificate) -> dict[str, Any]:
     """Put everything but the digest into plain values."""
     found, limits = certificate.verification, certificate.limits
+    predicted = {}
+    if found.predicted is not None:
+        predicted[PREDICTED] = _predicted(found.predicted, found.lengths)
     return {
         "schema": SCHEMA,
         "standard": found.standard,
@@ -71,7 +81,24 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
             {"name": scatter.name, "deviations_mm": list(scatter.deviations_mm)}
             for scatter in found.scatters
         ],
+        **predicted,
         "remarks": list(found.remarks),
+    }
+
+
+def _predicted(
+    found: PredictedLengths, errors: Sequence[LengthError]
+) -> dict[str, Any]:
+    return {
+        "coverage_factor": PREDICTED_FACTOR,
+        "inside": found.n_inside,
+        "sigma0": found.sigma0,
+        "p_value": found.p_value,
+        "explains": found.explains,
+        "lengths": [
+            {"artefact": error.artefact, "repeat": error.repeat, "standard_mm": std_mm}
+            for error, std_mm in zip(errors, found.stds_mm, strict=True)
+        ],
     }
 
 

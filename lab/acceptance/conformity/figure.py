@@ -24,6 +24,7 @@ from typing import Literal
 import numpy as np
 
 from traverse.lab.acceptance.conformity.limits import Limits, Standards
+from traverse.lab.statistics.distributions import GLOBAL_LEVEL
 
 Verdict = Literal["accept", "reject", "neither", "undecided"]
 
@@ -315,9 +316,38 @@ class Scatter:
 Part = Figure | Missing | LengthError | Scatter
 
 
+PREDICTED_FACTOR = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class PredictedLengths:
+    """What the arm's files say of n measured lengths.
+
+    Attributes:
+        stds_mm: Standard uncertainty of each, in the order of the errors.
+        n_inside: So many errors lie within U, k = 2, of arm and standard together.
+        sigma0: Errors as found over errors as predicted.
+        p_value: Of errors so much larger by chance.
+    """
+
+    stds_mm: tuple[float, ...]
+    n_inside: int
+    sigma0: float
+    p_value: float
+
+    @property
+    def explains(self) -> bool:
+        """Whether the errors are as large as the files say, or smaller (5 %)."""
+        return self.p_value >= GLOBAL_LEVEL
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Verification:
-    """Everything that a standard requires."""
+    """Everything that a standard requires.
+
+    Attributes:
+        predicted: What the arm's files say of the lengths; None where they say nothing.
+    """
 
     standard: str
     title: str
@@ -326,6 +356,7 @@ class Verification:
     lengths: tuple[LengthError, ...]
     scatters: tuple[Scatter, ...]
     remarks: tuple[str, ...] = ()
+    predicted: PredictedLengths | None = None
 
     @property
     def verdict(self) -> Verdict | None:

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.lab.acceptance.conformity.figure import Budget, LengthError, length_budget
 from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.artefacts import Artefact
@@ -52,9 +53,11 @@ def errors_of(
     length_mm, _ = certified_length(artefact)
     limit = limits.mpe.of(key)
     found = []
-    for number, (first, second) in enumerate(_pairs(artefact, measured.of(name)), 1):
+    for number, (first, second) in enumerate(
+        repeats_of(artefact, measured.of(name)), 1
+    ):
         where = f"{name} repeat {number}"
-        both = _joined(first, second)
+        both = joined(first, second)
         error_mm = _measured_mm(artefact, first, second, where) - length_mm * growth(
             artefact, both
         )
@@ -84,10 +87,14 @@ def budget_of(artefact: Artefact, touched: ArtefactTouches, limits: Limits) -> B
     )
 
 
-def _pairs(
+def repeats_of(
     artefact: Artefact, touched: ArtefactTouches
 ) -> list[tuple[ArtefactTouches, ArtefactTouches]]:
-    """Take repeats: the touches of both ends."""
+    """Take repeats: the touches of both ends.
+
+    Raises:
+        IncompleteError: An end is missing.
+    """
     names = tuple(artefact.features)
     if artefact.rows_per_pose == 3:
         ends = [touched.of(name) for name in names]
@@ -136,21 +143,18 @@ def _between_planes_mm(
     second: ArtefactTouches,
     where: str,
 ) -> float:
-    """Fit a common normal: the direction in which both scatter least."""
     for part in (first, second):
         if len(part) < _LEAST_PER_PLANE:
             raise IncompleteError(
                 f"{where}: {counted(len(part), 'point')} on face {part.features[0]}, "
                 f"expected at least {_LEAST_PER_PLANE}"
             )
-    middles_mm = [part.places_mm.mean(axis=0) for part in (first, second)]
-    within_mm = np.concatenate(
-        [first.places_mm - middles_mm[0], second.places_mm - middles_mm[1]]
-    )
-    _, sizes, rows = np.linalg.svd(within_mm)
-    if not sizes[1] > 1e-6 * sizes[0]:
-        raise IncompleteError(f"{where}: the points of the faces lie on lines")
-    apart_mm = abs(float((middles_mm[1] - middles_mm[0]) @ rows[2]))
+    try:
+        normal = face_normal(first, second)
+    except ValueError as error:
+        raise IncompleteError(f"{where}: {error}") from error
+    between_mm = second.places_mm.mean(axis=0) - first.places_mm.mean(axis=0)
+    apart_mm = abs(float(between_mm @ normal))
     tip_mm = float(np.concatenate([first.tip_mm, second.tip_mm]).mean())
     return (
         apart_mm - 2.0 * tip_mm
@@ -159,12 +163,31 @@ def _between_planes_mm(
     )
 
 
-def _joined(first: ArtefactTouches, second: ArtefactTouches) -> ArtefactTouches:
+def face_normal(first: ArtefactTouches, second: ArtefactTouches) -> Floats:
+    """Fit a common normal, (3,): the direction in which both faces scatter least.
+
+    Raises:
+        ValueError: The points determine none.
+    """
+    parts = [part.places_mm - part.places_mm.mean(axis=0) for part in (first, second)]
+    _, sizes, rows = np.linalg.svd(np.concatenate(parts))
+    if not sizes[1] > 1e-6 * sizes[0]:
+        raise ValueError("the points of the faces lie on lines")
+    normal: Floats = rows[2]
+    return normal
+
+
+def joined(first: ArtefactTouches, second: ArtefactTouches) -> ArtefactTouches:
+    """Put the touches of both ends together."""
+    errors = None
+    if first.errors is not None and second.errors is not None:
+        errors = first.errors.joined(second.errors)
     return ArtefactTouches(
         np.concatenate([first.places_mm, second.places_mm]),
         (*first.features, *second.features),
         np.concatenate([first.temperature_c, second.temperature_c]),
         np.concatenate([first.tip_mm, second.tip_mm]),
+        errors,
     )
 
 
