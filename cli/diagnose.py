@@ -149,8 +149,10 @@ def _written(
     accept: bool,
 ) -> list[str]:
     from traverse.lab.diagnosis.report import summary_lines  # noqa: PLC0415
-    from traverse.lab.diagnosis.report.adapted_arm import write_adapted  # noqa: PLC0415
-    from traverse.lab.diagnosis.report.files import write_diagnosis  # noqa: PLC0415
+    from traverse.lab.diagnosis.report.files import (  # noqa: PLC0415
+        write_adapted,
+        write_diagnosis,
+    )
 
     adapted = write_diagnosis(out, result, arm_file, provenance=provenance)
     names = "arm.toml, diagnosis.json, discrepancies.csv, report.html, pictures"
@@ -190,10 +192,10 @@ class _Progress:
 def _plan(folder: Path, arm_file: Path, *, as_json: bool) -> None:
     """Print what a campaign could detect, without its measured misclosures."""
     from traverse.lab.diagnosis.advice.minimal_detectable import planned  # noqa: PLC0415
-    from traverse.lab.diagnosis.report.detectable_table import (  # noqa: PLC0415
+    from traverse.lab.diagnosis.report.files import detectable_json  # noqa: PLC0415
+    from traverse.lab.diagnosis.report.names import (  # noqa: PLC0415
         detectable_lines,
     )
-    from traverse.lab.diagnosis.report.files import detectable_json  # noqa: PLC0415
     from traverse.lab.diagnosis.scans.decimation import decimated  # noqa: PLC0415
     from traverse.lab.identification.identify import IdentificationError  # noqa: PLC0415
 

@@ -18,8 +18,8 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
 from traverse.lab.diagnosis.candidates.library import library_bank
-from traverse.lab.diagnosis.candidates.periodogram import wave_bank
 from traverse.lab.diagnosis.candidates.scoring import ALIAS, ProjectedCandidate, project
+from traverse.lab.diagnosis.candidates.waves import wave_bank
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
@@ -27,9 +27,9 @@ from traverse.lab.diagnosis.model.observation_equations import (
 from traverse.lab.identification.equations.network import (
     Network,
     a_priori_noise,
+    start_state,
     stations,
 )
-from traverse.lab.identification.equations.station_equations import start_state
 from traverse.lab.identification.identify import prepared
 from traverse.lab.identification.solve.adjustment import adjust
 from traverse.lab.identification.solve.iterative_adjustment import Options

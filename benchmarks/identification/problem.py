@@ -23,13 +23,11 @@ from traverse.lab.identification.equations.network import (
     State,
     Station,
     a_priori_noise,
+    misclosures_mm,
+    start_state,
     stations,
 )
 from traverse.lab.identification.equations.parameters import ArmValues, arm_parameters
-from traverse.lab.identification.equations.station_equations import (
-    misclosures_mm,
-    start_state,
-)
 from traverse.lab.identification.solve.adjustment import linearise
 from traverse.simulator.campaigns import CampaignSpec, draw_noise, make_poses
 

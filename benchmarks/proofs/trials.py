@@ -17,12 +17,12 @@ from benchmarks.tools.handover import campaign_from_simulation
 from traverse.arrays import Floats
 from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.equations.network import Station
-from traverse.lab.identification.equations.parameters import ArmValues
-from traverse.lab.identification.equations.station_equations import (
+from traverse.lab.identification.equations.network import (
+    Station,
     WhiteRows,
     white_rows,
 )
+from traverse.lab.identification.equations.parameters import ArmValues
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.identification.solve.adjustment import certified

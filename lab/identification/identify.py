@@ -14,14 +14,18 @@ from traverse.lab.identification.design.optimal_design import (
 )
 from traverse.lab.identification.equations.datum import with_datum
 from traverse.lab.identification.equations.effect_model import effect_model
-from traverse.lab.identification.equations.network import Noise, network_of
+from traverse.lab.identification.equations.network import (
+    Noise,
+    network_of,
+    rms_mm,
+    start_state,
+)
 from traverse.lab.identification.equations.parameters import (
     ArmValues,
     Parameters,
     arm_parameters,
     masked,
 )
-from traverse.lab.identification.equations.station_equations import rms_mm, start_state
 from traverse.lab.identification.results.postprocessing import (
     arm_of_adjustment,
     artefact_results,
@@ -52,12 +56,11 @@ from traverse.lab.identification.solve.iterative_adjustment import (
     iterate,
     with_stream_weights,
 )
-from traverse.lab.identification.solve.serial_noise import serial_noise
+from traverse.lab.identification.solve.noise import VarianceModel, serial_noise
 from traverse.lab.identification.solve.starting_values import (
     coarse_start,
     with_tools_fitted,
 )
-from traverse.lab.identification.solve.variance_components import VarianceModel
 
 __all__ = ["IdentificationError", "Options", "identify"]
 

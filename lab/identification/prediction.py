@@ -16,9 +16,9 @@ from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.equations.network import (
     DEFAULT_CONTACT_MM,
     DEFAULT_ENCODER_RAD,
+    misclosures_mm,
     network_of,
 )
-from traverse.lab.identification.equations.station_equations import misclosures_mm
 from traverse.lab.identification.identify import Options, identify, prepared
 from traverse.lab.identification.results.result import Identification
 

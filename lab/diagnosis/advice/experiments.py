@@ -14,7 +14,7 @@ from traverse.lab.diagnosis.candidates.scoring import ALIAS
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.model.result import Alternative
-from traverse.lab.diagnosis.search.naming import NamedTerm
+from traverse.lab.diagnosis.search.decision import NamedTerm
 from traverse.plurals import counted
 
 # Evidence that takes a name out of the printed set, as natural logarithm.

@@ -41,8 +41,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
     equations_of,
 )
 from traverse.lab.diagnosis.model.result import Detectable
-from traverse.lab.identification.equations.network import network_of
-from traverse.lab.identification.equations.station_equations import start_state
+from traverse.lab.identification.equations.network import network_of, start_state
 from traverse.lab.identification.identify import prepared
 from traverse.lab.identification.solve.adjustment import adjust
 from traverse.lab.identification.solve.iterative_adjustment import Options

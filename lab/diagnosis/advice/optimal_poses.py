@@ -22,17 +22,20 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Poses
 from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
 from traverse.lab.diagnosis.candidates.library import library_bank
-from traverse.lab.diagnosis.candidates.periodogram import wave_columns
 from traverse.lab.diagnosis.candidates.steps import step_columns
+from traverse.lab.diagnosis.candidates.waves import wave_columns
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
 )
 from traverse.lab.diagnosis.model.terms import rows_without
-from traverse.lab.identification.design.artefact_postures import postures_touching
-from traverse.lab.identification.equations.network import State, stations
-from traverse.lab.identification.equations.station_equations import station_centres
+from traverse.lab.identification.design.optimal_design import postures_touching
+from traverse.lab.identification.equations.network import (
+    State,
+    station_centres,
+    stations,
+)
 from traverse.lab.identification.solve.adjustment import Adjustment, adjust
 
 

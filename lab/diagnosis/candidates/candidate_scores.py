@@ -10,17 +10,17 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.diagnosis.candidates.curves import generic_bank
 from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
 from traverse.lab.diagnosis.candidates.library import HIGHEST_ORDER, library_bank
-from traverse.lab.diagnosis.candidates.periodogram import (
-    Periodogram,
-    periodograms,
-    transmission_bank,
-)
 from traverse.lab.diagnosis.candidates.scoring import (
     BankScores,
     judge,
     project,
 )
 from traverse.lab.diagnosis.candidates.steps import StepScan, scan_steps, step_bank
+from traverse.lab.diagnosis.candidates.waves import (
+    Periodogram,
+    periodograms,
+    transmission_bank,
+)
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 

@@ -11,11 +11,15 @@ from traverse.kinematics.effects.readings.harmonics import (
     EncoderEccentricity,
     EncoderHarmonic,
 )
-from traverse.lab.diagnosis.candidates.effect_factory import candidate_of_kind
-from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.model.candidate import (
+    Bank,
+    BankName,
+    Candidate,
+    candidate_of_kind,
+)
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
-HIGHEST_ORDER = 60
+HIGHEST_HARMONIC = 60
 
 
 def harmonic_bank(rows: ObservationEquations) -> Bank:
@@ -23,16 +27,16 @@ def harmonic_bank(rows: ObservationEquations) -> Bank:
 
     Returns:
         Two columns a candidate in units of plausible amplitudes, whitened, (n_rows,
-        2 * HIGHEST_ORDER * n_joints): joint by joint, from order 1, which is the
+        2 * HIGHEST_HARMONIC * n_joints): joint by joint, from order 1, which is the
         eccentricity, upwards.
     """
-    orders = np.arange(1, HIGHEST_ORDER + 1)
+    orders = np.arange(1, HIGHEST_HARMONIC + 1)
     candidates = tuple(
         _candidate(joint, order)
         for joint in rows.adjustment.network.campaign.joint_names
         for order in orders.tolist()
     )
-    scales = np.array([one.scales for one in candidates[:HIGHEST_ORDER]])
+    scales = np.array([one.scales for one in candidates[:HIGHEST_HARMONIC]])
     phases_rad = rows.block.angles_rad[:, :, np.newaxis] * orders
     waves = np.stack([np.cos(phases_rad), np.sin(phases_rad)], axis=3) * scales
     columns = rows.by_readings[:, :, np.newaxis, np.newaxis] * waves[rows.poses]

@@ -18,11 +18,13 @@ from traverse.kinematics.effects.base.bodies import bodies_from_arm
 from traverse.kinematics.effects.base.context import context_from_arm
 from traverse.kinematics.effects.base.correction import ContactCorrection, Correction
 from traverse.kinematics.effects.columns import columns
-from traverse.lab.diagnosis.candidates.effect_factory import (
+from traverse.lab.diagnosis.model.candidate import (
+    Bank,
+    BankName,
+    Candidate,
     candidate_of_kind,
     effect_of_candidate,
 )
-from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.covariates import covariate_values, varies
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.identification.equations.effect_model import plausible_values

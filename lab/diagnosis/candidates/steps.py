@@ -20,12 +20,16 @@ from traverse.arrays import Floats, Integers
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.mechanics.motions import BaseStep
 from traverse.kinematics.effects.readings.rates import CountSlip
-from traverse.lab.diagnosis.candidates.effect_factory import candidate_of_kind
 from traverse.lab.diagnosis.candidates.scoring import (
     LEAST_SINGULAR_VALUE,
     log_evidences,
 )
-from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.model.candidate import (
+    Bank,
+    BankName,
+    Candidate,
+    candidate_of_kind,
+)
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 

@@ -24,8 +24,11 @@ from traverse.kinematics.effects.pose import angle_corrections
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.identification.equations.datum import scale_direction
-from traverse.lab.identification.equations.network import each_tool, has_length
-from traverse.lab.identification.equations.station_equations import white_rows
+from traverse.lab.identification.equations.network import (
+    each_tool,
+    has_length,
+    white_rows,
+)
 from traverse.lab.identification.solve.adjustment import Adjustment, certified
 
 # Combinations of unknowns, in units of what is plausible, that move the data by less

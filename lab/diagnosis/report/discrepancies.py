@@ -19,9 +19,11 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.equations.network import Noise, Station, stations
-from traverse.lab.identification.equations.station_equations import (
+from traverse.lab.identification.equations.network import (
+    Noise,
+    Station,
     station_centres,
+    stations,
     white_rows,
 )
 from traverse.lab.identification.solve.adjustment import Adjustment

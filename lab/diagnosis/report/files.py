@@ -5,13 +5,14 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import asdict
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.arm_file.arm import Arm, arm_digest, parse_arm
+from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.lab.diagnosis.holdout.comparison import closed
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.result import (
@@ -21,15 +22,13 @@ from traverse.lab.diagnosis.model.result import (
     Step,
     Term,
 )
+from traverse.lab.diagnosis.model.terms import has_epoch, terms_without_epoch
 from traverse.lab.diagnosis.report import plots_of, report_page
-from traverse.lab.diagnosis.report.adapted_arm import (
-    arm_with_provenance,
-    terms_without_epoch,
-    write_adapted,
-)
 from traverse.lab.diagnosis.report.discrepancies import write_discrepancies
 from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
-from traverse.strict_toml.writing import write_atomically
+from traverse.strict_toml.files import text_of
+from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.writing import arm_text, write_atomically
 
 SCHEMA = "traverse/diagnosis/1"
 
@@ -273,3 +272,42 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - as of json
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     return value
+
+
+def arm_with_provenance(diagnosis: Diagnosis, when: datetime | None = None) -> Arm:
+    """Make the arm that is written."""
+    arm, campaign = diagnosis.adapted, diagnosis.campaign
+    effects = arm.effects
+    if campaign.start_utc is None:
+        nowhere = campaign.start
+        effects = tuple(
+            effect
+            for effect in effects
+            if has_epoch(effect, campaign) or effect.epoch_utc != nowhere
+        )
+    provenance = Provenance(
+        sigma0=diagnosis.after.sigma0,
+        redundancy=diagnosis.after.redundancy,
+        date=(when or datetime.now(UTC)).replace(microsecond=0),
+        campaign_digest=campaign.digest or None,
+        design_digest=arm_digest(diagnosis.arm),
+        parameters=diagnosis.after.network.parameters.free_names,
+    )
+    return arm.model_copy(update={"effects": effects, "identification": provenance})
+
+
+def write_adapted(path: Path, arm: Arm, source: Path) -> None:
+    """Write an arm file whole, with the comments of its source file.
+
+    The source may be the file itself.
+
+    Raises:
+        FileError: The arm breaks a rule of arm files; an old file stays.
+        OSError: A file cannot be read or written.
+    """
+    values = arm.model_dump(by_alias=True, exclude_unset=True)
+    text = arm_text(values, text_of(source))
+    if parse_arm(text, str(path)) != arm:
+        problem = Problem("", "would not hold all values of this arm")
+        raise FileError(str(path), [problem])
+    write_atomically(path, text)

@@ -5,22 +5,20 @@ from collections.abc import Mapping
 import numpy as np
 
 from traverse.lab.diagnosis.model.result import Diagnosis, Estimate
-from traverse.lab.diagnosis.report.adapted_arm import terms_without_epoch
-from traverse.lab.diagnosis.report.detectable_table import (
-    joint_rows,
-    reasons,
-    whole_arm_rows,
-)
+from traverse.lab.diagnosis.model.terms import terms_without_epoch
 from traverse.lab.diagnosis.report.names import (
     candidate_label,
     cluster_text,
     depends_on_time,
+    joint_rows,
     moves_base,
+    reasons,
     seen_text,
     step_names,
     term_size_text,
+    whole_arm_rows,
 )
-from traverse.lab.diagnosis.report.plots import Plots
+from traverse.lab.diagnosis.report.pictures import Plots
 from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
 from traverse.lab.report.templates import Filters, Words, page
 

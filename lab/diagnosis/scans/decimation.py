@@ -17,10 +17,12 @@ from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.artefacts.sphere import Sphere
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.fit import fitted
-from traverse.lab.identification.equations.network import Network, State, stations
-from traverse.lab.identification.equations.station_equations import (
+from traverse.lab.identification.equations.network import (
+    Network,
+    State,
     misclosures_mm,
     station_centres,
+    stations,
 )
 from traverse.lab.identification.solve.adjustment import Adjustment
 

@@ -21,12 +21,14 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.candidate_scores import is_beyond_library
-from traverse.lab.diagnosis.candidates.harmonics import HIGHEST_ORDER, harmonic_bank
+from traverse.lab.diagnosis.candidates.harmonics import HIGHEST_HARMONIC, harmonic_bank
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.scans.decimation import undecimated_network
-from traverse.lab.identification.equations.network import Network, State, Station
-from traverse.lab.identification.equations.station_equations import (
+from traverse.lab.identification.equations.network import (
+    Network,
+    State,
+    Station,
     WhiteRows,
     white_rows,
 )
@@ -144,9 +146,9 @@ def _gathered(rows: ObservationEquations, network: Network, state: State) -> _Su
     sums = _Sums(
         np.zeros((n_seen, n_seen)),
         np.zeros(n_seen),
-        np.zeros((n_joints, n_seen, HIGHEST_ORDER, 2)),
-        np.zeros((n_joints, HIGHEST_ORDER, 2, 2)),
-        np.zeros((n_joints, HIGHEST_ORDER, 2)),
+        np.zeros((n_joints, n_seen, HIGHEST_HARMONIC, 2)),
+        np.zeros((n_joints, HIGHEST_HARMONIC, 2, 2)),
+        np.zeros((n_joints, HIGHEST_HARMONIC, 2)),
     )
     places = _unknown_columns(rows)
     n_free = network.parameters.n_free
@@ -197,7 +199,7 @@ def _add(
         own = by_angles[:, :, joint]
         together = np.einsum("nr,nru->nu", own, columns)
         flat_waves = waves.reshape(len(waves), -1)
-        products = (together.T @ flat_waves).reshape(-1, HIGHEST_ORDER, 2)
+        products = (together.T @ flat_waves).reshape(-1, HIGHEST_HARMONIC, 2)
         sums.by_unknowns[joint] += products
         weights = np.sum(own**2, axis=1)
         sums.squares[joint] += np.einsum("n,nhw,nhx->hwx", weights, waves, waves)
@@ -207,10 +209,10 @@ def _add(
 
 
 def _waves(angles_rad: Floats) -> Floats:
-    """Compute cos and sin of all orders, (n, HIGHEST_ORDER, 2), by powers."""
-    turned = np.empty((HIGHEST_ORDER, len(angles_rad)), dtype=np.complex128)
+    """Compute cos and sin of all orders, (n, HIGHEST_HARMONIC, 2), by powers."""
+    turned = np.empty((HIGHEST_HARMONIC, len(angles_rad)), dtype=np.complex128)
     turned[0] = np.exp(1j * angles_rad)
-    for order in range(1, HIGHEST_ORDER):
+    for order in range(1, HIGHEST_HARMONIC):
         np.multiply(turned[order - 1], turned[0], out=turned[order])
     found: Floats = np.stack([turned.real.T, turned.imag.T], axis=2)
     return found

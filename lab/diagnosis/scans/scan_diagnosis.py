@@ -14,10 +14,9 @@ import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.diagnosis.candidates.effect_factory import effect_of_candidate
-from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.lab.diagnosis.diagnose import diagnose, verdict_of
 from traverse.lab.diagnosis.holdout.comparison import compare_on_holdout
-from traverse.lab.diagnosis.model.candidate import BankName
+from traverse.lab.diagnosis.model.candidate import BankName, effect_of_candidate
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
@@ -30,7 +29,6 @@ from traverse.lab.diagnosis.model.result import (
     Term,
 )
 from traverse.lab.diagnosis.model.terms import estimates_of
-from traverse.lab.diagnosis.outcome import verdict_of
 from traverse.lab.diagnosis.report.page import WORDS
 from traverse.lab.diagnosis.scans.decimation import Decimation, decimated
 from traverse.lab.diagnosis.scans.harmonics import (

@@ -1,32 +1,265 @@
-"""The decision: what is missing, from the choosing poses alone."""
+"""The decision: what is missing, from the choosing poses alone, and its names."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from traverse.arrays import Booleans
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.candidates.candidate_scores import (
+    CandidateScores,
+    score_banks,
+)
+from traverse.lab.diagnosis.candidates.scoring import (
+    ALIAS,
+    ProjectedCandidate,
+    judge,
+    project,
+)
+from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.fit import Fit, fitted
-from traverse.lab.diagnosis.model.result import DiagnosisOptions
+from traverse.lab.diagnosis.model.result import Alternative, DiagnosisOptions, Status
 from traverse.lab.diagnosis.model.serial_correlation import (
     SerialCorrelation,
     is_serially_correlated,
     serial_correlation,
 )
-from traverse.lab.diagnosis.model.terms import AddedTerm
+from traverse.lab.diagnosis.model.terms import (
+    AddedTerm,
+    estimates_of,
+    rows_without,
+)
 from traverse.lab.diagnosis.search.forward_search import (
+    DECIDED,
+    NAMED_BANKS,
     Progress,
+    ScoredCandidate,
     SearchState,
     effect_of,
+    fit_any_curve_together,
     forward_search,
+    joints_with_curve,
     no_progress,
+    noise_draws,
+    ranked,
     refitted,
     scores_at,
 )
-from traverse.lab.diagnosis.search.naming import NamedTerm, name_terms
-from traverse.lab.diagnosis.search.selection import ScoredCandidate, noise_draws
 from traverse.lab.identification.identify import IdentificationError
+
+# Whoever is within this of the best belongs to the printed set.
+_SET = float(np.log(100.0))
+# A name does not suffice if a curve of its own kind is left over beside it with a
+# smaller p-value: few are tested, not all of the bank.
+_LEFT_OVER_LOG_P = float(np.log(0.02))
+_OVERTONES = (2, 3, 4)
+_OVERTONE_LOG_P = float(np.log(0.02))
+# What no arm has, not even one that somebody printed and glued: by the effect's key.
+_NO_MACHINE = {
+    **dict.fromkeys(("cos_mm", "sin_mm", "amplitude_mm", "radius_error_mm"), 2.0),
+    **dict.fromkeys(("cos_rad", "sin_rad", "half_width_rad"), 0.1),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NamedTerm:
+    """A term with its name.
+
+    Attributes:
+        own: What speaks for it, all other terms in the model.
+        harmonic: Periods a turn of a periodic discrepancy without a name, or None.
+        alternatives: What else it may be, the best first.
+        best: The best name of all, which may be another.
+        is_oversized: Whether no machine has as much of it.
+    """
+
+    added: AddedTerm
+    own: ScoredCandidate
+    status: Status
+    harmonic: int | None
+    alternatives: tuple[Alternative, ...]
+    best: ScoredCandidate
+    is_oversized: bool = False
+
+
+def name_terms(search: SearchState) -> tuple[NamedTerm, ...]:
+    """Judge every term of a search with all others in the model."""
+    return tuple(_naming(search, added) for added in search.terms)
+
+
+def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
+    without = rows_without(search.stage.rows, added.index)
+    stage = score_banks(without, search.stage.banks)
+    others = [term for term in search.terms if term is not added]
+    joints_with_own_curve = joints_with_curve(others)
+    names = ranked(stage, NAMED_BANKS, joints_with_own_curve)
+    curves = ranked(stage, (BankName.GENERIC,), joints_with_own_curve)
+    # A term may be a function of a reading that got a curve after it.
+    own = own_choice(added, stage, ranked(stage, tuple(BankName), ()))
+    if added.candidate.is_curve:
+        rivals = _rivals(own, names + curves[:1], own.score)
+        return NamedTerm(added, own, "unknown", None, rivals, own)
+    best = names[0] if names else own
+    harmonic = _with_overtones(search, own.candidate)
+    status: Status = "named"
+    oversized = _is_oversized(search, added)
+    if harmonic is not None or oversized:
+        status = "unknown"
+    elif _is_doubtful(search, own, names, curves):
+        status = "tentative"
+    shown = names + [one for one in curves[:1] if one.score > own.score - _SET]
+    rivals = _rivals(own, shown, max(best.score, own.score))
+    return NamedTerm(added, own, status, harmonic, rivals, best, oversized)
+
+
+def _is_oversized(search: SearchState, added: AddedTerm) -> bool:
+    """Return whether an effect as fitted is larger than that of any machine."""
+    estimates = estimates_of(search.stage.rows, added.index)
+    return any(
+        bool(np.max(np.abs(estimates[key].value)) > most)
+        for key, most in _NO_MACHINE.items()
+        if key in estimates
+    )
+
+
+def own_choice(
+    added: AddedTerm, stage: CandidateScores, choices: Sequence[ScoredCandidate]
+) -> ScoredCandidate:
+    """Find a term among the candidates.
+
+    One that is not there any more, because the unknowns and the other terms do all
+    that it could do, explains nothing.
+    """
+    wanted = added.candidate
+    same = [
+        choice
+        for choice in choices
+        if choice.candidate.identity == wanted.identity
+        and choice.candidate.covariate == wanted.covariate
+        and (not wanted.is_curve or choice.candidate.component == "angle")
+    ]
+    if same:
+        return same[0]
+    residuals = stage.rows.residuals
+    nothing = ProjectedCandidate(
+        wanted,
+        np.zeros((len(residuals), 0)),
+        np.zeros(0),
+        np.zeros((len(wanted.scales), 0)),
+    )
+    return ScoredCandidate(nothing, 0.0, 0.0, 0.0, added.bank, residuals)
+
+
+def correlation(
+    finding: ProjectedCandidate, residuals: Floats, other: ProjectedCandidate
+) -> float:
+    """Return how much of a finding another block explains, 0 to 1."""
+    explained = finding.directions @ (finding.directions.T @ residuals)
+    size = float(np.linalg.norm(explained))
+    if size == 0.0:
+        return 0.0
+    return float(np.linalg.norm(other.directions.T @ explained)) / size
+
+
+def _rivals(
+    own: ScoredCandidate, choices: Sequence[ScoredCandidate], top: float
+) -> tuple[Alternative, ...]:
+    """List what is as good as the best, but for the name itself."""
+    found = []
+    for choice in choices:
+        same = choice.candidate.identity == own.candidate.identity
+        if choice.score < top - _SET or (
+            same and choice.candidate.covariate == own.candidate.covariate
+        ):
+            continue
+        rho = correlation(own.found, own.residuals, choice.found)
+        # A curve that follows an effect closely is no other name for it.
+        alias = rho >= ALIAS and not choice.candidate.is_curve
+        found.append(Alternative(choice.candidate, choice.evidence, rho, alias))
+    return tuple(found)
+
+
+def _is_doubtful(
+    search: SearchState,
+    own: ScoredCandidate,
+    names: Sequence[ScoredCandidate],
+    curves: Sequence[ScoredCandidate],
+) -> bool:
+    """Return whether a name is too uncertain to be reported alone.
+
+    Because the evidence is small for having been looked for among so many, because
+    another name or a curve is nearly as good, because a second term of the joint helps
+    it to imitate a curve, because a curve of its own kind is left over beside it, or
+    because something is still unexplained.
+    """
+    if own.evidence < DECIDED + np.log(len(names)) or not search.is_finished:
+        return True
+    if leaves_a_curve(search.stage, own.candidate):
+        return True
+    for term in search.terms:
+        other = term.candidate
+        is_curve = other.covariate == f"{own.candidate.joint}_rad"
+        if is_curve and EFFECT_KINDS[own.candidate.kind].turns_with_joint:
+            return True
+        if other.identity != own.candidate.identity and fit_any_curve_together(
+            own.candidate, other
+        ):
+            return True
+    near = [one for one in (*names, *curves[:1]) if one.score > own.score - DECIDED]
+    return any(
+        one.candidate.identity != own.candidate.identity
+        and correlation(own.found, own.residuals, one.found) < ALIAS
+        for one in near
+    )
+
+
+def leaves_a_curve(stage: CandidateScores, name: Candidate) -> bool:
+    """Return whether a curve over what a name depends on explains more than it does."""
+    if name.joint is None:
+        return False
+    row = EFFECT_KINDS[name.kind]
+    covariates = row.columns(name.joint)
+    curves = stage.findings[BankName.GENERIC]
+    return any(
+        one.joint == name.joint
+        and one.component == row.acts_on
+        and one.covariate in covariates
+        and float(log_p) < _LEFT_OVER_LOG_P
+        for one, log_p in zip(curves.candidates, curves.log_p, strict=True)
+    )
+
+
+def _with_overtones(search: SearchState, candidate: Candidate) -> int | None:
+    """Return the order of a harmonic that has overtones too: it is no pure one."""
+    if not EFFECT_KINDS[candidate.kind].is_wave:
+        return None
+    if candidate.bank is BankName.TRANSMISSION:
+        return None
+    order = candidate.order or 1
+    stage = search.stage
+    parts, members = [], []
+    for bank in (stage.banks[name] for name in NAMED_BANKS if name in stage.banks):
+        for one, columns in zip(bank.candidates, bank.slices, strict=True):
+            is_harmonic = (
+                EFFECT_KINDS[one.kind].is_wave and one.joint == candidate.joint
+            )
+            if is_harmonic and one.order in [order * n for n in _OVERTONES]:
+                parts.append(bank.columns[:, columns])
+                members.append(one)
+    if not parts:
+        return None
+    whole = replace(
+        members[0],
+        parameters=tuple(f"{m.order}.{p}" for m in members for p in m.parameters),
+        scales=tuple(scale for m in members for scale in m.scales),
+    )
+    bank = Bank((whole,), np.concatenate(parts, axis=1))
+    found = judge(stage.rows, project(stage.rows, bank))
+    return order if float(found.log_p[0]) < _OVERTONE_LOG_P else None
+
 
 # Another name must be better by this much to take a term's place.
 _BETTER = 1.0

@@ -30,12 +30,12 @@ from traverse.lab.diagnosis.candidates.scoring import (
     log_p_values,
     project,
 )
+from traverse.lab.diagnosis.model.candidate import has_own_curve
 from traverse.lab.diagnosis.model.fit import Fit
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
 )
-from traverse.lab.diagnosis.search.selection import has_own_curve
 from traverse.lab.identification.equations.network import stations
 from traverse.lab.identification.solve.iterative_adjustment import Options
 from traverse.lab.identification.solve.reliability import robust_scale

@@ -4,20 +4,22 @@ Candidates are random postures that touch the campaign's artefacts where they ar
 within the travel that the campaign itself has shown, found by the condition equations
 themselves: minimum-norm steps of the joints until w = 0. Of these, greedily, the ones
 that lower the mean variance of the probe over the travelled volume most.
+
+With A the derivatives of w by the joints, a step is -A' (A A' + s I)^-1 w.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from traverse.arrays import Floats, Integers
+from traverse.arrays import Booleans, Floats, Integers
 from traverse.kinematics.model.derivatives import probe_derivatives
-from traverse.lab.artefacts.artefact import Touches
+from traverse.kinematics.model.forward import probe_centre
+from traverse.kinematics.model.geometry import Geometry
+from traverse.lab.artefacts.artefact import Artefact, Equations, Touches
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.design.artefact_postures import postures_touching
-from traverse.lab.identification.equations.network import Network
+from traverse.lab.identification.equations.network import Network, whiteners
 from traverse.lab.identification.equations.probe_effect import posture_columns
-from traverse.lab.identification.equations.station_equations import whiteners
 from traverse.lab.identification.solve.adjustment import Adjustment
 
 _N_SECTORS = 36
@@ -226,3 +228,56 @@ def _rows(
     joined = np.concatenate([by_centre @ columns, equations.by_unknowns], axis=2)
     rows: Floats = whiteners(by_readings, by_contact) @ joined
     return rows
+
+
+_STEPS = 15
+_LARGEST_STEP_RAD = 0.5
+# A hundredth of the reach keeps steps bounded where the arm is stretched.
+_STIFFNESS_MM2 = 100.0
+_REACHED_MM = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TouchingPostures:
+    """Where the joints were.
+
+    Attributes:
+        angles_rad: (n, n_joints).
+        is_touching: Whether the ball touches, (n,).
+    """
+
+    angles_rad: Floats
+    equations: Equations
+    is_touching: Booleans
+
+
+def postures_touching(
+    artefact: Artefact,
+    unknowns: Floats,
+    touches: Touches,
+    geometry: Geometry,
+    tries_rad: Floats,
+) -> TouchingPostures:
+    """Turn the joints until the ball touches the artefact, as far as possible.
+
+    Args:
+        artefact: To touch.
+        unknowns: Its state.
+        touches: What of it, n times.
+        geometry: Of the arm.
+        tries_rad: Where to begin, (n, n_joints).
+    """
+    angles_rad = tries_rad
+    for _ in range(_STEPS):
+        derivatives = probe_derivatives(geometry, angles_rad)
+        equations = artefact.equations(unknowns, derivatives.centres_mm, touches)
+        slopes = equations.by_centre @ derivatives.by_angles
+        square = slopes @ slopes.swapaxes(1, 2)
+        square = square + _STIFFNESS_MM2 * np.eye(square.shape[1])
+        solved = np.linalg.solve(square, equations.misclosures_mm[:, :, np.newaxis])
+        step = -(slopes.swapaxes(1, 2) @ solved)[:, :, 0]
+        angles_rad = angles_rad + np.clip(step, -_LARGEST_STEP_RAD, _LARGEST_STEP_RAD)
+    centres_mm = probe_centre(geometry, angles_rad)
+    equations = artefact.equations(unknowns, centres_mm, touches)
+    misses_mm = np.max(np.abs(equations.misclosures_mm), axis=1)
+    return TouchingPostures(angles_rad, equations, misses_mm < _REACHED_MM)

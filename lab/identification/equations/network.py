@@ -1,14 +1,19 @@
 """The network of observations: every artefact with the poses that touched it.
 
-The stochastic model: how well encoders read and how well contacts repeat.
+The stochastic model says how well encoders read and how well contacts repeat; at given
+values the equations are linearised and whitened by it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from traverse.arrays import Booleans, Floats, Integers
+from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
+from traverse.kinematics.model.derivatives import ProbeDerivatives, probe_derivatives
+from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.artefacts.artefact import Artefact, Touches
 from traverse.lab.campaign.campaign import Campaign, Poses
@@ -178,3 +183,237 @@ def has_length(network: Network) -> bool:
     return any(
         station.artefact.fixes_scale(station.touches) for station in network.stations
     )
+
+
+def whiteners(by_readings: Floats, by_contact: Floats) -> Floats:
+    """Compute L^-1 of many small dispersions, in closed form.
+
+    Args:
+        by_readings: Derivatives by readings times their standard deviations,
+            (n_poses, n_rows, n_joints), with n_rows 1 or 3.
+        by_contact: The same by the contact's components, (n_poses, n_rows, 3).
+
+    Returns:
+        Lower triangles, (n_poses, n_rows, n_rows).
+    """
+    noise = np.concatenate([by_readings, by_contact], axis=2)
+    if noise.shape[1] == 1:
+        variances = np.einsum("nij,nij->ni", noise, noise)
+        factors: Floats = 1.0 / np.sqrt(variances)[:, :, np.newaxis]
+        return factors
+    dispersion = noise @ noise.swapaxes(1, 2)
+    return _inverse_factors(dispersion)
+
+
+def _inverse_factors(matrices: Floats) -> Floats:
+    """Invert the Cholesky factors of 3 x 3 matrices, (n, 3, 3)."""
+    a = np.sqrt(matrices[:, 0, 0])
+    b = matrices[:, 1, 0] / a
+    c = matrices[:, 2, 0] / a
+    d = np.sqrt(matrices[:, 1, 1] - b * b)
+    e = (matrices[:, 2, 1] - b * c) / d
+    f = np.sqrt(matrices[:, 2, 2] - c * c - e * e)
+    inverse = np.zeros_like(matrices)
+    inverse[:, 0, 0] = 1.0 / a
+    inverse[:, 1, 1] = 1.0 / d
+    inverse[:, 2, 2] = 1.0 / f
+    inverse[:, 1, 0] = -b / (a * d)
+    inverse[:, 2, 1] = -e / (d * f)
+    inverse[:, 2, 0] = (b * e - c * d) / (a * d * f)
+    return inverse
+
+
+_CHUNK_POSES = 2048
+_START_POSES = 2000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WhiteRows:
+    """Linearised equations of some poses, whitened: L^-1 ..., n_rows (1 or 3) a pose.
+
+    Attributes:
+        part: Which poses of the station.
+        misclosures: (n_poses, n_rows).
+        by_unknowns: (n_poses, n_rows, n_unknowns).
+        by_parameters: (n_poses, n_rows, n_free).
+        by_centre: By the ball's centre, (n_poses, n_rows, 3) [1/mm].
+        by_readings: By readings in units of their noise, (n_poses, n_rows, n_joints).
+        by_contact: By contacts in units of their noise, (n_poses, n_rows, 3).
+        whiteners: L^-1, (n_poses, n_rows, n_rows) [1/mm].
+        misclosures_mm: As they are, (n_poses, n_rows).
+        offsets_mm: B v of the corrections v that were put in, (n_poses, n_rows).
+        corrections: That follow, (n_poses, n_joints + 3).
+    """
+
+    part: slice
+    misclosures: Floats
+    by_unknowns: Floats
+    by_parameters: Floats
+    by_centre: Floats
+    by_readings: Floats
+    by_contact: Floats
+    whiteners: Floats
+    misclosures_mm: Floats
+    offsets_mm: Floats
+    corrections: Floats
+
+
+def start_state(network: Network, arm: ArmValues) -> State:
+    """Find every station's unknowns in closed form from an arm.
+
+    A few thousand poses, spread evenly, are enough for that.
+    """
+    unknowns = []
+    for station in network.stations:
+        n_poses = len(station.poses)
+        chosen = np.linspace(0, n_poses - 1, min(n_poses, _START_POSES))
+        few = station.part(chosen.astype(np.int64))
+        centres_mm = station_centres(network, few, arm)
+        unknowns.append(station.artefact.start(centres_mm, few.touches))
+    n_corrected = network.parameters.n_joints + 3
+    nothing = tuple(np.zeros((len(s.poses), n_corrected)) for s in network.stations)
+    return State(arm, tuple(unknowns), nothing)
+
+
+def misclosures_mm(
+    network: Network,
+    station: Station,
+    arm: ArmValues,
+    unknowns: Floats,
+    corrections: Floats | None = None,
+) -> Floats:
+    """Compute a station's misclosures alone, (n_poses, n_rows)."""
+    centres_mm = station_centres(network, station, arm, corrections)
+    found = np.empty((len(centres_mm), station.artefact.rows_per_pose))
+    for first in range(0, len(centres_mm), _CHUNK_POSES):
+        part = slice(first, first + _CHUNK_POSES)
+        touches = station.touches.part(part)
+        equations = station.artefact.equations(unknowns, centres_mm[part], touches)
+        found[part] = equations.misclosures_mm
+    return found
+
+
+def station_centres(
+    network: Network,
+    station: Station,
+    arm: ArmValues,
+    corrections: Floats | None = None,
+) -> Floats:
+    """Compute the ball centres of a station's poses in mm, (n_poses, 3)."""
+    if network.parameters.effects is None and not network.parameters.n_tools:
+        angles_rad = network.campaign.poses.angles_rad[station.poses]
+        if corrections is None:
+            return probe_centre(arm.geometry, angles_rad)
+        n = network.parameters.n_joints
+        angles_rad = angles_rad + corrections[:, :n]
+        return probe_centre(arm.geometry, angles_rad) + corrections[:, n:]
+    chunks = _chunks(network, station, arm, corrections)
+    return np.concatenate([centres_mm for _, centres_mm, _ in chunks])
+
+
+def white_rows(
+    network: Network,
+    station: Station,
+    arm: ArmValues,
+    unknowns: Floats,
+    corrections: Floats | None = None,
+) -> Iterator[WhiteRows]:
+    """Linearise and whiten a station's equations, a bounded part at a time.
+
+    The misclosures of a pose have the dispersion B Q B^T: the readings' noise through
+    dx/dalpha, and the contact's, both through dw/dx. Linearised at corrected
+    observations l + v they are w(l + v) - B v; the corrections that follow from them
+    are - Q B^T (B Q B^T)^-1 w.
+    """
+    noise, parameters = network.noise, network.parameters
+    contact_mm = float(noise.contact_mm[station.index])
+    scales = np.append(noise.encoder_rad, np.full(3, contact_mm))
+    for part, centres_mm, derivatives in _chunks(network, station, arm, corrections):
+        equations = station.artefact.equations(
+            unknowns, centres_mm, station.touches.part(part)
+        )
+        rows = station.poses[part]
+        by_centre = equations.by_centre
+        by_readings = by_centre @ (derivatives.by_angles * noise.encoder_rad)
+        by_contact = by_centre * contact_mm
+        plain = whiteners(by_readings, by_contact)
+        offsets_mm = np.zeros_like(equations.misclosures_mm)
+        sources = np.concatenate([by_readings, by_contact], axis=2)
+        if corrections is not None:
+            in_noise = (corrections[part] / scales)[:, :, np.newaxis]
+            offsets_mm = (sources @ in_noise)[:, :, 0]
+        misclosures = equations.misclosures_mm - offsets_mm
+        weighed = plain.swapaxes(1, 2) @ _times(plain, misclosures)[:, :, np.newaxis]
+        following = -(sources.swapaxes(1, 2) @ weighed)[:, :, 0] * scales
+        roots = np.sqrt(network.weights[rows])[:, np.newaxis, np.newaxis]
+        whitener = roots * plain
+        columns = parameters.columns(
+            arm, derivatives, network.campaign.poses.part(rows)
+        )
+        white_by_centre = whitener @ by_centre
+        yield WhiteRows(
+            part=part,
+            misclosures=_times(whitener, misclosures),
+            by_unknowns=whitener @ equations.by_unknowns,
+            by_parameters=white_by_centre @ columns,
+            by_centre=white_by_centre,
+            by_readings=whitener @ by_readings,
+            by_contact=whitener @ by_contact,
+            whiteners=whitener,
+            misclosures_mm=misclosures,
+            offsets_mm=offsets_mm,
+            corrections=following,
+        )
+
+
+def _parts(network: Network, station: Station) -> Iterator[tuple[int, slice]]:
+    """Cut a station's poses where the tool changes, and to a bounded size."""
+    tools, n_poses = network.campaign.poses.tools, len(station.poses)
+    ends = np.arange(0, n_poses, _CHUNK_POSES)[1:]
+    if tools is not None:
+        ends = np.union1d(ends, 1 + np.flatnonzero(np.diff(tools[station.poses])))
+    for first, last in pairwise((0, *ends.tolist(), n_poses)):
+        tool = 0 if tools is None else int(tools[station.poses[first]])
+        yield tool, slice(first, last)
+
+
+def _chunks(
+    network: Network, station: Station, values: ArmValues, corrections: Floats | None
+) -> Iterator[tuple[slice, Floats, ProbeDerivatives]]:
+    """Go through a station's poses: which, ball centres, derivatives."""
+    poses, n = network.campaign.poses, network.parameters.n_joints
+    for tool, part in _parts(network, station):
+        arm = values.with_tool(tool)
+        rows = station.poses[part]
+        angles_rad = poses.angles_rad[rows]
+        if corrections is not None:
+            angles_rad = angles_rad + corrections[part, :n]
+        effects = network.parameters.effects
+        if effects is None:
+            derivatives = probe_derivatives(arm.geometry, angles_rad)
+            centres_mm = derivatives.centres_mm
+        else:
+            block = effects.campaign.block(poses.part(rows), angles_rad)
+            sized = effects.at(arm.amplitudes)
+            errors_rad = angle_corrections(arm.geometry, sized, block)
+            derivatives = probe_derivatives(arm.geometry, angles_rad - errors_rad)
+            centres_mm = corrected_pose(arm.geometry, sized, block)[0]
+        if corrections is not None:
+            centres_mm = centres_mm + corrections[part, n:]
+        yield part, centres_mm, derivatives
+
+
+def _times(matrices: Floats, vectors: Floats) -> Floats:
+    """Multiply (n, k, k) with (n, k)."""
+    product: Floats = (matrices @ vectors[:, :, np.newaxis])[:, :, 0]
+    return product
+
+
+def rms_mm(network: Network, state: State) -> float:
+    """Compute the root mean square of all scalar misclosures of a state."""
+    total, n_rows = 0.0, 0
+    for station, unknowns in zip(network.stations, state.unknowns, strict=True):
+        found_mm = misclosures_mm(network, station, state.arm, unknowns)
+        total += float(np.sum(found_mm**2))
+        n_rows += found_mm.size
+    return float(np.sqrt(total / max(n_rows, 1)))

@@ -7,15 +7,13 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.lab.identification.equations.probe_effect import probe_effects_mm
-from traverse.lab.identification.report.map_picture import map_picture
-from traverse.lab.identification.report.parameter_pictures import (
-    correlation_picture,
-    coverage_picture,
-)
-from traverse.lab.identification.report.residual_pictures import (
+from traverse.lab.identification.report.pictures import (
     against_normal,
     by_artefact,
     by_joint,
+    correlation_picture,
+    coverage_picture,
+    map_picture,
 )
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.identification.volume.uncertainty_map import (

@@ -20,8 +20,8 @@ from traverse.lab.identification.solve.certificate_test import (
 )
 from traverse.lab.identification.solve.excluded_clusters import ExcludedCluster
 from traverse.lab.identification.solve.iterative_adjustment import Options
+from traverse.lab.identification.solve.noise import SerialNoise
 from traverse.lab.identification.solve.reliability import PoseStatistics
-from traverse.lab.identification.solve.serial_noise import SerialNoise
 from traverse.lab.statistics.distributions import GlobalTest
 
 # Misclosures, as a part of the arm's length, that no arm like the design leaves.

@@ -24,12 +24,10 @@ from traverse.lab.identification.equations.network import (
     State,
     Station,
     has_length,
-)
-from traverse.lab.identification.equations.parameters import ArmValues
-from traverse.lab.identification.equations.station_equations import (
     misclosures_mm,
     white_rows,
 )
+from traverse.lab.identification.equations.parameters import ArmValues
 from traverse.lab.identification.solve.sequential_qr import (
     Elimination,
     RankDecision,

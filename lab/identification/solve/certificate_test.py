@@ -19,9 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.equations.network import Noise, has_length
+from traverse.lab.identification.equations.network import Noise, has_length, rms_mm
 from traverse.lab.identification.equations.parameters import ArmValues
-from traverse.lab.identification.equations.station_equations import rms_mm
 from traverse.lab.identification.solve.iterative_adjustment import IteratedAdjustment
 from traverse.lab.identification.solve.reliability import robust_scale
 

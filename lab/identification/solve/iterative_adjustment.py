@@ -9,16 +9,22 @@ from traverse.lab.identification.equations.network import (
     Network,
     Noise,
     a_priori_noise,
+    start_state,
     stations,
 )
 from traverse.lab.identification.equations.parameters import ArmValues
-from traverse.lab.identification.equations.station_equations import start_state
 from traverse.lab.identification.solve.adjustment import (
     MOST_ITERATIONS,
     Adjustment,
     Iteration,
     Progress,
     adjust,
+)
+from traverse.lab.identification.solve.noise import (
+    SerialNoise,
+    VarianceModel,
+    better_noise,
+    variance_model,
 )
 from traverse.lab.identification.solve.reliability import (
     PoseStatistics,
@@ -27,13 +33,7 @@ from traverse.lab.identification.solve.reliability import (
     snoop,
     statistics_of_excluded,
 )
-from traverse.lab.identification.solve.serial_noise import SerialNoise
 from traverse.lab.identification.solve.starting_values import robust_state
-from traverse.lab.identification.solve.variance_components import (
-    VarianceModel,
-    better_noise,
-    variance_model,
-)
 
 
 @dataclass(frozen=True, slots=True)

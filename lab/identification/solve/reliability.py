@@ -22,9 +22,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from traverse.arrays import Booleans, Floats, Integers
-from traverse.lab.identification.equations.network import Network, Station, stations
-from traverse.lab.identification.equations.station_equations import (
+from traverse.lab.identification.equations.network import (
+    Network,
+    Station,
     WhiteRows,
+    stations,
     white_rows,
 )
 from traverse.lab.identification.solve.adjustment import Adjustment

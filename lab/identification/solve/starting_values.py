@@ -23,17 +23,15 @@ from traverse.lab.identification.equations.network import (
     Network,
     Noise,
     State,
+    misclosures_mm,
     network_of,
+    start_state,
+    white_rows,
 )
 from traverse.lab.identification.equations.parameters import (
     ArmValues,
     Parameters,
     masked,
-)
-from traverse.lab.identification.equations.station_equations import (
-    misclosures_mm,
-    start_state,
-    white_rows,
 )
 from traverse.lab.identification.solve.adjustment import adjust
 

@@ -17,7 +17,7 @@ from tests.lab.simulated import (
 )
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.identification.identify import Options, identify
-from traverse.lab.identification.solve.variance_components import VarianceModel
+from traverse.lab.identification.solve.noise import VarianceModel
 
 TABLES = [*cones(3), bar()]
 

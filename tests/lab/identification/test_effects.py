@@ -14,9 +14,10 @@ from traverse.lab.identification.equations.effect_model import effect_model
 from traverse.lab.identification.equations.network import (
     Network,
     a_priori_noise,
+    rms_mm,
+    start_state,
     stations,
 )
-from traverse.lab.identification.equations.station_equations import rms_mm, start_state
 from traverse.lab.identification.identify import (
     IdentificationError,
     Options,

@@ -16,7 +16,7 @@ from tests.lab.simulated import (
     seven_joints,
     simulate,
 )
-from traverse.lab.identification.equations.station_equations import (
+from traverse.lab.identification.equations.network import (
     white_rows,
     whiteners,
 )

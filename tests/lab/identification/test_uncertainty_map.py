@@ -12,20 +12,18 @@ from traverse.lab.identification.equations.datum import with_datum
 from traverse.lab.identification.equations.network import (
     Network,
     a_priori_noise,
+    start_state,
     stations,
 )
 from traverse.lab.identification.equations.parameters import ArmValues, arm_parameters
-from traverse.lab.identification.equations.station_equations import start_state
 from traverse.lab.identification.solve.adjustment import Adjustment, adjust
-from traverse.lab.identification.volume.inverse_kinematics import (
-    postures_reaching,
-    sample_postures,
-)
 from traverse.lab.identification.volume.uncertainty_map import (
     ArmUncertainty,
     arm_uncertainty,
     distance_deviations_mm,
     noise_deviations_mm,
+    postures_reaching,
+    sample_postures,
     uncertainty_map,
 )
 

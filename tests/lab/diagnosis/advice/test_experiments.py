@@ -26,7 +26,7 @@ from traverse.lab.diagnosis.candidates.scoring import (
 )
 from traverse.lab.diagnosis.model.result import Alternative, DiagnosisOptions
 from traverse.lab.diagnosis.search.decision import decide
-from traverse.lab.identification.equations.station_equations import station_centres
+from traverse.lab.identification.equations.network import station_centres
 
 
 @cache

@@ -21,8 +21,8 @@ from traverse.lab.diagnosis.candidates.curves import (
     generic_bank,
     spline_knots,
 )
-from traverse.lab.diagnosis.candidates.effect_factory import effect_of_candidate
 from traverse.lab.diagnosis.candidates.scoring import project
+from traverse.lab.diagnosis.model.candidate import effect_of_candidate
 from traverse.lab.diagnosis.model.covariates import covariate_columns
 from traverse.lab.diagnosis.model.fit import fitted
 from traverse.lab.diagnosis.model.observation_equations import equations_of

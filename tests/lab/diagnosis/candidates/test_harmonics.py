@@ -4,7 +4,7 @@ import numpy as np
 
 from tests.lab.diagnosis.candidates.test_library import chosen
 from tests.lab.diagnosis.fitted_rows import measured, measured_rows, serial_rows
-from traverse.lab.diagnosis.candidates.harmonics import HIGHEST_ORDER, harmonic_bank
+from traverse.lab.diagnosis.candidates.harmonics import HIGHEST_HARMONIC, harmonic_bank
 from traverse.lab.diagnosis.candidates.library import library_bank
 
 JOINTS = [f"J{k}" for k in range(1, 8)]
@@ -13,11 +13,11 @@ JOINTS = [f"J{k}" for k in range(1, 8)]
 def test_harmonics_are_waves_of_the_reading():
     rows = measured_rows()
     bank = harmonic_bank(rows)
-    assert len(bank.candidates) == 7 * HIGHEST_ORDER
+    assert len(bank.candidates) == 7 * HIGHEST_HARMONIC
     scales = {1: 3e-5, 2: 2e-5, 3: 1e-5, 4: 1e-5, 5: 5e-6, 60: 5e-6}
     for order, scale in scales.items():
         for joint in (0, 4):
-            at = joint * HIGHEST_ORDER + order - 1
+            at = joint * HIGHEST_HARMONIC + order - 1
             candidate = bank.candidates[at]
             assert candidate.joint == JOINTS[joint]
             assert candidate.scales == (scale, scale)

@@ -12,10 +12,9 @@ from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.pose import corrected_pose
-from traverse.lab.diagnosis.candidates.effect_factory import effect_of_candidate
 from traverse.lab.diagnosis.candidates.library import absent_candidates, library_bank
 from traverse.lab.diagnosis.candidates.scoring import project
-from traverse.lab.diagnosis.model.candidate import Bank
+from traverse.lab.diagnosis.model.candidate import Bank, effect_of_candidate
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 
 NOT_LISTED = {"empirical", "count_slip", "base_step", "transmission_error"}

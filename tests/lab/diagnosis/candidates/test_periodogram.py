@@ -6,12 +6,12 @@ import pytest
 from benchmarks.blind.hidden.effects import HiddenEffect
 from tests.lab.diagnosis.engine_campaigns import DECISION, measured_with, poses
 from tests.lab.diagnosis.fitted_rows import measured_rows
-from traverse.lab.diagnosis.candidates.periodogram import (
+from traverse.lab.diagnosis.candidates.scoring import judge, project
+from traverse.lab.diagnosis.candidates.waves import (
     MOST_CYCLES,
     periodograms,
     wave_bank,
 )
-from traverse.lab.diagnosis.candidates.scoring import judge, project
 from traverse.lab.diagnosis.diagnose import diagnose
 
 pytestmark = pytest.mark.slow

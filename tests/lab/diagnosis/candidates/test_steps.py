@@ -6,7 +6,6 @@ import pytest
 from tests.lab.diagnosis.fitted_rows import measured, measured_rows, serial_rows
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.pose import corrected_pose
-from traverse.lab.diagnosis.candidates.effect_factory import effect_of_candidate
 from traverse.lab.diagnosis.candidates.scoring import judge, log_evidences, project
 from traverse.lab.diagnosis.candidates.steps import (
     scan_steps,
@@ -14,7 +13,7 @@ from traverse.lab.diagnosis.candidates.steps import (
     step_candidate,
     step_columns,
 )
-from traverse.lab.diagnosis.model.candidate import Bank
+from traverse.lab.diagnosis.model.candidate import Bank, effect_of_candidate
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.identification.equations.effect_model import plausible_values
 

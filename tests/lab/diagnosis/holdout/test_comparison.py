@@ -21,8 +21,7 @@ from traverse.lab.diagnosis.holdout.comparison import (
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted, with_effects
 from traverse.lab.diagnosis.model.observation_equations import equations_of
-from traverse.lab.identification.equations.network import Noise, stations
-from traverse.lab.identification.equations.station_equations import white_rows
+from traverse.lab.identification.equations.network import Noise, stations, white_rows
 
 ECCENTRIC = effect_from_table(
     {"kind": "encoder_eccentricity", "joint": "J3", "cos_rad": 4e-5, "sin_rad": -2e-5}

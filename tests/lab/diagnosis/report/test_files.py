@@ -18,14 +18,12 @@ from tests.lab.diagnosis.diagnosed import (
 )
 from traverse.kinematics.arm_file.arm import read_arm, write_arm
 from traverse.lab.diagnosis.model.result import HoldoutResult
-from traverse.lab.diagnosis.report.adapted_arm import (
-    arm_with_provenance,
-    terms_without_epoch,
-    write_adapted,
-)
+from traverse.lab.diagnosis.model.terms import terms_without_epoch
 from traverse.lab.diagnosis.report.files import (
+    arm_with_provenance,
     diagnosis_json,
     pose_parts,
+    write_adapted,
     write_diagnosis,
 )
 

@@ -8,20 +8,18 @@ from tests.lab.diagnosis.diagnosed import clean, drifting, eccentric
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 from traverse.lab.diagnosis.model.result import Alternative, Detectable, Estimate
-from traverse.lab.diagnosis.report.detectable_table import (
+from traverse.lab.diagnosis.report.files import diagnosis_json
+from traverse.lab.diagnosis.report.names import (
+    candidate_label,
     detectable_lines,
     joint_rows,
     reasons,
-    whole_arm_rows,
-)
-from traverse.lab.diagnosis.report.files import diagnosis_json
-from traverse.lab.diagnosis.report.maps import conditions
-from traverse.lab.diagnosis.report.names import (
-    candidate_label,
     term_size,
     term_size_text,
+    whole_arm_rows,
 )
 from traverse.lab.diagnosis.report.page import WORDS, summary_lines
+from traverse.lab.diagnosis.report.pictures import conditions
 from traverse.lab.report.quantities import odds, probability_of_log, quantity
 
 

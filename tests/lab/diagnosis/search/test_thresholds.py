@@ -17,7 +17,7 @@ from traverse.lab.diagnosis.model.serial_correlation import (
     serial_correlation,
     without_serial_noise,
 )
-from traverse.lab.diagnosis.search.selection import log_p_threshold, noise_draws
+from traverse.lab.diagnosis.search.forward_search import log_p_threshold, noise_draws
 
 
 def correlated_errors(rows, share, phi, n_draws, seed):

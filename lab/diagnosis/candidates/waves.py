@@ -1,4 +1,8 @@
-"""Waves of a joint's reading of any number of cycles a turn: gears and belts.
+"""Waves of a joint's reading: harmonics, and any number of cycles a turn.
+
+Harmonics go up to an order that no library would list. Orders that the sampling or the
+travelled range cannot hold apart look the same here too; their likeness shows this.
+Gears and belts make waves of any number of cycles.
 
 The cycles are not known: they are searched over the periodogram of every joint, and
 their evidence is the mean over all cycles that were looked at, so that the best of many
@@ -13,12 +17,19 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.effect_table import EFFECT_KINDS
-from traverse.kinematics.effects.readings.harmonics import TransmissionError
-from traverse.lab.diagnosis.candidates.effect_factory import candidate_of_kind
-from traverse.lab.diagnosis.candidates.harmonics import HIGHEST_ORDER as MOST_HARMONICS
+from traverse.kinematics.effects.readings.harmonics import (
+    EncoderEccentricity,
+    EncoderHarmonic,
+    TransmissionError,
+)
 from traverse.lab.diagnosis.candidates.library import HIGHEST_ORDER
 from traverse.lab.diagnosis.candidates.scoring import log_evidences
-from traverse.lab.diagnosis.model.candidate import Bank, BankName
+from traverse.lab.diagnosis.model.candidate import (
+    Bank,
+    BankName,
+    Candidate,
+    candidate_of_kind,
+)
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 MOST_CYCLES = EFFECT_KINDS[TransmissionError.kind].most["cycles"]
@@ -171,7 +182,7 @@ def _periodogram(
         step = 2.0 * step / (_REFINED - 1)
     whole = round(best)
     left: float | None = best
-    if whole <= MOST_HARMONICS:
+    if whole <= HIGHEST_HARMONIC:
         variance = rows.sum_of_squares / max(rows.redundancy, 1)
         plain, _ = judged(np.array([float(whole)]))
         if highest - float(plain[0]) < _WHOLE * variance:
@@ -200,3 +211,34 @@ def _statistics(
         rows.redundancy,
     )
     return np.asarray(along_squared.sum(axis=1)), evidences
+
+
+HIGHEST_HARMONIC = 60
+
+
+def harmonic_bank(rows: ObservationEquations) -> Bank:
+    """Compute cos and sin of order times the reading, for every joint and order.
+
+    Returns:
+        Two columns a candidate in units of plausible amplitudes, whitened, (n_rows,
+        2 * HIGHEST_HARMONIC * n_joints): joint by joint, from order 1, which is the
+        eccentricity, upwards.
+    """
+    orders = np.arange(1, HIGHEST_HARMONIC + 1)
+    candidates = tuple(
+        _candidate(joint, order)
+        for joint in rows.adjustment.network.campaign.joint_names
+        for order in orders.tolist()
+    )
+    scales = np.array([one.scales for one in candidates[:HIGHEST_HARMONIC]])
+    phases_rad = rows.block.angles_rad[:, :, np.newaxis] * orders
+    waves = np.stack([np.cos(phases_rad), np.sin(phases_rad)], axis=3) * scales
+    columns = rows.by_readings[:, :, np.newaxis, np.newaxis] * waves[rows.poses]
+    return Bank(candidates, rows.decorrelated(columns.reshape(len(columns), -1)))
+
+
+def _candidate(joint: str, order: int) -> Candidate:
+    kind = EncoderEccentricity.kind if order == 1 else EncoderHarmonic.kind
+    scale_rad = EFFECT_KINDS[kind].plausible_size(order)
+    fixed = {"order": None if order == 1 else order}
+    return candidate_of_kind(BankName.HARMONIC, kind, joint, fixed, scale_rad)

@@ -1,4 +1,4 @@
-"""Pictures of residuals: by artefact, by joint, and against the normal."""
+"""Pictures of residuals, parameters, coverage of the joints, and the volume."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 
 from traverse.arrays import Floats
 from traverse.lab.identification.results.result import Identification
+from traverse.lab.identification.volume.uncertainty_map import UncertaintyMap
 from traverse.lab.report.figures import (
     BLUE,
     GREY,
@@ -174,3 +175,123 @@ def _scaled_w(result: Identification) -> Floats:
     scale = max(result.sigma0, 1e-300)
     w = equivalent_normal(found.statistics[taken] / scale**2, found.degrees[taken])
     return np.sort(w[np.isfinite(w)])
+
+
+_N_SECTORS = 36
+
+
+def correlation_picture(result: Identification) -> bytes:
+    """Draw the correlation matrix of the free parameters."""
+    n_free = len(result.parameters)
+    size_mm = float(np.clip(45.0 + 3.6 * n_free, 80.0, 180.0))
+    return picture(
+        size_mm + 8.0,
+        0.88 * size_mm,
+        lambda figure: _paint_correlations(figure, result),
+    )
+
+
+def coverage_picture(result: Identification) -> bytes:
+    """Draw how often each joint was in each sector of a turn."""
+    height_mm = 22.0 + 7.0 * len(result.coverage)
+    return picture(180.0, height_mm, lambda figure: _paint_coverage(figure, result))
+
+
+def _paint_correlations(figure: Figure, result: Identification) -> None:
+    axes = figure.subplots()
+    names = [entry.name for entry in result.parameters]
+    drawn = axes.imshow(
+        result.correlations, cmap="RdBu_r", vmin=-1.0, vmax=1.0, interpolation="none"
+    )
+    size = 6.5 if len(names) <= 40 else 4.5
+    axes.set_xticks(range(len(names)), names, rotation=90, fontsize=size)
+    axes.set_yticks(range(len(names)), names, fontsize=size)
+    axes.tick_params(length=0.0)
+    owners = [name.split(".")[0] for name in names]
+    for at in range(1, len(owners)):
+        if owners[at] != owners[at - 1]:
+            axes.axhline(at - 0.5, color="black", linewidth=0.3)
+            axes.axvline(at - 0.5, color="black", linewidth=0.3)
+    bar = figure.colorbar(drawn, ax=axes, shrink=0.7)
+    bar.set_label("correlation")
+
+
+def _paint_coverage(figure: Figure, result: Identification) -> None:
+    axes = figure.subplots()
+    counts = np.array([entry.sectors for entry in result.coverage], dtype=np.float64)
+    n_joints = len(counts)
+    filled = np.where(counts > 0.0, counts, np.nan)
+    axes.set_facecolor("#eeeeee")
+    drawn = axes.imshow(
+        filled,
+        cmap="cividis_r",
+        vmin=0.0,
+        aspect="auto",
+        interpolation="none",
+        extent=(0.0, 360.0, n_joints - 0.5, -0.5),
+    )
+    axes.set_yticks(
+        range(n_joints),
+        [
+            f"{entry.joint}: {np.degrees(entry.travel_rad):.0f}°"
+            for entry in result.coverage
+        ],
+    )
+    axes.set_xticks(np.arange(0, 361, 45))
+    axes.set_yticks(np.arange(n_joints - 1) + 0.5, minor=True)
+    axes.grid(which="minor", axis="y", color="white", linewidth=2.0)
+    axes.tick_params(which="both", length=0.0)
+    axes.set_xlabel("reading, modulo a turn [degrees]; grey: never there")
+    width_deg = 360 // _N_SECTORS
+    figure.colorbar(drawn, ax=axes).set_label(f"poses in {width_deg} degrees")
+
+
+def map_picture(found: UncertaintyMap) -> bytes:
+    """Draw a half plane through the first axis for each direction."""
+    width = float(np.ptp(found.radii_mm))
+    height = float(np.ptp(found.heights_mm))
+    height_mm = float(np.clip(36.0 * height / max(width, 1.0) + 24.0, 55.0, 130.0))
+    return picture(180.0, height_mm, lambda figure: _paint(figure, found))
+
+
+def _paint(figure: Figure, found: UncertaintyMap) -> None:
+    panels = figure.subplots(1, 4, sharex=True, sharey=True)
+    some_mm = found.deviations_mm[np.isfinite(found.deviations_mm)]
+    factor, unit = shown_unit(float(some_mm.max(initial=0.0)), "mm")
+    some = factor * some_mm
+    highest = float(some.max()) if len(some) else 1.0
+    lowest = float(some.min()) if len(some) else 0.0
+    titles = [
+        f"{found.length_mm:.0f} mm\nradially",
+        f"{found.length_mm:.0f} mm\nacross",
+        f"{found.length_mm:.0f} mm\nalong the axis",
+        "from the\nreference (+)",
+    ]
+    radius_edges, height_edges = _edges(found.radii_mm), _edges(found.heights_mm)
+    for axes, title, values in zip(
+        panels, titles, factor * found.deviations_mm, strict=True
+    ):
+        axes.set_facecolor("#eeeeee")
+        drawn = axes.pcolormesh(
+            radius_edges,
+            height_edges,
+            np.ma.masked_invalid(values),
+            cmap="cividis",
+            vmin=lowest,
+            vmax=highest,
+        )
+        axes.set_aspect("equal")
+        axes.set_title(title)
+        axes.set_xlabel("radius [mm]")
+        axes.set_xlim(0.0, radius_edges[-1])
+        axes.set_ylim(height_edges[0], height_edges[-1])
+    radius_mm, height_mm = found.reference_place_mm
+    panels[3].plot(radius_mm, height_mm, "+", color="white", markersize=9.0)
+    panels[0].set_ylabel("height along the first axis [mm]")
+    bar = figure.colorbar(drawn, ax=list(panels), shrink=0.9, pad=0.02)
+    bar.set_label(f"standard deviation of the distance [{unit}]")
+
+
+def _edges(middles: Floats) -> Floats:
+    half = 0.5 * (middles[1] - middles[0])
+    return np.append(middles - half, middles[-1] + half)
