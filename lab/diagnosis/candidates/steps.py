@@ -185,8 +185,7 @@ class StepScan:
 
         (n_gaps, n_columns, n_draws).
         """
-        found: Floats = self.combinations @ self.gaps.products(self.pieces, residuals)
-        return found
+        return self.combinations @ self.gaps.products(self.pieces, residuals)
 
     def largest(self, residuals: Floats) -> tuple[Floats, int]:
         """Find the largest T over all gaps, (n_draws,), and the directions of a step.

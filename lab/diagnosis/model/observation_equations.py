@@ -117,8 +117,7 @@ class ObservationEquations:
             return block.angles_rad
         values = self.adjustment.state.arm.amplitudes
         errors_rad = angle_corrections(geometry, effects.at(values), block)
-        angles_rad: Floats = block.angles_rad - errors_rad
-        return angles_rad
+        return block.angles_rad - errors_rad
 
     def moved(self, moves: Floats) -> Floats:
         """Turn moves of the model's centres into changes of values, not yet projected.
@@ -147,8 +146,7 @@ class ObservationEquations:
 
     def project(self, columns: Floats) -> Floats:
         """Take out what the unknowns absorb, (n_rows, n_columns)."""
-        found: Floats = columns - self.basis @ (self.basis.T @ columns)
-        return found
+        return columns - self.basis @ (self.basis.T @ columns)
 
 
 def equations_of(adjustment: Adjustment) -> ObservationEquations:

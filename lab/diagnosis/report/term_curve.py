@@ -285,8 +285,7 @@ def _directions(moves_mm: Floats, covariate: DrawnCovariate) -> Floats:
     seen = sizes > _LEAST_MOVE * sizes.max(initial=0.0)
     units = moves_mm / np.where(seen, sizes, 1.0)[:, np.newaxis]
     signs = np.where(covariate.signs < 0.0, -1.0, 1.0)
-    found: Floats = np.where(seen[:, np.newaxis], signs[:, np.newaxis] * units, 0.0)
-    return found
+    return np.where(seen[:, np.newaxis], signs[:, np.newaxis] * units, 0.0)
 
 
 def value_covariance(diagnosis: Diagnosis, term: Term, effects: ArmEffects) -> Floats:
@@ -317,8 +316,7 @@ def value_covariance(diagnosis: Diagnosis, term: Term, effects: ArmEffects) -> F
         sizes = np.sqrt(np.maximum(np.diag(fitted), 0.0))
         safe = np.where(sizes > 0.0, sizes, 1.0)
         correlation = fitted / np.outer(safe, safe)
-    found: Floats = stds[:, np.newaxis] * correlation * stds
-    return found
+    return stds[:, np.newaxis] * correlation * stds
 
 
 def _fitted_covariance(diagnosis: Diagnosis, effects: ArmEffects) -> Floats | None:
@@ -344,5 +342,4 @@ def _fitted_covariance(diagnosis: Diagnosis, effects: ArmEffects) -> Floats | No
     inverse = adjustment.split.inverse[np.searchsorted(places, own)]
     directions = corrections[index].free_directions(geometry)
     covariance = directions @ (inverse @ inverse.T) @ directions.T
-    found: Floats = adjustment.sigma0**2 * covariance
-    return found
+    return adjustment.sigma0**2 * covariance

@@ -214,8 +214,7 @@ def _waves(angles_rad: Floats) -> Floats:
     turned[0] = np.exp(1j * angles_rad)
     for order in range(1, HIGHEST_HARMONIC):
         np.multiply(turned[order - 1], turned[0], out=turned[order])
-    found: Floats = np.stack([turned.real.T, turned.imag.T], axis=2)
-    return found
+    return np.stack([turned.real.T, turned.imag.T], axis=2)
 
 
 def _excess(statistics: Floats) -> Floats:

@@ -57,8 +57,7 @@ class EffectModel:
     def columns(self, geometry: Geometry, values: Floats, poses: Poses) -> Floats:
         """Compute the derivatives of x, (n_poses, 3, n_coordinates)."""
         by_values = columns(geometry, self.at(values), self.campaign.block(poses))
-        found: Floats = by_values @ self.directions(geometry)
-        return found
+        return by_values @ self.directions(geometry)
 
     def length_errors(self, values: Floats, artefact: str) -> tuple[float, Floats]:
         """Return by how many ppm a standard is longer than its certificate says.

@@ -174,8 +174,7 @@ def each_tool(
         compute(arm.with_tool(int(tool)).geometry, np.flatnonzero(poses.tools == tool))
         for tool in np.unique(poses.tools)
     ]
-    found: Floats = np.concatenate(parts)[np.argsort(order)]
-    return found
+    return np.concatenate(parts)[np.argsort(order)]
 
 
 def has_length(network: Network) -> bool:
@@ -405,8 +404,7 @@ def _chunks(
 
 def _times(matrices: Floats, vectors: Floats) -> Floats:
     """Multiply (n, k, k) with (n, k)."""
-    product: Floats = (matrices @ vectors[:, :, np.newaxis])[:, :, 0]
-    return product
+    return (matrices @ vectors[:, :, np.newaxis])[:, :, 0]
 
 
 def rms_mm(network: Network, state: State) -> float:

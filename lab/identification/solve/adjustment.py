@@ -142,8 +142,7 @@ def certified(
     )
     # One that was left out has an infinite standard deviation.
     known = np.isfinite(certificate.std_mm)
-    kept: Floats = rows[known] / certificate.std_mm[known, np.newaxis]
-    return kept
+    return rows[known] / certificate.std_mm[known, np.newaxis]
 
 
 MOST_ITERATIONS = 200

@@ -122,8 +122,7 @@ def _thetas(
     rest = redundancies - matrix.sum(axis=1) - held
     solved = np.linalg.lstsq(matrix + np.diag(rest), wanted - held, rcond=1e-6)[0]
     ratios = wanted / redundancies
-    positive: Floats = np.where(solved > 0.1 * ratios, solved, ratios)
-    return positive
+    return np.where(solved > 0.1 * ratios, solved, ratios)
 
 
 _WINDOW = 3.0

@@ -140,8 +140,7 @@ def _blocks(
     own = rows.by_unknowns @ elimination.gain
     arm = (rows.by_parameters - own @ elimination.left) @ inverse
     by_own, by_arm = own @ own.swapaxes(1, 2), arm @ arm.swapaxes(1, 2)
-    blocks: Floats = np.eye(by_own.shape[1]) + sign * (by_own + by_arm)
-    return blocks
+    return np.eye(by_own.shape[1]) + sign * (by_own + by_arm)
 
 
 def _add_tests(

@@ -56,8 +56,7 @@ class Elimination:
 
     def step(self, arm_step: Floats) -> Floats:
         """Compute the step of the unknowns, (n_unknowns,)."""
-        step: Floats = self.gain @ (self.right - self.left @ arm_step)
-        return step
+        return self.gain @ (self.right - self.left @ arm_step)
 
 
 def sequential_qr(blocks: Iterable[Floats], n_columns: int) -> Floats:
@@ -136,8 +135,7 @@ class RankDecision:
     def inverse(self) -> Floats:
         """G with cofactors G G^T of the parameters, (n_free, n_determined)."""
         kept = self.directions[: self.n_determined].T / self.values[: self.n_determined]
-        inverse: Floats = self.tolerances[:, np.newaxis] * kept
-        return inverse
+        return self.tolerances[:, np.newaxis] * kept
 
     @property
     def undetermined(self) -> Floats:

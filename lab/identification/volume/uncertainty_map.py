@@ -362,8 +362,7 @@ def uncertainty_map(
 def _middles(least_mm: float, largest_mm: float, n_cells: int) -> Floats:
     """Take the middles of equal cells, (n_cells,)."""
     edges_mm = np.linspace(least_mm, largest_mm, n_cells + 1, dtype=np.float64)
-    middles_mm: Floats = 0.5 * (edges_mm[1:] + edges_mm[:-1])
-    return middles_mm
+    return 0.5 * (edges_mm[1:] + edges_mm[:-1])
 
 
 def _pooled_mm(
