@@ -38,6 +38,7 @@ from traverse.cli.refusals import REFUSED, RefusalError, end, missing_library
 from traverse.cli.replay.command import replay
 from traverse.cli.run import run
 from traverse.cli.simulate import simulate
+from traverse.cli.store import store
 from traverse.cli.trace import trace
 from traverse.cli.verify import verify
 from traverse.cli.watch.command import watch
@@ -101,7 +102,7 @@ COMMANDS: tuple[Callable[..., None], ...] = (
         certify,
         trace,
     ),
-    *(daily_check, align, record, replay, export),
+    *(daily_check, align, record, replay, export, store),
     *(point, undo, scan, label, session, reload, confirm),
 )
 for command in COMMANDS:

@@ -68,6 +68,20 @@ class StoredSession(CommandResult):
         return tuple(cls.read(one) for one in found)
 
 
+class StoredScan(CommandResult):
+    """A scan that the arm holds blocks of.
+
+    Attributes:
+        begun_ns: when it began [UTC].
+        last_block_seq: number of the first point of the last block; None without one.
+    """
+
+    scan: str
+    session: str
+    begun_ns: Annotated[int, Field(ge=0, le=MAX_TIME_NS), BeforeValidator(_time)]
+    last_block_seq: Count | None = None
+
+
 class Resent(CommandResult):
     """What the arm will send again, and what its outbox holds of the session.
 

@@ -166,7 +166,7 @@ class HomeAssistantGateway:
         self._report = report
         self._last_check = last_check
         away = aiomqtt.Will(f"{self.base}/availability", b"offline", 1, retain=True)
-        self._link = ReconnectingConnection(address, away)
+        self._link = ReconnectingConnection(address, will=away)
         self._status: Status | None = None
         self._health: Health | None = None
         self._news = asyncio.Event()

@@ -28,6 +28,7 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
+_SESSION_TAKEN_OVER = 142
 FIRST_WAIT_S = 0.05
 LAST_WAIT_S = 10.0
 WORDING = Wording(
@@ -36,6 +37,10 @@ WORDING = Wording(
     use_tls="give mqtts:// before its name",
     absent="; start it, or correct its address",
 )
+
+
+class SessionTakenOverError(Exception):
+    """Another client has connected under the same identifier."""
 
 
 class AccessRefusedError(aiomqtt.MqttError):
@@ -86,11 +91,13 @@ class IncomingMessage:
 
     Attributes:
         number: to acknowledge it by; 0 where there is nothing to acknowledge.
+        acknowledge: does so, on the connection that it came by.
     """
 
     topic: str
     payload: bytes
     number: int
+    acknowledge: Callable[[int], None]
 
 
 class ManualAckConnection(ConfiguredClient):
@@ -99,16 +106,16 @@ class ManualAckConnection(ConfiguredClient):
     Args:
         address: of the broker.
         take: called with each message.
-        will: published by the broker when the connection is lost.
+        options: further ones of aiomqtt's client.
     """
 
     def __init__(
         self,
         address: BrokerAddress,
         take: Callable[[IncomingMessage], None],
-        will: aiomqtt.Will | None = None,
+        **options: Any,  # noqa: ANN401 - of aiomqtt, which has many kinds
     ) -> None:
-        super().__init__(address, will=will)
+        super().__init__(address, **options)
         self._take = take
         self.pending_calls_threshold = 1000
         self._client.manual_ack_set(True)
@@ -145,10 +152,13 @@ class ManualAckConnection(ConfiguredClient):
         """Wait until the connection is lost.
 
         Raises:
+            SessionTakenOverError: another client has this one's identifier.
             aiomqtt.MqttError: always, with the reason.
         """
         await asyncio.wait({self._disconnected})
         error = self._disconnected.exception()
+        if getattr(getattr(error, "rc", None), "value", None) == _SESSION_TAKEN_OVER:
+            raise SessionTakenOverError
         if error is not None and not isinstance(error, OSError | aiomqtt.MqttError):
             raise error  # a fault of ours
         if isinstance(error, aiomqtt.MqttCodeError):
@@ -186,7 +196,11 @@ class ManualAckConnection(ConfiguredClient):
         message: MQTTMessage,
     ) -> None:
         number = message.mid if message.qos else 0
-        self._take(IncomingMessage(message.topic, bytes(message.payload), number))
+        self._take(
+            IncomingMessage(
+                message.topic, bytes(message.payload), number, self.acknowledge
+            )
+        )
 
 
 class ReconnectingConnection:
@@ -194,7 +208,7 @@ class ReconnectingConnection:
 
     Args:
         address: of the broker.
-        will: published by the broker when the connection is lost.
+        options: further ones of aiomqtt's client.
 
     Attributes:
         topics: topic filters to their quality of service.
@@ -203,10 +217,12 @@ class ReconnectingConnection:
     """
 
     def __init__(
-        self, address: BrokerAddress, will: aiomqtt.Will | None = None
+        self,
+        address: BrokerAddress,
+        **options: Any,  # noqa: ANN401 - of aiomqtt, which has many kinds
     ) -> None:
         self.address = address
-        self._will = will
+        self._options = options
         self.topics: dict[str, int] = {}
         self.connections = 0
         self.reason = "not tried yet"
@@ -232,7 +248,7 @@ class ReconnectingConnection:
         while True:
             try:
                 async with ManualAckConnection(
-                    self.address, take, self._will
+                    self.address, take, **self._options
                 ) as connection:
                     for topic, qos in self.topics.items():
                         await connection.subscribe_checked(topic, qos)

@@ -21,6 +21,7 @@ EXTRAS = {
     "fastapi": "page",
     "starlette": "page",
     "pyarrow": "parquet",
+    "psycopg": "fleet",
     "can": "can",
     "canopen": "can",
     "pymodbus": "modbus",
@@ -36,6 +37,7 @@ EXTRAS = {
 
 _NOT_IN_DEBIAN = {
     "parquet": "write another kind of file",
+    "fleet": "store on another computer, with pip",
     "keys": "use `traverse gateway lines`",
     "live": "use `traverse page`",
     "certificate": "certify on another computer, with pip",

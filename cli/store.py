@@ -1,0 +1,101 @@
+"""`traverse store`: what all arms publish, into a database and into files."""
+
+import asyncio
+import re
+import socket
+from typing import Annotated
+
+import typer
+
+from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.gateway.running import report, until_signal
+from traverse.cli.refusals import client_errors, refusals, refuse
+from traverse.plurals import counted
+
+_NAME = re.compile(r"[A-Za-z0-9_.-]{1,40}")
+
+
+@with_broker
+def store(
+    *,
+    broker: BrokerOptions,
+    database: Annotated[
+        str,
+        typer.Option(
+            help="File of SQLite, or postgresql://user@host/database; its password in "
+            "PGPASSFILE or PGPASSWORD."
+        ),
+    ] = "traverse-store.db",
+    scans: Annotated[
+        str,
+        typer.Option(help="Folder of scans, or a URI such as s3://bucket/scans."),
+    ] = "traverse-scans",
+    group: Annotated[
+        str, typer.Option(help="Name of the group whose members share the messages.")
+    ] = "store",
+    member: Annotated[
+        str | None,
+        typer.Option(help="Name in the group, the same each time; else the host's."),
+    ] = None,
+    gap_s: Annotated[
+        float,
+        typer.Option(min=1.0, help="Ask for numbers that are missing so long [s]."),
+    ] = 60.0,
+    list_s: Annotated[
+        float, typer.Option(min=1.0, help="Ask each arm so often what it has [s].")
+    ] = 600.0,
+    keep_s: Annotated[
+        int,
+        typer.Option(min=0, help="The broker keeps messages for an absent member [s]."),
+    ] = 3600,
+) -> None:
+    """Store points, events, states and scans of all arms at a broker.
+
+    Points, events and states go into a database, scans into Parquet by arm and day. A
+    message is acknowledged once it is stored; each counts once; what is missing is
+    asked for again. Many members may run at once. Ends on Ctrl-C or SIGTERM with a
+    line of sums. Exit status 2: refused, among others by the database.
+    """
+    from traverse.client.mqtt.connection import SessionTakenOverError  # noqa: PLC0415 - keeps --help quick
+    from traverse.fleet.database import StoreAwayError, StoreRefusedError, open_database  # noqa: PLC0415
+    from traverse.fleet.member import Member, MemberSettings  # noqa: PLC0415
+    from traverse.fleet.scan_files import ScanFiles  # noqa: PLC0415
+    from traverse.fleet.store import Store  # noqa: PLC0415
+    from traverse.fleet.tables import migrate  # noqa: PLC0415
+
+    name = re.sub(r"[^A-Za-z0-9_.-]", "-", member or socket.gethostname())[:40]
+    for option, text in (("--group", group), ("--member", member or name)):
+        if not _NAME.fullmatch(text):
+            refuse(f"{option} {text!r}: expected 1 to 40 letters, digits, - _ and .")
+    address = broker.address()
+    settings = MemberSettings(
+        group=group, member=name, gap_s=gap_s, list_s=list_s, keep_s=keep_s
+    )
+    with refusals(StoreRefusedError, StoreAwayError):
+        files = ScanFiles(scans, name)
+        first = open_database(database)
+        steps = migrate(first)
+        if steps:
+            report(f"{first.name}: {counted(steps, 'step')} of tables made")
+
+    def open_store() -> Store:
+        return Store(open_database(database), files)
+
+    work = Member(address, settings, open_store, first, report)
+    report(f"{group}/{name}: from {address} to {first.name} and {scans}")
+    with client_errors():
+        try:
+            asyncio.run(until_signal(work.run()))
+        except* StoreRefusedError as errors:
+            refuse(str(errors.exceptions[0]))
+        except* SessionTakenOverError:
+            refuse(
+                f"another member of the group {group} is called {name}; give each a "
+                "--member of its own"
+            )
+    counts = work.counts
+    report(
+        f"{counted(counts.stored, 'message')} stored, {work.n_refused} refused, "
+        f"{counts.dropped} dropped, {counted(counts.asked, 'gap')} asked for, "
+        f"{counted(counts.lost, 'number')} lost"
+    )

@@ -1,0 +1,1 @@
+"""What many arms publish, kept in one place."""

@@ -1,0 +1,122 @@
+"""Numbers that are missing in a store: found there, so that any member may ask.
+
+A series is the points of a session, or the blocks of a scan. It is complete up to a
+number; behind it every number that is neither stored nor lost is missing.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from traverse.fleet.database import Database, Run
+
+_OPEN = """SELECT arm, session, scan, last_seq, complete_to, gap_since_ns FROM series
+    WHERE complete_to < last_seq ORDER BY arm, first_ns, session, scan"""
+_POINTS = """SELECT seq, 1 FROM point WHERE arm = %s AND session = %s AND seq > %s
+    ORDER BY seq LIMIT %s"""
+_BLOCKS = """SELECT seq, points FROM scan_block WHERE arm = %s AND session = %s
+    AND scan = %s AND seq > %s ORDER BY seq LIMIT %s"""
+_LOST = """SELECT from_seq, to_seq - from_seq + 1 FROM lost WHERE arm = %s
+    AND session = %s AND scan = %s AND to_seq > %s ORDER BY from_seq"""
+_UPDATE = """UPDATE series SET complete_to = %s, gap_since_ns = %s WHERE arm = %s
+    AND session = %s AND scan = %s AND complete_to <= %s"""
+_MOST_ROWS = 50_000
+"""Looked at in one transaction, of one series."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Missing numbers, both ends included.
+
+    Attributes:
+        scan: "" of points.
+        since_ns: when they were missed first.
+    """
+
+    arm: str
+    session: str
+    scan: str
+    from_seq: int
+    to_seq: int
+    since_ns: int
+
+
+def find_gaps(database: Database, now_ns: int) -> list[Gap]:
+    """Find all gaps, and move the series' marks up to the first of each.
+
+    Raises:
+        StoreAwayError: the database is not there.
+    """
+    with database.transaction() as run:
+        open_series = run(_OPEN)
+    found = []
+    for arm, session, scan, last_seq, complete_to, known_ns in open_series:
+        since_ns = known_ns or now_ns
+        with database.transaction() as run:
+            place = (arm, session, scan)
+            mark, missing = _missing(run, place, complete_to, last_seq)
+            run(_UPDATE, (mark, since_ns if missing else None, *place, mark))
+        found += [Gap(*place, *some, since_ns) for some in missing]
+    return found
+
+
+def _missing(
+    run: Run, place: tuple[str, str, str], complete_to: int, last_seq: int
+) -> tuple[int, list[tuple[int, int]]]:
+    """Return up to where it is complete, and what is missing behind that."""
+    arm, session, scan = place
+    if scan:
+        there = run(_BLOCKS, (arm, session, scan, complete_to, _MOST_ROWS))
+    else:
+        there = run(_POINTS, (arm, session, complete_to, _MOST_ROWS))
+    if len(there) == _MOST_ROWS:
+        last_seq = there[-1][0]
+    there += run(_LOST, (arm, session, scan, complete_to))
+    gaps = list(_between(sorted(there), complete_to + 1, last_seq))
+    mark = gaps[0][0] - 1 if gaps else last_seq
+    return mark, gaps
+
+
+def _between(
+    ranges: list[tuple[int, ...]], next_seq: int, last_seq: int
+) -> Iterator[tuple[int, int]]:
+    for first, n in ranges:
+        if first > last_seq:
+            break
+        if first > next_seq:
+            yield next_seq, first - 1
+        next_seq = max(next_seq, first + n)
+    if next_seq <= last_seq:
+        yield next_seq, last_seq
+
+
+def mark_lost(database: Database, gap: Gap, now_ns: int, reason: str) -> None:
+    """Note that numbers cannot be had any more.
+
+    Raises:
+        StoreAwayError: the database is not there.
+    """
+    with database.transaction() as run:
+        run(
+            "INSERT INTO lost (arm, session, scan, from_seq, to_seq, time_ns, reason) "
+            "VALUES (%s, %s, %s, %s, %s, %s, %s) ON CONFLICT DO NOTHING",
+            (gap.arm, gap.session, gap.scan, gap.from_seq, gap.to_seq, now_ns, reason),
+        )
+
+
+def take_lease(
+    database: Database, name: str, member: str, now_ns: int, for_ns: int
+) -> bool:
+    """Whether this member does something alone, until then.
+
+    Raises:
+        StoreAwayError: the database is not there.
+    """
+    with database.transaction() as run:
+        run(
+            "INSERT INTO lease (name, member, until_ns) VALUES (%s, %s, %s) "
+            "ON CONFLICT (name) DO UPDATE SET member = excluded.member, "
+            "until_ns = excluded.until_ns "
+            "WHERE lease.until_ns < %s OR lease.member = excluded.member",
+            (name, member, now_ns + for_ns, now_ns),
+        )
+        return run("SELECT member FROM lease WHERE name = %s", (name,)) == [(member,)]

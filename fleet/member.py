@@ -1,0 +1,318 @@
+"""A member of a group of consumers: what the broker gives it goes into the store.
+
+A message is acknowledged once it is committed. What a member had when it died comes
+again, to it or to another one, or is found missing in the store and asked for; the
+store takes each once.
+"""
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import paho.mqtt.client as paho
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
+
+from traverse.broker.address import BrokerAddress
+from traverse.client.change_signal import ChangeSignal
+from traverse.client.errors import ClientError, CommandRefused
+from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
+from traverse.client.requests import CommandClient
+from traverse.fleet.database import Database, StoreAwayError
+from traverse.fleet.gaps import Gap, find_gaps, mark_lost, take_lease
+from traverse.fleet.rows import listed_series
+from traverse.fleet.store import Store
+from traverse.protocol import topics
+from traverse.protocol.encoding import decode
+from traverse.protocol.message_error import MessageError
+from traverse.protocol.messages import Reply, ResendArgs, Status
+
+log = logging.getLogger(__name__)
+
+SHARED = ("point", "event", "scan")
+"""Kinds of messages that members share; of all others each gets every one."""
+MOST_UNACKNOWLEDGED = 5000
+MOST_WAITING = 20_000
+"""Messages; four connections may break before one of them is dropped and counted."""
+BATCH = 1000
+SCAN_BATCH = 500
+SCAN_WAIT_S = 10.0
+FIRST_WAIT_S, LAST_WAIT_S = 0.2, 10.0
+ASK_S = 5.0
+MOST_ASKED = 500
+"""Numbers asked for at once, of one arm."""
+LEASE_S = 30.0
+FAULTS = (ClientError, MessageError, StoreAwayError)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MemberSettings:
+    """How a member works.
+
+    Attributes:
+        group: that shares the messages.
+        member: unique in the group, the same after a restart.
+        gap_s: a number that is missing so long is asked for.
+        list_s: so often an arm is asked what it has.
+        keep_s: so long the broker keeps messages for a member that is away.
+    """
+
+    group: str = "store"
+    member: str
+    gap_s: float = 60.0
+    list_s: float = 600.0
+    keep_s: int = 3600
+
+
+@dataclass(slots=True)
+class MemberCounts:
+    """Since the member began."""
+
+    stored: int = 0
+    dropped: int = 0
+    asked: int = 0
+    lost: int = 0
+
+
+@dataclass(slots=True)
+class _Queue:
+    """Messages that wait to be written, in their order."""
+
+    waiting: deque[IncomingMessage] = field(default_factory=deque)
+    changed: ChangeSignal = field(default_factory=ChangeSignal)
+
+
+class Member:
+    """Takes messages until cancelled.
+
+    Args:
+        address: of the broker.
+        settings: how.
+        open_store: makes the store for one thread.
+        database: for looking for gaps, in a thread of its own.
+        report: says something to people.
+
+    Attributes:
+        counts: what was done.
+    """
+
+    def __init__(
+        self,
+        address: BrokerAddress,
+        settings: MemberSettings,
+        open_store: Callable[[], Store],
+        database: Database,
+        report: Callable[[str], None],
+    ) -> None:
+        self._settings = settings
+        self._open_store = open_store
+        self._database = database
+        self._report = report
+        connect = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]  # paho's is not typed
+        connect.SessionExpiryInterval = settings.keep_s
+        connect.ReceiveMaximum = MOST_UNACKNOWLEDGED
+        self.link = ReconnectingConnection(
+            address,
+            identifier=f"traverse-{settings.group}-{settings.member}",
+            protocol=paho.MQTTv5,
+            clean_start=False,
+            properties=connect,
+        )
+        for kind in SHARED:
+            self.link.topics[f"$share/{settings.group}/{topics.kind_filter(kind)}"] = 1
+        for kind in ("status", "health"):
+            self.link.topics[topics.kind_filter(kind)] = topics.CHANNELS[kind].qos
+        self.link.topics[f"{topics.ROOT}/+/reply/resend"] = 1
+        self._messages, self._scans = _Queue(), _Queue()
+        self._requests: dict[str, CommandClient] = {}
+        self._online: dict[str, bool] = {}
+        self._listed_s: dict[str, float] = {}
+        self._is_away = False
+        self._stores: list[Store] = []
+        self.counts = MemberCounts()
+
+    @property
+    def n_refused(self) -> int:
+        """Messages that could not be stored."""
+        return sum(store.n_refused for store in self._stores)
+
+    async def run(self) -> None:
+        """Work, until cancelled.
+
+        Raises:
+            SessionTakenOverError: another member has the same name.
+            StoreRefusedError: the database refuses what is asked of it.
+        """
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self.link.run(self._take, self._link_changed))
+            group.create_task(self._write(self._messages, BATCH, 0.0))
+            group.create_task(self._write(self._scans, SCAN_BATCH, SCAN_WAIT_S))
+            group.create_task(self._look_for_gaps())
+
+    def _take(self, message: IncomingMessage) -> None:
+        """A message was received."""
+        queue = self._messages
+        with contextlib.suppress(MessageError):
+            topic = topics.parse_topic(message.topic)
+            if topic.kind == "scan":
+                queue = self._scans
+            elif topic.kind == "reply":
+                self._answered(topic.arm, message.payload)
+                message.acknowledge(message.number)
+                return
+            elif topic.kind == "status":
+                self._heard(topic.arm, message.payload)
+        if len(queue.waiting) >= MOST_WAITING:
+            # Those with a number are the broker's still, for the next connection.
+            self.counts.dropped += 1
+            return
+        queue.waiting.append(message)
+        queue.changed.notify()
+
+    def _answered(self, arm: str, payload: bytes) -> None:
+        with contextlib.suppress(MessageError):
+            self._requests_to(arm).take_reply(decode(Reply, payload))
+
+    def _heard(self, arm: str, payload: bytes) -> None:
+        status = decode(Status, payload)
+        if status.online and not self._online.get(arm):
+            self._listed_s.pop(arm, None)  # it may have taken points without a broker
+        self._online[arm] = status.online
+        self._requests_to(arm).take_status(status)
+
+    def _requests_to(self, arm: str) -> CommandClient:
+        return self._requests.setdefault(arm, CommandClient(arm, self.link))
+
+    def _link_changed(self, is_connected: bool) -> None:
+        # What is redelivered has other numbers: it is stored once all the same.
+        for requests in self._requests.values():
+            requests.link_changed(is_connected)
+        if is_connected:
+            self._report(f"connected to {self.link.address}")
+
+    async def _write(self, queue: _Queue, most: int, wait_s: float) -> None:
+        """Write batches, as long as it takes each."""
+        store = await asyncio.to_thread(self._open_store)
+        self._stores.append(store)
+        while True:
+            while not queue.waiting:
+                await queue.changed.wait()
+            loop = asyncio.get_running_loop()
+            until_s = loop.time() + wait_s
+            while len(queue.waiting) < most and (left_s := until_s - loop.time()) > 0:
+                await queue.changed.wait(left_s)
+            batch = [
+                queue.waiting.popleft() for _ in range(min(most, len(queue.waiting)))
+            ]
+            wait_again_s = FIRST_WAIT_S
+            while True:
+                try:
+                    await asyncio.to_thread(store.write, batch)
+                    break
+                except StoreAwayError as error:
+                    self._away(str(error))
+                    await asyncio.sleep(wait_again_s)
+                    wait_again_s = min(2 * wait_again_s, LAST_WAIT_S)
+            self._back()
+            self.counts.stored += len(batch)
+            for one in batch:
+                if one.number:
+                    one.acknowledge(one.number)
+
+    def _away(self, reason: str) -> None:
+        if not self._is_away:
+            self._report(f"{reason}; messages wait at the broker, and this tries again")
+        self._is_away = True
+
+    def _back(self) -> None:
+        if self._is_away:
+            self._report(f"{self._database.name} is back")
+        self._is_away = False
+
+    async def _look_for_gaps(self) -> None:
+        """One member of all at a time asks arms for what is missing."""
+        settings = self._settings
+        pause_s = max(0.2, min(settings.gap_s / 4, LEASE_S / 3))
+        me = f"{settings.group}/{settings.member}"
+        while True:
+            await asyncio.sleep(pause_s)
+            if not self.link.is_connected:
+                continue
+            try:
+                now_ns = time.time_ns()
+                if not await asyncio.to_thread(
+                    take_lease, self._database, "gaps", me, now_ns, int(LEASE_S * 1e9)
+                ):
+                    continue
+                await self._list_arms()
+                gaps = await asyncio.to_thread(find_gaps, self._database, now_ns)
+                await self._ask_for(gaps, now_ns)
+            except FAULTS as error:
+                log.info("gaps are looked for later: %s", error)
+
+    async def _list_arms(self) -> None:
+        """Ask what arms have, so that what came last is missed too."""
+        now_s = asyncio.get_running_loop().time()
+        due = [
+            arm
+            for arm, is_online in self._online.items()
+            if is_online
+            and now_s - self._listed_s.get(arm, -1e9) >= self._settings.list_s
+        ]
+        for arm in due:
+            self._listed_s[arm] = now_s
+            with contextlib.suppress(ClientError):
+                listed = await self._requests_to(arm).result(ResendArgs(), ASK_S)
+                await asyncio.to_thread(listed_series, self._database, arm, listed)
+
+    async def _ask_for(self, gaps: list[Gap], now_ns: int) -> None:
+        """Ask each arm for the first of what it lacks; the rest comes next time."""
+        asked: set[str] = set()
+        for gap in gaps:
+            late = now_ns - gap.since_ns >= self._settings.gap_s * 1e9
+            if gap.arm in asked or not late or not self._online.get(gap.arm):
+                continue
+            asked.add(gap.arm)
+            try:
+                await self._ask(gap, now_ns)
+            except CommandRefused as error:
+                if gap.scan:  # the arm stores no scans
+                    await self._lose(gap, now_ns, str(error))
+                else:
+                    log.warning("%s does not send again: %s", gap.arm, error)
+            except ClientError as error:
+                log.info("%s does not answer: %s", gap.arm, error)
+
+    async def _ask(self, gap: Gap, now_ns: int) -> None:
+        last = min(gap.to_seq, gap.from_seq + MOST_ASKED - 1)
+        args = ResendArgs(
+            session=None if gap.scan else gap.session,
+            scan=gap.scan or None,
+            from_seq=gap.from_seq,
+            to_seq=last,
+        )
+        self.counts.asked += 1
+        answer = await self._requests_to(gap.arm).result(args, ASK_S)
+        first = answer.get("first_seq")
+        sent = answer.get("blocks" if gap.scan else "points")
+        if first is None or not sent:
+            gone = last
+        elif isinstance(first, int) and first > gap.from_seq:
+            gone = min(last, first - 1)
+        else:
+            return
+        lost = Gap(gap.arm, gap.session, gap.scan, gap.from_seq, gone, gap.since_ns)
+        await self._lose(lost, now_ns, "the arm does not have them any more")
+
+    async def _lose(self, gap: Gap, now_ns: int, reason: str) -> None:
+        n = gap.to_seq - gap.from_seq + 1
+        self.counts.lost += n
+        what = f"scan {gap.scan}" if gap.scan else f"session {gap.session}"
+        self._report(
+            f"{gap.arm}, {what}: {gap.from_seq} to {gap.to_seq} are lost: {reason}"
+        )
+        await asyncio.to_thread(mark_lost, self._database, gap, now_ns, reason)

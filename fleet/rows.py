@@ -1,0 +1,210 @@
+"""Messages of arms as statements that put them into the tables, each at most once."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from operator import itemgetter
+from typing import Any
+
+from traverse.client.results import StoredScan, StoredSession
+from traverse.fleet.database import Database, Run, Values
+from traverse.protocol.encoding import decode
+from traverse.protocol.messages import Event, Health, Point, Scan, Status
+
+
+def _insert(table: str, columns: str, conflict: str = "DO NOTHING") -> str:
+    """Write a statement that inserts a row, or does what is said where it is there."""
+    marks = ", ".join(["%s"] * len(columns.split()))
+    names = ", ".join(columns.split())
+    return f"INSERT INTO {table} ({names}) VALUES ({marks}) ON CONFLICT {conflict}"
+
+
+def _replace(table: str, columns: str, condition: str = "") -> str:
+    """Write a statement that inserts the row of an arm, or replaces it."""
+    changes = ", ".join(f"{name} = excluded.{name}" for name in columns.split()[1:])
+    return _insert(table, columns, f"(arm) DO UPDATE SET {changes} {condition}")
+
+
+_POINT = _insert(
+    "point",
+    "id arm session seq time_ns retracts x_mm y_mm z_mm part_x_mm part_y_mm part_z_mm "
+    "std_mm temperature_c artefact feature ok flags model message",
+)
+_EVENT = _insert(
+    "event",
+    "arm session severity code source active first_ns last_ns count text remedy data",
+)
+_STATUS = _replace(
+    "arm", "arm time_ns online state session model version alarms status"
+)
+_HEALTH = _replace(
+    "health",
+    "arm time_ns temperature_c points_unsent health",
+    "WHERE excluded.time_ns >= health.time_ns",
+)
+_BLOCK = _insert("scan_block", "arm session scan seq points time_ns last total file")
+_SERIES = """INSERT INTO series (arm, session, scan, first_ns, last_seq, complete_to)
+    VALUES (%s, %s, %s, %s, %s, -1) ON CONFLICT (arm, session, scan) DO UPDATE SET
+    last_seq = CASE WHEN excluded.last_seq > series.last_seq
+        THEN excluded.last_seq ELSE series.last_seq END,
+    first_ns = CASE WHEN excluded.first_ns < series.first_ns
+        THEN excluded.first_ns ELSE series.first_ns END"""
+
+_TEXT_END = 2000
+
+
+@dataclass(slots=True)
+class Rows:
+    """What a batch of messages puts into the tables, in one transaction."""
+
+    points: list[Values] = field(default_factory=list)
+    events: list[Values] = field(default_factory=list)
+    statuses: dict[str, Values] = field(default_factory=dict)
+    healths: dict[str, Values] = field(default_factory=dict)
+    blocks: list[Values] = field(default_factory=list)
+    series: dict[tuple[str, str, str], tuple[int, int]] = field(default_factory=dict)
+
+    def add(self, kind: str, arm: str, payload: bytes) -> None:
+        """Take a message of a topic; scans are told as files by `add_block`.
+
+        Raises:
+            MessageError: it is none.
+        """
+        match kind:
+            case "point":
+                self._add_point(decode(Point, payload), arm, payload)
+            case "event":
+                self._add_event(decode(Event, payload), arm)
+            case "status":
+                self._add_status(decode(Status, payload), arm, payload)
+            case "health":
+                self._add_health(decode(Health, payload), arm, payload)
+
+    def add_block(self, scan: Scan, arm: str, file: str) -> None:
+        """A block of a scan is in a file."""
+        n = len(scan.dtime_ns)
+        place = (arm, scan.session, scan.scan)
+        self.blocks.append(
+            (*place, scan.seq, n, scan.time_ns, scan.last, scan.total, file)
+        )
+        # An empty last block says where the scan ends.
+        self._reached(place, scan.time_ns, scan.seq + n - 1)
+
+    def write(self, database: Database, run: Run) -> None:
+        """Run all statements; rows in one order for all, so that none deadlocks."""
+        for statement, rows in (
+            (_POINT, sorted(self.points, key=itemgetter(0))),
+            (_EVENT, self.events),
+            (_STATUS, [self.statuses[arm] for arm in sorted(self.statuses)]),
+            (_HEALTH, [self.healths[arm] for arm in sorted(self.healths)]),
+            (_BLOCK, self.blocks),
+            (_SERIES, [(*key, *self.series[key]) for key in sorted(self.series)]),
+        ):
+            if rows:
+                database.many(run, statement, rows)
+
+    def _reached(self, place: tuple[str, str, str], time_ns: int, seq: int) -> None:
+        first_ns, last = self.series.get(place, (time_ns, seq))
+        self.series[place] = (min(first_ns, time_ns), max(last, seq))
+
+    def _add_point(self, point: Point, arm: str, payload: bytes) -> None:
+        tensor = point.covariance_mm2
+        std_mm = None
+        if tensor is not None:
+            std_mm = math.sqrt(max(tensor[0] + tensor[3] + tensor[5], 0.0))
+        self.points.append(
+            (
+                point.id,
+                arm,
+                point.session,
+                point.seq,
+                point.time_ns,
+                point.retracts,
+                *point.xyz_mm,
+                *(point.part_xyz_mm or (None, None, None)),
+                std_mm,
+                point.temperature_c,
+                point.label.artefact,
+                point.label.feature,
+                point.quality.ok,
+                " ".join(point.quality.flags),
+                point.model,
+                payload,
+            )
+        )
+        self._reached((arm, point.session, ""), point.time_ns, point.seq)
+
+    def _add_event(self, event: Event, arm: str) -> None:
+        self.events.append(
+            (
+                arm,
+                event.session,
+                event.severity,
+                event.code,
+                event.source,
+                event.active,
+                event.first_ns,
+                event.last_ns,
+                event.count,
+                _printable(event.text),
+                _printable(event.remedy),
+                json.dumps(event.data, default=str, sort_keys=True),
+            )
+        )
+
+    def _add_status(self, status: Status, arm: str, payload: bytes) -> None:
+        self.statuses[arm] = (
+            arm,
+            status.time_ns,
+            status.online,
+            status.state,
+            status.session,
+            status.model,
+            status.version,
+            None if status.alarms is None else len(status.alarms),
+            payload,
+        )
+
+    def _add_health(self, health: Health, arm: str, payload: bytes) -> None:
+        self.healths[arm] = (
+            arm,
+            health.time_ns,
+            health.temperatures_c.get("arm"),
+            health.outbox.unsent,
+            payload,
+        )
+
+
+def _printable(text: str) -> str:
+    """Without the sign that PostgreSQL does not take, and at most so long."""
+    return text.replace("\0", "")[:_TEXT_END]
+
+
+def refused_row(time_ns: int, topic: str, reason: str, payload: bytes) -> Values:
+    """Of a message that cannot be stored: its beginning and why."""
+    return (time_ns, _printable(topic), _printable(reason), payload[:_TEXT_END])
+
+
+def listed_series(database: Database, arm: str, listed: Mapping[str, Any]) -> None:
+    """Note what an arm says that it has, in its answer to `resend` of nothing.
+
+    Raises:
+        StoreAwayError: the database is not there.
+        MessageError: it is no such answer.
+    """
+    scans = [StoredScan.read(given) for given in listed.get("scans", ())]
+    rows = [
+        *(
+            (arm, one.session, "", one.begun_ns, one.last_seq)
+            for one in StoredSession.read_all(listed)
+            if one.last_seq is not None
+        ),
+        *(
+            (arm, one.session, one.scan, one.begun_ns, one.last_block_seq)
+            for one in scans
+            if one.last_block_seq is not None
+        ),
+    ]
+    with database.transaction() as run:
+        database.many(run, _SERIES, sorted(rows))
