@@ -14,7 +14,7 @@ AGAIN = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --last-failed --last-failed-no-fail
     --required="$(TEST_GROUPS)"
 FIGURES := build/figures
 # Groups of Debian packages that the tests need, in deploy/debian-packages.sh.
-TEST_GROUPS := cplusplus mosquitto openssl jq chromium node systemd groff xvfb
+TEST_GROUPS := cplusplus mosquitto postgresql openssl jq chromium node systemd groff xvfb
 # The Debian of `make test-fresh`, and options of deploy/fresh_machine.py.
 SUITE ?= bookworm
 FRESH ?=

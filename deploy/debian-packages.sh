@@ -14,6 +14,7 @@ python|module:ensurepip module:venv|python3-venv
 compiler|gcc header:Python.h|gcc libc6-dev python3-dev
 cplusplus|g++ as ld|g++
 mosquitto|mosquitto mosquitto_passwd mosquitto_pub mosquitto_sub|mosquitto mosquitto-clients
+postgresql|file:/usr/lib/postgresql/*/bin/initdb|postgresql
 openssl|openssl|openssl
 jq|jq|jq
 chromium|chromium|chromium

@@ -19,6 +19,8 @@ _LOST = """SELECT from_seq, to_seq - from_seq + 1 FROM lost WHERE arm = %s
     AND session = %s AND scan = %s AND to_seq > %s ORDER BY from_seq"""
 _UPDATE = """UPDATE series SET complete_to = %s, gap_since_ns = %s WHERE arm = %s
     AND session = %s AND scan = %s AND complete_to <= %s"""
+MOST_ASKED = 500
+"""Numbers asked for at once."""
 _MOST_ROWS = 50_000
 """Looked at in one transaction, of one series."""
 
@@ -41,7 +43,7 @@ class Gap:
 
 
 def find_gaps(database: Database, now_ns: int) -> list[Gap]:
-    """Find all gaps, and move the series' marks up to the first of each.
+    """Find the first gap of each series, and move the series' marks up to it.
 
     Raises:
         StoreAwayError: the database is not there.
@@ -54,9 +56,22 @@ def find_gaps(database: Database, now_ns: int) -> list[Gap]:
         with database.transaction() as run:
             place = (arm, session, scan)
             mark, missing = _missing(run, place, complete_to, last_seq)
-            run(_UPDATE, (mark, since_ns if missing else None, *place, mark))
-        found += [Gap(*place, *some, since_ns) for some in missing]
+            after_ns = since_ns if missing else None
+            if (mark, after_ns) != (complete_to, known_ns):
+                run(_UPDATE, (mark, after_ns, *place, mark))
+        if missing:
+            found.append(Gap(*place, *_spanned(missing), since_ns))
     return found
+
+
+def _spanned(missing: list[tuple[int, int]]) -> tuple[int, int]:
+    """Return the first gap and those near it as one: members share number by number.
+
+    What is between them comes twice, which costs less than asking for each.
+    """
+    first = missing[0][0]
+    near = [end for _, end in missing if end < first + MOST_ASKED]
+    return first, max(near, default=first + MOST_ASKED - 1)
 
 
 def _missing(

@@ -10,8 +10,9 @@ import contextlib
 import logging
 import time
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import paho.mqtt.client as paho
 from paho.mqtt.packettypes import PacketTypes
@@ -21,8 +22,10 @@ from traverse.broker.address import BrokerAddress
 from traverse.client.change_signal import ChangeSignal
 from traverse.client.errors import ClientError, CommandRefused
 from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
+from traverse.client.points.gap_filler import CANNOT
 from traverse.client.requests import CommandClient
-from traverse.fleet.database import Database, StoreAwayError
+from traverse.client.results import Resent, ResentScan
+from traverse.fleet.database import BadValueError, Database, StoreAwayError
 from traverse.fleet.gaps import Gap, find_gaps, mark_lost, take_lease
 from traverse.fleet.rows import listed_series
 from traverse.fleet.store import Store
@@ -43,10 +46,7 @@ SCAN_BATCH = 500
 SCAN_WAIT_S = 10.0
 FIRST_WAIT_S, LAST_WAIT_S = 0.2, 10.0
 ASK_S = 5.0
-MOST_ASKED = 500
-"""Numbers asked for at once, of one arm."""
 LEASE_S = 30.0
-FAULTS = (ClientError, MessageError, StoreAwayError)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -251,7 +251,7 @@ class Member:
                 await self._list_arms()
                 gaps = await asyncio.to_thread(find_gaps, self._database, now_ns)
                 await self._ask_for(gaps, now_ns)
-            except FAULTS as error:
+            except StoreAwayError as error:
                 log.info("gaps are looked for later: %s", error)
 
     async def _list_arms(self) -> None:
@@ -263,50 +263,80 @@ class Member:
             if is_online
             and now_s - self._listed_s.get(arm, -1e9) >= self._settings.list_s
         ]
-        for arm in due:
+        for arm, listed in await self._answers({arm: ResendArgs() for arm in due}):
             self._listed_s[arm] = now_s
-            with contextlib.suppress(ClientError):
-                listed = await self._requests_to(arm).result(ResendArgs(), ASK_S)
+            if isinstance(listed, CommandRefused):
+                continue
+            try:
                 await asyncio.to_thread(listed_series, self._database, arm, listed)
+            except (MessageError, BadValueError) as error:
+                log.warning("%s lists what cannot be: %s", arm, error)
 
     async def _ask_for(self, gaps: list[Gap], now_ns: int) -> None:
         """Ask each arm for the first of what it lacks; the rest comes next time."""
-        asked: set[str] = set()
+        first: dict[str, Gap] = {}
         for gap in gaps:
-            late = now_ns - gap.since_ns >= self._settings.gap_s * 1e9
-            if gap.arm in asked or not late or not self._online.get(gap.arm):
-                continue
-            asked.add(gap.arm)
+            if now_ns - gap.since_ns >= self._settings.gap_s * 1e9:
+                first.setdefault(gap.arm, gap)
+        asked = {
+            arm: ResendArgs(
+                session=None if gap.scan else gap.session,
+                scan=gap.scan or None,
+                from_seq=gap.from_seq,
+                to_seq=gap.to_seq,
+            )
+            for arm, gap in first.items()
+            if self._online.get(arm)
+        }
+        self.counts.asked += len(asked)
+        for arm, answer in await self._answers(asked):
             try:
-                await self._ask(gap, now_ns)
-            except CommandRefused as error:
-                if gap.scan:  # the arm stores no scans
-                    await self._lose(gap, now_ns, str(error))
-                else:
-                    log.warning("%s does not send again: %s", gap.arm, error)
-            except ClientError as error:
-                log.info("%s does not answer: %s", gap.arm, error)
+                await self._write_off(first[arm], answer, now_ns)
+            except (MessageError, BadValueError) as error:
+                log.warning("%s answers what cannot be: %s", arm, error)
 
-    async def _ask(self, gap: Gap, now_ns: int) -> None:
-        last = min(gap.to_seq, gap.from_seq + MOST_ASKED - 1)
-        args = ResendArgs(
-            session=None if gap.scan else gap.session,
-            scan=gap.scan or None,
-            from_seq=gap.from_seq,
-            to_seq=last,
-        )
-        self.counts.asked += 1
-        answer = await self._requests_to(gap.arm).result(args, ASK_S)
-        first = answer.get("first_seq")
-        sent = answer.get("blocks" if gap.scan else "points")
-        if first is None or not sent:
-            gone = last
-        elif isinstance(first, int) and first > gap.from_seq:
-            gone = min(last, first - 1)
+    async def _answers(
+        self, asked: Mapping[str, ResendArgs]
+    ) -> list[tuple[str, Mapping[str, Any] | CommandRefused]]:
+        """Ask all these arms at once; those that say nothing are left out."""
+
+        async def answer(arm: str) -> Mapping[str, Any] | CommandRefused | None:
+            try:
+                return await self._requests_to(arm).result(asked[arm], ASK_S)
+            except CommandRefused as error:
+                log.info("%s does not send again: %s", arm, error)
+                return error
+            except ClientError as error:
+                log.info("%s: %s", arm, error)
+                return None
+
+        found = await asyncio.gather(*map(answer, asked))
+        return [
+            (arm, one) for arm, one in zip(asked, found, strict=True) if one is not None
+        ]
+
+    async def _write_off(
+        self, gap: Gap, answer: Mapping[str, Any] | CommandRefused, now_ns: int
+    ) -> None:
+        """Note what the arm says that it does not have."""
+        reason = "the arm does not have them any more"
+        if isinstance(answer, CommandRefused):
+            if not gap.scan or answer.code not in CANNOT:
+                return  # points may be had later
+            gone, reason = gap.to_seq, str(answer)
         else:
-            return
-        lost = Gap(gap.arm, gap.session, gap.scan, gap.from_seq, gone, gap.since_ns)
-        await self._lose(lost, now_ns, "the arm does not have them any more")
+            if gap.scan:
+                scan = ResentScan.read(answer)
+                n_sent, first = scan.blocks, scan.first_seq
+            else:
+                session = Resent.read(answer)
+                n_sent, first = session.points, session.first_seq
+            gone = gap.to_seq
+            if n_sent and first is not None:
+                gone = min(gone, first - 1)
+            if gone < gap.from_seq:
+                return
+        await self._lose(replace(gap, to_seq=gone), now_ns, reason)
 
     async def _lose(self, gap: Gap, now_ns: int, reason: str) -> None:
         n = gap.to_seq - gap.from_seq + 1
