@@ -26,6 +26,7 @@ from traverse.cli.daily_check.command import daily_check
 from traverse.cli.demo import demo
 from traverse.cli.diagnose import diagnose
 from traverse.cli.export.command import export
+from traverse.cli.fleet import fleet
 from traverse.cli.gateway.command import gateway
 from traverse.cli.identify.command import identify
 from traverse.cli.microscribe.command import microscribe
@@ -113,6 +114,7 @@ GROUPS = {
     "arm": arm,
     "amt21": amt21,
     "can": can,
+    "fleet": fleet,
     "gateway": gateway,
     "microscribe": microscribe,
     "points": points,

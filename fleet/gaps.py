@@ -70,8 +70,8 @@ def _spanned(missing: list[tuple[int, int]]) -> tuple[int, int]:
     What is between them comes twice, which costs less than asking for each.
     """
     first = missing[0][0]
-    near = [end for _, end in missing if end < first + MOST_ASKED]
-    return first, max(near, default=first + MOST_ASKED - 1)
+    last = first + MOST_ASKED - 1
+    return first, max(min(end, last) for begin, end in missing if begin <= last)
 
 
 def _missing(

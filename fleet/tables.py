@@ -80,10 +80,9 @@ STEPS = (
     );
     CREATE INDEX certificate_of_arm ON certificate (arm, time_ns);
     CREATE TABLE daily_check (
-        arm TEXT NOT NULL, time_ns BIGINT NOT NULL, figure TEXT NOT NULL,
-        value_mm DOUBLE PRECISION NOT NULL, low_mm DOUBLE PRECISION,
-        high_mm DOUBLE PRECISION, verdict TEXT NOT NULL,
-        PRIMARY KEY (arm, time_ns, figure)
+        arm TEXT NOT NULL, data_digest TEXT NOT NULL, time_utc TEXT NOT NULL,
+        arm_digest TEXT NOT NULL, begins TEXT NOT NULL, figures TEXT NOT NULL,
+        PRIMARY KEY (arm, data_digest)
     );
     """,
 )

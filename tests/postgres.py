@@ -17,7 +17,7 @@ PROGRAMS = "usr/lib/postgresql/*/bin/postgres"
 
 
 class Postgres:
-    """A server with a port of its own and an empty database, kept over stops.
+    """A server with a port of its own, kept over stops.
 
     It refuses to run as root: a root's test has it run as the user of Debian's package.
     """
@@ -34,13 +34,20 @@ class Postgres:
         self._process: subprocess.Popen[bytes] | None = None
         self._run("initdb", "-D", self._data, "-A", "trust", "-U", "postgres")
         self.start()
-        url = f"host={HOST} port={self.port} user=postgres dbname=postgres"
-        self._run("psql", "-q", "-c", "CREATE DATABASE fleet", url)
 
     @property
     def url(self) -> str:
-        """Of the database."""
-        return f"postgresql://postgres@{HOST}:{self.port}/fleet"
+        """Of the database `fleet`."""
+        return self._url("fleet")
+
+    def new_database(self, name: str) -> str:
+        """Make an empty database; its address."""
+        command = f"CREATE DATABASE {name}"
+        self._run("psql", "-q", "-c", command, self._url("postgres"))
+        return self._url(name)
+
+    def _url(self, name: str) -> str:
+        return f"postgresql://postgres@{HOST}:{self.port}/{name}"
 
     def start(self) -> None:
         """Start it and wait until it answers."""

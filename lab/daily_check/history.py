@@ -118,6 +118,18 @@ def add_check(path: Path, check: Check) -> bool:
         return done.rowcount == 1
 
 
+def arms_of(path: Path) -> list[str]:
+    """Names of the arms with checks in a history.
+
+    Raises:
+        HistoryRefusedError: The file is not a history, or of another version.
+        sqlite3.Error: It cannot be read.
+    """
+    with _opened(path) as connection:
+        rows = connection.execute("SELECT DISTINCT arm FROM checks ORDER BY arm")
+        return [arm for (arm,) in rows]
+
+
 def checks_of(path: Path, arm: str) -> list[Check]:
     """All checks of an arm, in the order in which they were made.
 

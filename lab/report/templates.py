@@ -68,14 +68,15 @@ class Words:
 def page(template: str, filters: Filters, **values: object) -> str:
     """Make a page.
 
-    The path is below `lab/`; filters are besides those of all reports.
+    The path is below `lab/`, or begins with the name of another folder; filters are
+    besides those of all reports.
     """
     return _environment(filters, is_html=True).get_template(template).render(values)
 
 
 def _environment(filters: Filters, *, is_html: bool) -> Environment:
     environment = Environment(
-        loader=FileSystemLoader(_LAB),
+        loader=FileSystemLoader([_LAB, _LAB.parent]),
         autoescape=is_html,
         finalize=_visible,
         trim_blocks=True,

@@ -1,5 +1,6 @@
-"""A PostgreSQL for a test."""
+"""A PostgreSQL for all tests, and one for a test that kills it."""
 
+import uuid
 from collections.abc import Iterator
 
 import pytest
@@ -7,8 +8,24 @@ import pytest
 from tests.postgres import Postgres
 
 
+@pytest.fixture(scope="session")
+def server() -> Iterator[Postgres]:
+    """For tests that do not disturb it; mark them `needs("postgresql")`."""
+    found = Postgres()
+    yield found
+    found.close()
+
+
+@pytest.fixture
+def postgres_url(server: Postgres) -> str:
+    """An empty database."""
+    return server.new_database(f"t{uuid.uuid4().hex[:12]}")
+
+
 @pytest.fixture
 def postgres() -> Iterator[Postgres]:
-    server = Postgres()
-    yield server
-    server.close()
+    """A server with an empty database `fleet`, to be stopped and killed."""
+    found = Postgres()
+    found.new_database("fleet")
+    yield found
+    found.close()
