@@ -83,11 +83,8 @@ class Postgres:
         self._process = None
 
     def close(self) -> None:
-        """End it in order, and remove its data."""
-        if self._process is not None:
-            self._process.send_signal(signal.SIGINT)
-            self._process.wait(START_S)
-            self._process = None
+        """End it, and remove its data."""
+        self.kill()
         shutil.rmtree(self.folder)
 
     def _as_user(self) -> dict[str, object]:

@@ -157,6 +157,9 @@ def test_commands(tmp_path):
     history(tmp_path / "i.db", "a", 15, last=datetime.now(UTC))
     added = run("add", tmp_path / "i.db", "--database", url)
     assert (added.exit_code, "daily checks of a" in added.output) == (0, True)
+    again = run("add", tmp_path / "i.db", "--database", url, "--json")
+    (one,) = json.loads(again.stdout)["added"]
+    assert one == {"file": str(tmp_path / "i.db"), "holds": "daily checks of a"}
     found = open_database(str(url))
     now_ns = time.time_ns()
     store_messages(
