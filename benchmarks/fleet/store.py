@@ -1,0 +1,148 @@
+"""Points into a database: what a member of a store writes, beside the bare database.
+
+python -m benchmarks.fleet.store [--rounds N] [--points N]
+
+In turns, in batches of 1000: `COPY` of rows, `executemany` of the same inserts, and a
+member's whole way, which decodes each message, keeps the series and commits. PostgreSQL
+and SQLite, both with every commit on the disk.
+"""
+
+import argparse
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import psycopg
+
+from tests.postgres import Postgres
+from tests.protocol.message_examples import POINT
+from traverse.client.mqtt.connection import IncomingMessage
+from traverse.fleet.database import open_database
+from traverse.fleet.rows import Rows
+from traverse.fleet.scan_files import ScanFiles
+from traverse.fleet.store import Store
+from traverse.fleet.tables import migrate
+from traverse.protocol.encoding import encode
+
+BATCH = 1000
+Work = Callable[[Sequence[IncomingMessage]], None]
+
+
+def messages(n: int, start: int) -> list[IncomingMessage]:
+    """Points of ten arms, with numbers from a start."""
+    found = []
+    for number in range(start, start + n):
+        arm = f"arm-{number % 10}"
+        point = POINT.model_copy(
+            update={
+                "arm": arm,
+                "session": arm,
+                "seq": number // 10,
+                "id": f"{arm}-{number}",
+                "time_ns": POINT.time_ns + number,
+            }
+        )
+        payload = encode(point, "msgpack")
+        found.append(
+            IncomingMessage(f"traverse/{arm}/point", payload, 1, lambda _: None)
+        )
+    return found
+
+
+def rows_of(given: Sequence[IncomingMessage]) -> list[Sequence[object]]:
+    """As the store writes them."""
+    rows = Rows()
+    for one in given:
+        rows.add("point", one.topic.split("/")[1], one.payload)
+    return list(rows.points)
+
+
+def bare(url: str) -> Iterator[tuple[str, Work]]:
+    """The database alone: rows are made before."""
+    connection = psycopg.connect(url)
+    columns = (
+        "id, arm, session, seq, time_ns, retracts, x_mm, y_mm, z_mm, part_x_mm, "
+        "part_y_mm, part_z_mm, std_mm, temperature_c, artefact, feature, ok, flags, "
+        "model, message"
+    )
+
+    def copy(given: Sequence[IncomingMessage]) -> None:
+        statement = f"COPY point ({columns}) FROM STDIN"
+        with connection.cursor() as cursor, cursor.copy(statement) as target:
+            for row in made[given[0].topic, id(given)]:
+                target.write_row(row)
+        connection.commit()
+
+    def many(given: Sequence[IncomingMessage]) -> None:
+        marks = ", ".join(["%s"] * 20)
+        with connection.cursor() as cursor:
+            cursor.executemany(
+                f"INSERT INTO point ({columns}) VALUES ({marks})",
+                made[given[0].topic, id(given)],
+            )
+        connection.commit()
+
+    yield "COPY", copy
+    yield "executemany", many
+
+
+made: dict[tuple[str, int], list[Sequence[object]]] = {}
+
+
+def main() -> None:
+    """Print medians and spread of points a second."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--points", type=int, default=10_000)
+    asked = parser.parse_args()
+    postgres = Postgres()
+    found: dict[str, list[float]] = {}
+    try:
+        url = postgres.new_database("fleet")
+        with tempfile.TemporaryDirectory() as folder:
+            works = dict(bare(url))
+            for name, place in (
+                ("member, PostgreSQL", url),
+                ("member, SQLite", f"{folder}/store.db"),
+            ):
+                database = open_database(place)
+                migrate(database)
+                works[name] = Store(database, ScanFiles(folder, "m")).write
+            start = 0
+            for _ in range(asked.rounds):
+                for name, work in works.items():
+                    given = messages(asked.points, start)
+                    start += asked.points
+                    batches = [
+                        given[n : n + BATCH] for n in range(0, len(given), BATCH)
+                    ]
+                    for batch in batches:
+                        made[batch[0].topic, id(batch)] = rows_of(batch)
+                    begun_s = time.perf_counter()
+                    for batch in batches:
+                        work(batch)
+                    took_s = time.perf_counter() - begun_s
+                    found.setdefault(name, []).append(asked.points / took_s)
+                    made.clear()
+            size = Path(folder, "store.db").stat().st_size
+            stored = asked.rounds * asked.points
+            with psycopg.connect(url) as connection:
+                ((total, rows),) = connection.execute(
+                    "SELECT pg_total_relation_size('point'), count(*) FROM point"
+                )
+    finally:
+        postgres.close()
+    base = statistics.median(found["COPY"])
+    for name, rates in found.items():
+        median = statistics.median(rates)
+        print(
+            f"{name:20} {median:8.0f} points/s ({min(rates):.0f} to {max(rates):.0f}), "
+            f"{median / base:.2f} of COPY"
+        )
+    print(f"bytes a point: PostgreSQL {total / rows:.0f}, SQLite {size / stored:.0f}")
+
+
+if __name__ == "__main__":
+    main()
