@@ -1,8 +1,10 @@
 """One good file of every kind that commands read, in a folder."""
 
 import asyncio
+import contextlib
 import json
 import shutil
+import sqlite3
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -17,10 +19,16 @@ from tests.cli.test_check import PROBES
 from tests.cli.test_verify import limits_file
 from tests.daemon.recorder.recorded_runs import RecordedRun
 from tests.daemon.store.test_damage import make
+from tests.fleet.test_store import received
 from tests.lab.certificates.made import LABORATORY
 from tests.lab.collection.test_collection import CAMPAIGN, touch
-from tests.protocol.message_examples import SCAN
+from tests.protocol.message_examples import EVENT, HEALTH, SCAN, STATUS
 from traverse.cli.__main__ import app
+from traverse.fleet.database import open_database
+from traverse.fleet.evidence import add_evidence
+from traverse.fleet.scan_files import ScanFiles
+from traverse.fleet.store import Store
+from traverse.fleet.tables import migrate
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.recording.run_writer import Entry, RunHead, RunWriter
 from traverse.recording.views import cloud_to_bytes, point_to_bytes
@@ -139,9 +147,23 @@ def make_samples(folder: Path, *, computed: bool = True) -> Path:
         ],
     ):
         _run(words)
+    _store(folder)
     values = json.loads((folder / "certificate" / "certificate.json").read_text())
     assert values["digest"]["files"]
     return folder
+
+
+def _store(folder: Path) -> None:
+    """A store with a few messages and a daily check."""
+    database = open_database(str(folder / "store.db"))
+    migrate(database)
+    store = Store(database, ScanFiles(str(folder / "scans"), "m"))
+    store.write([received(message) for message in (*ALL, STATUS, HEALTH, EVENT)])
+    add_evidence(database, folder / "history.db")
+    database.close()
+    # As it is when nobody uses it: in one file.
+    with contextlib.closing(sqlite3.connect(folder / "store.db")) as connection:
+        connection.execute("PRAGMA journal_mode = DELETE")
 
 
 def _run(words: list[str]) -> None:

@@ -147,6 +147,22 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "run/arm": ("arm.toml", "run --config daemon.toml"),
     "run/covariance": ("identified/arm.cov.npz", "run --config identified.toml"),
     "check/covariance": ("identified/arm.cov.npz", "check identified.toml"),
+    "align/covariance": (
+        "identified/arm.cov.npz",
+        "align campaign --nominal campaign --method leapfrog --arm identified/arm.toml",
+    ),
+    "verify/covariance": (
+        "identified/arm.cov.npz",
+        "verify accepted --standard asme-b89.4.22 --arm identified/arm.toml",
+    ),
+    "fleet-add/history": ("history.db", "fleet add history.db --database other.db"),
+    "fleet-add/certificate": (
+        "certificate/certificate.json",
+        "fleet add certificate --database other.db",
+    ),
+    "fleet-add/store": ("store.db", "fleet add history.db --database store.db"),
+    "fleet-overview/store": ("store.db", "fleet overview --database store.db"),
+    "store/database": ("store.db", f"store {NOBODY} --database store.db"),
     "collect/arm": ("arm.toml", f"collect campaign --arm arm.toml {NOBODY}"),
     "collect/campaign": (
         "campaign/campaign.toml",
@@ -186,7 +202,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "simulate/configuration": ("simulator.toml", "simulate --config simulator.toml"),
 }
 # They go on until they are ended where the file is good: that is no hang.
-_ENDLESS = {"run", "simulate", "page"}
+_ENDLESS = {"run", "simulate", "page", "store"}
 _ENDLESS_S = 4
 # On a busy machine so many seconds pass for one of work.
 _BUSY = 6
@@ -197,6 +213,9 @@ _OF_COMPUTED = (
     "daily-check",
     "run/covariance",
     "check/covariance",
+    "align/covariance",
+    "fleet-",
+    "store/",
     "collect/plan",
 )
 
