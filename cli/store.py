@@ -3,15 +3,23 @@
 import asyncio
 import re
 import socket
+import time
 from typing import Annotated
 
 import typer
 
 from traverse.cli.broker_options import BrokerOptions, with_broker
 from traverse.cli.gateway.running import report, until_signal
-from traverse.cli.refusals import client_errors, refusals, refuse
+from traverse.cli.refusals import (
+    UNREACHABLE,
+    client_errors,
+    end,
+    refusals,
+    refuse,
+)
 from traverse.plurals import counted
 
+PATIENCE_S = 30.0
 _NAME = re.compile(r"[A-Za-z0-9_.-]{1,40}")
 
 
@@ -54,11 +62,15 @@ def store(
     Points, events and states go into a database, scans into Parquet by arm and day. A
     message is acknowledged once it is stored; each counts once; what is missing is
     asked for again. Many members may run at once. Ends on Ctrl-C or SIGTERM with a
-    line of sums. Exit status 2: refused, among others by the database.
+    line of sums. Exit status 2: refused, among others by the database; 3: no database.
     """
-    from traverse.client.mqtt.connection import SessionTakenOverError  # noqa: PLC0415 - keeps --help quick
-    from traverse.fleet.database import StoreAwayError, StoreRefusedError, open_database  # noqa: PLC0415
-    from traverse.fleet.member import Member, MemberSettings  # noqa: PLC0415
+    from traverse.fleet.database import (  # noqa: PLC0415 - keeps --help quick
+        BadValueError,
+        StoreAwayError,
+        StoreRefusedError,
+        open_database,
+    )
+    from traverse.fleet.member import Member, MemberSettings, NameTakenError  # noqa: PLC0415
     from traverse.fleet.scan_files import ScanFiles  # noqa: PLC0415
     from traverse.fleet.store import Store  # noqa: PLC0415
     from traverse.fleet.tables import migrate  # noqa: PLC0415
@@ -71,10 +83,21 @@ def store(
     settings = MemberSettings(
         group=group, member=name, gap_s=gap_s, list_s=list_s, keep_s=keep_s
     )
-    with refusals(StoreRefusedError, StoreAwayError):
+    with refusals(StoreRefusedError, BadValueError):
         files = ScanFiles(scans, name)
         first = open_database(database)
-        steps = migrate(first)
+        until_s, told = time.monotonic() + PATIENCE_S, False
+        while True:  # a server that begins with this computer takes a moment
+            try:
+                steps = migrate(first)
+                break
+            except StoreAwayError as error:
+                if time.monotonic() > until_s:
+                    end(UNREACHABLE, f"traverse store: {error}")
+                if not told:
+                    report(f"{error}; waiting {PATIENCE_S:g} s for it")
+                told = True
+                time.sleep(0.5)
         if steps:
             report(f"{first.name}: {counted(steps, 'step')} of tables made")
 
@@ -88,7 +111,7 @@ def store(
             asyncio.run(until_signal(work.run()))
         except* StoreRefusedError as errors:
             refuse(str(errors.exceptions[0]))
-        except* SessionTakenOverError:
+        except* NameTakenError:
             refuse(
                 f"another member of the group {group} is called {name}; give each a "
                 "--member of its own"

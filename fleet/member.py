@@ -46,7 +46,13 @@ SCAN_BATCH = 500
 SCAN_WAIT_S = 10.0
 FIRST_WAIT_S, LAST_WAIT_S = 0.2, 10.0
 ASK_S = 5.0
+LOSSES, LOSSES_S = 6, 10.0
+"""So many lost connections in so short a time: two members have one name."""
 LEASE_S = 30.0
+
+
+class NameTakenError(Exception):
+    """Another member of the group has the same name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,6 +139,8 @@ class Member:
         self._listed_s: dict[str, float] = {}
         self._is_away = False
         self._stores: list[Store] = []
+        self._lost_s: deque[float] = deque(maxlen=LOSSES)
+        self._name_is_taken = asyncio.Event()
         self.counts = MemberCounts()
 
     @property
@@ -144,7 +152,7 @@ class Member:
         """Work, until cancelled.
 
         Raises:
-            SessionTakenOverError: another member has the same name.
+            NameTakenError: another member has the same name.
             StoreRefusedError: the database refuses what is asked of it.
         """
         async with asyncio.TaskGroup() as group:
@@ -152,6 +160,7 @@ class Member:
             group.create_task(self._write(self._messages, BATCH, 0.0))
             group.create_task(self._write(self._scans, SCAN_BATCH, SCAN_WAIT_S))
             group.create_task(self._look_for_gaps())
+            group.create_task(self._end_if_name_is_taken())
 
     def _take(self, message: IncomingMessage) -> None:
         """A message was received."""
@@ -193,6 +202,19 @@ class Member:
             requests.link_changed(is_connected)
         if is_connected:
             self._report(f"connected to {self.link.address}")
+            return
+        # Not every broker tells that another client has the identifier: it ends this
+        # connection whenever the other one connects.
+        self._lost_s.append(time.monotonic())
+        if (
+            len(self._lost_s) == LOSSES
+            and self._lost_s[-1] - self._lost_s[0] < LOSSES_S
+        ):
+            self._name_is_taken.set()
+
+    async def _end_if_name_is_taken(self) -> None:
+        await self._name_is_taken.wait()
+        raise NameTakenError
 
     async def _write(self, queue: _Queue, most: int, wait_s: float) -> None:
         """Write batches, as long as it takes each."""

@@ -28,7 +28,6 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-_SESSION_TAKEN_OVER = 142
 FIRST_WAIT_S = 0.05
 LAST_WAIT_S = 10.0
 WORDING = Wording(
@@ -37,10 +36,6 @@ WORDING = Wording(
     use_tls="give mqtts:// before its name",
     absent="; start it, or correct its address",
 )
-
-
-class SessionTakenOverError(Exception):
-    """Another client has connected under the same identifier."""
 
 
 class AccessRefusedError(aiomqtt.MqttError):
@@ -152,13 +147,10 @@ class ManualAckConnection(ConfiguredClient):
         """Wait until the connection is lost.
 
         Raises:
-            SessionTakenOverError: another client has this one's identifier.
             aiomqtt.MqttError: always, with the reason.
         """
         await asyncio.wait({self._disconnected})
         error = self._disconnected.exception()
-        if getattr(getattr(error, "rc", None), "value", None) == _SESSION_TAKEN_OVER:
-            raise SessionTakenOverError
         if error is not None and not isinstance(error, OSError | aiomqtt.MqttError):
             raise error  # a fault of ours
         if isinstance(error, aiomqtt.MqttCodeError):
