@@ -94,6 +94,29 @@ def overview(
         raise typer.Exit(FAILED)
 
 
+@fleet.command("family")
+def family(
+    results: Annotated[
+        list[Path],
+        typer.Argument(help="Folders of `traverse identify`, of arms of one design."),
+    ],
+    *,
+    as_json: Json = False,
+) -> None:
+    """Compare arms of one type: mean and spread of each parameter, and who leaves them.
+
+    Exit status 1: an arm is farther from its family than one in a hundred families has
+    by chance.
+    """
+    from traverse.fleet.family import family_lines, family_values, read_family  # noqa: PLC0415 - keeps --help quick
+
+    with refusals(ValueError):
+        values = family_values(read_family(results))
+    print_report(values, family_lines(values), as_json=as_json)
+    if values["alarms"]:
+        raise typer.Exit(FAILED)
+
+
 def _store_errors() -> tuple[type[Exception], ...]:
     from traverse.fleet.database import BadValueError, StoreAwayError, StoreRefusedError  # noqa: PLC0415
 

@@ -162,6 +162,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "fleet-add/store": ("store.db", "fleet add history.db --database store.db"),
     "fleet-overview/store": ("store.db", "fleet overview --database store.db"),
+    "fleet-family/result": (
+        "identified/identification.json",
+        "fleet family" + " identified" * 8,
+    ),
     "store/database": ("store.db", f"store {NOBODY} --database store.db"),
     "collect/arm": ("arm.toml", f"collect campaign --arm arm.toml {NOBODY}"),
     "collect/campaign": (

@@ -1,0 +1,147 @@
+"""Populations of parameters against drawn families, and the command."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from typer.testing import CliRunner
+
+from traverse.cli.__main__ import app
+from traverse.fleet.family import LEAST, family_values, population_of, read_family
+
+N_ARMS, N_PARAMETERS = 40, 12
+
+
+def result(folder, values, stds, design="d" * 64, **more):
+    folder.mkdir(parents=True)
+    parameters = [
+        {"name": f"J{n + 1}.link.v", "unit": "mm", "value": value, "std": std}
+        for n, (value, std) in enumerate(zip(values, stds, strict=True))
+    ]
+    text = {
+        "schema": "traverse/identification/1",
+        "converged": True,
+        "inputs": {"arm_digest": design, "hold": [], "free": []},
+        "parameters": parameters,
+        **more,
+    }
+    (folder / "identification.json").write_text(json.dumps(text))
+    return folder
+
+
+def drawn(rng, n=N_ARMS, spread=0.1, std=0.02):
+    stds = std * rng.uniform(0.5, 2.0, n)
+    return 3.0 + rng.normal(0.0, np.hypot(spread, stds)), stds
+
+
+def restricted_likelihood(parameters, values, stds):
+    """Written out, -2 log L up to a constant."""
+    mean, spread = parameters
+    variances = spread**2 + stds**2
+    return (
+        np.log(variances).sum()
+        + np.log((1.0 / variances).sum())
+        + ((values - mean) ** 2 / variances).sum()
+    )
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.01, 0.1])
+def test_mean_and_spread_are_where_the_likelihood_is_largest(spread):
+    rng = np.random.default_rng(1)
+    values, stds = drawn(rng, spread=spread)
+    found = population_of(values, stds, 1e-12)
+    best = minimize(
+        restricted_likelihood,
+        [values.mean(), values.std()],
+        (values, stds),
+        method="Nelder-Mead",
+        options={"xatol": 1e-9, "fatol": 1e-12, "maxiter": 4000},
+    )
+    assert found.mean == pytest.approx(best.x[0], abs=1e-5)
+    assert found.spread == pytest.approx(abs(best.x[1]), abs=1e-4)
+
+
+def test_without_uncertainties_it_is_students_test():
+    rng = np.random.default_rng(2)
+    values = rng.normal(5.0, 2.0, 20)
+    found = population_of(values, np.zeros(20), 1e-12)
+    assert found.mean == pytest.approx(values.mean())
+    assert found.spread == pytest.approx(values.std(ddof=1))
+    others = np.delete(values, 3)
+    expected = (values[3] - others.mean()) / (others.std(ddof=1) * np.sqrt(1 + 1 / 19))
+    assert found.spreads[3] == pytest.approx(expected)
+
+
+def test_one_family_in_a_hundred_has_a_false_alarm():
+    rng = np.random.default_rng(3)
+    level = 0.01 / N_ARMS
+    alarms = sum(population_of(*drawn(rng), level).strangers.any() for _ in range(150))
+    # 1.5 expected; 7 and more have a chance of one in a thousand.
+    assert alarms < 7
+
+
+def test_strangers_do_not_hide_one_another():
+    rng = np.random.default_rng(4)
+    values, stds = drawn(rng)
+    values[[3, 17, 30]] += [1.0, 1.1, 0.9]
+    found = population_of(values, stds, 0.01 / N_ARMS)
+    assert set(np.flatnonzero(found.strangers)) == {3, 17, 30}
+    assert found.spread == pytest.approx(0.1, rel=0.4)
+
+
+def folders(tmp_path, rng, n=N_ARMS):
+    spreads = rng.uniform(0.02, 0.2, N_PARAMETERS)
+    stds = 0.01 * rng.uniform(0.5, 2.0, (n, N_PARAMETERS))
+    values = rng.normal(0.0, np.hypot(spreads, stds))
+    values[5, 2] = 9.0 * spreads[2]
+    return [
+        result(tmp_path / f"arm-{row}", values[row].tolist(), stds[row].tolist())
+        for row in range(n)
+    ]
+
+
+def run(*words):
+    return CliRunner().invoke(app, ["fleet", "family", *map(str, words)])
+
+
+def test_the_command_names_who_leaves_the_family(tmp_path):
+    given = folders(tmp_path, np.random.default_rng(5))
+    ran = run(*given)
+    assert ran.exit_code == 1, ran.output
+    assert "40 arms of the design dddddddddddd" in ran.output
+    assert f"{given[5]}: J3.link.v is +" in ran.output
+    assert "spreads from its family" in ran.output
+    values = json.loads(run(*given, "--json").stdout)
+    assert [(one["arm"], one["parameter"]) for one in values["alarms"]] == [
+        (str(given[5]), "J3.link.v")
+    ]
+    good = [path for path in given if path.name != "arm-5"]
+    ran = run(*good)
+    assert (ran.exit_code, "no arm leaves its family" in ran.output) == (0, True)
+    assert values["parameters"][2]["arms"] == N_ARMS - 1
+    assert family_values(read_family(given))["alarms"] == values["alarms"]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"schema": "x"}, "is no result of `traverse identify`: its schema is not"),
+        ({"converged": False}, "the adjustment did not converge"),
+        ({"parameters": [{"name": "a"}]}, "is no result of `traverse identify`"),
+        ({"parameters": []}, "no parameter in common"),
+        ({"inputs": {"arm_digest": "other"}}, "began with 2 designs"),
+    ],
+)
+def test_what_is_no_family_is_refused(tmp_path, change, said):
+    given = folders(tmp_path, np.random.default_rng(6), n=LEAST)
+    result(tmp_path / "odd", [0.0] * N_PARAMETERS, [0.1] * N_PARAMETERS, **change)
+    ran = run(*given, tmp_path / "odd")
+    assert ran.exit_code == 2
+    assert said in " ".join(ran.output.split())
+
+
+def test_too_few_arms_are_no_family(tmp_path):
+    given = folders(tmp_path, np.random.default_rng(6), n=LEAST - 1)
+    assert "a family has at least 8" in run(*given).output
+    assert run(tmp_path / "nowhere", *given).exit_code == 2
