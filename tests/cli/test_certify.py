@@ -71,6 +71,7 @@ def at_desk(desk: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return desk
 
 
+@pytest.mark.slow
 def test_results_are_signed_and_checked_as_the_page_says(at_desk: Path) -> None:
     run(
         "verify acceptance --standard vdi2617-9 --arm design.toml "

@@ -76,6 +76,13 @@ class Members:
             self._running[number] = None
         return found
 
+    async def are_connected(self) -> None:
+        """Wait until each has been."""
+        until_s = asyncio.get_running_loop().time() + PATIENCE_S
+        while not all("connected to" in self.log(n) for n in range(len(self._running))):
+            assert asyncio.get_running_loop().time() < until_s
+            await asyncio.sleep(0.1)
+
     def log(self, number: int) -> str:
         return (self._folder / f"member-{number}.log").read_text()
 
@@ -114,6 +121,7 @@ async def chaos(
     chance = random.Random(seed)
     url = str(folder / "store.db") if postgres is None else postgres.url
     members = Members(broker, url, folder, n_members)
+    await members.are_connected()
     arms = [VirtualDaemon(f"arm-{n}", broker.host, broker.port) for n in range(n_arms)]
     result, over, gone = Result(), asyncio.Event(), asyncio.Event()
     try:

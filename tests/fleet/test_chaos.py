@@ -20,6 +20,7 @@ async def test_members_database_and_broker_die(make_mosquitto, postgres, tmp_pat
 
 
 @pytest.mark.needs("mosquitto")
+@pytest.mark.slow
 async def test_members_of_one_computer_share_a_file(make_mosquitto, tmp_path):
     result = await chaos(
         make_mosquitto(), None, tmp_path, n_arms=3, n_members=2, n_kills=3, seed=2

@@ -55,6 +55,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_script_makes_a_campaign_that_identifies_the_arm(folder: Path) -> None:
     subprocess.run(
         [sys.executable, "-W", "error", "-c", block("python")],

@@ -35,6 +35,8 @@ __all__ = ["arm", "effects", "geometry"]  # fixtures
 N = 2000
 # 95.45 % of 2000 draws lie within k = 2: one in 10,000 times outside of these parts.
 LEAST, MOST = 0.9363, 0.9728
+# The same of a quarter of the draws.
+N_FITS, LEAST_FITS, MOST_FITS = 500, 0.918, 0.991
 CONTACT_MM, ENCODER_RAD = 0.004, 1e-5
 
 
@@ -145,23 +147,23 @@ def test_a_sphere_and_a_plane_of_touches(bench):
     stated, covariance = bench.stated(on_sphere).sphere()
     assert abs(stated.radius_mm - 20.0) < 1e-6
     found = []
-    for _ in range(N):
+    for _ in range(N_FITS):
         sphere = fit_sphere(bench.measured(on_sphere, rng))
         found.append([*(sphere.centre_mm - centre_mm), sphere.radius_mm - 20.0])
     stds = np.sqrt(np.diag(covariance))
     inside = np.mean(np.abs(found) <= 2.0 * stds, axis=0)
-    assert np.all((inside > LEAST) & (inside < MOST)), inside
+    assert np.all((inside > LEAST_FITS) & (inside < MOST_FITS)), inside
     flat = wanted.copy()
     flat[:, 2] = 0.0
     on_plane = np.array([reaching(bench, start, centre_mm + 40.0 * n) for n in flat])
     plane, covariance = bench.stated(on_plane).plane()
     heights_mm = []
-    for _ in range(N):
+    for _ in range(N_FITS):
         other = fit_plane(bench.measured(on_plane, rng))
         along = other.normal * np.sign(other.normal @ plane.normal)
         heights_mm.append(along @ (plane.point_mm - other.point_mm))
     inside = np.mean(np.abs(heights_mm) <= 2.0 * np.sqrt(covariance[0, 0]))
-    assert LEAST < inside < MOST
+    assert LEAST_FITS < inside < MOST_FITS
 
 
 def reaching(bench, start, place_mm):

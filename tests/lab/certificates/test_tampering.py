@@ -51,7 +51,13 @@ def mutated(content: bytes, chance: random.Random) -> bytes:
     return content[:at] + content[at + chance.randrange(1, 200) :]
 
 
-@pytest.mark.parametrize("kind", ["signed_verification", "signed_identification"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "signed_verification",
+        pytest.param("signed_identification", marks=pytest.mark.slow),
+    ],
+)
 def test_altered_bytes_anywhere_are_found(kind, request, tmp_path):
     folder = shutil.copytree(request.getfixturevalue(kind), tmp_path / "copy")
     chance = random.Random(7)

@@ -49,7 +49,9 @@ def bumpy():
     return decided(measured_with(bump()), OPTIONS)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 3))]
+)
 def test_nothing_is_found_where_nothing_is_missing(seed):
     found = decided(measured_with(seed=seed))
     assert found.verdict == "clean"
@@ -137,6 +139,7 @@ def test_a_decision_alone_says_the_same_terms():
     assert clean().detectable == ()
 
 
+@pytest.mark.slow
 def test_a_bump_is_unknown_at_its_joint_and_becomes_a_curve():
     found, wrong = bumpy(), bump()
     assert found.verdict == "unknown"
@@ -160,6 +163,7 @@ def test_the_curve_of_a_bump_is_where_the_bump_is():
     assert abs(knots[top] - wrong.fault.middle_rad) < spacing
 
 
+@pytest.mark.slow
 def test_blunders_do_not_hide_an_effect():
     share = 0.05
     wrong = hidden("encoder_eccentricity", 20.0)
@@ -222,6 +226,7 @@ def test_an_effect_that_the_arm_has_already_is_no_finding():
         assert abs(kept.values[key] - entry.values[key]) < 3.0 * std
 
 
+@pytest.mark.slow
 def test_equal_seeds_decide_equally():
     given = measured()
     one, other = (diagnose(given.campaign, given.arm, DECISION) for _ in range(2))
@@ -247,7 +252,7 @@ def test_two_effects_are_found_one_after_the_other():
     assert last.effect == ", ".join(step.effect for step in found.ledger[1:])
 
 
-@pytest.mark.parametrize("wished", [False, True])
+@pytest.mark.parametrize("wished", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_tentative_terms_enter_only_where_wished(wished):
     options = replace(OPTIONS, most_terms=1, accept_tentative=wished)
     found = decided(measured_with(*two_wrong()), options)
@@ -259,6 +264,7 @@ def test_tentative_terms_enter_only_where_wished(wished):
     assert len(found.adapted.effects) == int(wished)
 
 
+@pytest.mark.slow
 def test_what_makes_unseen_poses_worse_stays_out():
     # The effect is in the poses for choosing only: no model of it predicts the rest.
     plain, spoilt = measured_with(), measured_with(hidden("encoder_scale", 25.0))
@@ -297,7 +303,7 @@ def test_a_model_that_fits_its_own_poses_alone_is_not_clean():
     assert f"of {held_out.sum()} contradict it one by one" in line
 
 
-@pytest.mark.parametrize("wished", [False, True])
+@pytest.mark.parametrize("wished", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_gap_is_that_of_the_arm_that_is_written(wished):
     options = replace(OPTIONS, most_terms=1, accept_tentative=wished)
     found = decided(measured_with(*two_wrong()), options)
@@ -361,6 +367,7 @@ def test_poses_that_could_show_nothing_are_not_called_clean():
     assert "Clean" not in words
 
 
+@pytest.mark.slow
 def test_whole_artefacts_are_kept_aside_on_request():
     options = replace(DECISION, holdout_by="artefact")
     measurement = eccentric_campaign()

@@ -141,6 +141,7 @@ def test_zeros_wrong_by_a_radian_are_found(seed):
     assert result.zero_offsets_rad[1:6] == pytest.approx(offsets[1:6], abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_far_start_survives_blunders():
     design = seven_joints()
     far = disturbed(design, 70, 10.0, np.radians(2.0))
@@ -151,7 +152,7 @@ def test_a_far_start_survives_blunders():
     assert result.sigma0 < 1.2
 
 
-@pytest.mark.parametrize("artefact", [0, 3])
+@pytest.mark.parametrize("artefact", [0, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_joint_read_one_radian_off_costs_its_pose_alone(artefact):
     """Decimetres off, at a seat or at one of the few touches of a bar's sphere."""
     design = seven_joints()

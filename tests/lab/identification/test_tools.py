@@ -193,7 +193,7 @@ def eccentric(campaign, joint, size_rad):
     return replace(campaign, poses=replace(campaign.poses, angles_rad=readings_rad))
 
 
-@pytest.mark.parametrize("joint", [1, 5])
+@pytest.mark.parametrize("joint", [1, pytest.param(5, marks=pytest.mark.slow)])
 def test_an_effect_is_named_from_poses_with_several_tools(joint, tmp_path):
     campaign = eccentric(measured(["", "low", "far"], 60), joint, 1e-4)
     found = diagnose(campaign, arm_value(TRUE))

@@ -164,6 +164,7 @@ def test_clean_has_no_terms():
     json.dumps(told, allow_nan=False)
 
 
+@pytest.mark.slow
 def test_an_effect_bound_to_an_unknown_time_is_not_written(tmp_path):
     found = drifting()
     source = tmp_path / "bench.toml"
