@@ -161,6 +161,7 @@ class Member:
             group.create_task(self._write(self._scans, SCAN_BATCH, SCAN_WAIT_S))
             group.create_task(self._look_for_gaps())
             group.create_task(self._end_if_name_is_taken())
+            group.create_task(self._report_no_connection())
 
     def _take(self, message: IncomingMessage) -> None:
         """A message was received."""
@@ -211,6 +212,15 @@ class Member:
             and self._lost_s[-1] - self._lost_s[0] < LOSSES_S
         ):
             self._name_is_taken.set()
+
+    async def _report_no_connection(self) -> None:
+        told = ""
+        while True:
+            await asyncio.sleep(1.0)
+            reason = "" if self.link.is_connected else self.link.reason
+            if reason not in ("", told):
+                self._report(f"broker {self.link.address}: {reason}; tries again")
+            told = reason
 
     async def _end_if_name_is_taken(self) -> None:
         await self._name_is_taken.wait()

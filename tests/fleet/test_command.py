@@ -102,6 +102,16 @@ async def test_the_first_command_works_without_a_server(mosquitto, tmp_path):
         assert (tmp_path / "traverse-scans" / file).is_file()
 
 
+async def test_a_broker_that_is_not_there_is_told(make_mosquitto, tmp_path):
+    broker = make_mosquitto()
+    broker.stop()
+    member = await started(tmp_path, broker)
+    await member.says("; tries again")
+    broker.start()
+    await member.says("connected to")
+    assert await member.stop() == 0
+
+
 async def test_two_members_of_one_name_are_refused(mosquitto, tmp_path):
     words = ("--group", tmp_path.name[:40], "--member", "one")
     first = await started(tmp_path, mosquitto, *words)
