@@ -108,7 +108,11 @@ def family(
     Exit status 1: an arm is farther from its family than one in a hundred families has
     by chance.
     """
-    from traverse.fleet.family import family_lines, family_values, read_family  # noqa: PLC0415 - keeps --help quick
+    from traverse.lab.identification.family import (  # noqa: PLC0415 - keeps --help quick
+        family_lines,
+        family_values,
+        read_family,
+    )
 
     with refusals(ValueError):
         values = family_values(read_family(results))

@@ -46,7 +46,7 @@ ELSEWHERE = {
     "collect": "tests/end_to_end/cli/test_collect.py",
     "daily-check": "tests/cli/test_daily_check.py",
     **dict.fromkeys(("fleet add", "fleet overview"), "tests/fleet/test_overview.py"),
-    "fleet family": "tests/fleet/test_family.py",
+    "fleet family": "tests/lab/identification/test_family.py",
     "certify": "tests/cli/test_certify.py",
     "points verify": "tests/end_to_end/delivery/test_signed_points.py",
     "points resend": "tests/end_to_end/delivery/test_outbox_recovery.py",

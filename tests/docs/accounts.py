@@ -63,7 +63,7 @@ ELSEWHERE: Final = {
     r"sudo apt-get (install|remove|purge) ": _VM,
     r"make deb": _VM,
     r"traverse store ": "tests/fleet/test_chaos.py",
-    r"traverse fleet family ": "tests/fleet/test_family.py",
+    r"traverse fleet family ": "tests/lab/identification/test_family.py",
     r"traverse fleet ": "tests/fleet/test_overview.py",
 }
 _ROOT = "changes a computer; `make test-vm` installs, starts, upgrades and removes"

@@ -8,7 +8,12 @@ from scipy.optimize import minimize
 from typer.testing import CliRunner
 
 from traverse.cli.__main__ import app
-from traverse.fleet.family import LEAST, family_values, population_of, read_family
+from traverse.lab.identification.family import (
+    LEAST,
+    family_values,
+    population_of,
+    read_family,
+)
 
 N_ARMS, N_PARAMETERS = 40, 12
 
