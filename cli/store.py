@@ -109,9 +109,9 @@ def store(
     with client_errors():
         try:
             asyncio.run(until_signal(work.run()))
-        except* StoreRefusedError as errors:
-            refuse(str(errors.exceptions[0]))
-        except* NameTakenError:
+        except StoreRefusedError as error:
+            refuse(str(error))
+        except NameTakenError:
             refuse(
                 f"another member of the group {group} is called {name}; give each a "
                 "--member of its own"

@@ -155,13 +155,16 @@ class Member:
             NameTakenError: another member has the same name.
             StoreRefusedError: the database refuses what is asked of it.
         """
-        async with asyncio.TaskGroup() as group:
-            group.create_task(self.link.run(self._take, self._link_changed))
-            group.create_task(self._write(self._messages, BATCH, 0.0))
-            group.create_task(self._write(self._scans, SCAN_BATCH, SCAN_WAIT_S))
-            group.create_task(self._look_for_gaps())
-            group.create_task(self._end_if_name_is_taken())
-            group.create_task(self._report_no_connection())
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self.link.run(self._take, self._link_changed))
+                tasks.create_task(self._write(self._messages, BATCH, 0.0))
+                tasks.create_task(self._write(self._scans, SCAN_BATCH, SCAN_WAIT_S))
+                tasks.create_task(self._look_for_gaps())
+                tasks.create_task(self._end_if_name_is_taken())
+                tasks.create_task(self._report_no_connection())
+        except ExceptionGroup as group:
+            raise group.exceptions[0] from None
 
     def _take(self, message: IncomingMessage) -> None:
         """A message was received."""
