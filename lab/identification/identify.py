@@ -81,13 +81,9 @@ def identify(
     options: Options | None = None,
     progress: Progress | None = None,
 ) -> Identification:
-    """Identify an arm.
+    """Identify an arm, given its design or an earlier identification.
 
-    Args:
-        campaign: What was measured.
-        arm: The design, or an earlier identification.
-        options: Wishes.
-        progress: Told of every iteration.
+    Every iteration is reported to `progress`.
 
     Raises:
         IdentificationError: Arm and campaign do not fit together, or a pattern fits

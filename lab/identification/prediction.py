@@ -82,10 +82,7 @@ class Prediction:
 def placed(campaign: Campaign, arm: Arm, *, with_tool: bool = False) -> Identification:
     """Find the places of the artefacts, by least squares over all poses.
 
-    Args:
-        campaign: What was measured.
-        arm: Its geometry and effects are held.
-        with_tool: Whether the probe's vector is found, too.
+    The arm's geometry and effects are held; with the tool, the probe's vector is found.
 
     Raises:
         IdentificationError: Arm and campaign do not fit together.
@@ -115,13 +112,10 @@ def predict(
     places: Mapping[str, Floats],
     tools_mm: Mapping[str, Floats] | None = None,
 ) -> Prediction:
-    """Compare poses with an arm.
+    """Compare poses with an arm, its effects and its probe.
 
-    Args:
-        campaign: Of the poses.
-        arm: The arm, with its effects and its probe.
-        places: States of artefacts by their ids; what is missing is found here.
-        tools_mm: Vectors of tools by their names, (3,); found here where absent.
+    States of artefacts are given by their ids, vectors of tools, (3,), by their names;
+    what is missing is found here.
 
     Raises:
         IdentificationError: Arm and campaign do not fit together.
@@ -155,13 +149,8 @@ def holdout_figures(
 ) -> dict[str, Any]:
     """Compare poses that took no part with the input arm and the identified one.
 
-    The probe's vector of the input arm is fitted to the poses that took part.
-
-    Args:
-        result: Of the other poses.
-        kept_aside: The poses, with the same artefacts.
-        by: What the groups were that were chosen.
-        seed: Of the choice.
+    The probe's vector of the input arm is fitted to the poses that took part. The poses
+    kept aside, of the same artefacts, were chosen by groups and a seed.
     """
     # The tool is part of the last link, which is free in the result.
     given = placed(result.campaign, result.design, with_tool=True)

@@ -3,7 +3,6 @@
 Some are aliases by structure: no poses of the same kind ever would.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,143 +39,84 @@ def known_pair(
 
     The rows of the fit say which joint is the last, and what each has travelled.
     """
-    for rule in _RULES:
-        for one, other in ((first, second), (second, first)):
-            found = rule(one, other, rows)
-            if found is not None:
-                return found
+    kinds = {first.kind, second.kind}
+    families = _family(first), _family(second)
+    base_joint = rows.adjustment.network.campaign.joint_names[0]
+    if kinds == {MountCompliance.kind, BearingCompliance.kind} and (
+        base_joint in (first.joint, second.joint)
+    ):
+        return KnownPair(
+            "both tilt everything above the base by the overturning moment",
+            "hang a known mass on the mount beside the arm, or touch a cone on the "
+            "mount plate and one on the floor, or measure with the base tilted",
+            is_vertical(rows, base_joint),
+        )
+    if first.joint is not None and first.joint == second.joint:
+        found = _of_one_joint(first.joint, kinds, set(families), rows)
+        if found is not None:
+            return found
+    if kinds == {ProbeRadius.kind, StylusBending.kind}:
+        return KnownPair(
+            "along the normal of a surface both are the same for a constant force",
+            "touch with two forces, a sphere from outside and one from inside, and a "
+            "cone",
+            True,
+        )
+    if Family.LENGTH in families:
+        is_only = len({of for _, of, _ in rows.certificates}) < 2
+        more = "a second" if is_only else "one more"
+        return KnownPair(
+            "an error of the standard's length changes the scale of the whole arm",
+            f"measure {more} calibrated length, of another standard",
+            is_only and ThermalExpansion.kind in kinds,
+        )
+    for one, other, why, experiment in _FAMILIES:
+        if families in ((one, other), (other, one)) or (
+            other is None and one in families
+        ):
+            return KnownPair(why, experiment)
     return None
 
 
-def _mount_and_first_bearing(
-    one: Candidate, other: Candidate, rows: ObservationEquations
+def _of_one_joint(
+    joint: str, kinds: set[str], families: set[Family], rows: ObservationEquations
 ) -> KnownPair | None:
-    first_joint = rows.adjustment.network.campaign.joint_names[0]
-    if (one.kind, other.kind) != (MountCompliance.kind, BearingCompliance.kind) or (
-        other.joint != first_joint
-    ):
-        return None
-    return KnownPair(
-        "both tilt everything above the base by the overturning moment",
-        "hang a known mass on the mount beside the arm, or touch a cone on the mount "
-        "plate and one on the floor, or measure with the base tilted",
-        is_vertical(rows, first_joint),
-    )
-
-
-def _angle_and_motion(
-    one: Candidate, other: Candidate, rows: ObservationEquations
-) -> KnownPair | None:
-    if _family(one) is not Family.OWN_ANGLE or _family(other) is not Family.AXIS_MOTION:
-        return None
-    if one.joint != other.joint:
-        return None
-    if one.joint == _last_moving(rows):
-        return KnownPair(
-            f"with one stylus an angle error of {one.joint} is a shift of the ball",
-            "measure with a second stylus of another length or offset",
-            True,
-        )
-    return KnownPair(
-        f"the probe is always about as far from the axis of {one.joint}",
-        f"touch with the joints beyond {one.joint} stretched and bent, and with a "
-        "stylus of another length",
-    )
-
-
-def _of_one_angle(
-    one: Candidate, other: Candidate, rows: ObservationEquations
-) -> KnownPair | None:
-    if one.joint != other.joint or one.joint is None:
-        return None
-    both_angles = (
-        _family(one) is Family.OWN_ANGLE and _family(other) is Family.OWN_ANGLE
-    )
-    if not both_angles and (
-        one.kind != other.kind or _family(one) is not Family.AXIS_MOTION
-    ):
-        return None
     campaign = rows.adjustment.network.campaign
-    at = campaign.joint_names.index(one.joint)
-    travelled_rad = float(np.ptp(campaign.poses.angles_rad[rows.used_poses, at]))
-    return KnownPair(
-        f"{one.joint} travelled {travelled_rad:.1f} rad only, where both look alike"
-        if travelled_rad < 2.0 * np.pi
-        else f"both are functions of the reading of {one.joint}",
-        f"turn {one.joint} through a wider range, out to both of its stops, with one "
-        "artefact close to the base and one far from it",
-    )
-
-
-def _wobble_and_runout(
-    one: Candidate, other: Candidate, _rows: ObservationEquations
-) -> KnownPair | None:
-    if (one.kind, other.kind) != (
-        AxisWobble.kind,
-        AxisRunout.kind,
-    ) or one.joint != other.joint:
-        return None
-    return KnownPair(
-        f"the lever arm from {one.joint} to the ball hardly varies",
-        "measure with styli of two lengths, the joints beyond stretched and bent",
-    )
-
-
-def _radius_and_bending(
-    one: Candidate, other: Candidate, _rows: ObservationEquations
-) -> KnownPair | None:
-    if {one.kind, other.kind} != {ProbeRadius.kind, StylusBending.kind}:
-        return None
-    return KnownPair(
-        "along the normal of a surface both are the same for a constant force",
-        "touch with two forces, a sphere from outside and one from inside, and a cone",
-        True,
-    )
-
-
-def _length(
-    one: Candidate, other: Candidate, rows: ObservationEquations
-) -> KnownPair | None:
-    if _family(one) is not Family.LENGTH:
-        return None
-    lengths = {of for _, of, _ in rows.certificates}
-    return KnownPair(
-        "an error of the standard's length changes the scale of the whole arm",
-        "measure a second calibrated length, of another standard"
-        if len(lengths) < 2
-        else "measure one more calibrated length, of another standard",
-        len(lengths) < 2 and other.kind == ThermalExpansion.kind,
-    )
+    if families == {Family.OWN_ANGLE, Family.AXIS_MOTION}:
+        moving = [n for n in campaign.joint_names if not probe_is_on_axis(rows, n)]
+        if joint == (moving or campaign.joint_names)[-1]:
+            return KnownPair(
+                f"with one stylus an angle error of {joint} is a shift of the ball",
+                "measure with a second stylus of another length or offset",
+                True,
+            )
+        return KnownPair(
+            f"the probe is always about as far from the axis of {joint}",
+            f"touch with the joints beyond {joint} stretched and bent, and with a "
+            "stylus of another length",
+        )
+    if families == {Family.OWN_ANGLE} or (
+        families == {Family.AXIS_MOTION} and len(kinds) == 1
+    ):
+        at = campaign.joint_names.index(joint)
+        travelled_rad = float(np.ptp(campaign.poses.angles_rad[rows.used_poses, at]))
+        return KnownPair(
+            f"{joint} travelled {travelled_rad:.1f} rad only, where both look alike"
+            if travelled_rad < 2.0 * np.pi
+            else f"both are functions of the reading of {joint}",
+            f"turn {joint} through a wider range, out to both of its stops, with one "
+            "artefact close to the base and one far from it",
+        )
+    if kinds == {AxisWobble.kind, AxisRunout.kind}:
+        return KnownPair(
+            f"the lever arm from {joint} to the ball hardly varies",
+            "measure with styli of two lengths, the joints beyond stretched and bent",
+        )
+    return None
 
 
 def _family(candidate: Candidate) -> Family:
     return EFFECT_KINDS[candidate.kind].family
-
-
-def _last_moving(rows: ObservationEquations) -> str:
-    """Find the last joint that moves the probe."""
-    names = rows.adjustment.network.campaign.joint_names
-    moving = [name for name in names if not probe_is_on_axis(rows, name)]
-    return moving[-1] if moving else names[-1]
-
-
-# A family, another one (None: any), why they are alike, and what separates them.
-_Alike = tuple[Family, Family | None, str, str]
-_Rule = Callable[[Candidate, Candidate, ObservationEquations], KnownPair | None]
-
-
-def _families(*table: _Alike) -> _Rule:
-    """Make the rule of a table of families, of which the first that fits counts."""
-
-    def rule(
-        one: Candidate, other: Candidate, _rows: ObservationEquations
-    ) -> KnownPair | None:
-        for own, beside, why, experiment in table:
-            if own is _family(one) and beside in (None, _family(other)):
-                return KnownPair(why, experiment)
-        return None
-
-    return rule
 
 
 _WITH_AND_WITHOUT_MASS = (
@@ -184,77 +124,67 @@ _WITH_AND_WITHOUT_MASS = (
     "measure with a known mass at the wrist and without (only what gravity does "
     "grows), or with the base tilted",
 )
-_RULES: tuple[_Rule, ...] = (
-    _mount_and_first_bearing,
-    _angle_and_motion,
-    _of_one_angle,
-    _wobble_and_runout,
-    _radius_and_bending,
-    _families(
-        (
-            Family.GRAVITY,
-            Family.GRAVITY,
-            "both follow the moments of the arm's own weight",
-            "hang a known mass at the wrist and then at the elbow, or tilt the base",
-        ),
-        (Family.GRAVITY, Family.OWN_ANGLE, *_WITH_AND_WITHOUT_MASS),
-        (Family.GRAVITY, Family.AXIS_MOTION, *_WITH_AND_WITHOUT_MASS),
-        (
-            Family.CONTACT,
-            Family.CONTACT,
-            "both act along the normal of a touched surface",
-            "touch a sphere all around with the shank in many attitudes and two forces",
-        ),
+# Two families (None: any), why they are alike, and what separates them: the first that
+# fits counts.
+_FAMILIES: tuple[tuple[Family, Family | None, str, str], ...] = (
+    (
+        Family.GRAVITY,
+        Family.GRAVITY,
+        "both follow the moments of the arm's own weight",
+        "hang a known mass at the wrist and then at the elbow, or tilt the base",
     ),
-    _length,
-    _families(
-        (
-            Family.MOVING,
-            Family.MOVING,
-            "both follow the sense of the last motion",
-            "approach the same points at two speeds, from both sides, turning one "
-            "joint at a time",
-        ),
-        (
-            Family.MOVING,
-            None,
-            "poses and motions went together",
-            "repeat the same poses at another speed and from the other side",
-        ),
+    (Family.GRAVITY, Family.OWN_ANGLE, *_WITH_AND_WITHOUT_MASS),
+    (Family.GRAVITY, Family.AXIS_MOTION, *_WITH_AND_WITHOUT_MASS),
+    (
+        Family.CONTACT,
+        Family.CONTACT,
+        "both act along the normal of a touched surface",
+        "touch a sphere all around with the shank in many attitudes and two forces",
     ),
-    _families(
-        (
-            Family.WARM,
-            Family.SLOW,
-            "the temperature went up while time went by",
-            "let the temperature go up and down again while measuring, and repeat the "
-            "first artefact at the end",
-        ),
-        (
-            Family.WARM,
-            Family.WARM,
-            "one warm-up moves everything at once",
-            "touch stretched and bent at the same temperature, and warm one link "
-            "after the other",
-        ),
-        (
-            Family.SLOW,
-            Family.SLOW,
-            "both change slowly with time",
-            "go through the artefacts in turn, all around the base, and touch one "
-            "cone again every 20 poses",
-        ),
-        (
-            Family.WARM,
-            None,
-            "poses and temperatures went together",
-            "repeat the same poses at another temperature",
-        ),
-        (
-            Family.SLOW,
-            None,
-            "poses were measured in an order that follows a joint",
-            "repeat the same poses later, in another order",
-        ),
+    (
+        Family.MOVING,
+        Family.MOVING,
+        "both follow the sense of the last motion",
+        "approach the same points at two speeds, from both sides, turning one "
+        "joint at a time",
+    ),
+    (
+        Family.MOVING,
+        None,
+        "poses and motions went together",
+        "repeat the same poses at another speed and from the other side",
+    ),
+    (
+        Family.WARM,
+        Family.SLOW,
+        "the temperature went up while time went by",
+        "let the temperature go up and down again while measuring, and repeat the "
+        "first artefact at the end",
+    ),
+    (
+        Family.WARM,
+        Family.WARM,
+        "one warm-up moves everything at once",
+        "touch stretched and bent at the same temperature, and warm one link "
+        "after the other",
+    ),
+    (
+        Family.SLOW,
+        Family.SLOW,
+        "both change slowly with time",
+        "go through the artefacts in turn, all around the base, and touch one "
+        "cone again every 20 poses",
+    ),
+    (
+        Family.WARM,
+        None,
+        "poses and temperatures went together",
+        "repeat the same poses at another temperature",
+    ),
+    (
+        Family.SLOW,
+        None,
+        "poses were measured in an order that follows a joint",
+        "repeat the same poses later, in another order",
     ),
 )

@@ -25,6 +25,7 @@ from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effect_table import EFFECT_KINDS, Family, key_unit
+from traverse.kinematics.helmert.transformation import N_RIGID, motions
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.campaign.campaign import Campaign
@@ -171,17 +172,12 @@ def left_at_probe_mm(rows: ObservationEquations, changes: Floats) -> Floats:
     places_mm = rows.each_tool(
         lambda geometry, at: probe_centre(geometry, rows.block.angles_rad[at])
     )[poses]
-    rigid = (inverses @ squares @ _rigid_motions(places_mm)).reshape(len(moves), 6)
+    # By 1 mm along and 1 mrad about each axis.
+    rigid = motions(places_mm, N_RIGID) * np.repeat([1.0, 1e-3], 3)
+    rigid = (inverses @ squares @ rigid).reshape(len(moves), N_RIGID)
     moves = moves - rigid @ np.linalg.lstsq(rigid, moves, rcond=1e-9)[0]
     found: Floats = np.sqrt(np.sum(moves**2, axis=0) / max(len(poses), 1))
     return found
-
-
-def _rigid_motions(places_mm: Floats) -> Floats:
-    """Compute moves by 1 mm along and 1 mrad about each axis, (n, 3, 6)."""
-    turned = np.cross(np.eye(3)[np.newaxis], places_mm[:, np.newaxis]) * 1e-3
-    shifted = np.broadcast_to(np.eye(3), turned.shape)
-    return np.concatenate([shifted, turned.swapaxes(1, 2)], axis=2)
 
 
 def _root_of_needed(degrees: int, redundancy: int, log_p: float) -> float:

@@ -42,10 +42,6 @@ class CandidateScores:
     scans: tuple[StepScan, ...]
     waves: tuple[Periodogram, ...]
 
-    def lowest_log_p(self, name: BankName) -> float:
-        """Return the smallest log p of a bank."""
-        return float(np.min(self.findings[name].log_p, initial=0.0))
-
 
 def score_candidates(rows: ObservationEquations, arm: Arm) -> CandidateScores:
     """Build all banks at a fit and judge them."""

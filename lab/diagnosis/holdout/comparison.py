@@ -31,11 +31,10 @@ from traverse.lab.diagnosis.model.result import (
     HoldoutMisfit,
     HoldoutResult,
 )
-from traverse.lab.identification.equations.datum import scale_direction
+from traverse.lab.identification.equations.datum import undetermined_scale
 from traverse.lab.identification.equations.network import (
     Noise,
     Station,
-    has_length,
     station_centres,
     stations,
     white_rows,
@@ -64,13 +63,10 @@ _STEPS = 8
 def with_noise(adjustment: Adjustment, noise: Noise) -> Adjustment:
     """Weigh a fit with another noise; the estimates stay as they are."""
     state, network = adjustment.state, replace(adjustment.network, noise=noise)
-    parameters = network.parameters
-    system = linearise(network, state)
-    scale = np.empty((0, parameters.n_free))
-    if not has_length(network):
-        scale = scale_direction(parameters, state.arm.geometry, state.arm.tools_mm)
+    system, tolerances = linearise(network, state), network.parameters.free_tolerances
+    scale = undetermined_scale(network, state.arm)
     n_determined = adjustment.split.n_determined
-    parts = decide_rank(system.upper, parameters.free_tolerances, scale, n_determined)
+    parts = decide_rank(system.upper, tolerances, scale, n_determined)
     return replace(adjustment, network=network, system=system, split=parts)
 
 

@@ -23,10 +23,9 @@ from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import angle_corrections
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.geometry import Geometry
-from traverse.lab.identification.equations.datum import scale_direction
+from traverse.lab.identification.equations.datum import undetermined_scale
 from traverse.lab.identification.equations.network import (
     each_tool,
-    has_length,
     white_rows,
 )
 from traverse.lab.identification.solve.adjustment import Adjustment, certified
@@ -194,19 +193,20 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
         nothing = np.zeros((len(found), 3)), np.zeros((len(found), n_sources))
         parts.append((found[:, -1], columns, no_poses, *nothing))
         n_rows += len(found)
-    columns = np.concatenate([part[1] for part in parts])
+    values, columns, poses, by_centre, sources = (
+        np.concatenate(part) for part in zip(*parts, strict=True)
+    )
     columns[:, :n_free] *= parameters.free_tolerances
-    if not has_length(network):
-        # The scale is undetermined, so the fit held it. Misclosures grow with
-        # the arm, though: left in, the column would pass for them and absorb them.
-        stretch = scale_direction(parameters, state.arm.geometry, state.arm.tools_mm)
-        columns[:, :n_free] -= columns[:, :n_free] @ stretch.T @ stretch
+    # An undetermined scale was held by the fit. Misclosures grow with the arm, though:
+    # left in, its column would pass for them and absorb them.
+    stretch = undetermined_scale(network, state.arm)
+    columns[:, :n_free] -= columns[:, :n_free] @ stretch.T @ stretch
     return ObservationEquations(
         adjustment=adjustment,
-        poses=np.concatenate([part[2] for part in parts]),
-        values=np.concatenate([part[0] for part in parts]),
-        by_centre=np.concatenate([part[3] for part in parts]),
-        sources=np.concatenate([part[4] for part in parts]),
+        poses=poses,
+        values=values,
+        by_centre=by_centre,
+        sources=sources,
         columns=columns,
         basis=orthonormal_basis(columns),
         certificates=tuple(certificates),

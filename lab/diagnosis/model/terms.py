@@ -8,7 +8,7 @@ from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Effect
 from traverse.kinematics.effect_table import EFFECT_KINDS, key_unit
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.diagnosis.model.candidate import BankName, Candidate
+from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import (
     LEAST_EFFECT,
     ObservationEquations,
@@ -20,10 +20,9 @@ from traverse.lab.identification.equations.effect_model import EffectModel
 
 @dataclass(frozen=True, slots=True)
 class AddedTerm:
-    """A term in the model: as chosen, its bank, and its index among the effects."""
+    """A term in the model: as chosen, and its index among the effects."""
 
     candidate: Candidate
-    bank: BankName
     index: int
 
 

@@ -20,11 +20,12 @@ from traverse.lab.diagnosis.model.fit import fitted
 from traverse.lab.identification.equations.network import (
     Network,
     State,
+    known_stations,
     misclosures_mm,
     station_centres,
-    stations,
 )
 from traverse.lab.identification.solve.adjustment import Adjustment
+from traverse.lab.identification.solve.noise import touching_stretches
 
 
 def with_surface_directions(
@@ -100,8 +101,8 @@ def decimated(
     everyone = np.ones(len(first.poses), dtype=np.bool_)
     fit = fitted(first, arm, everyone)
     network, state = undecimated_network(fit.adjustment, campaign, arm.probe.radius_mm)
-    stretches = _stretches(campaign)
     usual_s = _usual_s(campaign)
+    stretches = touching_stretches(campaign, 1.5 * usual_s)
     lasting = np.ones(len(campaign.artefacts), dtype=np.int64)
     for station, unknowns in zip(network.stations, state.unknowns, strict=True):
         found_mm = misclosures_mm(network, station, state.arm, unknowns)
@@ -129,24 +130,13 @@ def undecimated_network(
     Artefacts that took no part in the fit are left out.
     """
     everyone = np.ones(len(campaign.poses), dtype=np.bool_)
-    known = {
-        station.index: unknowns
-        for station, unknowns in zip(
-            adjustment.network.stations, adjustment.state.unknowns, strict=True
-        )
-    }
-    found = tuple(
-        station
-        for station in stations(campaign, radius_mm, everyone)
-        if station.index in known
+    found, unknowns = known_stations(
+        adjustment.network, adjustment.state, campaign, radius_mm, everyone
     )
+    weights = np.ones(len(campaign.poses))
     network = replace(
-        adjustment.network,
-        campaign=campaign,
-        stations=found,
-        weights=np.ones(len(campaign.poses)),
+        adjustment.network, campaign=campaign, stations=found, weights=weights
     )
-    unknowns = tuple(known[station.index] for station in found)
     return network, State(adjustment.state.arm, unknowns, ())
 
 
@@ -167,16 +157,6 @@ def _usual_s(campaign: Campaign) -> float:
     if len(campaign.poses) < 2:
         return 1.0
     return float(np.median(np.diff(campaign.poses.time_s)))
-
-
-def _stretches(campaign: Campaign) -> Integers:
-    """Number the stretches of uninterrupted touching of one artefact, (n,)."""
-    poses = campaign.poses
-    breaks = np.diff(poses.lines) != 1
-    breaks |= np.diff(poses.time_s) > 1.5 * _usual_s(campaign)
-    breaks |= np.diff(poses.artefacts) != 0
-    breaks |= np.diff(poses.features) != 0
-    return np.concatenate([[0], np.cumsum(breaks)]).astype(np.int64)
 
 
 def _window(campaign: Campaign, poses: Integers) -> int:

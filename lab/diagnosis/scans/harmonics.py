@@ -76,26 +76,19 @@ def stream_harmonics(
     left = sums.squares - np.einsum("kshw,kshx->khwx", waves, waves)
     along = sums.by_values - np.einsum("kshw,s->khw", waves, values)
     n_joints, n_orders = along.shape[:2]
-    statistics = np.full((n_joints, n_orders), np.nan)
-    amplitudes = np.zeros_like(along)
-    variances = np.zeros((n_joints, n_orders))
-    sizes = np.einsum("khww->kh", sums.squares)
-    for joint, order in np.ndindex(n_joints, n_orders):
-        parts, axes = np.linalg.eigh(left[joint, order])
-        if parts[0] > _LEAST_LEFT * max(float(sizes[joint, order]), 1e-300):
-            turned = axes.T @ along[joint, order]
-            statistics[joint, order] = float(np.sum(turned**2 / parts))
-            amplitudes[joint, order] = axes @ (turned / parts)
-            variances[joint, order] = float(np.mean(1.0 / parts))
+    parts, axes = np.linalg.eigh(left)
+    sizes = np.maximum(np.einsum("khww->kh", sums.squares), 1e-300)
+    parts[parts[:, :, 0] <= _LEAST_LEFT * sizes] = np.nan  # undetectable
+    turned = np.einsum("khwp,khw->khp", axes, along)
+    statistics = np.sum(turned**2 / parts, axis=2)
+    amplitudes = np.einsum("khwp,khp->khw", axes, turned / parts)
+    variances = np.mean(1.0 / parts, axis=2)
     excess = _excess(statistics)
     candidates = harmonic_bank(rows).candidates
     found = [
         HarmonicFinding(
             candidate=candidates[joint * n_orders + order],
-            amplitudes_rad=(
-                float(amplitudes[joint, order, 0]),
-                float(amplitudes[joint, order, 1]),
-            ),
+            amplitudes_rad=tuple(amplitudes[joint, order].tolist()),
             std_rad=float(np.sqrt(variances[joint, order] * excess[order])),
             statistic=float(statistics[joint, order] / excess[order]),
         )

@@ -16,7 +16,7 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.diagnose import diagnose, verdict_of
 from traverse.lab.diagnosis.holdout.comparison import compare_on_holdout
-from traverse.lab.diagnosis.model.candidate import BankName, effect_of_candidate
+from traverse.lab.diagnosis.model.candidate import effect_of_candidate
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
@@ -170,7 +170,7 @@ def _term(
     one, *others = names
     return Term(
         status="tentative" if others else "named",
-        candidate=replace(one.candidate, bank=BankName.HARMONIC),
+        candidate=one.candidate,
         effect=effect,
         estimates=estimates_of(rows, index),
         log_bayes_factor=_evidence(one),

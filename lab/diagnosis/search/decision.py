@@ -150,7 +150,7 @@ def own_choice(
         np.zeros(0),
         np.zeros((len(wanted.scales), 0)),
     )
-    return ScoredCandidate(nothing, 0.0, 0.0, 0.0, added.bank, residuals)
+    return ScoredCandidate(nothing, 0.0, 0.0, 0.0, residuals)
 
 
 def correlation(
@@ -352,7 +352,7 @@ def _revision(
 ) -> tuple[NamedTerm, ScoredCandidate | None] | None:
     """Find the term that should go or change its name, with the better name."""
     for naming in names:
-        if naming.own.log_p > search.thresholds[naming.added.bank]:
+        if naming.own.log_p > search.thresholds[naming.added.candidate.bank]:
             return naming, None
     for naming in names:
         # A step keeps its name when its moment moves.
@@ -382,7 +382,7 @@ def _changed(
         ]
     else:
         effects[added.index] = effect_of(better, search.stage.rows)
-        terms[at] = AddedTerm(better.candidate, better.bank, added.index)
+        terms[at] = AddedTerm(better.candidate, added.index)
     fit = refitted(search.fit, tuple(effects), eligible)
     return replace(
         search, fit=fit, terms=tuple(terms), stage=scores_at(fit, search.serial)

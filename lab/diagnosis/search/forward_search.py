@@ -112,7 +112,6 @@ class ScoredCandidate:
     evidence: float
     score: float
     log_p: float
-    bank: BankName
     residuals: Floats
 
     @property
@@ -133,8 +132,7 @@ def ranked(
     found = [
         choice
         for name in names
-        for choice in _choices(stage, name)
-        if not has_own_curve(choice.candidate, joints_with_own_curve)
+        for choice in _choices(stage, name, joints_with_own_curve)
     ]
     return sorted(found, key=lambda choice: -choice.score)
 
@@ -148,8 +146,7 @@ def is_significant(
     return any(
         choice.log_p < threshold
         for name, threshold in thresholds.items()
-        for choice in _choices(stage, name)
-        if not has_own_curve(choice.candidate, joints_with_own_curve)
+        for choice in _choices(stage, name, joints_with_own_curve)
     )
 
 
@@ -196,12 +193,12 @@ def fit_any_curve_together(first: Candidate, second: Candidate) -> bool:
     )
 
 
-def _choices(stage: CandidateScores, name: BankName) -> list[ScoredCandidate]:
+def _choices(
+    stage: CandidateScores, name: BankName, joints_with_own_curve: Collection[str]
+) -> list[ScoredCandidate]:
     findings, residuals = stage.findings[name], stage.rows.residuals
     return [
-        ScoredCandidate(
-            found, float(evidence), float(score), float(log_p), name, residuals
-        )
+        ScoredCandidate(found, float(evidence), float(score), float(log_p), residuals)
         for found, evidence, score, log_p in zip(
             findings.projected,
             findings.evidences,
@@ -210,6 +207,7 @@ def _choices(stage: CandidateScores, name: BankName) -> list[ScoredCandidate]:
             strict=True,
         )
         if len(found.singular_values)
+        and not has_own_curve(found.candidate, joints_with_own_curve)
     ]
 
 
@@ -280,7 +278,7 @@ def forward_search(
     while len(terms) < options.most_terms:
         joints_with_own_curve = joints_with_curve(terms)
         choice = _choice(stage, thresholds, joints_with_own_curve)
-        if choice is None or choice.bank is BankName.GENERIC:
+        if choice is None or choice.candidate.bank is BankName.GENERIC:
             # Poses that look like blunders may be what a curve is about.
             believed = thresholds[BankName.GENERIC]
             again = _with_readmitted(
@@ -297,9 +295,9 @@ def forward_search(
             stuck = choice  # the arm file has no form for it
             break
         effect = effect_of(choice, stage.rows)
-        progress(f"adding {choice.candidate.name}", 0.3 + 0.1 * len(terms))
+        progress(f"adding {candidate.name}", 0.3 + 0.1 * len(terms))
         fit = refitted(fit, (*fit.arm.effects, effect), eligible)
-        terms.append(AddedTerm(choice.candidate, choice.bank, n_given + len(terms)))
+        terms.append(AddedTerm(candidate, n_given + len(terms)))
         stage = scores_at(fit, serial)
     return SearchState(
         fit, stage, tuple(terms), thresholds, first, n_given, serial, stuck

@@ -36,7 +36,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
 )
-from traverse.lab.identification.equations.network import stations
+from traverse.lab.identification.equations.network import State, known_stations
 from traverse.lab.identification.solve.iterative_adjustment import Options
 from traverse.lab.identification.solve.reliability import robust_scale
 
@@ -261,22 +261,15 @@ def equations_of_all_poses(fit: Fit, eligible: Booleans) -> ObservationEquations
     """
     network, state = fit.adjustment.network, fit.adjustment.state
     n_poses, n_joints = network.campaign.poses.angles_rad.shape
-    unknowns, corrections = {}, np.zeros((n_poses, n_joints + 3))
-    for station, own, of_poses in zip(
-        network.stations, state.unknowns, state.corrections, strict=True
-    ):
-        unknowns[station.index] = own
+    corrections = np.zeros((n_poses, n_joints + 3))
+    for station, of_poses in zip(network.stations, state.corrections, strict=True):
         corrections[station.poses] = of_poses
-    known = tuple(
-        station
-        for station in stations(network.campaign, fit.arm.probe.radius_mm, eligible)
-        if station.index in unknowns
+    radius_mm = fit.arm.probe.radius_mm
+    known, unknowns = known_stations(
+        network, state, network.campaign, radius_mm, eligible
     )
-    everyone = replace(
-        state,
-        unknowns=tuple(unknowns[station.index] for station in known),
-        corrections=tuple(corrections[station.poses] for station in known),
-    )
+    of_known = tuple(corrections[station.poses] for station in known)
+    everyone = State(state.arm, unknowns, of_known)
     return equations_of(
         replace(
             fit.adjustment, network=replace(network, stations=known), state=everyone

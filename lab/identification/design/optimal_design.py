@@ -260,12 +260,7 @@ def postures_touching(
 ) -> TouchingPostures:
     """Turn the joints until the ball touches the artefact, as far as possible.
 
-    Args:
-        artefact: To touch.
-        unknowns: Its state.
-        touches: What of it, n times.
-        geometry: Of the arm.
-        tries_rad: Where to begin, (n, n_joints).
+    From tries, (n, n_joints), one for each of n touches.
     """
     angles_rad = tries_rad
     for _ in range(_STEPS):

@@ -12,7 +12,8 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.model.geometry import Geometry
-from traverse.lab.identification.equations.parameters import Parameters
+from traverse.lab.identification.equations.network import Network, has_length
+from traverse.lab.identification.equations.parameters import ArmValues, Parameters
 
 _NULL = 1e-9
 
@@ -104,13 +105,9 @@ def with_datum(
 ) -> Parameters:
     """Hold as many components as there are motions left, the best ones.
 
-    The zero of the first joint is held too: it turns the arm as a whole.
-
-    Args:
-        parameters: With what is held otherwise.
-        geometry: The arm.
-        preferred: Components among which to choose, (n_all,); default all.
-        tools_mm: Vectors of tools beside the arm's own, (n_tools, 3).
+    They are chosen among the preferred ones, (n_all,), by default among all. The zero
+    of the first joint is held too: it turns the arm as a whole. Tools beside the arm's
+    own have vectors, (n_tools, 3).
     """
     motions = rigid_motions(parameters, geometry, tools_mm)
     left = free_motions(motions, parameters.free)
@@ -126,6 +123,16 @@ def with_datum(
         unit = rows[best] / sizes[best]
         rows = rows - np.outer(rows @ unit, unit)
     return parameters.with_free(free)
+
+
+def undetermined_scale(network: Network, arm: ArmValues) -> Floats:
+    """Return the direction of a scale that no length determines, as `scale_direction`.
+
+    (1, n_free), or (0, n_free) where the scale is determined.
+    """
+    if has_length(network):
+        return np.empty((0, network.parameters.n_free))
+    return scale_direction(network.parameters, arm.geometry, arm.tools_mm)
 
 
 def scale_direction(

@@ -83,10 +83,7 @@ def effect_model(
 ) -> EffectModel:
     """Prepare effects for the adjustment of a campaign.
 
-    Args:
-        arm: Whose joints and masses they work on; its own effects are not looked at.
-        effects: To apply.
-        campaign: To adjust.
+    Of the arm joints and masses are looked at, not its own effects.
 
     Raises:
         ValueError: Effects do not fit the arm, or need what the campaign does not

@@ -131,6 +131,29 @@ def stations(
     return tuple(found)
 
 
+def known_stations(
+    network: Network,
+    state: State,
+    campaign: Campaign,
+    radius_mm: float,
+    included: Booleans,
+) -> tuple[tuple[Station, ...], tuple[Floats, ...]]:
+    """Sort the included poses as `stations`, and find the state of their artefacts.
+
+    Artefacts that take no part in the network are left out.
+    """
+    unknowns = {
+        station.index: own
+        for station, own in zip(network.stations, state.unknowns, strict=True)
+    }
+    found = tuple(
+        station
+        for station in stations(campaign, radius_mm, included)
+        if station.index in unknowns
+    )
+    return found, tuple(unknowns[station.index] for station in found)
+
+
 def network_of(
     campaign: Campaign,
     radius_mm: float,
@@ -138,14 +161,9 @@ def network_of(
     parameters: Parameters,
     noise: Noise | None = None,
 ) -> Network:
-    """Set up some poses of a campaign, all of the same weight.
+    """Set up the included poses of a campaign, (n_poses,), all of the same weight.
 
-    Args:
-        campaign: All poses.
-        radius_mm: Of the probe's ball.
-        included: Poses that take part, (n_poses,).
-        parameters: Which parameters are free.
-        noise: The stochastic model; default: the a priori one.
+    The noise is by default the a priori one.
     """
     return Network(
         campaign,
@@ -161,11 +179,8 @@ def each_tool(
 ) -> Floats:
     """Put together what is computed for the poses of each tool, (n_poses, ...).
 
-    Args:
-        poses: All of the campaign, or some.
-        arm: With the vectors of its tools.
-        compute: From the arm with a tool and the indices of its poses, (n,), to a row
-            a pose.
+    It is computed from the arm with a tool and the indices of its poses, (n,), a row a
+    pose.
     """
     if poses.tools is None or not len(poses):
         return compute(arm.geometry, np.arange(len(poses)))

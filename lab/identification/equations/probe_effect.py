@@ -3,6 +3,7 @@
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.kinematics.helmert.transformation import N_RIGID, motions
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.identification.equations.network import Network
 from traverse.lab.identification.equations.parameters import ArmValues
@@ -13,29 +14,17 @@ _SEED = 20_170_101
 
 
 def probe_effects_mm(network: Network, arm: ArmValues, steps: Floats) -> Floats:
-    """Compute the root mean square shift of the probe by each step.
+    """Compute the root mean square shift of the probe by each step, (n_steps,).
 
     Over random postures within the travelled ranges, but at least 120 degrees a
     joint: an arm is identified to be used. The motion of the arm as a whole is
-    taken out: it depends on the datum only.
-
-    Args:
-        network: With the parameters and the poses.
-        arm: Where to linearise.
-        steps: Of the free parameters, (n_steps, n_free).
-
-    Returns:
-        (n_steps,).
+    taken out: it depends on the datum only. Steps are those of the free parameters,
+    (n_steps, n_free).
     """
     columns, centres_mm = posture_columns(network, arm)
     shifts_mm = np.einsum("nip,sp->nis", columns, steps).reshape(-1, len(steps))
-    # A rigid motion e, t shifts x by e x x + t.
     local_mm = centres_mm - centres_mm.mean(axis=0)
-    turns = np.cross(np.eye(3)[np.newaxis], local_mm[:, np.newaxis]).swapaxes(1, 2)
-    rigid = np.concatenate(
-        [turns, np.broadcast_to(np.eye(3), turns.shape)], axis=2
-    ).reshape(-1, 6)
-    basis = np.linalg.qr(rigid)[0]
+    basis = np.linalg.qr(motions(local_mm, N_RIGID).reshape(-1, N_RIGID))[0]
     rest_mm = shifts_mm - basis @ (basis.T @ shifts_mm)
     effects: Floats = np.sqrt(np.sum(rest_mm**2, axis=0) / len(centres_mm))
     return effects

@@ -70,11 +70,7 @@ def summary_lines(result: Identification, found: UncertaintyMap) -> list[str]:
 
 
 def comparison_lines(values: Mapping[str, Any]) -> list[str]:
-    """Describe in lines how two arms differ.
-
-    Args:
-        values: As in the JSON of `traverse identify --compare`.
-    """
+    """Describe in lines how two arms differ, as `traverse identify --compare` says."""
     return WORDS.lines("comparison", values)
 
 
@@ -83,13 +79,7 @@ def report_page(
     found: UncertaintyMap,
     provenance: ReportProvenance | None = None,
 ) -> str:
-    """Make the page; the text is complete in itself.
-
-    Args:
-        result: Of `identify`.
-        found: Its uncertainty map.
-        provenance: Of the computation; default this user, now.
-    """
+    """Make the page; the text is complete in itself. Provenance: this user, now."""
     some_free = bool(result.parameters)
     effects_mm = np.empty(0)
     if some_free:  # of each parameter's standard deviation alone at the probe

@@ -32,22 +32,18 @@ _SHOWN_W = 4.0
 def by_artefact(result: Identification) -> bytes:
     """Draw all scalar misclosures, a row an artefact."""
     n_rows = len(result.artefacts)
-    return picture(
-        180.0, 18.0 + 11.0 * n_rows, lambda figure: _paint_artefacts(figure, result)
-    )
+    return picture(180.0, 18.0 + 11.0 * n_rows, _paint_artefacts, result)
 
 
 def by_joint(result: Identification) -> bytes:
     """Draw the corrections of each joint's readings against the readings."""
     n_rows = (len(result.campaign.joint_names) + 1) // 2
-    return picture(
-        180.0, 12.0 + 36.0 * n_rows, lambda figure: _paint_joints(figure, result)
-    )
+    return picture(180.0, 12.0 + 36.0 * n_rows, _paint_joints, result)
 
 
 def against_normal(result: Identification) -> bytes:
     """Draw histogram and quantiles of |w| beside those of a normal."""
-    return picture(180.0, 66.0, lambda figure: _paint_normal(figure, result))
+    return picture(180.0, 66.0, _paint_normal, result)
 
 
 def _paint_artefacts(figure: Figure, result: Identification) -> None:
@@ -184,17 +180,13 @@ def correlation_picture(result: Identification) -> bytes:
     """Draw the correlation matrix of the free parameters."""
     n_free = len(result.parameters)
     size_mm = float(np.clip(45.0 + 3.6 * n_free, 80.0, 180.0))
-    return picture(
-        size_mm + 8.0,
-        0.88 * size_mm,
-        lambda figure: _paint_correlations(figure, result),
-    )
+    return picture(size_mm + 8.0, 0.88 * size_mm, _paint_correlations, result)
 
 
 def coverage_picture(result: Identification) -> bytes:
     """Draw how often each joint was in each sector of a turn."""
     height_mm = 22.0 + 7.0 * len(result.coverage)
-    return picture(180.0, height_mm, lambda figure: _paint_coverage(figure, result))
+    return picture(180.0, height_mm, _paint_coverage, result)
 
 
 def _paint_correlations(figure: Figure, result: Identification) -> None:
@@ -251,7 +243,7 @@ def map_picture(found: UncertaintyMap) -> bytes:
     width = float(np.ptp(found.radii_mm))
     height = float(np.ptp(found.heights_mm))
     height_mm = float(np.clip(36.0 * height / max(width, 1.0) + 24.0, 55.0, 130.0))
-    return picture(180.0, height_mm, lambda figure: _paint(figure, found))
+    return picture(180.0, height_mm, _paint, found)
 
 
 def _paint(figure: Figure, found: UncertaintyMap) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.helmert.transformation import closed_helmert, skew_vector
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import geometry_from_arm
 
@@ -69,14 +70,10 @@ def compare_arms(
     ranges_rad: tuple[Floats, Floats] | None = None,
     n_postures: int = _N_POSTURES,
 ) -> Comparison:
-    """Compare two arms over random postures.
+    """Compare two arms over random postures, at least four; the first gives places.
 
-    Args:
-        first: Gives the places.
-        second: With the same joints.
-        ranges_rad: Smallest and largest readings, (n_joints,) each; default a whole
-            turn about the first arm's base posture.
-        n_postures: At least four.
+    They lie between the smallest and largest readings, (n_joints,) each; default a
+    whole turn about the first arm's base posture.
 
     Raises:
         ComparisonError: The joints differ.
@@ -95,8 +92,11 @@ def compare_arms(
     angles_rad = rng.uniform(*ranges_rad, (n_postures, len(names)))
     first_mm = probe_centre(geometry, angles_rad)
     second_mm = probe_centre(geometry_from_arm(second), angles_rad)
-    moved_mm, turn_rad = _best_fit(second_mm, first_mm)
-    apart_mm = np.linalg.norm(moved_mm - first_mm, axis=1)
+    motion = closed_helmert(second_mm, first_mm, np.ones(n_postures), with_scale=False)
+    apart_mm = np.linalg.norm(motion.places_mm(second_mm) - first_mm, axis=1)
+    # From the antisymmetric part: the cosine says nothing about small angles.
+    sine = np.linalg.norm(skew_vector(motion.rotation))
+    turn_rad = float(np.arctan2(sine, np.trace(motion.rotation) - 1.0))
     worst = int(np.argmax(apart_mm))
     from_base_mm = np.linalg.norm(first_mm - geometry.origin_mm, axis=1)
     return Comparison(
@@ -110,26 +110,6 @@ def compare_arms(
         turn_rad=turn_rad,
         zones=_zones(from_base_mm / from_base_mm.max(), apart_mm),
     )
-
-
-def _best_fit(points_mm: Floats, onto_mm: Floats) -> tuple[Floats, float]:
-    """Move points (n, 3) rigidly onto others; say the angle too."""
-    mean_mm, onto_mean_mm = points_mm.mean(axis=0), onto_mm.mean(axis=0)
-    local_mm = points_mm - mean_mm
-    left, _, right = np.linalg.svd((onto_mm - onto_mean_mm).T @ local_mm)
-    left[:, 2] *= np.sign(np.linalg.det(left @ right))
-    rotation = left @ right
-    # From the antisymmetric part: the cosine says nothing about small angles.
-    twice = np.array(
-        [
-            rotation[2, 1] - rotation[1, 2],
-            rotation[0, 2] - rotation[2, 0],
-            rotation[1, 0] - rotation[0, 1],
-        ]
-    )
-    turn_rad = float(np.arctan2(np.linalg.norm(twice), np.trace(rotation) - 1.0))
-    moved_mm: Floats = local_mm @ rotation.T + onto_mean_mm
-    return moved_mm, turn_rad
 
 
 def _zones(parts: Floats, apart_mm: Floats) -> tuple[ZoneDifference, ...]:

@@ -44,14 +44,8 @@ def write_result(
 ) -> Arm:
     """Write everything but the report into a folder, which is made if need be.
 
-    Args:
-        result: Of `identify`.
-        folder: Where to.
-        when: Date of the identification; default now.
-        provenance: Of the computation; default this user, now.
-
-    Returns:
-        The arm as written, with its provenance.
+    Date and provenance are by default those of now and this user. Returns the arm as
+    written, with its provenance.
     """
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
@@ -83,12 +77,7 @@ def identified_arm(result: Identification, when: datetime, covariance: str) -> A
 def identification_json(
     result: Identification, provenance: ReportProvenance | None = None
 ) -> dict[str, Any]:
-    """Put a result into the plain values of `identification.json`.
-
-    Args:
-        result: Of `identify`.
-        provenance: Of the computation; default this user, now.
-    """
+    """Put a result into the plain values of `identification.json`."""
     effects_mm = result.undetermined_effects_mm
     return {
         "schema": SCHEMA,

@@ -122,13 +122,7 @@ def cartesian_covariance(
 def global_test(
     sigma0: float, redundancy: float, *, noise_estimated: bool
 ) -> GlobalTest:
-    """Test sigma0 against 1, two-sided.
-
-    Args:
-        sigma0: A-posteriori standard deviation of unit weight.
-        redundancy: How many independent squares there are as much as.
-        noise_estimated: From the same residuals.
-    """
+    """Test sigma0 against 1, two-sided; the redundancy counts independent squares."""
     if redundancy <= 0:
         return GlobalTest(p_value=None, noise_estimated=noise_estimated)
     upper = chi_square_p_value(sigma0**2 * redundancy, redundancy)

@@ -33,7 +33,6 @@ class ParameterEstimate:
     """One free parameter.
 
     Attributes:
-        name: For example `J3.link.v`.
         value: Change against the design, in the design's basis.
         unit: rad, mm, or a term's own.
         controllability: Which part of what the data say about it no other parameter
@@ -68,8 +67,6 @@ class ArtefactResult:
     """Result for an artefact.
 
     Attributes:
-        id: As in the campaign.
-        kind: As in the campaign.
         n_poses: That took part.
         rms_mm: Root mean square of scalar misclosures of the poses that took part.
         mean_distance_mm: Mean length of the misclosures of known points, else None.
@@ -125,16 +122,13 @@ class Identification:
         arm: With the estimates and, in `[identification]`, their provenance.
         adjustment: The last one, with state, system and rank. Samples of a stream
             have as little weight in it as they have to say.
-        converged: Whether it converged.
         iterations: Of all adjustments, in order.
         sigma0: A-posteriori standard deviation of unit weight.
         redundancy: Equations and certificates less determined unknowns, which take
             more than one each from the samples of a stream.
-        global_test: Of sigma0.
         variance_factor: By what cofactors were multiplied to give covariances: 1
             where the noise is known and sigma0 does not contradict it upwards, else
             sigma0 squared.
-        noise: Standard deviations that were used last.
         serial_noise: What neighbouring samples of a stream share; None: single poses.
         rms_before_mm: Of scalar misclosures with the design.
         rms_after_mm: Of those of the poses that took part, with the estimates.
@@ -144,7 +138,6 @@ class Identification:
         weak: What they hardly say.
         statistics: Of every pose; of excluded ones against the estimates.
         included: Which poses took part, (n_poses,).
-        excluded: Those that did not.
         alternating: Lines of the excluded ones that contradict the others only while
             they take part.
         critical_w: Above which a pose was excluded.
@@ -153,7 +146,6 @@ class Identification:
         lost_poses: Artefacts that lost more than a fifth of their poses.
         clusters: Where poses that contradicted the others lay together.
         zero_offsets_rad: Added to the zeros by the coarse start, (n_joints,).
-        options: Wishes that it was made by.
         holdout: How poses that were kept aside are predicted, or None.
     """
 

@@ -15,8 +15,8 @@ from traverse.lab.identification.design.optimal_design import (
     JointCoverage,
     joint_coverage,
 )
-from traverse.lab.identification.equations.datum import scale_direction
-from traverse.lab.identification.equations.network import Network, has_length
+from traverse.lab.identification.equations.datum import undetermined_scale
+from traverse.lab.identification.equations.network import Network
 from traverse.lab.identification.equations.parameters import Parameters
 from traverse.lab.identification.equations.probe_effect import probe_effects_mm
 from traverse.lab.identification.solve.adjustment import Adjustment
@@ -73,16 +73,14 @@ def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
     """Name every direction that is held at its design value."""
     network = adjustment.network
     geometry = adjustment.state.arm.geometry
-    found = []
     rest = adjustment.split.undetermined
-    if not has_length(network):
-        tools_mm = adjustment.state.arm.tools_mm
-        scale = scale_direction(network.parameters, geometry, tools_mm)
-        for direction in scale:
-            components = named(network.parameters, direction)
-            found.append(Undetermined(components, _NO_LENGTH, is_scale=True))
-        # The adjustment holds the scale by decree, as the last direction.
-        rest = rest[: len(rest) - len(scale)]
+    scale = undetermined_scale(network, adjustment.state.arm)
+    found = [
+        Undetermined(named(network.parameters, direction), _NO_LENGTH, is_scale=True)
+        for direction in scale
+    ]
+    # The adjustment holds the scale by decree, as the last direction.
+    rest = rest[: len(rest) - len(scale)]
     coverage = joint_coverage(network.campaign, _poses(network))
     for direction in _sparse(rest):
         why = _reason(network, geometry, coverage, direction)

@@ -18,12 +18,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.lab.identification.equations.datum import scale_direction
+from traverse.lab.identification.equations.datum import undetermined_scale
 from traverse.lab.identification.equations.network import (
     Network,
     State,
     Station,
-    has_length,
     misclosures_mm,
     white_rows,
 )
@@ -63,7 +62,7 @@ def linearise(network: Network, state: State) -> System:
     """Set up, whiten and reduce all equations at a state."""
     n_free = network.parameters.n_free
     eliminations = []
-    kept: tuple[list[Floats], list[Floats], list[Floats]] = ([], [], [])
+    kept = []
     total, squares_mm2 = 0.0, 0.0
     for station, unknowns, corrections in zip(
         network.stations, state.unknowns, state.corrections, strict=True
@@ -71,15 +70,13 @@ def linearise(network: Network, state: State) -> System:
         n_unknowns = len(station.scales)
         n_columns = n_unknowns + n_free + 1
         blocks = [certified(network, station, state.arm, unknowns)]
-        seen: tuple[list[Floats], list[Floats], list[Floats]] = ([], [], [])
+        seen = []
         upper = np.empty((0, n_columns))
         total += float(np.sum(blocks[0][:, -1] ** 2))
         for rows in white_rows(network, station, state.arm, unknowns, corrections):
             total += float(np.sum(rows.misclosures**2))
             squares_mm2 += float(np.sum(rows.misclosures_mm**2))
-            seen[0].append(rows.whiteners)
-            seen[1].append(rows.offsets_mm)
-            seen[2].append(rows.corrections)
+            seen.append((rows.whiteners, rows.offsets_mm, rows.corrections))
             joined = np.concatenate(
                 [
                     rows.by_unknowns,
@@ -94,10 +91,11 @@ def linearise(network: Network, state: State) -> System:
                 blocks = []
         upper = sequential_qr([upper, *blocks], n_columns)
         eliminations.append(eliminate_unknowns(upper, station.scales))
-        for whole, parts in zip(kept, seen, strict=True):
-            whole.append(np.concatenate(parts))
+        kept.append([np.concatenate(parts) for parts in zip(*seen, strict=True)])
     reduced = sequential_qr([found.reduced for found in eliminations], n_free + 1)
-    whiteners, offsets_mm, following = (tuple(whole) for whole in kept)
+    whiteners, offsets_mm, following = (
+        tuple(of_station[at] for of_station in kept) for at in range(3)
+    )
     rms_mm = float(np.sqrt(squares_mm2 / max(network.n_rows, 1)))
     return System(
         tuple(eliminations), reduced, whiteners, offsets_mm, following, total, rms_mm
@@ -107,10 +105,8 @@ def linearise(network: Network, state: State) -> System:
 def sum_of_squares(network: Network, state: State, system: System) -> float:
     """Weigh the misclosures of a state with the weights of a system."""
     total = 0.0
-    for at, (station, unknowns) in enumerate(
-        zip(network.stations, state.unknowns, strict=True)
-    ):
-        corrections = state.corrections[at]
+    for at, station in enumerate(network.stations):
+        unknowns, corrections = state.unknowns[at], state.corrections[at]
         found_mm = misclosures_mm(network, station, state.arm, unknowns, corrections)
         found_mm = found_mm - system.offsets_mm[at]
         white = system.whiteners[at] @ found_mm[:, :, np.newaxis]
@@ -238,15 +234,7 @@ def adjust(
     progress: Progress | None = None,
     most_iterations: int = MOST_ITERATIONS,
 ) -> Adjustment:
-    """Adjust a network.
-
-    Args:
-        network: Observations, free parameters, noise.
-        start: Where to begin.
-        design: Where undetermined directions are held.
-        progress: Told of every iteration.
-        most_iterations: Before giving up.
-    """
+    """Adjust a network; undetermined directions are held where the design has them."""
     parameters = network.parameters
     state = start
     system = linearise(network, state)
@@ -273,14 +261,8 @@ def adjust(
             settled = True
         if settled or number >= _RANK_SETTLES_AT:
             n_determined = parts.n_determined
-        found = Iteration(
-            number,
-            system.sum_of_squares,
-            system.rms_mm,
-            size,
-            fraction,
-            parts.n_determined,
-        )
+        total, rms_mm = system.sum_of_squares, system.rms_mm
+        found = Iteration(number, total, rms_mm, size, fraction, parts.n_determined)
         iterations.append(found)
         if progress is not None:
             progress(found)
@@ -324,21 +306,11 @@ def _split(
     worth is seen where the data are strong: an arm that is several times as far from
     its design as is plausible is so in the other directions, too.
 
-    Args:
-        network: Observations, free parameters, noise.
-        state: Where the system was linearised.
-        system: Linearised.
-        to_design: The step that would lead back to the design, (n_free,).
-        n_before: How many directions counted, once that is not to alternate: then
-            only a clear change counts.
-        settled: Whether that number is final.
+    To the design leads a step, (n_free,). Once the number of directions that counted
+    before is given, only a clear change of it counts; settled, it is final.
     """
-    parameters = network.parameters
-    scale = np.empty((0, parameters.n_free))
-    if not has_length(network):
-        arm = state.arm
-        scale = scale_direction(parameters, arm.geometry, arm.tools_mm)
-    tolerances = parameters.free_tolerances
+    scale = undetermined_scale(network, state.arm)
+    tolerances = network.parameters.free_tolerances
     if settled and n_before is not None:
         return decide_rank(system.upper, tolerances, scale, n_before)
     parts = decide_rank(system.upper, tolerances, scale)
@@ -396,8 +368,14 @@ def _stepped(
         # go uphill, by as much as the linear model says.
         cost = _modelled(system, step) - _modelled(system, step - held)
         limit = system.sum_of_squares * (1.0 + _ROUNDING) + 1.5 * max(cost, 0.0)
-        unknown_steps = [found.step(step) for found in system.eliminations]
-        there = _moved(network, state, fraction * step, unknown_steps, fraction)
+        unknowns = tuple(
+            station.artefact.moved(values, fraction * found.step(step))
+            for station, values, found in zip(
+                network.stations, state.unknowns, system.eliminations, strict=True
+            )
+        )
+        arm = network.parameters.moved(state.arm, fraction * step)
+        there = replace(state, arm=arm, unknowns=unknowns)
         if size < _CONVERGED or sum_of_squares(network, there, system) <= limit:
             taken = fraction if damping == 0.0 else _length(system, step) / size
             # Smallest singular values are about one: less damping does nothing.
@@ -415,24 +393,6 @@ def _length(system: System, step: Floats) -> float:
     for found in system.eliminations:
         size = float(np.hypot(size, np.linalg.norm(found.right - found.left @ step)))
     return size
-
-
-def _moved(
-    network: Network,
-    state: State,
-    step: Floats,
-    unknown_steps: list[Floats],
-    fraction: float,
-) -> State:
-    unknowns = tuple(
-        station.artefact.moved(values, fraction * unknown_step)
-        for station, values, unknown_step in zip(
-            network.stations, state.unknowns, unknown_steps, strict=True
-        )
-    )
-    return replace(
-        state, arm=network.parameters.moved(state.arm, step), unknowns=unknowns
-    )
 
 
 def _redundancy(

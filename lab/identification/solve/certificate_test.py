@@ -95,14 +95,8 @@ def without_wrong_certificates(
 ) -> tuple[Campaign, IteratedAdjustment, tuple[Contradiction, ...]]:
     """Leave out the certificates that contradict everything else, the worst first.
 
-    Args:
-        campaign: As measured.
-        run: Adjusted with all certificates.
-        adjusted: Adjusts a campaign, with this noise or, None, as it is found.
-        design: The arm's, which decides where the campaign does not.
-
-    Returns:
-        The campaign without them, adjusted, and which they are.
+    The run is one with all certificates; where the campaign does not decide, the design
+    does. Returns the campaign without them, adjusted, and which they are.
     """
     found: list[Contradiction] = []
     estimated = run.noise_estimated
@@ -156,15 +150,11 @@ def _is_to_blame(
     gross: bool,
     estimated: bool,
 ) -> bool:
-    """Return whether the rest is consistent and more precise.
+    """Return whether the rest, without the certificate, is consistent and more precise.
 
-    Args:
-        campaign: Without the certificate.
-        rest: Adjusted.
-        name: Of the artefact; a length of another one must remain.
-        off_mm: Of the certificate, from what the rest says.
-        gross: Whether no arm is wrong by as much: then its file is a length as well.
-        estimated: Whether the noise is, so that sigma0 says nothing.
+    The certificate is off by so much from what the rest says; a length of an artefact
+    of another name must remain, unless that is gross: no arm is wrong by as much, so
+    that its file is a length as well. Where noise is estimated, sigma0 says nothing.
     """
     left_mm = rms_mm(rest.adjustment.network, rest.adjustment.state)
     beyond_model = off_mm > _BY_MODEL * left_mm

@@ -39,13 +39,7 @@ def with_clusters_back(
 ) -> tuple[IteratedAdjustment, tuple[ExcludedCluster, ...]]:
     """Take excluded poses back that lie together in the range of a joint.
 
-    Args:
-        campaign: As measured.
-        run: Adjusted.
-        again: Adjusts with poses that stay.
-
-    Returns:
-        The last adjustment, and the clusters found.
+    Returns the last adjustment, and the clusters found.
     """
     poses = campaign.poses
     lines: list[Line] = [

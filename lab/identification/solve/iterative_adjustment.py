@@ -105,15 +105,8 @@ def iterate(
 ) -> IteratedAdjustment:
     """Adjust until neither the poses that take part nor the noise change.
 
-    Args:
-        network: With the stations' poses that may take part.
-        design: Where undetermined directions are held.
-        options: Wishes.
-        radius_mm: Of the probe's ball.
-        first: Poses that take part to begin with, (n_poses,); default all.
-        staying: Poses that take part whatever they say, (n_poses,); default none.
-        progress: Told of every iteration.
-        most_iterations: Of each adjustment.
+    Poses of the network's stations may take part; the first ones do to begin with
+    (default all), the staying ones whatever they say (default none), (n_poses,) each.
     """
     campaign = network.campaign
     variances = options.variances or variance_model(campaign)

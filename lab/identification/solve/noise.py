@@ -77,15 +77,13 @@ def better_noise(
     """
     n_joints, kinds = len(noise.encoder_rad), [a.kind for a in campaign.artefacts]
     groups = _groups(n_joints, kinds, model)
-    squares = np.concatenate([sums.encoder_squares, sums.contact_squares])
-    shares = np.concatenate([sums.encoder_redundancies, sums.contact_redundancies])
     numbers = np.unique(groups[groups >= 0])
     members = (groups[np.newaxis] == numbers[:, np.newaxis]).astype(np.float64)
-    kept = members @ shares >= _LEAST_REDUNDANCY
+    kept = members @ sums.redundancies >= _LEAST_REDUNDANCY
     members = members[kept]
     factors = np.ones(len(groups))
     if len(members):
-        theta = _thetas(members, squares, shares, sums.information)
+        theta = _thetas(members, sums)
         roots = np.clip(np.sqrt(theta), 1.0 / _LARGEST_FACTOR, _LARGEST_FACTOR)
         grouped = members.sum(axis=0) > 0.0
         factors[grouped] = (roots @ members)[grouped]
@@ -111,14 +109,12 @@ def _groups(n_joints: int, kinds: list[str], model: VarianceModel) -> Integers:
     return np.array(joints + artefacts, dtype=np.int64)
 
 
-def _thetas(
-    members: Floats, squares: Floats, shares: Floats, information: Floats
-) -> Floats:
+def _thetas(members: Floats, sums: VarianceSums) -> Floats:
     """Solve for the factors of the groups' variances, (n_groups,)."""
-    wanted, redundancies = members @ squares, members @ shares
-    matrix = members @ information @ members.T
+    wanted, redundancies = members @ sums.squares, members @ sums.redundancies
+    matrix = members @ sums.information @ members.T
     # What is held takes its part of the squares as it is.
-    held = members @ information @ (1.0 - members.sum(axis=0))
+    held = members @ sums.information @ (1.0 - members.sum(axis=0))
     rest = redundancies - matrix.sum(axis=1) - held
     solved = np.linalg.lstsq(matrix + np.diag(rest), wanted - held, rcond=1e-6)[0]
     ratios = wanted / redundancies
@@ -187,7 +183,7 @@ def _in_window(found: Floats) -> Floats:
 def correlations(adjustment: Adjustment) -> Floats:
     """Compute rho_1, rho_2, ... of whitened residuals, of all artefacts together."""
     network, state = adjustment.network, adjustment.state
-    stretches = _stretches(network.campaign)
+    stretches = touching_stretches(network.campaign)
     products, counts = np.zeros(_MOST_LAGS + 1), np.zeros(_MOST_LAGS + 1)
     for station, unknowns, corrections in zip(
         network.stations, state.unknowns, state.corrections, strict=True
@@ -215,10 +211,14 @@ def correlations(adjustment: Adjustment) -> Floats:
     return found
 
 
-def _stretches(campaign: Campaign) -> Integers:
-    """Number the stretches in which one feature is touched without a gap, (n,)."""
+def touching_stretches(campaign: Campaign, longest_s: float = np.inf) -> Integers:
+    """Number the stretches in which one feature is touched without a gap, (n,).
+
+    From sample to sample there it is not longer than that.
+    """
     poses = campaign.poses
     breaks = np.diff(poses.lines) != 1
+    breaks |= np.diff(poses.time_s) > longest_s
     breaks |= np.diff(poses.artefacts) != 0
     breaks |= np.diff(poses.features) != 0
     return np.concatenate([[0], np.cumsum(breaks)]).astype(np.int64)

@@ -80,18 +80,15 @@ class VarianceSums:
     """Squares of residuals and redundancies by source of noise.
 
     Attributes:
-        encoder_squares: In units of the noise, (n_joints,).
-        encoder_redundancies: (n_joints,).
-        contact_squares: (n_artefacts,).
-        contact_redundancies: (n_artefacts,).
-        information: How sources share the residuals, joints first, then artefacts:
-            sums of tr(M C_i M C_j), (n_joints + n_artefacts,) * 2.
+        squares: In units of the noise, joints first, then contacts with artefacts,
+            (n_joints + n_artefacts,).
+        redundancies: Likewise.
+        information: How sources share the residuals: sums of tr(M C_i M C_j),
+            (n_joints + n_artefacts,) * 2.
     """
 
-    encoder_squares: Floats
-    encoder_redundancies: Floats
-    contact_squares: Floats
-    contact_redundancies: Floats
+    squares: Floats
+    redundancies: Floats
     information: Floats
 
 
@@ -172,24 +169,18 @@ def _add_variances(
     sources = np.concatenate([rows.by_readings, rows.by_contact], axis=2)
     squares = np.sum(np.einsum("nij,ni->nj", sources, rows.misclosures) ** 2, axis=0)
     shared = sources.swapaxes(1, 2) @ block @ sources
-    redundancies = np.einsum("njj->j", shared)
+    # The components of a contact are one source.
+    of_source = np.append(np.arange(n_joints), np.full(3, n_joints + artefact))
+    np.add.at(sums.squares, of_source, squares)
+    np.add.at(sums.redundancies, of_source, np.einsum("njj->j", shared))
     information = np.einsum("nij,nij->ij", shared, shared)
-    sums.encoder_squares[:] += squares[:n_joints]
-    sums.encoder_redundancies[:] += redundancies[:n_joints]
-    sums.contact_squares[artefact] += squares[n_joints:].sum()
-    sums.contact_redundancies[artefact] += redundancies[n_joints:].sum()
-    at = n_joints + artefact
-    sums.information[:n_joints, :n_joints] += information[:n_joints, :n_joints]
-    across = information[:n_joints, n_joints:].sum(axis=1)
-    sums.information[:n_joints, at] += across
-    sums.information[at, :n_joints] += across
-    sums.information[at, at] += information[n_joints:, n_joints:].sum()
+    np.add.at(sums.information, np.ix_(of_source, of_source), information)
 
 
 def _empty(network: Network) -> PoseStatistics:
     campaign = network.campaign
     n_poses, n_joints = len(campaign.poses), len(campaign.joint_names)
-    n_artefacts = len(campaign.artefacts)
+    n_sources = n_joints + len(campaign.artefacts)
     return PoseStatistics(
         misclosures_mm=np.full((n_poses, 3), np.nan),
         statistics=np.full(n_poses, np.nan),
@@ -199,11 +190,7 @@ def _empty(network: Network) -> PoseStatistics:
         detectable_mm=np.full(n_poses, np.nan),
         corrections_rad=np.full((n_poses, n_joints), np.nan),
         variances=VarianceSums(
-            np.zeros(n_joints),
-            np.zeros(n_joints),
-            np.zeros(n_artefacts),
-            np.zeros(n_artefacts),
-            np.zeros((n_joints + n_artefacts, n_joints + n_artefacts)),
+            np.zeros(n_sources), np.zeros(n_sources), np.zeros((n_sources, n_sources))
         ),
     )
 
@@ -239,16 +226,10 @@ def snoop(
     noise_known: bool,
     radius_mm: float,
 ) -> SnoopingResult:
-    """Decide who takes part in the next adjustment.
+    """Decide who of the eligible poses takes part in the next adjustment, (n_poses,).
 
-    Args:
-        adjustment: With the included poses.
-        found: Their statistics.
-        included: Who took part, (n_poses,).
-        eligible: Who may take part, (n_poses,).
-        family_level: Probability that a campaign without blunders loses any pose.
-        noise_known: Whether unit weight is known (w test) or estimated (tau test).
-        radius_mm: Of the probe's ball.
+    A campaign without blunders loses any pose with the probability of the family. Where
+    the noise is known the test is that of w, else that of tau.
     """
     n_poses = max(int(np.count_nonzero(included)), 1)
     level = family_level / n_poses

@@ -76,10 +76,8 @@ def sequential_qr(blocks: Iterable[Floats], n_columns: int) -> Floats:
 def eliminate_unknowns(upper: Floats, scales: Floats) -> Elimination:
     """Take a station's unknowns out of its triangle.
 
-    Args:
-        upper: Columns: unknowns, parameters, right side; at most as many rows.
-        scales: Hopeless standard deviations of the unknowns. A direction that is
-            known worse than that is held, and its equation left to the arm.
+    Its columns are unknowns, parameters, right side. A direction that is known worse
+    than the hopeless standard deviations is held, and its equation left to the arm.
     """
     n_unknowns = len(scales)
     own, others = (
@@ -143,15 +141,11 @@ class RankDecision:
         return self.directions[self.n_determined :]
 
     def step(self, to_design: Floats, damping: float = 0.0) -> tuple[Floats, Floats]:
-        """Compute the step of the parameters.
+        """Compute the step of the parameters, (n_free,), and its held part.
 
-        Args:
-            to_design: The step that would lead back to the design, (n_free,).
-            damping: Added to the squares of singular values (Levenberg, Marquardt).
-
-        Returns:
-            The step, (n_free,), and the part of it that leads undetermined directions
-            back to their design values.
+        That leads undetermined directions back to their design values, as
+        `to_design` does all, (n_free,). Damping is added to the squares of singular
+        values (Levenberg, Marquardt).
         """
         squares = self.values[: self.n_determined] ** 2
         kept = self.right[: self.n_determined] * (squares / (squares + damping))
@@ -169,12 +163,9 @@ def decide_rank(
 ) -> RankDecision:
     """Split the directions of a triangle.
 
-    Args:
-        upper: Parameters and right side, (n_rows, n_free + 1).
-        tolerances: Plausible deviations from the design, (n_free,).
-        known_null: Orthonormal directions in units of the tolerances that are
-            undetermined for certain, (n_null, n_free).
-        n_determined: Number of directions to use; None: those above the threshold.
+    The triangle is of parameters and right side, (n_rows, n_free + 1). Some orthonormal
+    directions are undetermined for certain, in units of the tolerances, (n_null,
+    n_free). So many directions as are given count, or those above the threshold.
     """
     n_free = len(tolerances)
     rows = np.zeros((max(len(upper), n_free), n_free + 1))

@@ -71,15 +71,8 @@ def coarse_start(
 ) -> ArmValues:
     """Find zeros, and a free tool, with which an arm fits a campaign at all.
 
-    Args:
-        campaign: What was measured.
-        parameters: Which are free to be estimated.
-        design: The input arm.
-        radius_mm: Of the probe's ball.
-        hold: Patterns of parameters that are never moved.
-
-    Returns:
-        Where to begin: the design, where nothing is much better.
+    What the patterns hold is never moved. Returns the design, where nothing is much
+    better.
     """
     network = _coarse_network(campaign, parameters, radius_mm)
     n_joints = len(campaign.joint_names)
@@ -158,15 +151,9 @@ _FAR = 5.0
 def robust_state(
     network: Network, start: State, design: ArmValues
 ) -> tuple[State, Booleans]:
-    """Find estimates that blunders hardly touch.
+    """Find estimates that blunders hardly touch, from a network with unit weights.
 
-    Args:
-        network: With unit weights.
-        start: Where to begin.
-        design: Where undetermined directions are held.
-
-    Returns:
-        The state, and which of the campaign's poses lie near it, (n_poses,).
+    And which of the campaign's poses lie near them, (n_poses,).
     """
     state = start
     sizes = _sizes(network, state)

@@ -23,7 +23,7 @@ import numpy as np
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
-from traverse.kinematics.model.geometry import Geometry
+from traverse.kinematics.model.geometry import Geometry, across
 from traverse.lab.campaign.campaign import Poses
 from traverse.lab.identification.equations.parameters import ArmValues, Parameters
 
@@ -101,15 +101,9 @@ def postures_reaching(
 ) -> tuple[Floats, Booleans]:
     """Find a posture within the ranges for each place.
 
-    Start at the sample nearest after turning the first joint, then Newton steps.
-
-    Args:
-        cloud: Of the arm.
-        places_mm: For the ball's centre, (n, 3).
-        rank: 0 starts at the nearest sample, 1 at the second nearest, ...
-
-    Returns:
-        Readings, (n, n_joints), and whether they reach the place, (n,).
+    Start at the sample nearest after turning the first joint (rank 1: the second
+    nearest), then Newton steps. Returns readings, (n, n_joints), and whether they bring
+    the ball's centre to the place, (n,).
     """
     radii, azimuths, heights = _cylindrical(cloud.geometry, places_mm)
     near = np.array(
@@ -152,11 +146,7 @@ def _cylindrical(
 
 def _frame(geometry: Geometry) -> Floats:
     """Take two unit vectors across the first axis, and the axis, (3, 3)."""
-    axial = geometry.axes[0]
-    across = np.eye(3)[int(np.argmin(np.abs(axial)))]
-    first = across - (across @ axial) * axial
-    first = first / np.linalg.norm(first)
-    return np.stack([first, np.cross(axial, first), axial])
+    return np.stack([*across(geometry.axes[0]), geometry.axes[0]])
 
 
 DIRECTIONS = ("radial", "tangential", "axial")
@@ -197,13 +187,7 @@ def distance_deviations_mm(
 ) -> Floats:
     """Compute standard deviations of distances between the balls of two poses.
 
-    Args:
-        arm: With its covariance.
-        first_rad: Readings, (n_pairs, n_joints).
-        second_rad: Readings, (n_pairs, n_joints).
-
-    Returns:
-        (n_pairs,).
+    Of readings, (n_pairs, n_joints) each; (n_pairs,).
     """
     first_mm, by_first = _columns(arm, first_rad)
     second_mm, by_second = _columns(arm, second_rad)
@@ -225,15 +209,8 @@ def noise_deviations_mm(
 ) -> Floats:
     """Compute what the noise of readings (n_joints,) and contacts adds to distances.
 
-    Args:
-        geometry: The arm.
-        encoder_rad: Standard deviations of the readings, (n_joints,).
-        contact_mm: Standard deviation of a contact along the distance.
-        first_rad: Readings, (n_pairs, n_joints).
-        second_rad: Readings, (n_pairs, n_joints).
-
-    Returns:
-        (n_pairs,).
+    Between poses with readings, (n_pairs, n_joints) each; standard deviations,
+    (n_pairs,).
     """
     first = probe_derivatives(geometry, first_rad)
     second = probe_derivatives(geometry, second_rad)
@@ -321,11 +298,8 @@ def uncertainty_map(
 ) -> UncertaintyMap:
     """Draw up the map over the volume that was travelled.
 
-    Args:
-        arm: With its covariance.
-        angles_rad: Readings of a campaign, whose ranges say which postures count,
-            (n_poses, n_joints).
-        length_mm: Of the distances; default 500 mm, or less for a small arm.
+    The ranges of the readings, (n_poses, n_joints), say which postures count. Distances
+    are 500 mm long by default, or less for a small arm.
     """
     cloud = sample_postures(arm.geometry, angles_rad)
     largest_mm = float(cloud.radii_mm.max())

@@ -108,7 +108,7 @@ def test_redundancy_numbers_add_up_to_the_redundancy(result, dense):
 def test_redundancies_of_the_sources_of_noise_add_up(result):
     sums = result.statistics.variances
     certified = 3
-    total = sums.encoder_redundancies.sum() + sums.contact_redundancies.sum()
+    total = sums.redundancies.sum()
     # Certificates have the rest: between none and all of theirs.
     assert result.redundancy - certified <= total <= result.redundancy + 1e-6
 
