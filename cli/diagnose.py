@@ -148,11 +148,11 @@ def _written(
     *,
     accept: bool,
 ) -> list[str]:
-    from traverse.lab.diagnosis.report import summary_lines  # noqa: PLC0415
     from traverse.lab.diagnosis.report.files import (  # noqa: PLC0415
         write_adapted,
         write_diagnosis,
     )
+    from traverse.lab.diagnosis.report.page import summary_lines  # noqa: PLC0415
 
     adapted = write_diagnosis(out, result, arm_file, provenance=provenance)
     names = "arm.toml, diagnosis.json, discrepancies.csv, report.html, pictures"

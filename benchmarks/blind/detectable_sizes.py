@@ -16,10 +16,9 @@ from benchmarks.tools.handover import campaign_from_simulation
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import ALIAS, ProjectedCandidate, project
-from traverse.lab.diagnosis.candidates.waves import wave_bank
+from traverse.lab.diagnosis.candidates.waves import harmonic_bank, wave_bank
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,

@@ -24,7 +24,9 @@ from traverse.lab.diagnosis.model.covariates import outlier_cluster
 from traverse.lab.diagnosis.model.fit import Fit, with_tools_begun
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
+    SerialCorrelation,
     equations_of,
+    without_serial_noise,
 )
 from traverse.lab.diagnosis.model.result import (
     BankRemainder,
@@ -38,7 +40,6 @@ from traverse.lab.diagnosis.model.result import (
     Term,
     Verdict,
 )
-from traverse.lab.diagnosis.model.serial_correlation import without_serial_noise
 from traverse.lab.diagnosis.model.terms import estimates_of, has_epoch
 from traverse.lab.diagnosis.search.decision import Decision, NamedTerm, decide
 from traverse.lab.diagnosis.search.forward_search import (
@@ -103,22 +104,32 @@ def diagnose(
 
     gaps = [compared(fit) for fit in fits]
     vetoed = len(fits) > 1 and gaps[-1].is_worse
-    accepted = _accepted(decision.names, options, vetoed=vetoed)
-    writable = _writable(decision, accepted, campaign)
+    accepted = frozenset[int]() if vetoed else _accepted(decision.names, options)
+    # An arm file holds no effect whose epoch is not known.
+    effects = search.fit.arm.effects
+    writable = frozenset(at for at in accepted if has_epoch(effects[at], campaign))
     written = fits[0]
-    if all(writable) and writable:
+    if writable:
+        kept, included = _kept(search, writable), search.fit.included
         written = search.fit
-    elif any(writable):
-        kept = _kept(decision, writable)
-        written = refitted(search.fit, kept, search.fit.included, snooping=False)
+        if len(writable) < len(search.terms):
+            written = refitted(search.fit, kept, included, snooping=False)
     lap("held-out poses")
-    adapted, rows = _adapted(campaign, decision, accepted, options)
+    adapted, whole, rows = _adapted(campaign, search, accepted, options)
     lap("final estimates")
     misfit = find_misfit(search.fit.adjustment, held_out, blunders, radius_mm)
     if misfit is not None and not (search.is_finished or misfit.is_gross):
         # The terms say already that something is left.
         misfit = None
-    terms = terms_of(decision, accepted, rows, choosing, options, misfit=misfit)
+    terms = terms_of(
+        decision,
+        whole.arm,
+        rows,
+        options,
+        accepted=accepted,
+        choosing=choosing,
+        misfit=misfit,
+    )
     told("working out what could have been seen", 0.85)
     seen = detectable_of(search) if options.details else ()
     library = search.stage.findings[BankName.LIBRARY].degrees
@@ -188,62 +199,44 @@ def _ledger(
 
 
 def _accepted(
-    names: tuple[NamedTerm, ...], options: DiagnosisOptions, *, vetoed: bool
-) -> tuple[bool, ...]:
-    """Return which terms enter the adapted arm."""
-    if vetoed:
-        return (False,) * len(names)
-    return tuple(
-        naming.harmonic is None
+    names: tuple[NamedTerm, ...], options: DiagnosisOptions
+) -> frozenset[int]:
+    """Return the indices of the terms that enter the adapted arm."""
+    return frozenset(
+        naming.added.index
+        for naming in names
+        if naming.harmonic is None
         and not naming.is_oversized
         and (naming.status != "tentative" or options.accept_tentative)
-        for naming in names
     )
 
 
 def _adapted(
     campaign: Campaign,
-    decision: Decision,
-    accepted: tuple[bool, ...],
+    search: SearchState,
+    accepted: frozenset[int],
     options: DiagnosisOptions,
-) -> tuple[Fit, ObservationEquations]:
+) -> tuple[Fit, Fit, ObservationEquations]:
     """Estimate everything again from all poses, with the accepted terms.
 
-    The fit of the adapted arm, and the rows of a fit with all terms.
+    The fit of the adapted arm, that with all terms, and the rows of the latter.
     """
-    search = decision.search
     if not options.details:
-        return search.fit, search.stage.rows
+        return search.fit, search.fit, search.stage.rows
     everyone = np.ones(len(campaign.poses), dtype=np.bool_)
-    effects = search.fit.arm.effects
-    whole = refitted(search.fit, effects, everyone)
+    whole = refitted(search.fit, search.fit.arm.effects, everyone)
     rows = equations_of(whole.adjustment)
     if search.serial is not None:
         rows = without_serial_noise(rows, search.serial)
-    if all(accepted):
-        return whole, rows
-    return refitted(search.fit, _kept(decision, accepted), everyone), rows
+    if len(accepted) == len(search.terms):
+        return whole, whole, rows
+    return refitted(search.fit, _kept(search, accepted), everyone), whole, rows
 
 
-def _writable(
-    decision: Decision, accepted: tuple[bool, ...], campaign: Campaign
-) -> tuple[bool, ...]:
-    """Return which accepted terms an arm file can hold: not those without an epoch."""
-    effects = decision.search.fit.arm.effects
-    return tuple(
-        one and has_epoch(effects[naming.added.index], campaign)
-        for one, naming in zip(accepted, decision.names, strict=True)
-    )
-
-
-def _kept(decision: Decision, accepted: tuple[bool, ...]) -> tuple[Effect, ...]:
+def _kept(search: SearchState, accepted: frozenset[int]) -> tuple[Effect, ...]:
     """List the effects that the arm had, and the accepted ones."""
-    rejected = {
-        naming.added.index
-        for naming, one in zip(decision.names, accepted, strict=True)
-        if not one
-    }
-    effects = decision.search.fit.arm.effects
+    rejected = {term.index for term in search.terms} - accepted
+    effects = search.fit.arm.effects
     return tuple(e for index, e in enumerate(effects) if index not in rejected)
 
 
@@ -254,32 +247,27 @@ _STATUSES: tuple[Verdict, ...] = ("unknown", "tentative", "named")
 
 def terms_of(
     decision: Decision,
-    accepted: tuple[bool, ...],
+    arm: Arm,
     rows: ObservationEquations,
-    choosing: Booleans,
     options: DiagnosisOptions,
     *,
+    accepted: frozenset[int],
+    choosing: Booleans,
     misfit: HoldoutMisfit | None,
 ) -> tuple[Term, ...]:
     """Tell of everything that was found, in the order of finding.
 
-    The rows are of a fit with all terms; their estimates are those of the terms.
+    Arm and rows are of a fit with all terms; its estimates are those of the terms.
     """
     search = decision.search
-    whole = rows.adjustment.network.parameters.effects
     terms = []
-    for naming, is_accepted in zip(decision.names, accepted, strict=True):
+    for naming in decision.names:
         index = naming.added.index
-        if whole is None:
-            raise ValueError("terms without effects in the fit")
-        values = rows.adjustment.state.arm.amplitudes
-        correction = whole.at(values[-len(whole.effects.values) :]).corrections[index]
-        effect = search.fit.arm.effects[index]
         terms.append(
             Term(
                 status=naming.status,
                 candidate=_shown(naming),
-                effect=effect.model_copy(update=correction.keys),
+                effect=arm.effects[index],
                 estimates=estimates_of(rows, index),
                 log_bayes_factor=naming.own.evidence,
                 log10_p=naming.own.log_p / _LOG_10,
@@ -288,7 +276,7 @@ def terms_of(
                 separate_by=separate_by(naming, search.stage.rows, search.fit.arm)
                 if options.details
                 else "",
-                accepted=is_accepted,
+                accepted=index in accepted,
                 is_oversized=naming.is_oversized,
             )
         )
@@ -371,12 +359,11 @@ def verdict_of(terms: tuple[Term, ...], *, blind: bool) -> Verdict:
 
 def noise_of(search: SearchState) -> NoiseEstimate:
     """Return which noise was found."""
-    noise, serial = search.fit.adjustment.network.noise, search.serial
+    noise = search.fit.adjustment.network.noise
+    serial = search.serial or SerialCorrelation(share=0.0, phi=0.0)
+    encoder_rad, contact_mm = noise.encoder_rad.tolist(), noise.contact_mm.tolist()
     return NoiseEstimate(
-        tuple(noise.encoder_rad.tolist()),
-        tuple(noise.contact_mm.tolist()),
-        0.0 if serial is None else serial.share,
-        0.0 if serial is None else serial.phi,
+        tuple(encoder_rad), tuple(contact_mm), serial.share, serial.phi
     )
 
 

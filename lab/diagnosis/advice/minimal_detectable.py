@@ -38,6 +38,7 @@ from traverse.lab.diagnosis.candidates.scoring import (
 from traverse.lab.diagnosis.model.candidate import Bank, Candidate
 from traverse.lab.diagnosis.model.fit import free_effects
 from traverse.lab.diagnosis.model.observation_equations import (
+    LEAST_EFFECT,
     ObservationEquations,
     equations_of,
 )
@@ -104,7 +105,6 @@ def probe_is_on_axis(rows: ObservationEquations, joint: str) -> bool:
 POWER = 0.95
 # Of the bank of all names: its share of the level of a diagnosis.
 _FAMILY_LEVEL = 0.005
-_LEAST_EFFECT = 0.02
 
 
 def detectable(
@@ -153,7 +153,7 @@ def left_at_probe_mm(rows: ObservationEquations, changes: Floats) -> Floats:
     the error of the arm. Surfaces show only the part along their normals.
     """
     left, values, right = np.linalg.svd(rows.columns, full_matrices=False)
-    seen = values > _LEAST_EFFECT
+    seen = values > LEAST_EFFECT
     estimates = right[seen].T @ ((left[:, seen].T @ changes) / values[seen, np.newaxis])
     stations = rows.adjustment.network.stations
     n_arm = rows.columns.shape[1] - sum(len(station.scales) for station in stations)

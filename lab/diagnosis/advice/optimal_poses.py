@@ -20,10 +20,9 @@ from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Poses
-from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.steps import step_columns
-from traverse.lab.diagnosis.candidates.waves import wave_columns
+from traverse.lab.diagnosis.candidates.waves import harmonic_bank, wave_columns
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
@@ -51,8 +50,7 @@ def further_contacts(
     """
     rng = np.random.default_rng(seed)
     network = adjustment.network
-    taken = np.concatenate([station.poses for station in network.stations])
-    travelled_rad = network.campaign.poses.angles_rad[taken]
+    travelled_rad = network.campaign.poses.angles_rad[network.poses]
     limits_rad = np.stack(
         [travelled_rad.min(axis=0) - wider_rad, travelled_rad.max(axis=0) + wider_rad]
     )
@@ -79,13 +77,9 @@ def extended_rows(adjustment: Adjustment, further: Poses) -> ObservationEquation
     The campaign's own poses are the first.
     """
     network = adjustment.network
-    n_own = len(network.campaign.poses)
     poses = joined_poses([network.campaign.poses, further], network.campaign.poses)
     campaign = replace(network.campaign, poses=poses)
-    included = np.zeros(len(poses), dtype=np.bool_)
-    included[n_own:] = True
-    for station in network.stations:
-        included[station.poses] = True
+    included = np.append(network.included, np.ones(len(further), dtype=np.bool_))
     radius_mm = network.stations[0].touches.radius_mm
     everyone = stations(campaign, radius_mm, included)
     weights = np.ones(len(poses))
@@ -105,21 +99,22 @@ def _contacts(
 ) -> Poses:
     network, state = adjustment.network, adjustment.state
     station, geometry = network.stations[at], state.arm.geometry
-    least_rad, largest_rad = limits_rad
     like = rng.integers(len(station.poses), size=n_tries)
     part = station.part(like)
-    tries_rad = rng.uniform(least_rad, largest_rad, (n_tries, len(least_rad)))
+    size = n_tries, limits_rad.shape[1]
+    tries_rad = rng.uniform(limits_rad[0], limits_rad[1], size)
     came = postures_touching(
-        part.artefact, state.unknowns[at], part.touches, geometry, tries_rad
-    )
-    angles_rad = came.angles_rad
-    good = came.is_touching & np.all(
-        (angles_rad >= least_rad) & (angles_rad <= largest_rad), axis=1
+        part.artefact,
+        state.unknowns[at],
+        part.touches,
+        geometry,
+        tries_rad,
+        limits_rad=limits_rad,
     )
     poses = network.campaign.poses.part(part.poses)
     if poses.tools is not None:  # advice is for the arm's own
         poses = replace(poses, tools=np.zeros_like(poses.tools))
-    poses = replace(poses, angles_rad=angles_rad)
+    poses = replace(poses, angles_rad=came.angles_rad)
     if poses.directions is not None and part.artefact.rows_per_pose == 1:
         normals = came.equations.by_centre[:, 0]
         before = station.artefact.equations(
@@ -129,7 +124,7 @@ def _contacts(
         ).by_centre[like, 0]
         along = np.sum(before * poses.directions, axis=1, keepdims=True)
         poses = replace(poses, directions=np.sign(along) * normals)
-    return poses.part(good)
+    return poses.part(came.is_touching)
 
 
 _SEED = 7

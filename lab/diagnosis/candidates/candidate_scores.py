@@ -8,7 +8,6 @@ import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.diagnosis.candidates.curves import generic_bank
-from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
 from traverse.lab.diagnosis.candidates.library import HIGHEST_ORDER, library_bank
 from traverse.lab.diagnosis.candidates.scoring import (
     BankScores,
@@ -18,6 +17,7 @@ from traverse.lab.diagnosis.candidates.scoring import (
 from traverse.lab.diagnosis.candidates.steps import StepScan, scan_steps, step_bank
 from traverse.lab.diagnosis.candidates.waves import (
     Periodogram,
+    harmonic_bank,
     periodograms,
     transmission_bank,
 )

@@ -142,8 +142,6 @@ def _predictive(
     return solved[:, 0], solved[:, 1:]
 
 
-# A gap below that many standard deviations of S is none to speak of.
-_LEAST_GAP = 3.0
 _VETO_LEVEL = 0.01
 # S contradicts a model that is said to be complete: by how much, how surely.
 _LEAST_MISFIT = 1.5
@@ -194,16 +192,7 @@ def compare_on_holdout(
         is_worse(first.statistics[part], second.statistics[part], second.degrees[part])
         for part in (held_out, rest)
     ]
-    clean_was, clean_now = was.without_blunders, now.without_blunders
-    return HoldoutComparison(
-        was,
-        now,
-        closed(was.chi2, now.chi2, now.n),
-        None
-        if clean_was is None or clean_now is None
-        else closed(clean_was.chi2, clean_now.chi2, clean_now.n),
-        any(worse),
-    )
+    return HoldoutComparison(was, now, any(worse))
 
 
 def find_misfit(
@@ -257,16 +246,6 @@ def _volume_mm(model: Adjustment) -> float:
         ]
     )
     return float(np.sqrt(np.sum(np.var(centres_mm, axis=0))))
-
-
-def closed(before: float, after: float, n: int) -> float | None:
-    """Return which part of the gap is closed, S before and after as means of n.
-
-    1: all of it; below 0: it grew; None: the gap is within the scatter of S.
-    """
-    if n == 0 or before - 1.0 < _LEAST_GAP * np.sqrt(2.0 / n):
-        return None
-    return (before - after) / (before - 1.0)
 
 
 def is_worse(

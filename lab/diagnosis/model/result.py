@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
 from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.lab.campaign.campaign import Campaign
@@ -12,6 +14,9 @@ from traverse.lab.identification.solve.adjustment import Adjustment
 from traverse.lab.statistics.outlier_clusters import Cluster
 
 Status = Literal["named", "tentative", "unknown"]
+# A gap below that many standard deviations of S is none to speak of.
+_LEAST_GAP = 3.0
+
 Verdict = Literal["clean", "named", "tentative", "unknown"]
 
 
@@ -149,22 +154,32 @@ class HoldoutResult:
     without_blunders: "HoldoutResult | None" = None
 
 
+def closed(before: float, after: float, n: int) -> float | None:
+    """Return which part of the gap is closed, S before and after as means of n.
+
+    1: all of it; below 0: it grew; None: the gap is within the scatter of S.
+    """
+    if n == 0 or before - 1.0 < _LEAST_GAP * np.sqrt(2.0 / n):
+        return None
+    return (before - after) / (before - 1.0)
+
+
 @dataclass(frozen=True, slots=True)
 class HoldoutComparison:
     """Two models compared on held-out poses.
 
     Attributes:
-        closed: Part of the gap that was closed, or None: too little to say.
-        closed_without_blunders: The same without blunders; None also where there
-            are none.
         is_worse: Whether the poses are predicted worse than before.
     """
 
     before: HoldoutResult
     after: HoldoutResult
-    closed: float | None
-    closed_without_blunders: float | None
     is_worse: bool
+
+    @property
+    def closed(self) -> float | None:
+        """Part of the gap that was closed, or None: too little to say."""
+        return closed(self.before.chi2, self.after.chi2, self.after.n)
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ class AddedTerm:
 def rows_without(rows: ObservationEquations, index: int) -> ObservationEquations:
     """Take an effect out of a fit, everything else linearised."""
     model = _effects(rows)
-    coordinates = _coordinates(rows, index)
+    coordinates = model.coordinates(rows.adjustment.state.arm.geometry, index)
     amplitudes = rows.adjustment.state.arm.amplitudes
     directions = model.directions(rows.adjustment.state.arm.geometry)
     sizes = directions.T @ amplitudes
@@ -65,7 +65,7 @@ def estimates_of(rows: ObservationEquations, index: int) -> dict[str, Estimate]:
 
 def _value_covariance(rows: ObservationEquations, index: int) -> Floats:
     model = _effects(rows)
-    coordinates = _coordinates(rows, index)
+    coordinates = model.coordinates(rows.adjustment.state.arm.geometry, index)
     own = _columns(rows, coordinates)
     others = np.delete(rows.columns, np.arange(own.start, own.stop), axis=1)
     basis = orthonormal_basis(others)
@@ -89,14 +89,6 @@ def _effects(rows: ObservationEquations) -> EffectModel:
     if model is None:
         raise ValueError("the fit has no effects")
     return model
-
-
-def _coordinates(rows: ObservationEquations, index: int) -> slice:
-    """Find the coordinates of an effect among those of all effects."""
-    geometry = rows.adjustment.state.arm.geometry
-    corrections = _effects(rows).effects.corrections
-    sizes = [one.free_directions(geometry).shape[1] for one in corrections]
-    return slice(sum(sizes[:index]), sum(sizes[: index + 1]))
 
 
 def _columns(rows: ObservationEquations, coordinates: slice) -> slice:

@@ -10,8 +10,6 @@ explains a pose best, be the cause a shift of the ball along a direction or a jo
 reading that is too large (then: measured reading less the simulated one).
 """
 
-import csv
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,6 +24,7 @@ from traverse.lab.identification.equations.network import (
     stations,
     white_rows,
 )
+from traverse.lab.identification.results.files import texts, write_poses
 from traverse.lab.identification.solve.adjustment import Adjustment
 
 
@@ -111,10 +110,8 @@ def discrepancies(adjustment: Adjustment, noise: Noise | None = None) -> Discrep
         np.zeros((n_poses, 3)),
         np.zeros((n_poses, 3, 3)),
         np.zeros((n_poses, 3, n_joints)),
-        np.zeros(n_poses, dtype=np.bool_),
+        network.included,
     )
-    for station in adjustment.network.stations:
-        found.took_part[station.poses] = True
     radius_mm = network.stations[0].touches.radius_mm
     arm = adjustment.state.arm
     for station in stations(campaign, radius_mm, np.ones(n_poses, dtype=np.bool_)):
@@ -148,7 +145,7 @@ def write_discrepancies(
     campaign = before.campaign
     poses = campaign.poses
     numbers = [poses.time_s]
-    header = ["line", "artefact", "feature", "part", "time_s"]
+    header = ["part", "time_s"]
     if poses.temperature_c is not None:
         numbers.append(poses.temperature_c)
         header.append("temperature_c")
@@ -159,15 +156,4 @@ def write_discrepancies(
             numbers.append(compared.reading_errors_rad(joint)[0])
             header.append(f"{when}_{name}_rad")
     values = np.column_stack(numbers)
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        for at, row in enumerate(values.tolist()):
-            writer.writerow(
-                [
-                    int(poses.lines[at]),
-                    *campaign.touched_cells(at),
-                    parts[at],
-                    *("" if math.isnan(value) else f"{value:.6g}" for value in row),
-                ]
-            )
+    write_poses(path, campaign, header, lambda at: [parts[at], *texts(values[at])])

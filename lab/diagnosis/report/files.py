@@ -13,7 +13,6 @@ import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, parse_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
-from traverse.lab.diagnosis.holdout.comparison import closed
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.result import (
     Detectable,
@@ -21,10 +20,12 @@ from traverse.lab.diagnosis.model.result import (
     HoldoutResult,
     Step,
     Term,
+    closed,
 )
 from traverse.lab.diagnosis.model.terms import has_epoch, terms_without_epoch
-from traverse.lab.diagnosis.report import plots_of, report_page
 from traverse.lab.diagnosis.report.discrepancies import write_discrepancies
+from traverse.lab.diagnosis.report.page import report_page
+from traverse.lab.diagnosis.report.pictures import plots_of
 from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
 from traverse.strict_toml.files import text_of
 from traverse.strict_toml.problems import FileError, Problem
@@ -225,29 +226,25 @@ def _ledger_line(step: Step) -> dict[str, Any]:
 
 def _gap(diagnosis: Diagnosis) -> dict[str, Any]:
     gap, ledger = diagnosis.gap, diagnosis.ledger
-    found = _figures(gap.before, gap.after, gap.closed)
+    found = _figures(gap.before, gap.after)
     first, last = gap.before.without_blunders, gap.after.without_blunders
     if first is not None and last is not None:
         lines = diagnosis.campaign.poses.lines[diagnosis.blunders]
         found["without_blunders"] = {
-            **_figures(first, last, gap.closed_without_blunders),
+            **_figures(first, last),
             "left_out": [{"line": line} for line in sorted(lines.tolist())],
         }
     if not diagnosis.writes_all_terms:
-        start, everything = ledger[0].held_out, ledger[-1].held_out
-        part = closed(start.chi2, everything.chi2, everything.n)
-        found["with_all_terms"] = _figures(start, everything, part)
+        found["with_all_terms"] = _figures(ledger[0].held_out, ledger[-1].held_out)
     return found
 
 
-def _figures(
-    first: HoldoutResult, last: HoldoutResult, part: float | None
-) -> dict[str, Any]:
+def _figures(first: HoldoutResult, last: HoldoutResult) -> dict[str, Any]:
     found: dict[str, Any] = {
         "held_out_rms_mm": {"before": first.rms_mm, "after": last.rms_mm},
         "held_out_chi2": {"before": first.chi2, "after": last.chi2},
         "held_out_largest_mm": {"before": first.largest_mm, "after": last.largest_mm},
-        "closed": part,
+        "closed": closed(first.chi2, last.chi2, last.n),
         "n": last.n,
         "n_poses": last.n_poses,
     }

@@ -297,20 +297,16 @@ def value_covariance(diagnosis: Diagnosis, term: Term, effects: ArmEffects) -> F
     Returns:
         (n_values, n_values), in the order of the effect's values.
     """
-    stds = np.zeros(len(effects.values))
-    correction = effects.corrections[0]
     fitted = _fitted_covariance(diagnosis, effects)
     if term.candidate.is_curve and fitted is not None:
         # Its mean is the joint's zero: the fit holds it, single values do not know.
         return fitted
-    for at, name in enumerate(correction.parameters):
-        key, dot, part = name.partition(".")
-        told = term.estimates.get(key)
-        if told is not None:
-            place = "xyz".index(part) if part in ("x", "y", "z") else int(part or 1) - 1
-            stds[at] = float(
-                np.ravel(told.std)[place] if dot else np.ravel(told.std)[0]
-            )
+    known = {key: estimate.std for key, estimate in term.estimates.items()}
+    parts = [
+        np.ravel(known.get(key, np.zeros_like(value)))
+        for key, value in effects.corrections[0].keys.items()
+    ]
+    stds = np.concatenate(parts).astype(np.float64)
     correlation = np.eye(len(stds))
     if fitted is not None:
         sizes = np.sqrt(np.maximum(np.diag(fitted), 0.0))
@@ -333,13 +329,12 @@ def _fitted_covariance(diagnosis: Diagnosis, effects: ArmEffects) -> Floats | No
         return None
     index = names.index(wanted)
     geometry = adjustment.state.arm.geometry
-    free = [c.free_directions(geometry).shape[1] for c in corrections]
-    first = len(parameters.names) - sum(free) + sum(free[:index])
-    own = np.arange(first, first + free[index])
+    coordinates = model.coordinates(geometry, index)
+    own = parameters.n_geometric + np.arange(coordinates.start, coordinates.stop)
     places = np.flatnonzero(parameters.free)
     if not np.all(np.isin(own, places)):
         return None
     inverse = adjustment.split.inverse[np.searchsorted(places, own)]
     directions = corrections[index].free_directions(geometry)
-    covariance = directions @ (inverse @ inverse.T) @ directions.T
+    covariance: Floats = directions @ (inverse @ inverse.T) @ directions.T
     return adjustment.sigma0**2 * covariance

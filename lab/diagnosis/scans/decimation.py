@@ -20,6 +20,7 @@ from traverse.lab.diagnosis.model.fit import fitted
 from traverse.lab.identification.equations.network import (
     Network,
     State,
+    evenly,
     known_stations,
     misclosures_mm,
     station_centres,
@@ -144,11 +145,9 @@ def _spread(campaign: Campaign) -> Integers:
     """Take as many samples from each artefact, evenly."""
     indices = campaign.poses.artefacts
     each = -(-_FIRST_POSES // len(campaign.artefacts))
-    chosen = []
-    for index in np.unique(indices):
-        mine = np.flatnonzero(indices == index)
-        places = np.linspace(0, len(mine) - 1, min(each, len(mine)))
-        chosen.append(mine[places.astype(np.int64)])
+    chosen = [
+        evenly(np.flatnonzero(indices == index), each) for index in np.unique(indices)
+    ]
     return np.sort(np.concatenate(chosen))
 
 

@@ -21,9 +21,12 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.candidate_scores import is_beyond_library
-from traverse.lab.diagnosis.candidates.harmonics import HIGHEST_HARMONIC, harmonic_bank
+from traverse.lab.diagnosis.candidates.waves import HIGHEST_HARMONIC, harmonic_bank
 from traverse.lab.diagnosis.model.candidate import Candidate
-from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+from traverse.lab.diagnosis.model.observation_equations import (
+    LEAST_EFFECT,
+    ObservationEquations,
+)
 from traverse.lab.diagnosis.scans.decimation import undecimated_network
 from traverse.lab.identification.equations.network import (
     Network,
@@ -34,8 +37,6 @@ from traverse.lab.identification.equations.network import (
 )
 from traverse.lab.identification.solve.adjustment import certified
 
-# Combinations of unknowns that move the thinned data by less do not count.
-_LEAST_EFFECT = 0.02
 # What unknowns leave of a harmonic, of its square, below which it is undetectable.
 _LEAST_LEFT = 1e-6
 _ORDERS_NEARBY = 8
@@ -133,7 +134,7 @@ class _Sums:
 
 def _gathered(rows: ObservationEquations, network: Network, state: State) -> _Sums:
     _, values, right = np.linalg.svd(rows.columns, full_matrices=False)
-    kept = values > _LEAST_EFFECT
+    kept = values > LEAST_EFFECT
     directions = right[kept].T / values[kept]
     n_joints, n_seen = network.parameters.n_joints, directions.shape[1]
     sums = _Sums(

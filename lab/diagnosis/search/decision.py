@@ -21,12 +21,12 @@ from traverse.lab.diagnosis.candidates.scoring import (
 )
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.fit import Fit, fitted
-from traverse.lab.diagnosis.model.result import Alternative, DiagnosisOptions, Status
-from traverse.lab.diagnosis.model.serial_correlation import (
+from traverse.lab.diagnosis.model.observation_equations import (
     SerialCorrelation,
     is_serially_correlated,
     serial_correlation,
 )
+from traverse.lab.diagnosis.model.result import Alternative, DiagnosisOptions, Status
 from traverse.lab.diagnosis.model.terms import (
     AddedTerm,
     estimates_of,
@@ -276,7 +276,6 @@ class Decision:
 
     search: SearchState
     names: tuple[NamedTerm, ...]
-    start: Fit
 
 
 def decide(
@@ -310,7 +309,7 @@ def decide(
         search, names = _revised(
             forward_search(start, eligible, options, serial, progress), eligible
         )
-    return Decision(search, names, start)
+    return Decision(search, names)
 
 
 def _check(campaign: Campaign, start: Fit) -> None:

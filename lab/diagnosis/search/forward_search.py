@@ -31,13 +31,11 @@ from traverse.lab.diagnosis.model.candidate import (
 from traverse.lab.diagnosis.model.fit import Fit, fitted, with_effects
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
-    equations_of,
-)
-from traverse.lab.diagnosis.model.result import DiagnosisOptions
-from traverse.lab.diagnosis.model.serial_correlation import (
     SerialCorrelation,
+    equations_of,
     without_serial_noise,
 )
+from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.diagnosis.model.terms import AddedTerm
 from traverse.lab.diagnosis.search.outlier_recovery import recover_outliers
 

@@ -155,31 +155,31 @@ def _joint_covariance(adjustment: Adjustment) -> Floats:
     return covariance
 
 
-def _travel(network: Network) -> tuple[Floats, Floats]:
-    """Return lower and upper limits of joints [rad], (n_joints,) each.
+def _travel(network: Network) -> Floats:
+    """Return lower and upper limits of joints [rad], (2, n_joints).
 
     Their stops are unknown: visited postures are reachable. Only joints that
     hardly turned must turn more.
     """
-    poses = np.concatenate([station.poses for station in network.stations])
-    coverage = joint_coverage(network.campaign, poses)
+    coverage = joint_coverage(network.campaign, network.poses)
     wider = np.array([_WIDER_RAD if joint.hardly_turned else 0.0 for joint in coverage])
     least = np.array([joint.least_rad for joint in coverage])
     largest = np.array([joint.largest_rad for joint in coverage])
-    return least - wider, largest + wider
+    return np.stack([least - wider, largest + wider])
 
 
 def _candidates(adjustment: Adjustment) -> list[_Candidate]:
     network, state = adjustment.network, adjustment.state
     rng = np.random.default_rng(_SEED)
-    least, largest = _travel(network)
+    limits_rad = _travel(network)
     chosen = network.stations[:_MOST_ARTEFACTS]
     widths = [len(station.scales) for station in chosen]
     n_free = network.parameters.n_free
     offsets = n_free + np.concatenate([[0], np.cumsum(widths)])
     found = []
     for at, station in enumerate(chosen):
-        tries_rad = rng.uniform(least, largest, (_TRIES_AN_ARTEFACT, len(least)))
+        size = _TRIES_AN_ARTEFACT, network.parameters.n_joints
+        tries_rad = rng.uniform(limits_rad[0], limits_rad[1], size)
         features = rng.choice(station.touches.features, _TRIES_AN_ARTEFACT)
         lengths_mm = station.touches.lengths_mm
         touches = Touches(
@@ -196,13 +196,11 @@ def _candidates(adjustment: Adjustment) -> list[_Candidate]:
             touches,
             state.arm.geometry,
             tries_rad,
+            limits_rad=limits_rad,
         )
         reached_rad = came.angles_rad
-        good = came.is_touching & np.all(
-            (reached_rad >= least) & (reached_rad <= largest), axis=1
-        )
         rows = _rows(adjustment, at, reached_rad, touches)
-        for index in np.flatnonzero(good):
+        for index in np.flatnonzero(came.is_touching):
             full = np.zeros((rows.shape[1], int(offsets[-1])))
             full[:, :n_free] = rows[index, :, :n_free]
             full[:, offsets[at] : offsets[at + 1]] = rows[index, :, n_free:]
@@ -243,7 +241,7 @@ class TouchingPostures:
 
     Attributes:
         angles_rad: (n, n_joints).
-        is_touching: Whether the ball touches, (n,).
+        is_touching: Whether the ball touches, within the joints' limits, (n,).
     """
 
     angles_rad: Floats
@@ -257,10 +255,13 @@ def postures_touching(
     touches: Touches,
     geometry: Geometry,
     tries_rad: Floats,
+    *,
+    limits_rad: Floats,
 ) -> TouchingPostures:
     """Turn the joints until the ball touches the artefact, as far as possible.
 
-    From tries, (n, n_joints), one for each of n touches.
+    From tries, (n, n_joints), one for each of n touches. Limits are the smallest and
+    the largest readings, (2, n_joints).
     """
     angles_rad = tries_rad
     for _ in range(_STEPS):
@@ -275,4 +276,6 @@ def postures_touching(
     centres_mm = probe_centre(geometry, angles_rad)
     equations = artefact.equations(unknowns, centres_mm, touches)
     misses_mm = np.max(np.abs(equations.misclosures_mm), axis=1)
-    return TouchingPostures(angles_rad, equations, misses_mm < _REACHED_MM)
+    least_rad, largest_rad = limits_rad
+    within = np.all((angles_rad >= least_rad) & (angles_rad <= largest_rad), axis=1)
+    return TouchingPostures(angles_rad, equations, within & (misses_mm < _REACHED_MM))

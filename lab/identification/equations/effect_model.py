@@ -44,6 +44,12 @@ class EffectModel:
         """Make the effects of some sizes, (n_values,)."""
         return self.effects.with_values(values)
 
+    def coordinates(self, geometry: Geometry, index: int) -> slice:
+        """Find the coordinates of an effect among those of all."""
+        corrections = self.effects.corrections
+        sizes = [one.free_directions(geometry).shape[1] for one in corrections]
+        return slice(sum(sizes[:index]), sum(sizes[: index + 1]))
+
     def directions(self, geometry: Geometry) -> Floats:
         """Return how values move with coordinates, (n_values, n_coordinates)."""
         parts = [c.free_directions(geometry) for c in self.effects.corrections]
@@ -97,12 +103,10 @@ def effect_model(
         own = _coordinate_names(correction)
         prefix = built.name(correction)
         names += [f"{prefix}.{name}" for name in own]
-        sizes = plausible_values(correction, campaign)
-        kinds = tuple(key_unit(key.partition(".")[0]) for key in correction.parameters)
-        if len(own) != len(sizes):
-            sizes, kinds = (sizes[0],) * len(own), (kinds[0],) * len(own)
+        units += [key_unit(name.partition(".")[0]) for name in own]
+        # A vector about an axis has more components than freedoms, of one size.
+        sizes = plausible_values(correction, campaign)[: len(own)]
         tolerances += [_HOPELESS * size for size in sizes]
-        units += kinds
     model = EffectModel(
         effects=built,
         names=tuple(names),

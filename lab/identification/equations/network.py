@@ -106,6 +106,17 @@ class Network:
         """The number of condition equations."""
         return sum(station.n_rows for station in self.stations)
 
+    @property
+    def poses(self) -> Integers:
+        """The campaign's poses that take part, station by station."""
+        none = np.empty(0, dtype=np.int64)
+        return np.concatenate([none, *(station.poses for station in self.stations)])
+
+    @property
+    def included(self) -> Booleans:
+        """Which of the campaign's poses take part, (n_poses,)."""
+        return np.isin(np.arange(len(self.campaign.poses)), self.poses)
+
 
 def stations(
     campaign: Campaign, radius_mm: float, included: Booleans
@@ -272,6 +283,12 @@ class WhiteRows:
     corrections: Floats
 
 
+def evenly(rows: Integers, most: int) -> Integers:
+    """Take so many at most, from the first to the last."""
+    places = np.linspace(0, len(rows) - 1, min(len(rows), most))
+    return rows[places.astype(np.int64)]
+
+
 def start_state(network: Network, arm: ArmValues) -> State:
     """Find every station's unknowns in closed form from an arm.
 
@@ -279,9 +296,7 @@ def start_state(network: Network, arm: ArmValues) -> State:
     """
     unknowns = []
     for station in network.stations:
-        n_poses = len(station.poses)
-        chosen = np.linspace(0, n_poses - 1, min(n_poses, _START_POSES))
-        few = station.part(chosen.astype(np.int64))
+        few = station.part(evenly(np.arange(len(station.poses)), _START_POSES))
         centres_mm = station_centres(network, few, arm)
         unknowns.append(station.artefact.start(centres_mm, few.touches))
     n_corrected = network.parameters.n_joints + 3

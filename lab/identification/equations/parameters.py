@@ -243,42 +243,36 @@ def arm_parameters(
 
     Effects are held at their values, until they are freed.
     """
-    joints = [
-        f"{name}.{what}.{component}"
-        for name in joint_names
-        for what in ("axis", "link")
-        for component in "vw"
+    of_joints = (
+        ("axis", "rad", AXIS_TOLERANCE_RAD),
+        ("link", "mm", LINK_TOLERANCE_MM),
+    )
+    # Name, unit, tolerance, whether it is free.
+    table: list[tuple[str, str, float, bool]] = [
+        *(
+            (f"{name}.{what}.{component}", unit, tolerance, True)
+            for name in joint_names
+            for what, unit, tolerance in of_joints
+            for component in "vw"
+        ),
+        *((f"origin.{axis}", "mm", ORIGIN_TOLERANCE_MM, False) for axis in "xyz"),
+        *((f"probe.vector.{axis}", "mm", LINK_TOLERANCE_MM, False) for axis in "xyz"),
+        *((f"{name}.zero", "rad", ZERO_TOLERANCE_RAD, False) for name in joint_names),
+        *(
+            (f"tool.{name}.{axis}", "mm", ORIGIN_TOLERANCE_MM, True)
+            for name in tools
+            for axis in "xyz"
+        ),
     ]
-    rest = [f"{of}.{axis}" for of in ("origin", "probe.vector") for axis in "xyz"]
-    zeros = [f"{name}.zero" for name in joint_names]
-    n = len(joint_names)
-    tolerances = [
-        *([AXIS_TOLERANCE_RAD] * 2 + [LINK_TOLERANCE_MM] * 2) * n,
-        *[ORIGIN_TOLERANCE_MM] * 3,
-        *[LINK_TOLERANCE_MM] * 3,
-        *[ZERO_TOLERANCE_RAD] * n,
-        *[ORIGIN_TOLERANCE_MM] * (3 * len(tools)),
-    ]
-    vectors = [f"tool.{name}.{axis}" for name in tools for axis in "xyz"]
-    free = np.ones(len(tolerances), dtype=np.bool_)
-    free[4 * n : 5 * n + 6] = False
     if effects is not None:
-        tolerances += effects.tolerances.tolist()
-        free = np.append(free, np.zeros(len(effects.names), dtype=np.bool_))
+        columns = effects.names, effects.units, effects.tolerances.tolist()
+        table += [(*row, False) for row in zip(*columns, strict=True)]
+    names, units, tolerances, free = zip(*table, strict=True)
     return Parameters(
-        names=(
-            *(*joints, *rest, *zeros, *vectors),
-            *(() if effects is None else effects.names),
-        ),
-        units=(
-            *(["rad"] * 2 + ["mm"] * 2) * n,
-            *["mm"] * 6,
-            *["rad"] * n,
-            *["mm"] * len(vectors),
-            *(() if effects is None else effects.units),
-        ),
+        names=names,
+        units=units,
         tolerances=np.array(tolerances),
-        free=free,
+        free=np.array(free),
         smallest=tuple(int(at) for at in np.argmin(np.abs(geometry.axes), axis=1)),
         effects=effects,
         n_tools=len(tools),

@@ -35,8 +35,7 @@ def posture_columns(network: Network, arm: ArmValues) -> tuple[Floats, Floats]:
 
     Effects are left out: their columns need more than a posture.
     """
-    poses = np.concatenate([station.poses for station in network.stations])
-    angles_rad = network.campaign.poses.angles_rad[poses]
+    angles_rad = network.campaign.poses.angles_rad[network.poses]
     rng = np.random.default_rng(_SEED)
     least, largest = angles_rad.min(axis=0), angles_rad.max(axis=0)
     wider_rad = np.maximum(0.5 * (_LEAST_RANGE_RAD - (largest - least)), 0.0)
@@ -48,6 +47,6 @@ def posture_columns(network: Network, arm: ArmValues) -> tuple[Floats, Floats]:
     geometric = parameters.of_geometry()
     columns = np.zeros((_N_POSTURES, 3, parameters.n_free))
     columns[:, :, : geometric.n_free] = geometric.columns(
-        arm, derivatives, network.campaign.poses.part(poses[:0])
+        arm, derivatives, network.campaign.poses.part(slice(0))
     )
     return columns, derivatives.centres_mm

@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, write_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
+from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.results.result import (
     ArtefactResult,
     CartesianCovariance,
@@ -32,8 +34,6 @@ IDENTIFICATION_FILES = (
     "residuals.csv",
     "report.html",
 )
-
-_BLOCK_ROWS = 10_000
 
 
 def write_result(
@@ -206,38 +206,42 @@ def write_covariance(cartesian: CartesianCovariance, path: Path) -> str:
 def _write_residuals(result: Identification, path: Path) -> None:
     """Write one line a pose: misclosures, tests, corrections of the readings."""
     campaign, found = result.campaign, result.statistics
-    poses = campaign.poses
     header = [
-        "line",
-        "artefact",
-        "feature",
-        "w1_mm",
-        "w2_mm",
-        "w3_mm",
-        "w",
-        "controllability",
-        "detectable_mm",
+        *("w1_mm", "w2_mm", "w3_mm", "w", "controllability", "detectable_mm"),
         "excluded",
         *(f"{name}_correction_rad" for name in campaign.joint_names),
     ]
     columns = (found.misclosures_mm, found.w, found.controllability)
     numbers = np.column_stack([*columns, found.detectable_mm])
+    excluded = (~result.included).astype(int)
+    write_poses(
+        path,
+        campaign,
+        header,
+        lambda at: [
+            *texts(numbers[at]),
+            str(excluded[at]),
+            *texts(found.corrections_rad[at]),
+        ],
+    )
+
+
+def write_poses(
+    path: Path,
+    campaign: Campaign,
+    header: Sequence[str],
+    cells: Callable[[int], list[str]],
+) -> None:
+    """Write a CSV table of a campaign's poses: what was touched, and further cells."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        for first in range(0, len(poses), _BLOCK_ROWS):
-            rows = range(first, min(first + _BLOCK_ROWS, len(poses)))
-            writer.writerows(
-                [
-                    int(poses.lines[at]),
-                    *campaign.touched_cells(at),
-                    *_texts(numbers[at]),
-                    int(not result.included[at]),
-                    *_texts(found.corrections_rad[at]),
-                ]
-                for at in rows
-            )
+        writer.writerow(["line", "artefact", "feature", *header])
+        writer.writerows(
+            [line, *campaign.touched_cells(at), *cells(at)]
+            for at, line in enumerate(campaign.poses.lines.tolist())
+        )
 
 
-def _texts(numbers: Floats) -> list[str]:
+def texts(numbers: Floats) -> list[str]:
+    """Write numbers as cells, empty for NaN."""
     return ["" if np.isnan(number) else f"{number:.6g}" for number in numbers]

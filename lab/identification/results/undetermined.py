@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from traverse.arrays import Floats, Integers
+from traverse.arrays import Floats
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.identification.design.optimal_design import (
     JointCoverage,
@@ -81,7 +81,7 @@ def undetermined_directions(adjustment: Adjustment) -> tuple[Undetermined, ...]:
     ]
     # The adjustment holds the scale by decree, as the last direction.
     rest = rest[: len(rest) - len(scale)]
-    coverage = joint_coverage(network.campaign, _poses(network))
+    coverage = joint_coverage(network.campaign, network.poses)
     for direction in _sparse(rest):
         why = _reason(network, geometry, coverage, direction)
         found.append(Undetermined(named(network.parameters, direction), why))
@@ -93,7 +93,7 @@ def weak_directions(adjustment: Adjustment, factor: float) -> tuple[Weak, ...]:
     network, parts = adjustment.network, adjustment.split
     geometry = adjustment.state.arm.geometry
     sigma0 = float(np.sqrt(factor))
-    coverage = joint_coverage(network.campaign, _poses(network))
+    coverage = joint_coverage(network.campaign, network.poses)
     stds = sigma0 / parts.values[: parts.n_determined]
     directions = parts.directions[: parts.n_determined]
     if len(stds) == 0:
@@ -114,10 +114,6 @@ def weak_directions(adjustment: Adjustment, factor: float) -> tuple[Weak, ...]:
             directions[weak], stds[weak], effects_mm[weak], strict=True
         )
     )
-
-
-def _poses(network: Network) -> Integers:
-    return np.concatenate([station.poses for station in network.stations])
 
 
 def _sparse(rows: Floats) -> Floats:
@@ -179,7 +175,7 @@ def _reason(
         return "the probe vector does the same as the last links: hold one of them"
     least = min(coverage, key=lambda entry: entry.travel_rad)
     return (
-        f"the {len(_poses(network))} poses do not tell these apart (least travel: "
+        f"the {len(network.poses)} poses do not tell these apart (least travel: "
         f"{least.joint}, {np.degrees(least.travel_rad):.0f} degrees); measure more "
         "and more varied postures"
     )

@@ -121,9 +121,7 @@ def iterate(
         iterations.extend(found.iterations)
         return found, pose_statistics(found)
 
-    eligible = np.zeros(len(campaign.poses), dtype=np.bool_)
-    for station in network.stations:
-        eligible[station.poses] = True
+    eligible = network.included
     staying = np.zeros_like(eligible) if staying is None else eligible & staying
     included = eligible if first is None else eligible & first | staying
     adjustment, found = without(included, design)
@@ -143,7 +141,7 @@ def iterate(
         )
         n_changed, going_on = 0, included
         if options.snooping:
-            tests = snoop(
+            following, critical = snoop(
                 adjustment,
                 found,
                 included,
@@ -152,8 +150,7 @@ def iterate(
                 noise_known=not variances.estimates,
                 radius_mm=radius_mm,
             )
-            critical = tests.critical * tests.scale
-            going_on = tests.included | staying
+            going_on = following | staying
             n_changed = int(np.count_nonzero(going_on != included))
         n_bad += not adjustment.converged
         if (change < _NOISE_SETTLED and n_changed == 0) or n_bad == _MOST_BAD:

@@ -201,21 +201,6 @@ _NEAR_THE_WORST = 0.4
 _LEAST_PART = 0.5
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SnoopingResult:
-    """One round of tests.
-
-    Attributes:
-        included: Included poses, (n_poses,).
-        critical: |w| above which a pose is excluded.
-        scale: Robust a-posteriori standard deviation of unit weight.
-    """
-
-    included: Booleans
-    critical: float
-    scale: float
-
-
 def snoop(
     adjustment: Adjustment,
     found: PoseStatistics,
@@ -225,9 +210,10 @@ def snoop(
     family_level: float,
     noise_known: bool,
     radius_mm: float,
-) -> SnoopingResult:
+) -> tuple[Booleans, float]:
     """Decide who of the eligible poses takes part in the next adjustment, (n_poses,).
 
+    And the |w| above which a pose is excluded.
     A campaign without blunders loses any pose with the probability of the family. Where
     the noise is known the test is that of w, else that of tau.
     """
@@ -252,7 +238,7 @@ def snoop(
         others = stations(network.campaign, radius_mm, outside)
         theirs = statistics_of_excluded(adjustment, others).w / scale
         back = outside & (np.nan_to_num(theirs, nan=np.inf) < returning)
-    return SnoopingResult((included & ~leaving) | back, critical, scale)
+    return (included & ~leaving) | back, critical * scale
 
 
 def robust_scale(found: PoseStatistics) -> float:

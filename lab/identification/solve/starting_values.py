@@ -23,6 +23,7 @@ from traverse.lab.identification.equations.network import (
     Network,
     Noise,
     State,
+    evenly,
     misclosures_mm,
     network_of,
     start_state,
@@ -118,8 +119,7 @@ def _coarse_network(
     each = max(_MOST_POSES // len(campaign.artefacts), 12)
     for index in range(len(campaign.artefacts)):
         mine = np.flatnonzero(campaign.poses.artefacts == index)
-        chosen = np.linspace(0, len(mine) - 1, min(each, len(mine)))
-        included[mine[chosen.astype(np.int64)]] = True
+        included[evenly(mine, each)] = True
     n = parameters.n_joints
     free = parameters.free.copy()
     free[: 4 * n - 2] = False
@@ -177,5 +177,4 @@ def _sizes(network: Network, state: State) -> Floats:
 
 
 def _scale(network: Network, sizes: Floats) -> float:
-    poses = np.concatenate([station.poses for station in network.stations])
-    return max(float(np.median(sizes[poses])) / 0.8, 1e-12)
+    return max(float(np.median(sizes[network.poses])) / 0.8, 1e-12)

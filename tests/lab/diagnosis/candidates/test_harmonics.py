@@ -4,8 +4,8 @@ import numpy as np
 
 from tests.lab.diagnosis.candidates.test_library import chosen
 from tests.lab.diagnosis.fitted_rows import measured, measured_rows, serial_rows
-from traverse.lab.diagnosis.candidates.harmonics import HIGHEST_HARMONIC, harmonic_bank
 from traverse.lab.diagnosis.candidates.library import library_bank
+from traverse.lab.diagnosis.candidates.waves import HIGHEST_HARMONIC, harmonic_bank
 
 JOINTS = [f"J{k}" for k in range(1, 8)]
 

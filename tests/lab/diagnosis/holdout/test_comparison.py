@@ -10,7 +10,6 @@ from tests.lab.diagnosis.fitted_rows import measured
 from tests.lab.simulated import PROBE_RADIUS_MM
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.holdout.comparison import (
-    closed,
     compare_on_holdout,
     find_misfit,
     held_out_blunders,
@@ -21,6 +20,7 @@ from traverse.lab.diagnosis.holdout.comparison import (
 from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted, with_effects
 from traverse.lab.diagnosis.model.observation_equations import equations_of
+from traverse.lab.diagnosis.model.result import closed
 from traverse.lab.identification.equations.network import Noise, stations, white_rows
 
 ECCENTRIC = effect_from_table(
@@ -155,7 +155,8 @@ def test_blunders_are_counted_and_left_out_only_beside():
     assert rest.n_poses == np.count_nonzero(held_out) - 2
     assert rest.without_blunders is None
     assert rest.rms_mm < gap.after.rms_mm
-    assert gap.closed_without_blunders == pytest.approx(1.0, abs=0.2)
+    part = closed(gap.before.without_blunders.chi2, rest.chi2, rest.n)
+    assert part == pytest.approx(1.0, abs=0.2)
     assert find_misfit(after, held_out, blunders, PROBE_RADIUS_MM) is None
 
 

@@ -15,9 +15,9 @@ from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import judge, project
 from traverse.lab.diagnosis.model.candidate import BankName
 from traverse.lab.diagnosis.model.fit import fitted, with_effects
-from traverse.lab.diagnosis.model.observation_equations import equations_of
-from traverse.lab.diagnosis.model.serial_correlation import (
+from traverse.lab.diagnosis.model.observation_equations import (
     SerialCorrelation,
+    equations_of,
     without_serial_noise,
 )
 from traverse.lab.diagnosis.model.terms import estimates_of, rows_without

@@ -142,7 +142,9 @@ def test_a_p_value_below_all_numbers_is_zero_beside_its_logarithm():
 
 def test_a_gap_that_cannot_be_told_is_null():
     found = eccentric()
-    untold = replace(found, gap=replace(found.gap, closed=None))
+    untold = replace(
+        found, gap=replace(found.gap, before=replace(found.gap.before, chi2=1.0))
+    )
     assert diagnosis_json(untold)["gap"]["closed"] is None
 
 

@@ -10,7 +10,8 @@ from tests.lab.diagnosis.report.test_words import DETECTABLE, candidate
 from tests.lab.report.pages import Page
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.model.result import Estimate
-from traverse.lab.diagnosis.report import plots_of, report_page
+from traverse.lab.diagnosis.report.page import report_page
+from traverse.lab.diagnosis.report.pictures import plots_of
 from traverse.lab.diagnosis.report.term_curve import term_curve
 from traverse.lab.report.figures import binned
 

@@ -13,9 +13,9 @@ from traverse.cli.__main__ import app
 from traverse.kinematics.arm_file.arm import effect_from_table, read_arm
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.lab.campaign.stream_table import senses_of, speeds_of, stretches_of
-from traverse.lab.diagnosis.candidates.harmonics import harmonic_bank
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import judge, project
+from traverse.lab.diagnosis.candidates.waves import harmonic_bank
 from traverse.lab.diagnosis.model.fit import fitted
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.diagnosis.model.result import DiagnosisOptions

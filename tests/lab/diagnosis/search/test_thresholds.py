@@ -11,7 +11,7 @@ from tests.lab.diagnosis.fitted_rows import measured, measured_rows
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import project
 from traverse.lab.diagnosis.candidates.steps import scan_steps
-from traverse.lab.diagnosis.model.serial_correlation import (
+from traverse.lab.diagnosis.model.observation_equations import (
     SerialCorrelation,
     is_serially_correlated,
     serial_correlation,
