@@ -21,7 +21,12 @@ from traverse.lab.diagnosis.holdout.comparison import (
 from traverse.lab.diagnosis.holdout.holdout import SPLITS
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 from traverse.lab.diagnosis.model.covariates import outlier_cluster
-from traverse.lab.diagnosis.model.fit import Fit, with_tools_begun
+from traverse.lab.diagnosis.model.fit import (
+    Fit,
+    estimates_of,
+    has_epoch,
+    with_tools_begun,
+)
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     SerialCorrelation,
@@ -40,7 +45,6 @@ from traverse.lab.diagnosis.model.result import (
     Term,
     Verdict,
 )
-from traverse.lab.diagnosis.model.terms import estimates_of, has_epoch
 from traverse.lab.diagnosis.search.decision import Decision, NamedTerm, decide
 from traverse.lab.diagnosis.search.forward_search import (
     Progress,

@@ -8,10 +8,6 @@ from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.design.optimal_design import (
-    joint_coverage,
-    most_helpful_poses,
-)
 from traverse.lab.identification.equations.datum import with_datum
 from traverse.lab.identification.equations.effect_model import effect_model
 from traverse.lab.identification.equations.network import (
@@ -25,6 +21,10 @@ from traverse.lab.identification.equations.parameters import (
     Parameters,
     arm_parameters,
     masked,
+)
+from traverse.lab.identification.optimal_design import (
+    joint_coverage,
+    most_helpful_poses,
 )
 from traverse.lab.identification.results.postprocessing import (
     arm_of_adjustment,
@@ -40,21 +40,22 @@ from traverse.lab.identification.results.undetermined import (
     undetermined_directions,
     weak_directions,
 )
-from traverse.lab.identification.solve.adjustment import MOST_ITERATIONS, Progress
-from traverse.lab.identification.solve.certificate_test import (
-    Contradiction,
-    lost_poses,
-    without_wrong_certificates,
+from traverse.lab.identification.solve.adjustment import (
+    MOST_ITERATIONS,
+    Progress,
+    adjust,
 )
-from traverse.lab.identification.solve.excluded_clusters import (
+from traverse.lab.identification.solve.contradictions import (
+    Contradiction,
     ExcludedCluster,
+    lost_poses,
     with_clusters_back,
+    without_wrong_certificates,
 )
 from traverse.lab.identification.solve.iterative_adjustment import (
     IteratedAdjustment,
     Options,
     iterate,
-    with_stream_weights,
 )
 from traverse.lab.identification.solve.noise import VarianceModel, serial_noise
 from traverse.lab.identification.solve.starting_values import (
@@ -144,7 +145,11 @@ def identify(
     sigma0, redundancy, shared = alone.sigma0, alone.redundancy, 1.0
     if campaign.is_stream:
         serial = serial_noise(alone)
-        adjustment = with_stream_weights(alone, serial, design, progress)
+        # Samples weigh what they say together; certificates keep their weight: a
+        # standard is as uncertain as it was.
+        weights = alone.network.weights / serial.samples_per_mean
+        network = replace(alone.network, weights=weights)
+        adjustment = adjust(network, alone.state, design, progress)
         iterations = (*iterations, *adjustment.iterations)
         redundancy, shared = serial.redundancy, serial.samples_per_square
         sigma0 = float(np.sqrt(alone.system.sum_of_squares / max(redundancy, 1)))

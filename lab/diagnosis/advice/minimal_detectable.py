@@ -198,9 +198,8 @@ def _entry(
     candidate = one.candidate
     if not len(one.singular_values):
         return _unseen(candidate, reason(rows, candidate, moved))
-    key = candidate.parameters[0].partition(".")[0]
-    worst, best = (float(size) for size in sizes)
-    return Detectable(candidate, key, worst, best, key_unit(key), probe_mm, "")
+    worst, best = sizes.tolist()
+    return replace(_unseen(candidate, ""), minimum=worst, best=best, probe_mm=probe_mm)
 
 
 def _unseen(candidate: Candidate, why: str) -> Detectable:

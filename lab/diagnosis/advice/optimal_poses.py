@@ -24,17 +24,18 @@ from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.steps import step_columns
 from traverse.lab.diagnosis.candidates.waves import harmonic_bank, wave_columns
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.model.fit import rows_without
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
+    rows_by_pose,
 )
-from traverse.lab.diagnosis.model.terms import rows_without
-from traverse.lab.identification.design.optimal_design import postures_touching
 from traverse.lab.identification.equations.network import (
     State,
     station_centres,
     stations,
 )
+from traverse.lab.identification.optimal_design import postures_touching
 from traverse.lab.identification.solve.adjustment import Adjustment, adjust
 
 
@@ -168,21 +169,13 @@ def experiment(
     wider_rad: Floats | float = 0.0,
     n_most: int = 40,
 ) -> Experiment | None:
-    """Choose poses on the campaign's artefacts.
+    """Choose poses on the campaign's artefacts; None: an effect has no columns there.
 
-    Args:
-        effects: What is there, and then what is to be excluded.
-        amplitudes: Of the first, in the unit of its keys, (n_columns,).
-        rows: Of a fit.
-        arm: For the columns of effects.
-        gains: By how much each Delta is to grow.
-        index: Of the first effect among those of the fit's arm, if it is one.
-        wider_rad: By how much joints may go beyond what they have travelled,
-            (n_joints,) or one number.
-        n_most: Poses at most.
-
-    Returns:
-        None where an effect has no columns at other poses.
+    The first of the effects is there, with its amplitudes in the unit of its keys,
+    (n_columns,), and the others are to be excluded: each Delta is to grow by its gain.
+    Index is that of the first one among the effects of the fit's arm, if it is one.
+    Joints may go beyond what they have travelled by as much as is given, (n_joints,)
+    or one number.
     """
     adjustment = rows.adjustment
     n_tries = _MOST_CONTACTS // len(adjustment.network.stations)
@@ -272,16 +265,8 @@ class _Contest:
         left = own[measured] - columns[measured] @ self._best
         self.separations = [float(own[measured] @ left)]
         self._gain = gain
-        # Three rows a pose: those of surfaces are filled up with zeros.
-        rows = np.flatnonzero(~measured)
-        rows = rows[np.argsort(numbers[rows], kind="stable")]
-        poses = numbers[rows]
-        within = np.arange(len(rows)) - np.searchsorted(poses, poses)
-        n_poses = int(poses.max(initial=-1)) + 1
-        self._columns = np.zeros((n_poses, 3, columns.shape[1]))
-        self._columns[poses, within] = columns[rows]
-        self._own = np.zeros((n_poses, 3))
-        self._own[poses, within] = own[rows]
+        self._columns = rows_by_pose(numbers, columns)
+        self._own = rows_by_pose(numbers, own)
 
     @property
     def lacking(self) -> float:

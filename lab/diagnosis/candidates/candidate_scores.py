@@ -21,7 +21,7 @@ from traverse.lab.diagnosis.candidates.waves import (
     periodograms,
     transmission_bank,
 )
-from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
+from traverse.lab.diagnosis.model.candidate import Bank, BankName
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
 
@@ -50,7 +50,7 @@ def score_candidates(rows: ObservationEquations, arm: Arm) -> CandidateScores:
         {
             BankName.LIBRARY: library_bank(rows, arm),
             BankName.GENERIC: generic_bank(rows),
-            BankName.HARMONIC: without_library_orders(harmonic_bank(rows)),
+            BankName.HARMONIC: harmonic_bank(rows, HIGHEST_ORDER + 1),
         },
     )
 
@@ -77,19 +77,3 @@ def score_banks(
     return CandidateScores(
         rows, MappingProxyType(dict(banks)), MappingProxyType(findings), scans, waves
     )
-
-
-def without_library_orders(bank: Bank) -> Bank:
-    """Leave out harmonics that the library has too."""
-    kept = [at for at, one in enumerate(bank.candidates) if is_beyond_library(one)]
-    slices = bank.slices
-    columns = [bank.columns[:, slices[at]] for at in kept]
-    return Bank(
-        tuple(bank.candidates[at] for at in kept),
-        np.concatenate(columns, axis=1) if columns else bank.columns[:, :0],
-    )
-
-
-def is_beyond_library(candidate: Candidate) -> bool:
-    """Return whether a harmonic is only in the bank of harmonics."""
-    return (candidate.order or 0) > HIGHEST_ORDER

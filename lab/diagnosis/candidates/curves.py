@@ -38,11 +38,9 @@ def generic_bank(rows: ObservationEquations) -> Bank:
     A joint's angle is curved over all readings, time, temperature and force, and over
     the joint's own temperature and speed; over its own reading once more with finer
     knots. Two tilts of its axis and three shifts of its origin are curved over its own
-    reading, time and temperature; the base over time and temperature.
-
-    Returns:
-        Columns in units of 1e-5 rad or 0.01 mm at a knot, less their mean over the
-        poses that take part, whitened, (n_rows, n_columns).
+    reading, time and temperature; the base over time and temperature. Columns are in
+    units of 1e-5 rad or 0.01 mm at a knot, less their mean over the poses that take
+    part, whitened, (n_rows, n_columns).
     """
     joints = rows.adjustment.network.campaign.joint_names
     by_tilts, by_shifts = _by_carriers(rows)
@@ -116,9 +114,8 @@ def _products(directions: Floats, curves: Floats) -> Floats:
 def _by_carriers(rows: ObservationEquations) -> tuple[Floats, Floats]:
     """How rows change where a joint's carrier tilts by 1 rad or shifts by 1 mm.
 
-    Returns:
-        Tilts about v and w across the axis, (n_rows, n_joints, 2), and shifts of the
-        joint's origin along v, w and u, (n_rows, n_joints, 3).
+    It tilts about v and w across the axis, (n_rows, n_joints, 2), and shifts with the
+    joint's origin along v, w and u, (n_rows, n_joints, 3).
     """
     both = rows.each_tool(
         lambda geometry, at: _carried(geometry, rows.angles_rad(geometry, at))

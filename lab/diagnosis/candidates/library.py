@@ -5,13 +5,13 @@ Left out are steps, whose moments are scanned (`steps`), and curves without a na
 column does not vary, is reported with the reason.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind
+from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects import EFFECTS
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.base.bodies import bodies_from_arm
@@ -51,10 +51,8 @@ def library_bank(rows: ObservationEquations, arm: Arm) -> Bank:
     """Compute the columns of all effects that the campaign can speak about.
 
     At the estimates of the fit, its effects applied; of the arm only masses, reference
-    temperature and joint names are looked at.
-
-    Returns:
-        Columns in units of plausible amplitudes, whitened, (n_rows, n_columns).
+    temperature and joint names are looked at. Columns are whitened, in units of
+    plausible amplitudes, (n_rows, n_columns).
     """
     entries = [entry for entry in _entries(rows, arm) if entry.reason is None]
     moving = [e.correction for e in entries if e.candidate.artefact is None]
@@ -123,14 +121,20 @@ def _entries(rows: ObservationEquations, arm: Arm) -> list[_Entry]:
 def _candidates(rows: ObservationEquations) -> Iterator[Candidate]:
     """Go through the whole library, without scales."""
     listed = {k: row for k, row in EFFECT_KINDS.items() if row.bank == "library"}
-    waves = sorted(_waves(listed))
+    # Sorted, orders up to the highest alternate between kinds.
+    waves = sorted(
+        (number, order, at, kind, component)
+        for at, (kind, row) in enumerate(listed.items())
+        if row.has_order
+        for number, component in enumerate(tuple(row.components) or (None,))
+        for order in range(row.least_order(component), HIGHEST_ORDER + 1)
+    )
     for joint in rows.adjustment.network.campaign.joint_names:
         for kind, row in listed.items():
             if row.joint != "absent" and not row.has_order:
                 yield candidate_of_kind(BankName.LIBRARY, kind, joint, {})
-        for _, order, at, component in waves:
+        for _, order, _, kind, component in waves:
             fixed = {"component": component, "order": order}
-            kind = list(listed)[at]
             yield candidate_of_kind(BankName.LIBRARY, kind, joint, fixed)
     artefacts = dict.fromkeys(of for _, of, _ in rows.certificates)
     for kind, row in sorted(listed.items(), key=lambda item: item[1].joint == "absent"):
@@ -139,21 +143,6 @@ def _candidates(rows: ObservationEquations) -> Iterator[Candidate]:
             for artefact in named:
                 fixed = {"artefact": artefact}
                 yield candidate_of_kind(BankName.LIBRARY, kind, None, fixed)
-
-
-def _waves(
-    listed: Mapping[str, EffectKind],
-) -> Iterator[tuple[int, int, int, str | None]]:
-    """Go through kinds with orders: number of the component, order, which, component.
-
-    Sorted, orders up to the highest alternate between kinds.
-    """
-    for at, row in enumerate(listed.values()):
-        if row.has_order:
-            components = tuple(row.components) or (None,)
-            for number, component in enumerate(components):
-                for order in range(row.least_order(component), HIGHEST_ORDER + 1):
-                    yield number, order, at, component
 
 
 def _silence(rows: ObservationEquations, correction: Correction) -> str | None:

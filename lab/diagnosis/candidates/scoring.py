@@ -144,14 +144,9 @@ def log_evidences(
         log BF(k) = - r/2 log(1 - S/T_0) - 1/2 sum log(1 + k^2 s^2),
         S = sum k^2 s^2 / (1 + k^2 s^2) z^2
 
-    Args:
-        along_squared: z^2, (..., n_directions), zero where there is none.
-        singular_squared: s^2, (..., n_directions), likewise.
-        total: T_0.
-        redundancy: r.
-
-    Returns:
-        (...,), the largest over the factors k less what an unusual k costs.
+    From z^2 and s^2, (..., n_directions) each, zero where there is none, the total T_0
+    and the redundancy r; the largest over the factors k less what an unusual k costs,
+    (...,).
     """
     best = np.full(along_squared.shape[:-1], -np.inf)
     for factor, cost in zip(_FACTORS, _FACTOR_PRIOR, strict=True):

@@ -12,9 +12,7 @@ L^-T v takes the place of v, and c^T R^-1 c is a running sum over pairs of poses
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import (  # type: ignore[import-untyped] # scipy ships no types
-    solve_triangular,
-)
+from scipy import linalg  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.effect_table import EFFECT_KINDS
@@ -60,7 +58,7 @@ class StepSums:
         whitened vectors, (n_rows, n_vectors).
         """
         if self.root is not None:
-            vectors = solve_triangular(self.root, vectors, lower=True, trans="T")
+            vectors = linalg.solve_triangular(self.root, vectors, lower=True, trans="T")
         vectors, pieces = vectors[self.order], pieces[self.order]
         found = np.empty((len(self.at_s), pieces.shape[1], vectors.shape[1]))
         for at, piece in enumerate(pieces.T):
@@ -121,7 +119,7 @@ def step_sums_of(rows: ObservationEquations) -> StepSums:
 def _inverse(root: Floats | None, order: Integers) -> Floats | None:
     if root is None:
         return None
-    whitener = solve_triangular(root, np.eye(len(root))[:, order], lower=True)
+    whitener = linalg.solve_triangular(root, np.eye(len(root))[:, order], lower=True)
     inverse: Floats = whitener.T @ whitener
     return inverse
 
@@ -199,9 +197,8 @@ class StepScan:
 def scan_steps(rows: ObservationEquations) -> tuple[StepScan, ...]:
     """Test a slip of every encoder, and a step of the base, at every gap.
 
-    Returns:
-        One scan a joint, with one column each, and one of the base, with three; none
-        where no two poses differ in time.
+    One scan a joint, with one column each, and one of the base, with three; none where
+    no two poses differ in time.
     """
     names = rows.adjustment.network.campaign.joint_names
     gaps = step_sums_of(rows)

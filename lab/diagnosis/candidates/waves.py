@@ -216,21 +216,19 @@ def _statistics(
 HIGHEST_HARMONIC = 60
 
 
-def harmonic_bank(rows: ObservationEquations) -> Bank:
+def harmonic_bank(rows: ObservationEquations, lowest_order: int = 1) -> Bank:
     """Compute cos and sin of order times the reading, for every joint and order.
 
-    Returns:
-        Two columns a candidate in units of plausible amplitudes, whitened, (n_rows,
-        2 * HIGHEST_HARMONIC * n_joints): joint by joint, from order 1, which is the
-        eccentricity, upwards.
+    Joint by joint, from the lowest order (1 is the eccentricity) upwards; whitened, in
+    units of plausible amplitudes, (n_rows, 2 * n_orders * n_joints).
     """
-    orders = np.arange(1, HIGHEST_HARMONIC + 1)
+    orders = np.arange(lowest_order, HIGHEST_HARMONIC + 1)
     candidates = tuple(
         _candidate(joint, order)
         for joint in rows.adjustment.network.campaign.joint_names
         for order in orders.tolist()
     )
-    scales = np.array([one.scales for one in candidates[:HIGHEST_HARMONIC]])
+    scales = np.array([one.scales for one in candidates[: len(orders)]])
     phases_rad = rows.block.angles_rad[:, :, np.newaxis] * orders
     waves = np.stack([np.cos(phases_rad), np.sin(phases_rad)], axis=3) * scales
     columns = rows.by_readings[:, :, np.newaxis, np.newaxis] * waves[rows.poses]

@@ -48,7 +48,6 @@ from traverse.lab.identification.solve.iterative_adjustment import Options
 from traverse.lab.identification.solve.reliability import (
     PoseStatistics,
     pose_statistics,
-    statistics_of_excluded,
 )
 from traverse.lab.identification.solve.sequential_qr import decide_rank
 from traverse.lab.statistics.distributions import (
@@ -80,7 +79,7 @@ def predicted(
     equally among its equations. NaN for all other poses.
     """
     chosen = stations(adjustment.network.campaign, radius_mm, poses)
-    found = statistics_of_excluded(adjustment, chosen)
+    found = pose_statistics(adjustment, chosen)
     known = {station.index for station in adjustment.network.stations}
     for station in chosen:
         if station.index not in known:
@@ -121,8 +120,7 @@ def _predictive(
 ) -> tuple[Floats, Floats]:
     """Whiten a station's equations and certificates by I + Y Y^T of the arm.
 
-    Returns:
-        Misclosures, (n,), and how they change with the unknowns, (n, n_unknowns).
+    Misclosures, (n,), and how they change with the unknowns, (n, n_unknowns).
     """
     network, arm = adjustment.network, adjustment.state.arm
     certificates = certified(network, station, arm, unknowns)

@@ -172,11 +172,9 @@ def effect_of_candidate(
 ) -> Effect:
     """Write a candidate down as an entry of the arm file.
 
-    Args:
-        candidate: Of the library or the harmonics, or a curve of a joint's angle.
-        values: Amplitude of each column in the unit of the keys, (n_columns,).
-        rows: Of the fit that the amplitudes belong to: directions across an axis are
-            those of its geometry, times count from the start of its campaign.
+    The values are amplitudes of its columns in the unit of the keys, (n_columns,). The
+    rows are of the fit that these belong to: directions across an axis are those of its
+    geometry, times count from the start of its campaign.
 
     Raises:
         ValueError: A curve that tilts or shifts a joint has no entry in an arm file.

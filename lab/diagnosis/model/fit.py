@@ -1,12 +1,22 @@
-"""Fits of the arm with terms: the geometry and all terms estimated together."""
+"""Fits of the arm with terms: all estimated together, and what each term explains."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from glob import escape
 
-from traverse.arrays import Booleans
+import numpy as np
+
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect
+from traverse.kinematics.effect_table import EFFECT_KINDS, key_unit
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.equations.effect_model import effect_model
+from traverse.lab.diagnosis.model.candidate import Candidate
+from traverse.lab.diagnosis.model.observation_equations import (
+    LEAST_EFFECT,
+    ObservationEquations,
+    orthonormal_basis,
+)
+from traverse.lab.diagnosis.model.result import Diagnosis, Estimate, Term
+from traverse.lab.identification.equations.effect_model import EffectModel, effect_model
 from traverse.lab.identification.equations.network import network_of
 from traverse.lab.identification.identify import prepared
 from traverse.lab.identification.results.postprocessing import arm_of_adjustment
@@ -90,3 +100,106 @@ def free_effects(campaign: Campaign, arm: Arm) -> tuple[str, ...]:
 def with_effects(arm: Arm, effects: tuple[Effect, ...]) -> Arm:
     """Give an arm other effects."""
     return arm.model_copy(update={"effects": effects})
+
+
+@dataclass(frozen=True, slots=True)
+class AddedTerm:
+    """A term in the model: as chosen, and its index among the effects."""
+
+    candidate: Candidate
+    index: int
+
+
+def rows_without(rows: ObservationEquations, index: int) -> ObservationEquations:
+    """Take an effect out of a fit, everything else linearised."""
+    model = _effects(rows)
+    coordinates = model.coordinates(rows.adjustment.state.arm.geometry, index)
+    amplitudes = rows.adjustment.state.arm.amplitudes
+    directions = model.directions(rows.adjustment.state.arm.geometry)
+    sizes = directions.T @ amplitudes
+    correction = model.effects.corrections[index]
+    moved = sizes[coordinates] / model.tolerances[coordinates]
+    phase = EFFECT_KINDS[correction.kind].phase
+    if phase is not None:  # its column is no size
+        moved[correction.parameters.index(phase)] = 0.0
+    own = _columns(rows, coordinates)
+    values = rows.values + rows.columns[:, own] @ moved
+    columns = np.delete(rows.columns, np.arange(own.start, own.stop), axis=1)
+    return replace(
+        rows, values=values, columns=columns, basis=orthonormal_basis(columns)
+    )
+
+
+def estimates_of(rows: ObservationEquations, index: int) -> dict[str, Estimate]:
+    """Return the values of an effect with their standard deviations.
+
+    From the rows, so that serially correlated noise is accounted for; the noise level
+    is that of the residuals.
+    """
+    amplitudes = rows.adjustment.state.arm.amplitudes
+    correction = _effects(rows).at(amplitudes).corrections[index]
+    covariance = _value_covariance(rows, index)
+    stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    as_stds = correction.with_values(stds).keys
+    return {
+        key: Estimate(value, as_stds[key], key_unit(key))
+        for key, value in correction.keys.items()
+    }
+
+
+def _value_covariance(rows: ObservationEquations, index: int) -> Floats:
+    model = _effects(rows)
+    coordinates = model.coordinates(rows.adjustment.state.arm.geometry, index)
+    own = _columns(rows, coordinates)
+    others = np.delete(rows.columns, np.arange(own.start, own.stop), axis=1)
+    basis = orthonormal_basis(others)
+    mine = rows.columns[:, own]
+    left = mine - basis @ (basis.T @ mine)
+    variance = rows.sum_of_squares / max(rows.redundancy, 1)
+    scales = model.tolerances[coordinates]
+    # What the data do not see of it, such as the mean of a curve, was not estimated.
+    squares, turns = np.linalg.eigh(left.T @ left)
+    seen = squares > LEAST_EFFECT**2
+    cofactors = (turns[:, seen] / squares[seen]) @ turns[:, seen].T
+    covariance = variance * scales[:, np.newaxis] * cofactors * scales
+    geometry = rows.adjustment.state.arm.geometry
+    directions = model.effects.corrections[index].free_directions(geometry)
+    found: Floats = directions @ covariance @ directions.T
+    return found
+
+
+def _effects(rows: ObservationEquations) -> EffectModel:
+    model = rows.adjustment.network.parameters.effects
+    if model is None:
+        raise ValueError("the fit has no effects")
+    return model
+
+
+def _columns(rows: ObservationEquations, coordinates: slice) -> slice:
+    """Find the columns of coordinates: all effects are free and last."""
+    first = rows.adjustment.network.parameters.n_free - len(_effects(rows).names)
+    return slice(first + coordinates.start, first + coordinates.stop)
+
+
+def has_epoch(effect: Effect, campaign: Campaign) -> bool:
+    """Return whether an effect's epoch is known, or not needed.
+
+    It is the campaign's start; a campaign need not say when it began.
+    """
+    is_bound_to_time = EFFECT_KINDS[effect.kind].effect_class == "A"
+    return not is_bound_to_time or campaign.start_utc is not None
+
+
+def terms_without_epoch(diagnosis: Diagnosis) -> tuple[Term, ...]:
+    """List accepted terms that cannot be written: bound to an unknown time.
+
+    The moment that such an effect counts from is the campaign's start; where the
+    campaign does not say when it began there is none.
+    """
+    return tuple(
+        term
+        for term in diagnosis.terms
+        if term.effect is not None
+        and term.accepted
+        and not has_epoch(term.effect, diagnosis.campaign)
+    )

@@ -23,9 +23,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import (  # type: ignore[import-untyped] # scipy ships no types
-    solve_triangular,
-)
+from scipy import linalg  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.effects.base.block import Block
@@ -149,7 +147,7 @@ class ObservationEquations:
         """Take serial correlation out of columns that do not know of it yet."""
         if self.root is None:
             return columns
-        found: Floats = solve_triangular(self.root, columns, lower=True)
+        found: Floats = linalg.solve_triangular(self.root, columns, lower=True)
         return found
 
     def project(self, columns: Floats) -> Floats:
@@ -327,6 +325,20 @@ def _order(rows: ObservationEquations) -> Integers:
     return numbers[rows.poses]
 
 
+def rows_by_pose(numbers: Integers, values: Floats) -> Floats:
+    """Sort rows by the number of their pose, below 0 none: (n_poses, 3, ...).
+
+    A pose has up to three rows, absent ones zero.
+    """
+    rows = np.flatnonzero(numbers >= 0)
+    rows = rows[np.argsort(numbers[rows], kind="stable")]
+    poses = numbers[rows]
+    within = np.arange(len(rows)) - np.searchsorted(poses, poses)
+    found = np.zeros((int(poses.max(initial=-1)) + 1, 3, *values.shape[1:]))
+    found[poses, within] = values[rows]
+    return found
+
+
 def _lagged(rows: ObservationEquations, residuals: Floats) -> tuple[Floats, Floats]:
     """Sum products of residuals, (n_rows, n_many), of poses some steps apart.
 
@@ -334,17 +346,8 @@ def _lagged(rows: ObservationEquations, residuals: Floats) -> tuple[Floats, Floa
     that common sources would give, and the sum of squares of K.
     """
     order = _order(rows)
-    seen = order >= 0
-    # Up to three rows a pose, absent ones zero.
-    n_poses = int(order.max()) + 1
-    places = np.flatnonzero(seen)[np.argsort(order[seen], kind="stable")]
-    pose = order[places]
-    first = np.searchsorted(pose, pose)
-    within = np.arange(len(pose)) - first
-    values = np.zeros((n_poses, 3, residuals.shape[1]))
-    sources = np.zeros((n_poses, 3, rows.sources.shape[1]))
-    values[pose, within] = residuals[places]
-    sources[pose, within] = rows.sources[places]
+    values, sources = rows_by_pose(order, residuals), rows_by_pose(order, rows.sources)
+    n_poses = len(values)
     products = np.zeros((_MOST_LAG, residuals.shape[1]))
     weights = np.zeros(_MOST_LAG)
     for lag in range(1, min(_MOST_LAG, n_poses - 1) + 1):

@@ -14,6 +14,7 @@ import numpy as np
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, parse_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.lab.diagnosis.model.candidate import Candidate
+from traverse.lab.diagnosis.model.fit import has_epoch, terms_without_epoch
 from traverse.lab.diagnosis.model.result import (
     Detectable,
     Diagnosis,
@@ -22,7 +23,6 @@ from traverse.lab.diagnosis.model.result import (
     Term,
     closed,
 )
-from traverse.lab.diagnosis.model.terms import has_epoch, terms_without_epoch
 from traverse.lab.diagnosis.report.discrepancies import write_discrepancies
 from traverse.lab.diagnosis.report.page import report_page
 from traverse.lab.diagnosis.report.pictures import plots_of
@@ -48,10 +48,8 @@ def write_diagnosis(
     """Write everything into a folder, which is made if need be.
 
     The comments of the source, the arm file that was diagnosed, are kept. Date and
-    provenance are by default those of now.
-
-    Returns:
-        The adapted arm as written, with its provenance.
+    provenance are by default those of now. Returns the adapted arm as written, with its
+    provenance.
     """
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)

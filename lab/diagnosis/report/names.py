@@ -77,10 +77,8 @@ def _range_text(covariate: str, low: float, high: float) -> str:
 
 def _unit(column: str) -> str:
     """Return the unit that a column's name ends with."""
-    ends = {"_rad": "rad", "_rad_s": "rad/s", "_c": "°C", "_s": "s", "_n": "N"}
-    return next(
-        (ends[end] for end in sorted(ends, key=len)[::-1] if column.endswith(end)), ""
-    )
+    ends = {"_rad_s": "rad/s", "_rad": "rad", "_c": "°C", "_s": "s", "_n": "N"}
+    return next((unit for end, unit in ends.items() if column.endswith(end)), "")
 
 
 def _covariate(column: str) -> str:

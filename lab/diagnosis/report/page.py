@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from traverse.lab.diagnosis.model.fit import terms_without_epoch
 from traverse.lab.diagnosis.model.result import Diagnosis, Estimate
-from traverse.lab.diagnosis.model.terms import terms_without_epoch
 from traverse.lab.diagnosis.report.names import (
     candidate_label,
     cluster_text,

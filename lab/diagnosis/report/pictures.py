@@ -34,20 +34,8 @@ _NOISY = 3.0
 _LONGEST_NAME = 44
 
 
-def ledger_picture(diagnosis: Diagnosis) -> bytes | None:
-    """Draw the gap after every term; None: no poses were kept aside."""
-    if diagnosis.gap.before.n == 0:
-        return None
-    height_mm = 22.0 + 9.0 * len(diagnosis.ledger)
-    return picture(180.0, height_mm, _paint_ledger, diagnosis)
-
-
-def term_picture(curve: TermCurve, shown: Booleans) -> bytes:
-    """Draw a term: what was left over before and after, and the term itself."""
-    return picture(180.0, 68.0, _paint_term, curve, shown)
-
-
 def _paint_ledger(figure: Figure, diagnosis: Diagnosis) -> None:
+    """Draw the gap after every term."""
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.0, 1.0))
     names = step_names(diagnosis)
     rows = np.arange(len(names))
@@ -88,6 +76,7 @@ def _write_values(axes: Axes, values: Floats, unit: str, right_points: float) ->
 
 
 def _paint_term(figure: Figure, curve: TermCurve, shown: Booleans) -> None:
+    """Draw a term: what was left over before and after, and the term itself."""
     left, right = figure.subplots(1, 2)
     x = curve.covariate.values
     seen = shown & np.isfinite(x) & np.isfinite(curve.stds)
@@ -159,31 +148,6 @@ _BEFORE = (VERMILION, "s", "before")
 _AFTER = (BLUE, "o", "after")
 
 
-def artefact_map(before: Discrepancies, after: Discrepancies, shown: Booleans) -> bytes:
-    """Draw all misclosures by artefact, before and after."""
-    n_rows = len(np.unique(before.campaign.poses.artefacts[shown]))
-    height_mm = 20.0 + 12.0 * n_rows
-    return picture(180.0, height_mm, _paint_artefacts, before, after, shown)
-
-
-def joint_map(before: Discrepancies, after: Discrepancies, shown: Booleans) -> bytes:
-    """Draw measured less simulated readings over each joint's angle."""
-    n_lines = -(-len(before.campaign.joint_names) // _PER_LINE)
-    height_mm = 10.0 + 38.0 * n_lines
-    return picture(190.0, height_mm, _paint_joints, before, after, shown)
-
-
-def condition_map(
-    before: Discrepancies, after: Discrepancies, shown: Booleans
-) -> bytes:
-    """Draw the size of the discrepancy over time, temperature, speed, direction."""
-    panels = tuple(conditions(before.campaign))
-    n_lines = -(-len(panels) // _PER_LINE)
-    sizes = before.sizes, after.sizes
-    height_mm = 10.0 + 40.0 * n_lines
-    return picture(190.0, height_mm, _paint_conditions, panels, sizes, shown)
-
-
 def conditions(campaign: Campaign) -> Iterator[tuple[str, Floats]]:
     """Go through what surrounds the poses and varies: label and values."""
     poses = campaign.poses
@@ -210,6 +174,7 @@ def conditions(campaign: Campaign) -> Iterator[tuple[str, Floats]]:
 def _paint_artefacts(
     figure: Figure, before: Discrepancies, after: Discrepancies, shown: Booleans
 ) -> None:
+    """Draw all misclosures by artefact, before and after."""
     axes = figure.subplots()
     campaign = before.campaign
     indices = np.unique(campaign.poses.artefacts[shown])
@@ -246,6 +211,7 @@ def _paint_artefacts(
 def _paint_joints(
     figure: Figure, before: Discrepancies, after: Discrepancies, shown: Booleans
 ) -> None:
+    """Draw measured less simulated readings over each joint's angle."""
     names = before.campaign.joint_names
     angles_deg = np.degrees(before.campaign.poses.angles_rad)
     for joint, axes in enumerate(_grid(figure, len(names))):
@@ -273,6 +239,7 @@ def _paint_conditions(
     sizes: tuple[Floats, Floats],
     shown: Booleans,
 ) -> None:
+    """Draw the size of the discrepancy over time, temperature, speed, direction."""
     grid = _grid(figure, len(panels))
     for number, ((label, values), axes) in enumerate(zip(panels, grid, strict=True)):
         axes.axhline(1.0, color=GREY, linewidth=0.7)
@@ -290,10 +257,13 @@ def _paint_conditions(
             axes.legend(loc="best")
 
 
+def _n_lines(count: int) -> int:
+    return -(-count // _PER_LINE)
+
+
 def _grid(figure: Figure, count: int) -> list[Axes]:
     """Lay out so many axes, three a line."""
-    n_lines = -(-count // _PER_LINE)
-    grid = figure.subplots(n_lines, min(count, _PER_LINE), squeeze=False)
+    grid = figure.subplots(_n_lines(count), min(count, _PER_LINE), squeeze=False)
     flat: list[Axes] = list(grid.ravel())
     for axes in flat[count:]:
         axes.set_visible(False)
@@ -326,15 +296,24 @@ def plots_of(diagnosis: Diagnosis) -> Plots:
     if not diagnosis.writes_all_terms:
         everything = discrepancies(diagnosis.all_terms, noise)
     shown = ~diagnosis.excluded & ~diagnosis.blunders
-    curves = [term_curve(diagnosis, t, before, everything) for t in diagnosis.terms]
-    found: dict[str, bytes | None] = {
-        "artefacts.png": artefact_map(before, after, shown),
-        "joints.png": joint_map(before, after, shown),
-        "conditions.png": condition_map(before, after, shown),
-        "ledger.png": ledger_picture(diagnosis),
-    }
-    for number, curve in enumerate(curves, start=1):
+    compared, campaign = (before, after, shown), diagnosis.campaign
+    n_artefacts = len(np.unique(campaign.poses.artefacts[shown]))
+    height_mm = 20.0 + 12.0 * n_artefacts
+    files = {"artefacts.png": picture(180.0, height_mm, _paint_artefacts, *compared)}
+    height_mm = 10.0 + 38.0 * _n_lines(len(campaign.joint_names))
+    files["joints.png"] = picture(190.0, height_mm, _paint_joints, *compared)
+    panels, sizes = tuple(conditions(campaign)), (before.sizes, after.sizes)
+    height_mm = 10.0 + 40.0 * _n_lines(len(panels))
+    files["conditions.png"] = picture(
+        190.0, height_mm, _paint_conditions, panels, sizes, shown
+    )
+    if diagnosis.gap.before.n:
+        height_mm = 22.0 + 9.0 * len(diagnosis.ledger)
+        files["ledger.png"] = picture(180.0, height_mm, _paint_ledger, diagnosis)
+    for number, term in enumerate(diagnosis.terms, start=1):
+        curve = term_curve(diagnosis, term, before, everything)
         if curve is not None:
-            found[f"term-{number}.png"] = term_picture(curve, shown)
-    files = {name: png for name, png in found.items() if png is not None}
+            files[f"term-{number}.png"] = picture(
+                180.0, 68.0, _paint_term, curve, shown
+            )
     return Plots(before, after, files)

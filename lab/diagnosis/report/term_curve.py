@@ -291,11 +291,9 @@ def _directions(moves_mm: Floats, covariate: DrawnCovariate) -> Floats:
 def value_covariance(diagnosis: Diagnosis, term: Term, effects: ArmEffects) -> Floats:
     """Find the covariance of the values of a term.
 
-    From the final fit, scaled to the standard deviations reported for the term;
-    of a term that is not in it, those alone.
-
-    Returns:
-        (n_values, n_values), in the order of the effect's values.
+    From the final fit, scaled to the standard deviations reported for the term; of a
+    term that is not in it, those alone. In the order of its values, (n_values,
+    n_values).
     """
     fitted = _fitted_covariance(diagnosis, effects)
     if term.candidate.is_curve and fitted is not None:

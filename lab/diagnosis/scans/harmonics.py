@@ -20,7 +20,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.diagnosis.candidates.candidate_scores import is_beyond_library
+from traverse.lab.diagnosis.candidates.library import HIGHEST_ORDER
 from traverse.lab.diagnosis.candidates.waves import HIGHEST_HARMONIC, harmonic_bank
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import (
@@ -106,7 +106,7 @@ def first_significant(
 
     The level is the probability of a false alarm of the whole bank.
     """
-    high = [one for one in findings if is_beyond_library(one.candidate)]
+    high = [one for one in findings if (one.candidate.order or 0) > HIGHEST_ORDER]
     if not high:
         return None
     first = max(high, key=lambda finding: finding.statistic)

@@ -17,6 +17,7 @@ from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.diagnose import diagnose, verdict_of
 from traverse.lab.diagnosis.holdout.comparison import compare_on_holdout
 from traverse.lab.diagnosis.model.candidate import effect_of_candidate
+from traverse.lab.diagnosis.model.fit import estimates_of
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     equations_of,
@@ -28,7 +29,6 @@ from traverse.lab.diagnosis.model.result import (
     Step,
     Term,
 )
-from traverse.lab.diagnosis.model.terms import estimates_of
 from traverse.lab.diagnosis.report.page import WORDS
 from traverse.lab.diagnosis.scans.decimation import Decimation, decimated
 from traverse.lab.diagnosis.scans.harmonics import (

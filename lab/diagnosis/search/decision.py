@@ -20,18 +20,19 @@ from traverse.lab.diagnosis.candidates.scoring import (
     project,
 )
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
-from traverse.lab.diagnosis.model.fit import Fit, fitted
+from traverse.lab.diagnosis.model.fit import (
+    AddedTerm,
+    Fit,
+    estimates_of,
+    fitted,
+    rows_without,
+)
 from traverse.lab.diagnosis.model.observation_equations import (
     SerialCorrelation,
     is_serially_correlated,
     serial_correlation,
 )
 from traverse.lab.diagnosis.model.result import Alternative, DiagnosisOptions, Status
-from traverse.lab.diagnosis.model.terms import (
-    AddedTerm,
-    estimates_of,
-    rows_without,
-)
 from traverse.lab.diagnosis.search.forward_search import (
     DECIDED,
     NAMED_BANKS,
@@ -144,12 +145,8 @@ def own_choice(
     if same:
         return same[0]
     residuals = stage.rows.residuals
-    nothing = ProjectedCandidate(
-        wanted,
-        np.zeros((len(residuals), 0)),
-        np.zeros(0),
-        np.zeros((len(wanted.scales), 0)),
-    )
+    columns = np.zeros((len(residuals), wanted.size))
+    (nothing,) = project(stage.rows, Bank((wanted,), columns))
     return ScoredCandidate(nothing, 0.0, 0.0, 0.0, residuals)
 
 
@@ -240,17 +237,17 @@ def _with_overtones(search: SearchState, candidate: Candidate) -> int | None:
         return None
     order = candidate.order or 1
     stage = search.stage
-    parts, members = [], []
-    for bank in (stage.banks[name] for name in NAMED_BANKS if name in stage.banks):
-        for one, columns in zip(bank.candidates, bank.slices, strict=True):
-            is_harmonic = (
-                EFFECT_KINDS[one.kind].is_wave and one.joint == candidate.joint
-            )
-            if is_harmonic and one.order in [order * n for n in _OVERTONES]:
-                parts.append(bank.columns[:, columns])
-                members.append(one)
-    if not parts:
+    overtones = [
+        (one, bank.columns[:, columns])
+        for bank in (stage.banks[name] for name in NAMED_BANKS if name in stage.banks)
+        for one, columns in zip(bank.candidates, bank.slices, strict=True)
+        if EFFECT_KINDS[one.kind].is_wave
+        and one.joint == candidate.joint
+        and one.order in [order * n for n in _OVERTONES]
+    ]
+    if not overtones:
         return None
+    members, parts = zip(*overtones, strict=True)
     whole = replace(
         members[0],
         parameters=tuple(f"{m.order}.{p}" for m in members for p in m.parameters),

@@ -28,7 +28,7 @@ from traverse.lab.diagnosis.model.candidate import (
     effect_of_candidate,
     has_own_curve,
 )
-from traverse.lab.diagnosis.model.fit import Fit, fitted, with_effects
+from traverse.lab.diagnosis.model.fit import AddedTerm, Fit, fitted, with_effects
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     SerialCorrelation,
@@ -36,7 +36,6 @@ from traverse.lab.diagnosis.model.observation_equations import (
     without_serial_noise,
 )
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
-from traverse.lab.diagnosis.model.terms import AddedTerm
 from traverse.lab.diagnosis.search.outlier_recovery import recover_outliers
 
 # Takes draws (n_rows, n_draws); returns per draw the largest T and its degrees.

@@ -52,12 +52,12 @@ class EffectModel:
 
     def directions(self, geometry: Geometry) -> Floats:
         """Return how values move with coordinates, (n_values, n_coordinates)."""
-        parts = [c.free_directions(geometry) for c in self.effects.corrections]
         whole = np.zeros((len(self.effects.values), len(self.names)))
-        row = column = 0
-        for part in parts:
-            whole[row : row + len(part), column : column + part.shape[1]] = part
-            row, column = row + len(part), column + part.shape[1]
+        row = 0
+        for index, correction in enumerate(self.effects.corrections):
+            part = correction.free_directions(geometry)
+            whole[row : row + len(part), self.coordinates(geometry, index)] = part
+            row += len(part)
         return whole
 
     def columns(self, geometry: Geometry, values: Floats, poses: Poses) -> Floats:
@@ -68,8 +68,7 @@ class EffectModel:
     def length_errors(self, values: Floats, artefact: str) -> tuple[float, Floats]:
         """Return by how many ppm a standard is longer than its certificate says.
 
-        Returns:
-            The error in ppm, and how it moves with the coordinates, (n_coordinates,).
+        And how that moves with the coordinates, (n_coordinates,).
         """
         total_ppm, coordinate = 0.0, 0
         by_coordinates = np.zeros(len(self.names))

@@ -213,13 +213,9 @@ def has_length(network: Network) -> bool:
 def whiteners(by_readings: Floats, by_contact: Floats) -> Floats:
     """Compute L^-1 of many small dispersions, in closed form.
 
-    Args:
-        by_readings: Derivatives by readings times their standard deviations,
-            (n_poses, n_rows, n_joints), with n_rows 1 or 3.
-        by_contact: The same by the contact's components, (n_poses, n_rows, 3).
-
-    Returns:
-        Lower triangles, (n_poses, n_rows, n_rows).
+    From derivatives by readings times their standard deviations, (n_poses, n_rows,
+    n_joints), with n_rows 1 or 3, and the same by the contact's components, (n_poses,
+    n_rows, 3). Lower triangles, (n_poses, n_rows, n_rows).
     """
     noise = np.concatenate([by_readings, by_contact], axis=2)
     if noise.shape[1] == 1:

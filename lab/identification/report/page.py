@@ -6,17 +6,10 @@ from typing import Any
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.lab.identification.equations.probe_effect import probe_effects_mm
-from traverse.lab.identification.report.pictures import (
-    against_normal,
-    by_artefact,
-    by_joint,
-    correlation_picture,
-    coverage_picture,
-    map_picture,
-)
+from traverse.lab.identification.equations.datum import probe_effects_mm
+from traverse.lab.identification.report.pictures import pictures_of
 from traverse.lab.identification.results.result import Identification
-from traverse.lab.identification.volume.uncertainty_map import (
+from traverse.lab.identification.uncertainty_map import (
     UncertaintyMap,
     arm_uncertainty,
     noise_deviations_mm,
@@ -80,27 +73,18 @@ def report_page(
     provenance: ReportProvenance | None = None,
 ) -> str:
     """Make the page; the text is complete in itself. Provenance: this user, now."""
-    some_free = bool(result.parameters)
     effects_mm = np.empty(0)
-    if some_free:  # of each parameter's standard deviation alone at the probe
+    if result.parameters:  # of each parameter's standard deviation alone at the probe
         stds = np.diag([entry.std for entry in result.parameters])
         network, state = result.adjustment.network, result.adjustment.state
         effects_mm = probe_effects_mm(network, state.arm, stds)
-    pictures = {
-        "artefacts": by_artefact(result),
-        "joints": by_joint(result),
-        "normal": against_normal(result),
-        "map": map_picture(found) if some_free else None,
-        "correlations": correlation_picture(result) if some_free else None,
-        "coverage": coverage_picture(result),
-    }
     return page(
         "identification/report/page.jinja",
         _FILTERS,
         result=result,
         found=found,
         words=WORDS,
-        pictures=pictures,
+        pictures=pictures_of(result, found),
         provenance=provenance or campaign_provenance(result.campaign),
         controllability=_known(result, result.statistics.controllability),
         detectable_mm=_known(result, result.statistics.detectable_mm),
@@ -148,18 +132,17 @@ def _close_pairs(result: Identification) -> list[tuple[str, str, float]]:
 def _excluded(result: Identification) -> list[dict[str, Any]]:
     """List the poses that contradict the others, the worst first."""
     poses, campaign = result.campaign.poses, result.campaign
-    places = {int(line): at for at, line in enumerate(poses.lines)}
+    w = result.statistics.w
     rows = []
-    for entry in sorted(result.excluded, key=lambda pose: -pose.w):
-        at = places[entry.line]
+    for at in sorted(np.flatnonzero(~result.included), key=lambda at: -w[at]):
         artefact = int(poses.artefacts[at])
         misclosures_mm = result.statistics.misclosures_mm[at]
         rows.append(
             {
                 "artefact": campaign.artefacts[artefact].id,
                 "feature": campaign.feature_names[artefact][int(poses.features[at])],
-                "line": entry.line,
-                "w": entry.w,
+                "line": int(poses.lines[at]),
+                "w": float(w[at]),
                 "size_mm": float(np.sqrt(np.nansum(misclosures_mm**2))),
             }
         )

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from traverse.arrays import Floats
 from traverse.lab.identification.results.result import Identification
-from traverse.lab.identification.volume.uncertainty_map import UncertaintyMap
+from traverse.lab.identification.uncertainty_map import UncertaintyMap
 from traverse.lab.report.figures import (
     BLUE,
     GREY,
@@ -27,26 +27,39 @@ _SEED = 2
 # With fewer poses means over parts of the range say nothing.
 _LEAST_FOR_MEANS = 40
 _SHOWN_W = 4.0
+_N_SECTORS = 36
 
 
-def by_artefact(result: Identification) -> bytes:
-    """Draw all scalar misclosures, a row an artefact."""
-    n_rows = len(result.artefacts)
-    return picture(180.0, 18.0 + 11.0 * n_rows, _paint_artefacts, result)
-
-
-def by_joint(result: Identification) -> bytes:
-    """Draw the corrections of each joint's readings against the readings."""
-    n_rows = (len(result.campaign.joint_names) + 1) // 2
-    return picture(180.0, 12.0 + 36.0 * n_rows, _paint_joints, result)
-
-
-def against_normal(result: Identification) -> bytes:
-    """Draw histogram and quantiles of |w| beside those of a normal."""
-    return picture(180.0, 66.0, _paint_normal, result)
+def pictures_of(
+    result: Identification, found: UncertaintyMap
+) -> dict[str, bytes | None]:
+    """Paint all pictures; those of parameters are None where none is free."""
+    n_artefacts, n_joints = len(result.artefacts), len(result.campaign.joint_names)
+    joints_mm = 12.0 + 36.0 * ((n_joints + 1) // 2)
+    coverage_mm = 22.0 + 7.0 * len(result.coverage)
+    pictures: dict[str, bytes | None] = {
+        "artefacts": picture(
+            180.0, 18.0 + 11.0 * n_artefacts, _paint_artefacts, result
+        ),
+        "joints": picture(180.0, joints_mm, _paint_joints, result),
+        "normal": picture(180.0, 66.0, _paint_normal, result),
+        "map": None,
+        "correlations": None,
+        "coverage": picture(180.0, coverage_mm, _paint_coverage, result),
+    }
+    if result.parameters:
+        width, height = float(np.ptp(found.radii_mm)), float(np.ptp(found.heights_mm))
+        map_mm = float(np.clip(36.0 * height / max(width, 1.0) + 24.0, 55.0, 130.0))
+        pictures["map"] = picture(180.0, map_mm, _paint_map, found)
+        size_mm = float(np.clip(45.0 + 3.6 * len(result.parameters), 80.0, 180.0))
+        pictures["correlations"] = picture(
+            size_mm + 8.0, 0.88 * size_mm, _paint_correlations, result
+        )
+    return pictures
 
 
 def _paint_artefacts(figure: Figure, result: Identification) -> None:
+    """Draw all scalar misclosures, a row an artefact."""
     axes = figure.subplots()
     rng = np.random.default_rng(_SEED)
     misclosures = result.statistics.misclosures_mm
@@ -105,6 +118,7 @@ def _crosses(axes: Axes, values: Floats, row: int, limit: float) -> None:
 
 
 def _paint_joints(figure: Figure, result: Identification) -> None:
+    """Draw the corrections of each joint's readings against the readings."""
     names = result.campaign.joint_names
     grid = figure.subplots((len(names) + 1) // 2, 2, squeeze=False)
     everyone = np.flatnonzero(result.included)
@@ -136,6 +150,7 @@ def _paint_joints(figure: Figure, result: Identification) -> None:
 
 
 def _paint_normal(figure: Figure, result: Identification) -> None:
+    """Draw histogram and quantiles of |w| beside those of a normal."""
     left, right = figure.subplots(1, 2)
     w = _scaled_w(result)
     if len(w) == 0:
@@ -173,23 +188,8 @@ def _scaled_w(result: Identification) -> Floats:
     return np.sort(w[np.isfinite(w)])
 
 
-_N_SECTORS = 36
-
-
-def correlation_picture(result: Identification) -> bytes:
-    """Draw the correlation matrix of the free parameters."""
-    n_free = len(result.parameters)
-    size_mm = float(np.clip(45.0 + 3.6 * n_free, 80.0, 180.0))
-    return picture(size_mm + 8.0, 0.88 * size_mm, _paint_correlations, result)
-
-
-def coverage_picture(result: Identification) -> bytes:
-    """Draw how often each joint was in each sector of a turn."""
-    height_mm = 22.0 + 7.0 * len(result.coverage)
-    return picture(180.0, height_mm, _paint_coverage, result)
-
-
 def _paint_correlations(figure: Figure, result: Identification) -> None:
+    """Draw the correlation matrix of the free parameters."""
     axes = figure.subplots()
     names = [entry.name for entry in result.parameters]
     drawn = axes.imshow(
@@ -209,6 +209,7 @@ def _paint_correlations(figure: Figure, result: Identification) -> None:
 
 
 def _paint_coverage(figure: Figure, result: Identification) -> None:
+    """Draw how often each joint was in each sector of a turn."""
     axes = figure.subplots()
     counts = np.array([entry.sectors for entry in result.coverage], dtype=np.float64)
     n_joints = len(counts)
@@ -238,15 +239,8 @@ def _paint_coverage(figure: Figure, result: Identification) -> None:
     figure.colorbar(drawn, ax=axes).set_label(f"poses in {width_deg} degrees")
 
 
-def map_picture(found: UncertaintyMap) -> bytes:
+def _paint_map(figure: Figure, found: UncertaintyMap) -> None:
     """Draw a half plane through the first axis for each direction."""
-    width = float(np.ptp(found.radii_mm))
-    height = float(np.ptp(found.heights_mm))
-    height_mm = float(np.clip(36.0 * height / max(width, 1.0) + 24.0, 55.0, 130.0))
-    return picture(180.0, height_mm, _paint, found)
-
-
-def _paint(figure: Figure, found: UncertaintyMap) -> None:
     panels = figure.subplots(1, 4, sharex=True, sharey=True)
     some_mm = found.deviations_mm[np.isfinite(found.deviations_mm)]
     factor, unit = shown_unit(float(some_mm.max(initial=0.0)), "mm")

@@ -9,16 +9,16 @@ import numpy as np
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.identification.design.optimal_design import JointCoverage, Suggestion
+from traverse.lab.identification.equations.datum import probe_effects_mm
 from traverse.lab.identification.equations.network import Noise
-from traverse.lab.identification.equations.probe_effect import probe_effects_mm
+from traverse.lab.identification.optimal_design import JointCoverage, Suggestion
 from traverse.lab.identification.results.undetermined import Undetermined, Weak, named
 from traverse.lab.identification.solve.adjustment import Adjustment, Iteration
-from traverse.lab.identification.solve.certificate_test import (
+from traverse.lab.identification.solve.contradictions import (
     Contradiction,
+    ExcludedCluster,
     LostPoses,
 )
-from traverse.lab.identification.solve.excluded_clusters import ExcludedCluster
 from traverse.lab.identification.solve.iterative_adjustment import Options
 from traverse.lab.identification.solve.noise import SerialNoise
 from traverse.lab.identification.solve.reliability import PoseStatistics

@@ -11,14 +11,16 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.model.geometry import Geometry
-from traverse.lab.identification.design.optimal_design import (
+from traverse.lab.identification.equations.datum import (
+    probe_effects_mm,
+    undetermined_scale,
+)
+from traverse.lab.identification.equations.network import Network
+from traverse.lab.identification.equations.parameters import Parameters
+from traverse.lab.identification.optimal_design import (
     JointCoverage,
     joint_coverage,
 )
-from traverse.lab.identification.equations.datum import undetermined_scale
-from traverse.lab.identification.equations.network import Network
-from traverse.lab.identification.equations.parameters import Parameters
-from traverse.lab.identification.equations.probe_effect import probe_effects_mm
 from traverse.lab.identification.solve.adjustment import Adjustment
 
 # Components smaller than this part of the largest are not named.

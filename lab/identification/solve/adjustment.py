@@ -356,9 +356,8 @@ def _stepped(
 ) -> tuple[State, float, float, float]:
     """Take as much of a step as does not raise the sum of squares.
 
-    Returns:
-        The state, the length of the whole step in standard deviations, the fraction
-        taken, the damping to begin with next time.
+    Returns the state, the length of the whole step in standard deviations, the fraction
+    taken, the damping to begin with next time.
     """
     size = _length(system, parts.step(to_design)[0])
     fraction = 1.0

@@ -21,7 +21,6 @@ from traverse.lab.identification.solve.adjustment import (
     adjust,
 )
 from traverse.lab.identification.solve.noise import (
-    SerialNoise,
     VarianceModel,
     better_noise,
     variance_model,
@@ -31,7 +30,6 @@ from traverse.lab.identification.solve.reliability import (
     pose_statistics,
     robust_scale,
     snoop,
-    statistics_of_excluded,
 )
 from traverse.lab.identification.solve.starting_values import robust_state
 
@@ -166,7 +164,7 @@ def iterate(
         adjustment, found = without(included, adjustment.state.arm, noise)
     if not np.all(included):
         others = stations(campaign, radius_mm, ~included)
-        found.fill(statistics_of_excluded(adjustment, others), ~included)
+        found.fill(pose_statistics(adjustment, others), ~included)
     return IteratedAdjustment(
         adjustment,
         found,
@@ -191,19 +189,3 @@ def _circle(visited: list[Booleans], included: Booleans) -> list[Booleans]:
     """Find the recurring selections of poses; none without a cycle."""
     same = [at for at, one in enumerate(visited) if np.array_equal(one, included)]
     return [] if len(same) < _A_CIRCLE - 1 else visited[same[-1] :]
-
-
-def with_stream_weights(
-    alone: Adjustment,
-    serial: SerialNoise,
-    design: ArmValues,
-    progress: Progress | None = None,
-) -> Adjustment:
-    """Adjust once more, samples of a stream weighed by what they say together.
-
-    Certificates keep their weight: a standard is as uncertain as it was.
-    """
-    weights = alone.network.weights / serial.samples_per_mean
-    return adjust(
-        replace(alone.network, weights=weights), alone.state, design, progress
-    )

@@ -70,11 +70,7 @@ def variance_model(campaign: Campaign) -> VarianceModel:
 def better_noise(
     campaign: Campaign, noise: Noise, sums: VarianceSums, model: VarianceModel
 ) -> tuple[Noise, float]:
-    """Improve the standard deviations once.
-
-    Returns:
-        The noise, and the largest relative change of a standard deviation.
-    """
+    """Improve the standard deviations once, and say their largest relative change."""
     n_joints, kinds = len(noise.encoder_rad), [a.kind for a in campaign.artefacts]
     groups = _groups(n_joints, kinds, model)
     numbers = np.unique(groups[groups >= 0])

@@ -92,26 +92,19 @@ class VarianceSums:
     information: Floats
 
 
-def pose_statistics(adjustment: Adjustment) -> PoseStatistics:
-    """Compute the statistics of all poses that took part."""
-    return _statistics(adjustment, adjustment.network.stations, -1.0)
-
-
-def statistics_of_excluded(
-    adjustment: Adjustment, outsiders: Sequence[Station]
+def pose_statistics(
+    adjustment: Adjustment, outsiders: Sequence[Station] | None = None
 ) -> PoseStatistics:
-    """Compute those of poses that took no part, at the same artefacts."""
-    return _statistics(adjustment, outsiders, 1.0)
+    """Compute the statistics of all poses that took part.
 
-
-def _statistics(
-    adjustment: Adjustment, stations: Sequence[Station], sign: float
-) -> PoseStatistics:
+    Or of outsiders: poses that took no part, at the same artefacts.
+    """
     network = adjustment.network
+    sign = -1.0 if outsiders is None else 1.0
     found = _empty(network)
     places = {station.index: at for at, station in enumerate(network.stations)}
     inverse = adjustment.split.inverse
-    for station in stations:
+    for station in network.stations if outsiders is None else outsiders:
         at = places.get(station.index)
         if at is None:
             continue
@@ -119,7 +112,7 @@ def _statistics(
         unknowns = adjustment.state.unknowns[at]
         arm = adjustment.state.arm
         # Outsiders have no corrections: they are tested as they were read.
-        corrections = adjustment.state.corrections[at] if sign < 0.0 else None
+        corrections = adjustment.state.corrections[at] if outsiders is None else None
         for rows in white_rows(network, station, arm, unknowns, corrections):
             block = _blocks(rows, elimination, inverse, sign)
             poses = station.poses[rows.part]
@@ -236,7 +229,7 @@ def snoop(
     back = np.zeros_like(included)
     if np.any(outside):
         others = stations(network.campaign, radius_mm, outside)
-        theirs = statistics_of_excluded(adjustment, others).w / scale
+        theirs = pose_statistics(adjustment, others).w / scale
         back = outside & (np.nan_to_num(theirs, nan=np.inf) < returning)
     return (included & ~leaving) | back, critical * scale
 

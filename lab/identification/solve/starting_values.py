@@ -121,13 +121,12 @@ def _coarse_network(
         mine = np.flatnonzero(campaign.poses.artefacts == index)
         included[evenly(mine, each)] = True
     n = parameters.n_joints
-    free = parameters.free.copy()
-    free[: 4 * n - 2] = False
-    free[4 * n : 4 * n + 3] = False
-    free[4 * n + 6 : 5 * n + 6] = False
-    free[parameters.n_geometric :] = False
+    # The last link, the probe's vector, and those of the tools.
+    of_tools = slice(5 * n + 6, parameters.n_geometric)
+    is_tool = np.zeros_like(parameters.free)
+    is_tool[np.r_[4 * n - 2 : 4 * n, 4 * n + 3 : 4 * n + 6, of_tools]] = True
     noise = Noise(np.full(n, 1e-6), np.full(len(campaign.artefacts), _COARSE_MM))
-    tool_only = parameters.with_free(free)
+    tool_only = parameters.with_free(parameters.free & is_tool)
     return network_of(campaign, radius_mm, included, tool_only, noise)
 
 

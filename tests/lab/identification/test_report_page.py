@@ -10,7 +10,7 @@ from tests.lab.simulated import arm_value, bar, cones, disturbed, seven_joints, 
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.report.page import report_page, result_map
 from traverse.lab.identification.results.result import Identification
-from traverse.lab.identification.volume.uncertainty_map import UncertaintyMap
+from traverse.lab.identification.uncertainty_map import UncertaintyMap
 from traverse.lab.report.provenance import campaign_provenance
 
 WHEN = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)

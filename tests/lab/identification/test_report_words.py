@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.lab.simulated import arm_value, bar, cones, disturbed, seven_joints, simulate
-from traverse.lab.identification.equations.probe_effect import posture_columns
+from traverse.lab.identification.equations.datum import posture_columns
 from traverse.lab.identification.identify import identify
 from traverse.lab.identification.report.page import (
     WORDS,

@@ -17,7 +17,7 @@ from traverse.lab.identification.equations.network import (
 )
 from traverse.lab.identification.equations.parameters import ArmValues, arm_parameters
 from traverse.lab.identification.solve.adjustment import Adjustment, adjust
-from traverse.lab.identification.volume.uncertainty_map import (
+from traverse.lab.identification.uncertainty_map import (
     ArmUncertainty,
     arm_uncertainty,
     distance_deviations_mm,

@@ -14,13 +14,17 @@ from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import judge, project
 from traverse.lab.diagnosis.model.candidate import BankName
-from traverse.lab.diagnosis.model.fit import fitted, with_effects
+from traverse.lab.diagnosis.model.fit import (
+    estimates_of,
+    fitted,
+    rows_without,
+    with_effects,
+)
 from traverse.lab.diagnosis.model.observation_equations import (
     SerialCorrelation,
     equations_of,
     without_serial_noise,
 )
-from traverse.lab.diagnosis.model.terms import estimates_of, rows_without
 from traverse.lab.identification.equations.network import has_length
 from traverse.simulator.campaigns import (
     BallBar,

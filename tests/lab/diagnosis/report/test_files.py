@@ -17,8 +17,8 @@ from tests.lab.diagnosis.diagnosed import (
     eccentric,
 )
 from traverse.kinematics.arm_file.arm import read_arm, write_arm
+from traverse.lab.diagnosis.model.fit import terms_without_epoch
 from traverse.lab.diagnosis.model.result import HoldoutResult
-from traverse.lab.diagnosis.model.terms import terms_without_epoch
 from traverse.lab.diagnosis.report.files import (
     arm_with_provenance,
     diagnosis_json,

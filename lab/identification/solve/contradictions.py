@@ -1,4 +1,6 @@
-"""Which certificate contradicts the rest: artefacts are tested before their poses.
+"""What contradicts the rest and is no blunder: certificates, and excluded clusters.
+
+Artefacts are tested before their poses.
 
 If an artefact lost many poses, or its certified length is far from what the others
 say, every certificate is left out in turn and the campaign is adjusted anew (a
@@ -11,6 +13,12 @@ hypothesis is
 with one noise for all: a pose counts as a blunder at four standard
 deviations, whether it took part or not. Leaving out a certificate frees one value, so
 that a loss that is smaller by 30 is 5.5 standard deviations of evidence.
+
+A blunder may be anywhere. Where excluded poses gather in a range of a joint's angle,
+the arm does something there that its model lacks: they tell more about it than all
+others, and without them the arm would be fitted to where it is easy. They take part
+again. Those that gather on one artefact or in time may tell of a socket that moved:
+they stay out. Either is reported.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,11 +26,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from traverse.arrays import Booleans
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.equations.network import Noise, has_length, rms_mm
 from traverse.lab.identification.equations.parameters import ArmValues
 from traverse.lab.identification.solve.iterative_adjustment import IteratedAdjustment
 from traverse.lab.identification.solve.reliability import robust_scale
+from traverse.lab.statistics.outlier_clusters import Cluster, Line, find_outlier_cluster
 
 # An artefact that lost more of its poses than this is suspect.
 LARGE_PART = 0.2
@@ -234,3 +244,63 @@ def _loss(run: IteratedAdjustment, variance: float, design: ArmValues) -> float:
     statistics = np.nan_to_num(run.statistics.statistics, nan=np.inf) / variance
     changes = run.adjustment.changes(design)
     return float(np.sum(np.minimum(statistics, _BLUNDER)) + np.sum(changes**2))
+
+
+_N_DRAWS = 300
+_MOST_CLUSTERS = 3
+# A blunder may be there as well: so many times the median of the others' |w|.
+_MUCH_WORSE = 4.0
+
+# Adjusts a campaign again, with a noise or as it is found, and poses that stay.
+Again = Callable[[Campaign, None, Booleans], IteratedAdjustment]
+
+
+@dataclass(frozen=True, slots=True)
+class ExcludedCluster:
+    """Where excluded poses lay together, and whether they take part again."""
+
+    cluster: Cluster
+    taken_back: bool
+
+
+def with_clusters_back(
+    campaign: Campaign, run: IteratedAdjustment, again: Again
+) -> tuple[IteratedAdjustment, tuple[ExcludedCluster, ...]]:
+    """Take excluded poses back that lie together in the range of a joint.
+
+    Returns the last adjustment, and the clusters found.
+    """
+    poses = campaign.poses
+    lines: list[Line] = [
+        (f"{name}_rad", name, poses.angles_rad[:, joint])
+        for joint, name in enumerate(campaign.joint_names)
+    ]
+    lines.append(("time_s", None, poses.time_s))
+    names = [artefact.id for artefact in campaign.artefacts]
+    staying = np.zeros(len(poses), dtype=np.bool_)
+    found: list[ExcludedCluster] = []
+    # Neighbouring samples of a stream are out together because they are alike.
+    while len(found) < _MOST_CLUSTERS and not campaign.is_stream:
+        place = find_outlier_cluster(
+            lines, poses.artefacts, names, run.included, n_draws=_N_DRAWS, seed=1
+        )
+        if place is None:
+            break
+        there = np.zeros(len(poses), dtype=np.bool_)
+        if place.joint is not None:
+            read_rad = poses.angles_rad[:, campaign.joint_names.index(place.joint)]
+            there = (read_rad >= place.low) & (read_rad <= place.high)
+        there &= ~run.included
+        if np.any(there):
+            w = run.statistics.w
+            there &= ~(w > _MUCH_WORSE * np.nanmedian(w[there]))
+        artefacts = np.unique(poses.artefacts[there])
+        of_joint = place.joint is not None and (
+            len(artefacts) > 1 or len(np.unique(poses.artefacts)) == 1
+        )
+        found.append(ExcludedCluster(place, of_joint))
+        if not of_joint:
+            break
+        staying |= there
+        run = again(campaign, None, staying)
+    return run, tuple(found)

@@ -18,8 +18,8 @@ from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.artefacts.artefact import Artefact, Equations, Touches
 from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.identification.equations.datum import posture_columns
 from traverse.lab.identification.equations.network import Network, whiteners
-from traverse.lab.identification.equations.probe_effect import posture_columns
 from traverse.lab.identification.solve.adjustment import Adjustment
 
 _N_SECTORS = 36

@@ -1,1 +1,0 @@
-"""Which further poses would help most."""

@@ -1,1 +1,0 @@
-"""Uncertainty of distances over the working volume of an identified arm."""
