@@ -112,8 +112,7 @@ def identify(
 
 def _options(hold: list[str], free: list[str], masks: Path | None) -> "Options":
     """The masks of the command line, and of a file."""
-    from traverse.lab.identification.mask_file import Masks  # noqa: PLC0415
-    from traverse.lab.identification.solve.iterative_adjustment import Options  # noqa: PLC0415
+    from traverse.lab.identification.identify import Masks, Options  # noqa: PLC0415
     from traverse.strict_toml.reader import read_strict  # noqa: PLC0415
 
     if masks is not None:

@@ -1,8 +1,10 @@
 """Identification: from a campaign and an arm's design to the arm as it is."""
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm
@@ -62,6 +64,7 @@ from traverse.lab.identification.solve.starting_values import (
     coarse_start,
     with_tools_fitted,
 )
+from traverse.strict_toml.reader import StrictModel
 
 __all__ = ["IdentificationError", "Options", "identify"]
 
@@ -70,6 +73,21 @@ __all__ = ["IdentificationError", "Options", "identify"]
 _MOST_OF_A_TRIAL = 25
 # Other zeros must make the median misclosure smaller than this part of it.
 _WORTH_IT = 0.95
+
+
+class Masks(StrictModel):
+    """A file that says which parameters are held and which are free, by patterns.
+
+    schema = "traverse/identification-masks/1"
+    hold = ["J7.*"]
+    free = ["probe.vector.*"]
+
+    `hold` has the last word.
+    """
+
+    schema_: Literal["traverse/identification-masks/1"] = Field(alias="schema")
+    hold: tuple[str, ...] = ()
+    free: tuple[str, ...] = ()
 
 
 class IdentificationError(ValueError):

@@ -160,19 +160,21 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
     network, state = adjustment.network, adjustment.state
     parameters = network.parameters
     n_free = parameters.n_free
-    n_unknowns = sum(len(station.scales) for station in network.stations)
+    n_columns = n_free + sum(len(station.scales) for station in network.stations)
     parts: list[tuple[Floats, Floats, Integers, Floats, Floats]] = []
     certificates: list[tuple[int, str, float]] = []
     n_sources = parameters.n_joints + 4
-    first, n_rows = n_free, 0
-    for station, unknowns, corrections in zip(
-        network.stations, state.unknowns, state.corrections, strict=True
+    n_rows = 0
+    for station, own, unknowns, corrections in zip(
+        network.stations,
+        network.unknown_columns,
+        state.unknowns,
+        state.corrections,
+        strict=True,
     ):
-        own = slice(first, first + len(station.scales))
-        first = own.stop
         for rows in white_rows(network, station, state.arm, unknowns, corrections):
             n_poses, n_each = rows.misclosures.shape
-            columns = np.zeros((n_poses * n_each, n_free + n_unknowns))
+            columns = np.zeros((n_poses * n_each, n_columns))
             columns[:, :n_free] = rows.by_parameters.reshape(-1, n_free)
             columns[:, own] = rows.by_unknowns.reshape(n_poses * n_each, -1)
             columns[:, own] *= station.scales
@@ -192,7 +194,7 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
                 # Longer than certified: the certificate's misclosure falls.
                 change = -size_mm / float(certificate.std_mm[row])
                 certificates.append((n_rows + row, station.artefact.id, change))
-        columns = np.zeros((len(found), n_free + n_unknowns))
+        columns = np.zeros((len(found), n_columns))
         columns[:, own] = found[:, : len(station.scales)] * station.scales
         columns[:, :n_free] = found[:, len(station.scales) : -1]
         # The right side of an adjustment is less the misclosure already.

@@ -144,16 +144,15 @@ def write_discrepancies(
     """
     campaign = before.campaign
     poses = campaign.poses
-    numbers = [poses.time_s]
-    header = ["part", "time_s"]
+    columns = {"time_s": poses.time_s}
     if poses.temperature_c is not None:
-        numbers.append(poses.temperature_c)
-        header.append("temperature_c")
+        columns["temperature_c"] = poses.temperature_c
     for when, compared in (("before", before), ("after", after)):
-        numbers += [*compared.misclosures_mm.T, compared.sizes]
-        header += [f"{when}_{row}_mm" for row in (1, 2, 3)] + [f"{when}_sigma"]
+        for row, misclosures_mm in enumerate(compared.misclosures_mm.T, start=1):
+            columns[f"{when}_{row}_mm"] = misclosures_mm
+        columns[f"{when}_sigma"] = compared.sizes
         for joint, name in enumerate(campaign.joint_names):
-            numbers.append(compared.reading_errors_rad(joint)[0])
-            header.append(f"{when}_{name}_rad")
-    values = np.column_stack(numbers)
+            columns[f"{when}_{name}_rad"] = compared.reading_errors_rad(joint)[0]
+    values = np.column_stack(list(columns.values()))
+    header = ["part", *columns]
     write_poses(path, campaign, header, lambda at: [parts[at], *texts(values[at])])

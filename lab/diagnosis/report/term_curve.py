@@ -16,7 +16,7 @@ from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
 from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
-from traverse.lab.campaign.campaign import Campaign, Poses
+from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.result import Diagnosis, Term
 from traverse.lab.diagnosis.report.discrepancies import Discrepancies
 from traverse.lab.identification.equations.network import each_tool
@@ -94,50 +94,38 @@ def _periods(term: Term) -> float:
 
 def column(campaign: Campaign, name: str) -> tuple[str, Floats]:
     """Find a column of the table of poses, angles in degrees: its label and values."""
-    poses = campaign.poses
-    for joint, own in enumerate(campaign.joint_names):
-        if not name.startswith(own):
-            continue
-        rest = name.removeprefix(own)
-        if rest == "_rad":
-            angles_deg = np.degrees(poses.angles_rad[:, joint])
-            return f"reading of {own} [degrees]", angles_deg
-        found = _of_joint(poses, rest, joint)
-        if found is not None:
-            return _LABELS[rest].format(own), found
-    of_arm = {
+    poses, block = campaign.poses, campaign.block()
+    speeds, approaches = poses.speeds_rad_s, poses.approaches
+    has_own = poses.joint_temperatures_c is not None
+    table: dict[str, tuple[str, Floats | None]] = {
         "time_s": (time_label(campaign), poses.time_s),
         "temperature_c": ("temperature [°C]", poses.temperature_c),
         "force_n": ("contact force [N]", poses.force_n),
     }
-    label, values = of_arm.get(name, (name, None))
+    for joint, own in enumerate(campaign.joint_names):
+        angles_deg = np.degrees(poses.angles_rad[:, joint])
+        own_c = poses.temperature_c
+        if has_own:
+            own_c = block.temperatures_c(slice(joint, joint + 1))[0]
+        table |= {
+            f"{own}_rad": (f"reading of {own} [degrees]", angles_deg),
+            f"{own}_temperature_c": (f"temperature of {own} [°C]", own_c),
+            f"{own}_speed_rad_s": (
+                f"speed of {own} [rad/s]",
+                None if speeds is None else speeds[:, joint],
+            ),
+            f"{own}_approach": (
+                f"sense of the last motion of {own}",
+                None if approaches is None else approaches[:, joint],
+            ),
+        }
+    label, values = table.get(name, (name, None))
     return label, np.full(len(poses), np.nan) if values is None else values
 
 
 def time_label(campaign: Campaign) -> str:
     """Return what the times of a campaign are."""
     return "number of the pose" if campaign.time_is_order else "time [s]"
-
-
-_LABELS = {
-    "_temperature_c": "temperature of {} [°C]",
-    "_speed_rad_s": "speed of {} [rad/s]",
-    "_approach": "sense of the last motion of {}",
-}
-
-
-def _of_joint(poses: Poses, rest: str, joint: int) -> Floats | None:
-    if rest == "_temperature_c":
-        own = poses.joint_temperatures_c
-        if own is None:
-            return poses.temperature_c
-        mine: Floats = own[:, joint]
-        if poses.temperature_c is None:
-            return mine
-        return np.where(np.isnan(mine), poses.temperature_c, mine)
-    table = {"_speed_rad_s": poses.speeds_rad_s, "_approach": poses.approaches}
-    found = table.get(rest)
-    return None if found is None else found[:, joint]
 
 
 # A move smaller than this part of the largest has no direction worth naming.

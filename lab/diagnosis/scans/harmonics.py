@@ -144,11 +144,13 @@ def _gathered(rows: ObservationEquations, network: Network, state: State) -> _Su
         np.zeros((n_joints, HIGHEST_HARMONIC, 2, 2)),
         np.zeros((n_joints, HIGHEST_HARMONIC, 2)),
     )
-    places = _unknown_columns(rows)
+    places = rows.adjustment.network.unknown_columns
     n_free = network.parameters.n_free
     of_arm = directions[:n_free] * network.parameters.free_tolerances[:, np.newaxis]
-    for station, unknowns in zip(network.stations, state.unknowns, strict=True):
-        of_unknowns = directions[places[station.index]]
+    for station, own, unknowns in zip(
+        network.stations, places, state.unknowns, strict=True
+    ):
+        of_unknowns = directions[own]
         of_unknowns = of_unknowns * station.scales[:, np.newaxis]
         for part in white_rows(network, station, state.arm, unknowns):
             _add(sums, network, station, part, (of_arm, of_unknowns))
@@ -159,16 +161,6 @@ def _gathered(rows: ObservationEquations, network: Network, state: State) -> _Su
         sums.gram += columns.T @ columns
         sums.unknowns_by_values += columns.T @ found[:, -1]
     return sums
-
-
-def _unknown_columns(rows: ObservationEquations) -> dict[int, slice]:
-    """Find the columns of each artefact's unknowns."""
-    network = rows.adjustment.network
-    first, found = network.parameters.n_free, {}
-    for station in network.stations:
-        found[station.index] = slice(first, first + len(station.scales))
-        first += len(station.scales)
-    return found
 
 
 def _add(

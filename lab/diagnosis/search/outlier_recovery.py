@@ -139,14 +139,12 @@ def shifted(
     The basis of all else is orthonormal, (n_rows, n_absorbed); the residuals are v,
     without what it absorbs, (n_rows,).
     """
-    numbers: list[int] = []
-    places: list[Integers] = []
-    limits: list[float] = []
-    for group in groups:
-        mine = np.flatnonzero(poses[group.poses])
-        numbers += group.poses[mine].tolist()
-        places += list(group.places[mine])
-        limits += [group.limit] * len(mine)
+    chosen = [(group, np.flatnonzero(poses[group.poses])) for group in groups]
+    numbers = np.concatenate([group.poses[mine] for group, mine in chosen])
+    places = [rows for group, mine in chosen for rows in group.places[mine]]
+    limits = np.repeat(
+        [group.limit for group in groups], [len(mine) for _, mine in chosen]
+    )
     rows = np.concatenate([np.zeros(0, dtype=np.int64), *places])
     own = basis[rows]
     weights = np.linalg.pinv(
@@ -154,9 +152,9 @@ def shifted(
     )
     sizes = weights @ residuals[rows]
     return MeanShifts(
-        np.array(numbers, dtype=np.int64),
+        numbers,
         tuple(places),
-        np.array(limits),
+        limits,
         rows,
         weights,
         sizes,

@@ -6,7 +6,7 @@ values the equations are linearised and whitened by it.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 
@@ -105,6 +105,13 @@ class Network:
     def n_rows(self) -> int:
         """The number of condition equations."""
         return sum(station.n_rows for station in self.stations)
+
+    @property
+    def unknown_columns(self) -> tuple[slice, ...]:
+        """Columns of each station's unknowns, behind those of the free parameters."""
+        widths = [len(station.scales) for station in self.stations]
+        ends = [*accumulate(widths, initial=self.parameters.n_free)]
+        return tuple(slice(*ends) for ends in pairwise(ends))
 
     @property
     def poses(self) -> Integers:

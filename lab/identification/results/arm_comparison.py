@@ -31,7 +31,6 @@ class ZoneDifference:
     Attributes:
         name: near (to 20 % of the reach from the first joint), middle, far (from 80 %).
         rms_mm: Root mean square of the distances; NaN without postures.
-        largest_mm: Largest distance; NaN without postures.
     """
 
     name: str

@@ -65,7 +65,6 @@ class Contradiction:
     """A certificate that contradicts the rest; it took no part.
 
     Attributes:
-        artefact: Its id.
         name: Of the length, for example `distance_mm`.
         certified_mm: As certified; of two radii the mean.
         evidence: Standard deviations by which the campaign fits better without it.
