@@ -1,6 +1,5 @@
 """Covariates of a campaign beside the touches, under the names of its columns."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,35 +91,37 @@ def outlier_cluster(
     )
 
 
-def covariate_columns(rows: ObservationEquations) -> Iterator[CovariateColumn]:
-    """Go through the covariates that curves may depend on and that vary.
+def covariate_columns(rows: ObservationEquations) -> list[CovariateColumn]:
+    """List the covariates that curves may depend on and that vary.
 
     Readings of all joints, time, temperature, force, and of each joint the speed and
     its own temperature.
     """
     block = rows.block
     names = rows.adjustment.network.campaign.joint_names
-    for joint, name in enumerate(names):
-        angles_rad = block.angles_rad[:, joint]
-        if varies(rows, angles_rad):
-            yield CovariateColumn(f"{name}_rad", joint, True, angles_rad)
+    readings = [
+        CovariateColumn(f"{name}_rad", joint, True, block.angles_rad[:, joint])
+        for joint, name in enumerate(names)
+    ]
     whole = {
         "time_s": Covariate.CAMPAIGN_TIME,
         "temperature_c": Covariate.TEMPERATURE,
         "force_n": Covariate.FORCE,
     }
-    wanted: list[tuple[str, int | None, Need]]
-    wanted = [(name, None, Need(of)) for name, of in whole.items()]
     own = {"temperature_c": Covariate.TEMPERATURE, "speed_rad_s": Covariate.SPEED}
     if block.joint_temperatures_c is None:
         del own["temperature_c"]
-    for suffix, of in own.items():
-        wanted += [
-            (f"{name}_{suffix}", joint, Need(of, joint))
+    wanted = [
+        *((name, Need(of)) for name, of in whole.items()),
+        *(
+            (f"{name}_{suffix}", Need(of, joint))
+            for suffix, of in own.items()
             for joint, name in enumerate(names)
-        ]
-    for name, of_joint, need in wanted:
-        if block.lack(need) is None:
-            values = covariate_values(rows, need)
-            if varies(rows, values):
-                yield CovariateColumn(name, of_joint, False, values)
+        ),
+    ]
+    others = [
+        CovariateColumn(name, need.joint, False, covariate_values(rows, need))
+        for name, need in wanted
+        if block.lack(need) is None
+    ]
+    return [found for found in readings + others if varies(rows, found.values)]

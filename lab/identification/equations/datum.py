@@ -38,14 +38,7 @@ def rigid_motions(
     for column, turn in enumerate(np.eye(3)):
         axes = np.cross(turn, geometry.axes)
         links_mm = np.cross(turn, geometry.links_mm)
-        origin_mm = np.zeros(3)
-        for k in range(n - 1, -1, -1):
-            along = (links_mm[k] @ geometry.axes[k]) * geometry.axes[k]
-            links_mm[k] -= along
-            if k:
-                links_mm[k - 1] += along
-            else:
-                origin_mm = along
+        links_mm, origin_mm = _handed_inwards(geometry, links_mm)
         joints = np.stack(
             [
                 np.einsum("kbi,ki->kb", basis, axes),
@@ -77,14 +70,28 @@ def _probe_moved_into_links(
     n = geometry.n_joints
     basis = parameters.basis(geometry)
     moved = motions.copy()
+    probe, of_joints = slice(4 * n + 3, 4 * n + 6), moved[: 4 * n].reshape(n, 4, 6)
     for column in range(6):
-        rest_mm = moved[4 * n + 3 : 4 * n + 6, column].copy()
-        moved[4 * n + 3 : 4 * n + 6, column] = 0.0
-        for k in range(n - 1, -1, -1):
-            moved[4 * k + 2 : 4 * k + 4, column] += basis[k] @ rest_mm
-            rest_mm = (rest_mm @ geometry.axes[k]) * geometry.axes[k]
-        moved[4 * n : 4 * n + 3, column] += rest_mm
+        links_mm = np.zeros((n, 3))
+        links_mm[-1] = moved[probe, column]
+        moved[probe, column] = 0.0
+        links_mm, origin_mm = _handed_inwards(geometry, links_mm)
+        of_joints[:, 2:, column] += np.einsum("kbi,ki->kb", basis, links_mm)
+        moved[4 * n : 4 * n + 3, column] += origin_mm
     return moved
+
+
+def _handed_inwards(geometry: Geometry, links_mm: Floats) -> tuple[Floats, Floats]:
+    """Hand what links have along their axes to the next inner ones, in the end to x_0.
+
+    Returns the links, (n_joints, 3), now across their axes, and that of x_0, (3,).
+    """
+    across_mm, along_mm = links_mm.copy(), np.zeros(3)
+    for k in reversed(range(geometry.n_joints)):
+        across_mm[k] += along_mm
+        along_mm = (across_mm[k] @ geometry.axes[k]) * geometry.axes[k]
+        across_mm[k] -= along_mm
+    return across_mm, along_mm
 
 
 def free_motions(motions: Floats, free: Booleans) -> Floats:
@@ -152,14 +159,9 @@ def scale_direction(
     links_mm = geometry.links_mm.copy()
     links_mm[-1] += geometry.probe_vector_mm
     stretch = np.zeros(len(parameters.names))
-    for k in range(n - 1, -1, -1):
-        stretch[4 * k + 2 : 4 * k + 4] = basis[k] @ links_mm[k]
-        along = (links_mm[k] @ geometry.axes[k]) * geometry.axes[k]
-        if k:
-            links_mm[k - 1] += along
-        else:
-            # A shift of x_0 along the first axis moves the arm as a whole.
-            stretch[4 * n : 4 * n + 3] = along
+    # A shift of x_0 along the first axis moves the arm as a whole.
+    links_mm, stretch[4 * n : 4 * n + 3] = _handed_inwards(geometry, links_mm)
+    stretch[: 4 * n].reshape(n, 4)[:, 2:] = np.einsum("kbi,ki->kb", basis, links_mm)
     beyond_mm = tools_mm - geometry.probe_vector_mm
     stretch[_tools(parameters)] = beyond_mm.ravel()
     motions = rigid_motions(parameters, geometry, tools_mm)
