@@ -17,7 +17,6 @@ from traverse.lab.acceptance.conformity.limits import NO_LIMITS, Limits
 from traverse.lab.acceptance.procedures.b89 import articulation, volumetric
 from traverse.lab.acceptance.procedures.interim_test import interim_test
 from traverse.lab.acceptance.procedures.length_tests import length_test
-from traverse.lab.acceptance.procedures.predicted_lengths import predicted_lengths
 from traverse.lab.acceptance.procedures.probing import (
     effective_diameter,
     location,
@@ -71,6 +70,10 @@ def verified(
     parts = list(chosen.tests(measured, limits))
     remarks = [*measured.notes, *_not_stated(parts, limits)]
     found = verification(standard, chosen.title, parts, remarks)
+    from traverse.lab.acceptance.procedures.predicted_lengths import (  # noqa: PLC0415 - it needs scipy, of which a plan is made without
+        predicted_lengths,
+    )
+
     return replace(found, predicted=predicted_lengths(measured, found.lengths))
 
 

@@ -24,7 +24,6 @@ from typing import Literal
 import numpy as np
 
 from traverse.lab.acceptance.conformity.limits import Limits, Standards
-from traverse.lab.statistics.distributions import GLOBAL_LEVEL
 
 Verdict = Literal["accept", "reject", "neither", "undecided"]
 
@@ -328,17 +327,14 @@ class PredictedLengths:
         n_inside: So many errors lie within U, k = 2, of arm and standard together.
         sigma0: Errors as found over errors as predicted.
         p_value: Of errors so much larger by chance.
+        explains: Whether the errors are as large as the files say, or smaller (5 %).
     """
 
     stds_mm: tuple[float, ...]
     n_inside: int
     sigma0: float
     p_value: float
-
-    @property
-    def explains(self) -> bool:
-        """Whether the errors are as large as the files say, or smaller (5 %)."""
-        return self.p_value >= GLOBAL_LEVEL
+    explains: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -32,7 +32,7 @@ from traverse.lab.measured_points.measurement import (
     certified_length,
     fitted,
 )
-from traverse.lab.statistics.distributions import chi_square_p_value
+from traverse.lab.statistics.distributions import GLOBAL_LEVEL, chi_square_p_value
 
 
 def predicted_lengths(
@@ -75,12 +75,14 @@ def predicted_lengths(
     covariance = np.diag(own_mm2) + common @ common.T
     found_mm = np.array([error.error_mm for error in errors])
     squares = float(found_mm @ np.linalg.solve(covariance, found_mm))
+    p_value = chi_square_p_value(squares, len(errors))
     expanded_mm = PREDICTED_FACTOR * np.sqrt(np.diag(covariance))
     return PredictedLengths(
         tuple(np.sqrt(of_arm_mm2).tolist()),
         int(np.count_nonzero(np.abs(found_mm) <= expanded_mm)),
         float(np.sqrt(squares / len(errors))),
-        chi_square_p_value(squares, len(errors)),
+        p_value,
+        p_value >= GLOBAL_LEVEL,
     )
 
 
