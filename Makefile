@@ -15,6 +15,9 @@ AGAIN = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --last-failed --last-failed-no-fail
 FIGURES := build/figures
 # Groups of Debian packages that the tests need, in deploy/debian-packages.sh.
 TEST_GROUPS := cplusplus mosquitto postgresql openssl jq chromium node systemd groff xvfb
+# Dask scheduler that long proofs run on: make blind SCHEDULER=tcp://host:8786
+SCHEDULER ?=
+CLUSTER := $(if $(SCHEDULER),--scheduler $(SCHEDULER))
 # The Debian of `make test-fresh`, and options of deploy/fresh_machine.py.
 SUITE ?= bookworm
 FRESH ?=
@@ -136,19 +139,19 @@ bench-identification: venv  ## the adjustment beside scipy's least squares; take
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification.__main__
 
 prove-acceptance: venv  ## a thousand arms accepted or rejected, rightly or not; takes minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.acceptance.__main__ --out build/acceptance.json --pictures docs
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.acceptance.__main__ --out build/acceptance.json --pictures docs $(CLUSTER)
 
 prove-alignment: venv  ## 10 000 dispositions of common points: predicted errors against true ones; takes minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.alignment.__main__ --out build/alignment.json --pictures docs
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.alignment.__main__ --out build/alignment.json --pictures docs $(CLUSTER)
 
 prove: venv  ## the statistics of the identification over thousands of campaigns; takes an hour
-	$(BIN)/python -m benchmarks.proofs
+	$(BIN)/python -m benchmarks.proofs $(CLUSTER)
 
 blind: venv  ## 200 hidden effects and what the diagnosis says of them; takes minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.blind --out build/blind.jsonl
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.blind --out build/blind.jsonl $(CLUSTER)
 
 blind-full: venv  ## thousands of them, goes on from its file; takes an hour or two
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.blind --full --out build/blind-full.jsonl
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.blind --full --out build/blind-full.jsonl $(CLUSTER)
 
 bench-fleet: venv system  ## 50 arms at one broker read by a group, daemons beside each other, a hostile client; takes minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.fleet --daemons 1,4,8,12 --out $(FIGURES)/fleet.json

@@ -1,17 +1,21 @@
 """`traverse diagnose`: what the model of an arm lacks, from a campaign."""
 
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.cli.campaign_inputs import (
+    Family,
+    PriorPatterns,
+    adjustment_errors,
+    read_noted,
+)
 from traverse.cli.options import HoldoutBy, Json, Operator, campaign_folder
 from traverse.cli.refusals import (
     FAILED,
     check_results,
-    end,
     print_report,
     refusals,
     refuse,
@@ -21,9 +25,6 @@ from traverse.plurals import counted
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
     from traverse.lab.campaign.campaign import Campaign
-    from traverse.lab.diagnosis.model.result import Diagnosis, DiagnosisOptions
-    from traverse.lab.diagnosis.scans.scan_diagnosis import StreamDiagnosis
-    from traverse.lab.report.provenance import ReportProvenance
 
 
 def diagnose(
@@ -59,6 +60,8 @@ def diagnose(
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit status 1 if anything is missing.")
     ] = False,
+    family: Family = None,
+    prior: PriorPatterns = None,
     operator: Operator = None,
     as_json: Json = False,
     plan: Annotated[
@@ -80,7 +83,7 @@ def diagnose(
         if plan:
             if accept or accept_tentative or out is not None:
                 refuse("--plan writes nothing; leave out --out and --accept")
-            _plan(campaign, arm, as_json=as_json)
+            _plan(*read_noted(campaign, arm, family, prior), as_json=as_json)
             return
         if out is None:
             refuse("--out missing: name a folder for the results, or give --plan")
@@ -94,82 +97,25 @@ def diagnose(
             most_terms=max_terms,
             accept_tentative=accept_tentative,
         )
-        result, stream = _diagnosed(campaign, arm, options)
+        from traverse.lab import runs  # noqa: PLC0415
         from traverse.lab.report.provenance import campaign_provenance  # noqa: PLC0415
 
+        design, measured = read_noted(campaign, arm, family, prior)
+        progress = _Progress() if sys.stderr.isatty() else None
+        try:
+            with adjustment_errors():
+                found = runs.diagnosed(measured, design, options, progress)
+        finally:
+            if progress is not None:
+                progress.close()
+        result = found[0]
         provenance = campaign_provenance(result.campaign, operator)
-        lines = _written(result, arm, out, provenance, accept=accept)
-        if stream is not None:
-            lines = _with_stream(stream, lines, out)
+        lines = runs.write_diagnosed(found, arm, out, provenance, accept=accept)
     from traverse.lab.diagnosis.report.files import diagnosis_json  # noqa: PLC0415
 
     print_report(diagnosis_json(result, provenance), lines, as_json=as_json)
     if strict and result.verdict != "clean":
         raise typer.Exit(FAILED)
-
-
-def _diagnosed(
-    folder: Path, arm_file: Path, options: "DiagnosisOptions"
-) -> "tuple[Diagnosis, StreamDiagnosis | None]":
-    import numpy as np  # noqa: PLC0415
-
-    from traverse.lab.diagnosis.diagnose import diagnose as found_by  # noqa: PLC0415
-    from traverse.lab.diagnosis.scans.scan_diagnosis import diagnose_stream  # noqa: PLC0415
-    from traverse.lab.identification.identify import IdentificationError  # noqa: PLC0415
-
-    arm, campaign = _read(folder, arm_file)
-    progress = _Progress() if sys.stderr.isatty() else None
-    for note in campaign.notes:
-        typer.echo(f"{folder}: {note}", err=True)
-    try:
-        if campaign.is_stream:
-            stream = diagnose_stream(campaign, arm, options, progress)
-            return stream.diagnosis, stream
-        return found_by(campaign, arm, options, progress), None
-    except IdentificationError as error:
-        refuse(str(error))
-    except np.linalg.LinAlgError as error:
-        end(
-            FAILED,
-            f"{folder}: the adjustment broke down ({error}); check units, signs and "
-            "zeros of the arm file, and the features of the poses; see "
-            "`traverse identify`",
-        )
-    finally:
-        if progress is not None:
-            progress.close()
-
-
-def _written(
-    result: "Diagnosis",
-    arm_file: Path,
-    out: Path,
-    provenance: "ReportProvenance",
-    *,
-    accept: bool,
-) -> list[str]:
-    from traverse.lab.diagnosis.report.files import (  # noqa: PLC0415
-        write_adapted,
-        write_diagnosis,
-    )
-    from traverse.lab.diagnosis.report.page import summary_lines  # noqa: PLC0415
-
-    adapted = write_diagnosis(out, result, arm_file, provenance=provenance)
-    names = "arm.toml, diagnosis.json, discrepancies.csv, report.html, pictures"
-    lines = [*summary_lines(result), f"wrote {out}: {names}"]
-    if accept:
-        write_adapted(arm_file, adapted, arm_file)
-        lines.append(f"wrote {arm_file}: the adapted arm in place of the old one")
-    return lines
-
-
-def _with_stream(stream: "StreamDiagnosis", lines: list[str], out: Path) -> list[str]:
-    """Write the results of a dense scan, and print them first."""
-    from traverse.lab.diagnosis.scans.scan_diagnosis import stream_json, stream_lines  # noqa: PLC0415
-
-    text = json.dumps(stream_json(stream), indent=1, allow_nan=False)
-    (out / "stream.json").write_text(text + "\n", encoding="utf-8")
-    return [*stream_lines(stream), *lines, f"wrote {out / 'stream.json'}"]
 
 
 class _Progress:
@@ -189,7 +135,7 @@ class _Progress:
             typer.echo(f"\r{'':<{self._width}}\r", nl=False, err=True)
 
 
-def _plan(folder: Path, arm_file: Path, *, as_json: bool) -> None:
+def _plan(arm: "Arm", campaign: "Campaign", *, as_json: bool) -> None:
     """Print what a campaign could detect, without its measured misclosures."""
     from traverse.lab.diagnosis.advice.minimal_detectable import planned  # noqa: PLC0415
     from traverse.lab.diagnosis.report.files import detectable_json  # noqa: PLC0415
@@ -197,10 +143,8 @@ def _plan(folder: Path, arm_file: Path, *, as_json: bool) -> None:
         detectable_lines,
     )
     from traverse.lab.diagnosis.scans.decimation import decimated  # noqa: PLC0415
-    from traverse.lab.identification.identify import IdentificationError  # noqa: PLC0415
 
-    arm, campaign = _read(folder, arm_file)
-    with refusals(IdentificationError):
+    with adjustment_errors():
         if campaign.is_stream:
             campaign, thinning = decimated(campaign, arm)
             campaign = campaign.part(thinning.poses)
@@ -211,12 +155,3 @@ def _plan(folder: Path, arm_file: Path, *, as_json: bool) -> None:
     )
     lines = [head, *detectable_lines(found)]
     print_report({"detectable": detectable_json(found)}, lines, as_json=as_json)
-
-
-def _read(folder: Path, arm_file: Path) -> "tuple[Arm, Campaign]":
-    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
-    from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
-
-    arm = read_arm(arm_file)
-    names = [joint.name for joint in arm.joints]
-    return arm, read_campaign(folder, names, several_tools=True)

@@ -1,17 +1,22 @@
 """`traverse fleet`: all arms of a store."""
 
 import time
+from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.options import Json
+from traverse.cli.campaign_inputs import Family, PriorPatterns, check_prior
+from traverse.cli.options import HoldoutBy, Json, Operator, with_options
 from traverse.cli.refusals import FAILED, print_report, refusals, refuse
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
     from traverse.fleet.database import Database
+    from traverse.lab.diagnosis.model.result import DiagnosisOptions
+    from traverse.lab.identification.identify import Options
 
 fleet = typer.Typer(help="All arms of a store.", no_args_is_help=True)
 
@@ -94,6 +99,135 @@ def overview(
         raise typer.Exit(FAILED)
 
 
+CampaignFolders = Annotated[
+    list[Path], typer.Argument(help="Folders with campaign.toml.", exists=True)
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """Where results go, what counts beside the campaigns, and who does the work."""
+
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for the results, NAME/ each.")
+    ]
+    family: Family = None
+    prior: PriorPatterns = None
+    processes: Annotated[
+        int | None,
+        typer.Option(min=1, help="Processes of this computer; default one a core."),
+    ] = None
+    scheduler: Annotated[
+        str | None,
+        typer.Option(help="Dask scheduler, tcp://HOST:PORT, instead of processes."),
+    ] = None
+    rest: Annotated[
+        bool, typer.Option("--rest", help="Leave out what has results already.")
+    ] = False
+    operator: Operator = None
+
+
+@fleet.command("identify")
+@with_options("run", RunOptions)
+def identify(
+    campaigns: CampaignFolders,
+    *,
+    arm: Annotated[Path, typer.Option("--arm", help="Arm file of the design.")],
+    hold: Annotated[
+        list[str] | None, typer.Option(help="As of `traverse identify`.")
+    ] = None,
+    free: Annotated[
+        list[str] | None, typer.Option(help="As of `traverse identify`.")
+    ] = None,
+    run: RunOptions,
+    as_json: Json = False,
+) -> None:
+    """Identify arms of one design, each from its campaign, many at once.
+
+    A folder of results each, as of `traverse identify`. Exit status 1: a campaign
+    failed, did not converge, or contradicts a certificate.
+    """
+    from traverse.lab.identification.identify import Options  # noqa: PLC0415 - keeps --help quick
+
+    options = Options(hold=tuple(hold or ()), free=tuple(free or ()))
+    _run(campaigns, arm, options, run, as_json=as_json)
+
+
+@fleet.command("diagnose")
+@with_options("run", RunOptions)
+def diagnose(
+    campaigns: CampaignFolders,
+    *,
+    arm: Annotated[
+        Path,
+        typer.Option(
+            "--arm", help="Arm file of the design, or a folder of results, NAME/ each."
+        ),
+    ],
+    seed: Annotated[int, typer.Option(min=0, help="As of `traverse diagnose`.")] = 1,
+    holdout_by: HoldoutBy = "time",
+    run: RunOptions,
+    as_json: Json = False,
+) -> None:
+    """Find what the models of many arms lack, each from its campaign.
+
+    A folder of results each, as of `traverse diagnose`. Exit status 1: one failed.
+    """
+    from traverse.lab.diagnosis.model.result import DiagnosisOptions  # noqa: PLC0415 - keeps --help quick
+
+    options = DiagnosisOptions(seed=seed, holdout_by=holdout_by)
+    _run(campaigns, arm, options, run, as_json=as_json)
+
+
+def _run(
+    folders: list[Path],
+    arm: Path,
+    options: "Options | DiagnosisOptions",
+    run: RunOptions,
+    *,
+    as_json: bool,
+) -> None:
+    """Run campaigns, tell of each as it ends, and of all."""
+    from traverse.fleet.campaigns import (  # noqa: PLC0415
+        Request,
+        check_request,
+        results_of,
+        run_campaigns,
+    )
+    from traverse.fleet.workers import Workers, WorkersError  # noqa: PLC0415
+
+    with refusals(ValueError, WorkersError):
+        check_prior(run.family, run.prior)
+        prior = tuple(run.prior or ())
+        request = Request(arm, run.family, prior, options, run.out, run.operator)
+        if run.rest:
+            folders = [one for one in folders if not results_of(one, run.out).exists()]
+        check_request(folders, request)
+        found = []
+        workers = Workers(run.processes, run.scheduler)
+        for outcome in run_campaigns(folders, request, workers):
+            found.append(outcome)
+            told = f"{len(found)} of {len(folders)}: {outcome.name}: {outcome.verdict}"
+            typer.echo(told, err=True)
+    found.sort(key=attrgetter("name"))
+    values = {
+        "schema": "traverse/fleet-run/1",
+        "out": str(run.out),
+        "campaigns": [
+            {"name": one.name, "failed": one.failed, "verdict": one.verdict}
+            for one in found
+        ],
+    }
+    n_failed = sum(one.failed for one in found)
+    lines = [
+        f"{counted(len(found) - n_failed, 'campaign')} done, {n_failed} failed; "
+        f"wrote {run.out}"
+    ]
+    print_report(values, lines, as_json=as_json)
+    if not all(one.good for one in found):
+        raise typer.Exit(FAILED)
+
+
 @fleet.command("family")
 def family(
     results: Annotated[
@@ -101,6 +235,10 @@ def family(
         typer.Argument(help="Folders of `traverse identify`, of arms of one design."),
     ],
     *,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="File of it, for `identify --family`."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Compare arms of one type: mean and spread of each parameter, and who leaves them.
@@ -112,11 +250,16 @@ def family(
         family_lines,
         family_values,
         read_family,
+        write_family,
     )
 
     with refusals(ValueError):
         values = family_values(read_family(results))
-    print_report(values, family_lines(values), as_json=as_json)
+        lines = family_lines(values)
+        if out is not None:
+            write_family(values, out)
+            lines.append(f"wrote {out}")
+    print_report(values, lines, as_json=as_json)
     if values["alarms"]:
         raise typer.Exit(FAILED)
 

@@ -8,11 +8,8 @@ their limit: it is drawn within three standard uncertainties of the true figure.
 """
 
 import argparse
-import os
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +26,7 @@ from benchmarks.acceptance.arms import (
     tested_arm,
 )
 from benchmarks.tools.rounds import write_json
+from benchmarks.tools.workers import add_workers, ordered
 from traverse.arrays import Floats
 from traverse.lab.acceptance.conformity.figure import decision_of
 
@@ -40,12 +38,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--first", type=int, default=1, help="first seed")
     parser.add_argument("--out", type=Path, help="file for the figures, JSON")
     parser.add_argument("--pictures", type=Path, help="folder for the pictures")
+    add_workers(parser)
     given = parser.parse_args(arguments)
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     begun_s = time.monotonic()
     seeds = range(given.first, given.first + given.arms)
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
-        found = list(pool.map(tested_arm, seeds, chunksize=10))
+    found = ordered(given.scheduler, tested_arm, seeds, 10)
     report: dict[str, Any] = {"arms": given.arms, "first_seed": given.first}
     report["rates"] = [row for key in FIGURES for row in rates(found, key)]
     report["procedure"] = list(procedure_rates(found))

@@ -7,11 +7,8 @@ computation: many measurements with equal errors, fitted by singular values (Kab
 """
 
 import argparse
-import os
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +17,7 @@ import numpy as np
 from benchmarks.alignment.degenerate import NO_FLAG, REFUSED, degenerate
 from benchmarks.alignment.point_distributions import Outcome, outcome
 from benchmarks.tools.rounds import write_json
+from benchmarks.tools.workers import add_workers, ordered
 from traverse.arrays import Floats
 
 N_DEGENERATE = 200
@@ -34,12 +32,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--dispositions", type=int, default=10_000)
     parser.add_argument("--out", type=Path, help="file for the figures, JSON")
     parser.add_argument("--pictures", type=Path, help="folder for the pictures")
+    add_workers(parser)
     given = parser.parse_args(arguments)
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     begun_s = time.monotonic()
     seeds = range(given.dispositions)
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
-        found = list(pool.map(outcome, seeds, chunksize=100))
+    found = ordered(given.scheduler, outcome, seeds, 100)
     report = {
         "dispositions": given.dispositions,
         "ratios": ratios(found),

@@ -1,20 +1,26 @@
 """`make blind`: hide effects by the hundred, let diagnosis find them, score it."""
 
 import argparse
-import os
 import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from itertools import islice
-from multiprocessing import get_context
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.blind.outcomes import FULL, QUICK, Line, append, missing, run, stored
+from benchmarks.blind.outcomes import (
+    FULL,
+    QUICK,
+    Line,
+    append,
+    missing,
+    run_one,
+    stored,
+)
 from benchmarks.blind.table import HEADER, rows
+from benchmarks.tools.workers import add_workers, unordered
 
 _MOST_WRONG = 30
 
@@ -35,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given.minutes is not None:
         ends_s = begun_s + 60.0 * given.minutes
     print(f"{given.out}: {len(lines)} runs; {len(todo)} to go", flush=True)
-    for line in _made(todo, ends_s):
+    for line in _made(todo, ends_s, given.scheduler):
         append(given.out, line)
         lines.append(line)
     _print_errors(lines)
@@ -64,6 +70,7 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--minutes", type=float, help="begin no run after that; 0: only the table"
     )
+    add_workers(parser)
     given = parser.parse_args(arguments)
     given.out.parent.mkdir(parents=True, exist_ok=True)
     return given
@@ -73,29 +80,15 @@ def _fits(name: str, parts: Sequence[str]) -> bool:
     return any(part in name for part in parts)
 
 
-def _made(todo: Sequence[tuple[str, int]], ends_s: float) -> Iterator[Line]:
-    """Make runs on all cores, reported in the order in which they end."""
-    if not todo or time.monotonic() >= ends_s:
-        return
-    # Many small matrices: threads of the linear algebra would only get in the way.
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    waiting = iter(todo)
-    n_cores = os.cpu_count() or 1
-    with ProcessPoolExecutor(n_cores, mp_context=get_context("spawn")) as pool:
-        going: set[Future[Line]] = set()
-        n_done = 0
-        while True:
-            if time.monotonic() < ends_s:
-                free = 2 * n_cores - len(going)
-                going |= {pool.submit(run, *one) for one in islice(waiting, free)}
-            if not going:
-                break
-            done, going = wait(going, return_when=FIRST_COMPLETED)
-            for future in done:
-                yield future.result()
-                n_done += 1
-                if n_done % 20 == 0:
-                    print(f"{n_done} of {len(todo)}", flush=True)
+def _made(
+    todo: Sequence[tuple[str, int]], ends_s: float, scheduler: str | None
+) -> Iterator[Line]:
+    """Make runs, reported in the order in which they end."""
+    in_time = takewhile(lambda _: time.monotonic() < ends_s, todo)
+    for n_done, line in enumerate(unordered(scheduler, run_one, in_time), 1):
+        yield line
+        if n_done % 20 == 0:
+            print(f"{n_done} of {len(todo)}", flush=True)
 
 
 def _print_errors(lines: Sequence[Line]) -> None:

@@ -75,6 +75,11 @@ FULL: Mapping[str, int] = MappingProxyType(
 Line = dict[str, Any]
 
 
+def run_one(one: tuple[str, int]) -> Line:
+    """Run a scenario with a seed, as workers are given it."""
+    return run(*one)
+
+
 def run(scenario: str, seed: int) -> Line:
     """Hide, find and score; failures are recorded in the line."""
     line: Line = {"scenario": scenario, "seed": seed, "error": None}

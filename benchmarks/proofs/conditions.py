@@ -55,7 +55,7 @@ _QUIET = {"encoder_rad": 5e-9, "contact_mm": 5e-6}
 _N_POSES = 100
 
 
-def median_conditions(travel: str, n_sets: int) -> list[float]:
+def median_conditions(travel: str, n_sets: int = 15) -> list[float]:
     """Compute the condition numbers for each of `ORDERS`."""
     return [
         float(np.median([_condition(travel, orders, seed) for seed in range(n_sets)]))

@@ -1,18 +1,21 @@
 """`traverse identify`: an arm from a campaign, and two results compared."""
 
-import json
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.cli.campaign_inputs import (
+    Family,
+    PriorPatterns,
+    adjustment_errors,
+    read_noted,
+)
 from traverse.cli.options import HoldoutBy, Json, Operator, campaign_folder
 from traverse.cli.refusals import (
     FAILED,
     check_results,
-    end,
     print_report,
     refusals,
     refuse,
@@ -20,12 +23,9 @@ from traverse.cli.refusals import (
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
-    from traverse.kinematics.arm_file.arm import Arm
     from traverse.lab.campaign.campaign import Campaign
     from traverse.lab.identification.identify import Options
-    from traverse.lab.identification.results.result import Identification
     from traverse.lab.identification.solve.adjustment import Iteration
-    from traverse.lab.report.provenance import ReportProvenance
 
 
 def identify(
@@ -66,6 +66,8 @@ def identify(
         bool,
         typer.Option("--strict", help="Exit status 1 if anything is undetermined."),
     ] = False,
+    family: Family = None,
+    prior: PriorPatterns = None,
     as_json: Json = False,
     operator: Operator = None,
     compare: Annotated[
@@ -94,13 +96,17 @@ def identify(
         if campaign is None or arm is None or out is None:
             refuse(f"{', '.join(missing)} missing; or give --compare A B")
         check_results(out, arm)
+        from traverse.lab import runs  # noqa: PLC0415
         from traverse.lab.report.provenance import campaign_provenance  # noqa: PLC0415
 
         options = _options(hold or [], free or [], masks)
-        kept_aside = None if holdout is None else (holdout, holdout_by, seed)
-        result = _identified(campaign, arm, options, kept_aside)
+        kept = None if holdout is None else runs.KeptAside(holdout, holdout_by, seed)
+        design, measured = read_noted(campaign, arm, family, prior)
+        with adjustment_errors():
+            progress = _Progress if sys.stderr.isatty() else None
+            result = runs.identified(measured, design, options, kept, progress)
         provenance = campaign_provenance(result.campaign, operator)
-        lines = _written(result, out, provenance)
+        lines = runs.write_identified(result, out, provenance)
     from traverse.lab.identification.results import files as files_of  # noqa: PLC0415
 
     values = files_of.identification_json(result, provenance)
@@ -119,87 +125,6 @@ def _options(hold: list[str], free: list[str], masks: Path | None) -> "Options":
         found = read_strict(masks, Masks)
         hold, free = [*hold, *found.hold], [*free, *found.free]
     return Options(hold=tuple(hold), free=tuple(free))
-
-
-def _identified(
-    folder: Path,
-    arm_file: Path,
-    options: "Options",
-    kept_aside: tuple[float, str, int] | None,
-) -> "Identification":
-    """Read and adjust, but for a part of the poses, which is predicted."""
-    import numpy as np  # noqa: PLC0415
-
-    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
-    from traverse.lab.identification.identify import (  # noqa: PLC0415
-        IdentificationError,
-        identify,
-    )
-    from traverse.lab.identification.prediction import holdout_figures  # noqa: PLC0415
-
-    arm = read_arm(arm_file)
-    campaign = _campaign(folder, arm)
-    for note in campaign.notes:
-        typer.echo(f"{folder}: {note}", err=True)
-    chosen, held_out = campaign, None
-    if kept_aside is not None:
-        chosen, held_out = _split(campaign, *kept_aside)
-    progress = _Progress(chosen) if sys.stderr.isatty() else None
-    try:
-        result = identify(chosen, arm, options, progress)
-        if kept_aside is None or held_out is None or not result.converged:
-            return result
-        figures = holdout_figures(result, held_out, *kept_aside[1:])
-        return replace(result, holdout=figures)
-    except IdentificationError as error:
-        refuse(str(error))
-    except np.linalg.LinAlgError as error:
-        end(
-            FAILED,
-            f"{folder}: the adjustment broke down ({error}); check units, signs and "
-            "zeros of the arm file, and the features of the poses",
-        )
-
-
-def _split(
-    campaign: "Campaign", part: float, by: str, seed: int
-) -> "tuple[Campaign, Campaign]":
-    """Divide a campaign into what is adjusted and what is kept aside."""
-    from traverse.lab.diagnosis.holdout.holdout import SPLITS  # noqa: PLC0415
-
-    chosen, held_out = SPLITS[by](campaign, seed, part)
-    if not held_out.any():
-        refuse(
-            f"nothing can be kept aside of {len(campaign.poses)} poses at "
-            f"{len(campaign.artefacts)} artefacts by {by}: the rest would not "
-            "determine the arm or an artefact; measure more, or leave --holdout out"
-        )
-    return campaign.part(chosen), campaign.part(held_out)
-
-
-def _written(
-    result: "Identification", out: Path, provenance: "ReportProvenance"
-) -> list[str]:
-    from traverse.lab.identification.report import page as pages  # noqa: PLC0415
-    from traverse.lab.identification.results import files as files_of  # noqa: PLC0415
-    from traverse.lab.report.checksums import SUMS, sums_of, write_sums  # noqa: PLC0415
-    from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
-
-    found = pages.result_map(result)
-    lines = pages.summary_lines(result, found)
-    page = pages.report_page(result, found, provenance)
-    if not result.converged:
-        # An arm file of it might be measured with.
-        out.mkdir(parents=True, exist_ok=True)
-        values = files_of.identification_json(result, provenance)
-        text = json.dumps(values, indent=1) + "\n"
-        write_atomically(out / "identification.json", text)
-        write_atomically(out / "report.html", page)
-        return [*lines, f"wrote {out}: identification.json, report.html; no arm.toml"]
-    files_of.write_result(result, out, provenance=provenance)
-    write_atomically(out / "report.html", page)
-    write_sums(out, sums_of(out, files_of.IDENTIFICATION_FILES))
-    return [*lines, f"wrote {out}: {', '.join(files_of.IDENTIFICATION_FILES)}, {SUMS}"]
 
 
 class _Progress:
@@ -228,12 +153,13 @@ def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -
     from traverse.cli.identify.comparison import comparison_values  # noqa: PLC0415
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
     from traverse.lab.identification.results import arm_comparison  # noqa: PLC0415
+    from traverse.lab.runs import read_inputs  # noqa: PLC0415
 
     files = [path / "arm.toml" if path.is_dir() else path for path in (first, second)]
     arms = [read_arm(file) for file in files]
     ranges = None
     if folder is not None:
-        angles_rad = _campaign(folder, arms[0]).poses.angles_rad
+        angles_rad = read_inputs(folder, files[0])[1].poses.angles_rad
         ranges = (angles_rad.min(axis=0), angles_rad.max(axis=0))
     with refusals(arm_comparison.ComparisonError):
         found = arm_comparison.compare_arms(arms[0], arms[1], ranges)
@@ -241,10 +167,3 @@ def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -
     from traverse.lab.identification.report import page as pages  # noqa: PLC0415
 
     print_report(values, pages.comparison_lines(values), as_json=as_json)
-
-
-def _campaign(folder: Path, arm: "Arm") -> "Campaign":
-    from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
-
-    names = [joint.name for joint in arm.joints]
-    return read_campaign(folder, names, several_tools=True)

@@ -22,6 +22,7 @@ from traverse.lab.campaign.campaign_file import (
 )
 from traverse.lab.campaign.copies import without_copies
 from traverse.lab.campaign.pose_table import PoseTable, read_pose_table
+from traverse.lab.campaign.prior import Prior
 from traverse.lab.campaign.stream_table import SUFFIX, read_stream_table
 from traverse.protocol.printable import spreadsheet_cell
 from traverse.strict_toml.files import bytes_of
@@ -100,6 +101,7 @@ class Campaign:
         is_stream: Poses are the samples of a recording: their errors are correlated.
         notes: What is not as it should be, but no reason to refuse.
         tools: Others than the arm's own, as `Poses.tools` numbers them from 1 on.
+        prior: What the arm's family says of it, or None.
     """
 
     artefacts: tuple[Artefact, ...]
@@ -118,6 +120,7 @@ class Campaign:
     is_stream: bool = False
     notes: tuple[str, ...] = ()
     tools: tuple[Tool, ...] = ()
+    prior: Prior | None = None
 
     @property
     def start(self) -> datetime:

@@ -48,6 +48,10 @@ LABORATORY = "laboratory.toml"
 _DESIGN = "design.toml"
 _ARM = "arm.toml"
 # Neither figures nor data: when, by whom and how it was computed, and advice.
+_NOT_ALONE = {
+    "holdout": "a part of the poses was kept aside; identify with all of them",
+    "family": "what its family says took part; identify from its own poses alone",
+}
 _NOT_COMPARED = ("provenance", "iterations", "suggestions", "holdout")
 
 
@@ -128,9 +132,10 @@ def evidence_problems(folder: Path) -> Iterator[str]:
     if values.get("schema") != SCHEMA or not isinstance(inputs, dict):
         yield f"{IDENTIFICATION} does not say what it was made of; identify again"
         return
-    if values.get("holdout") is not None:
-        yield "a part of the poses was kept aside; identify with all of them"
-        return
+    for key, told in _NOT_ALONE.items():
+        if values.get(key) is not None:
+            yield told
+            return
     design = read_arm(folder / DATA / _DESIGN)
     if arm_digest(design) != inputs.get("arm_digest"):
         yield f"{DATA}/{_DESIGN} is not the arm file that was identified from"

@@ -24,6 +24,7 @@ from traverse.lab.diagnosis.model.covariates import outlier_cluster
 from traverse.lab.diagnosis.model.fit import (
     Fit,
     estimates_of,
+    fitted,
     has_epoch,
     with_tools_begun,
 )
@@ -54,6 +55,7 @@ from traverse.lab.diagnosis.search.forward_search import (
     refitted,
 )
 from traverse.lab.identification.identify import IdentificationError
+from traverse.lab.identification.solve.contradictions import contradicted_expectation
 from traverse.lab.statistics.outlier_clusters import ARTEFACT
 
 __all__ = ["DiagnosisOptions", "diagnose"]
@@ -87,6 +89,14 @@ def diagnose(
             f"no artefact of {len(campaign.artefacts)} can be kept aside; measure at "
             "several, or keep groups of poses aside (--holdout-by time)"
         )
+    # Before the search, which would explain what is another arm's by effects.
+    while campaign.prior is not None:
+        fit = fitted(campaign, arm, choosing)
+        contradicted = contradicted_expectation(fit.adjustment)
+        if contradicted is None:
+            break
+        prior = campaign.prior.without(*contradicted)
+        campaign = replace(campaign, prior=prior)
     decision = decide(campaign, arm, choosing, options, told)
     search = decision.search
     lap("decision")

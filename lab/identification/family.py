@@ -23,11 +23,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomlkit
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.arrays import Booleans, Floats
 from traverse.strict_toml.files import json_of
 from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.writing import write_atomically
 
 SCHEMA = "traverse/family/1"
 RESULT = "traverse/identification/1"
@@ -65,6 +67,7 @@ class Population:
 
     Attributes:
         mean, spread: of the population, in its unit.
+        std: of one more arm: the spread, with what is not known of it and of the mean.
         spreads: how far each arm is from the mean of the others, in spreads of what is
             expected of it, (n,).
         p_values: of that or more by chance, of each arm, (n,).
@@ -73,6 +76,7 @@ class Population:
 
     mean: float
     spread: float
+    std: float
     spreads: Floats
     p_values: Floats
     strangers: Booleans
@@ -152,8 +156,8 @@ def population_of(values: Floats, stds: Floats, level: float) -> Population:
             break
         inside[worst] = False
     statistics, p_values = _against_others(values, stds, inside)
-    mean, spread = _fitted(values[inside], stds[inside])
-    return Population(mean, spread, statistics, p_values, p_values < level)
+    found = _fitted(values[inside], stds[inside])
+    return Population(*found, statistics, p_values, p_values < level)
 
 
 def _against_others(
@@ -165,7 +169,7 @@ def _against_others(
         others = inside.copy()
         others[row] = False
         n = int(np.count_nonzero(others))
-        mean, spread = _fitted(values[others], stds[others])
+        mean, spread, _ = _fitted(values[others], stds[others])
         expected = np.sqrt(spread**2 * (1.0 + 1.0 / n) + stds[row] ** 2)
         away = values[row] - mean
         if expected > 0.0:
@@ -176,10 +180,12 @@ def _against_others(
     return statistics, p_values
 
 
-def _fitted(values: Floats, stds: Floats) -> tuple[float, float]:
+def _fitted(values: Floats, stds: Floats) -> tuple[float, float, float]:
     """Fit mean and spread: restricted likelihood by Fisher's steps (Harville 1977).
 
-    Without uncertainties these are the mean and the standard deviation with n - 1.
+    Without uncertainties these are the mean and the standard deviation with n - 1. The
+    third is the standard deviation of one more, t^2 + u(t^2) + u^2(m) being its
+    variance: a family whose spread drowns in the uncertainties knows little.
     """
     variance = max(float(np.var(values, ddof=1)) - float(np.mean(stds**2)), 0.0)
     mean = float(values.mean())
@@ -198,7 +204,8 @@ def _fitted(values: Floats, stds: Floats) -> tuple[float, float]:
         before, variance = variance, max(variance + step, 0.0)
         if abs(variance - before) <= 1e-10 * (variance + before):
             break
-    return mean, float(np.sqrt(variance))
+    of_one_more = variance + np.sqrt(2.0 / information) + 1.0 / total
+    return mean, float(np.sqrt(variance)), float(np.sqrt(of_one_more))
 
 
 def family_values(family: FamilyResults) -> dict[str, Any]:
@@ -215,6 +222,7 @@ def family_values(family: FamilyResults) -> dict[str, Any]:
                 "unit": family.units[column],
                 "mean": found.mean,
                 "spread": found.spread,
+                "std": found.std,
                 "median_std": float(np.median(family.stds[:, column])),
                 "arms": n_arms - int(np.count_nonzero(found.strangers)),
             }
@@ -255,3 +263,21 @@ def family_lines(values: Mapping[str, Any]) -> list[str]:
         for one in values["alarms"]
     ]
     return lines if values["alarms"] else [*lines, "no arm leaves its family"]
+
+
+def write_family(values: Mapping[str, Any], path: Path) -> None:
+    """Write what `identify --family` and `diagnose --family` read.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    table = {
+        "schema": SCHEMA,
+        "design": values["design"],
+        "arms": len(values["arms"]),
+        "parameters": {
+            one["name"]: {key: one[key] for key in ("unit", "mean", "spread", "std")}
+            for one in values["parameters"]
+        },
+    }
+    write_atomically(path, tomlkit.dumps(table))

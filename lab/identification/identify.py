@@ -10,6 +10,7 @@ from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.prior import Prior
 from traverse.lab.identification.equations.datum import with_datum
 from traverse.lab.identification.equations.effect_model import effect_model
 from traverse.lab.identification.equations.network import (
@@ -22,6 +23,7 @@ from traverse.lab.identification.equations.parameters import (
     ArmValues,
     Parameters,
     arm_parameters,
+    expected_by,
     masked,
 )
 from traverse.lab.identification.optimal_design import (
@@ -50,6 +52,7 @@ from traverse.lab.identification.solve.adjustment import (
 from traverse.lab.identification.solve.contradictions import (
     Contradiction,
     ExcludedCluster,
+    contradicted_expectation,
     lost_poses,
     with_clusters_back,
     without_wrong_certificates,
@@ -108,7 +111,7 @@ def identify(
         IdentificationError: Arm and campaign do not fit together, or a pattern fits
             no parameter.
     """
-    options = options or Options()
+    options, given = options or Options(), campaign
     names = tuple(joint.name for joint in arm.joints)
     if names != campaign.joint_names:
         raise IdentificationError(
@@ -158,6 +161,10 @@ def identify(
     clusters: tuple[ExcludedCluster, ...] = ()
     if options.snooping:
         run, clusters = with_clusters_back(campaign, run, adjusted)
+    contradicted = contradicted_expectation(run.adjustment)
+    if contradicted is not None and given.prior is not None:
+        believed = replace(given, prior=given.prior.without(*contradicted))
+        return identify(believed, arm, options, progress)
     alone, included = run.adjustment, run.included
     adjustment, serial, iterations = alone, None, run.iterations
     sigma0, redundancy, shared = alone.sigma0, alone.redundancy, 1.0
@@ -265,10 +272,38 @@ def prepared(
         parameters = parameters.with_free(masked(parameters, options.hold, wishes))
     except ValueError as error:
         raise IdentificationError(str(error)) from error
+    prior = campaign.prior
+    # Which components are held decides what the others mean to a family.
+    of_design = geometry if prior is None else geometry_from_arm(prior.design)
     if not in_the_arms_system:
-        parameters = with_datum(parameters, geometry, tools_mm=tools_mm)
+        parameters = with_datum(parameters, of_design, tools_mm=tools_mm)
     values = np.empty(0) if effects is None else effects.effects.values
+    if prior is not None:
+        _check_same_datum(prior, parameters)
+        expected = expected_by(prior, of_design, campaign)
+        parameters = replace(parameters, expected=expected)
     return ArmValues(geometry, values, tools_mm), parameters
+
+
+_OF_DATUM = (".axis.", ".link.", "origin.")
+
+
+def _check_same_datum(prior: Prior, parameters: Parameters) -> None:
+    """Refuse a family whose parameters mean something else, as others were held.
+
+    Raises:
+        IdentificationError: Other axes, links or origins are free than in the family.
+    """
+    theirs, ours = (
+        {name for name in names if any(part in name for part in _OF_DATUM)}
+        for names in (prior.estimated, parameters.free_names)
+    )
+    if theirs != ours:
+        raise IdentificationError(
+            f"{prior.family}: its arms were identified with other parameters free: "
+            f"{', '.join(sorted(theirs ^ ours))}; identify all with the "
+            "same --hold and --free, on artefacts of the same kind of place"
+        )
 
 
 def _held_tools(campaign: Campaign) -> list[str]:

@@ -91,6 +91,7 @@ def placed(campaign: Campaign, arm: Arm, *, with_tool: bool = False) -> Identifi
         campaign,
         encoder_rad=campaign.encoder_rad or DEFAULT_ENCODER_RAD,
         contact_mm=campaign.contact_mm or DEFAULT_CONTACT_MM,
+        prior=None,
     )
     return identify(weighed, arm, _WITH_TOOL if with_tool else _PLACING)
 
@@ -120,6 +121,7 @@ def predict(
     Raises:
         IdentificationError: Arm and campaign do not fit together.
     """
+    campaign = replace(campaign, prior=None)
     touched = campaign.poses.artefacts
     is_missing = np.array([entry.id not in places for entry in campaign.artefacts])
     if tools_mm is not None:

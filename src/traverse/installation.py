@@ -22,6 +22,7 @@ EXTRAS = {
     "starlette": "page",
     "pyarrow": "parquet",
     "psycopg": "fleet",
+    "distributed": "cluster",
     "can": "can",
     "canopen": "can",
     "pymodbus": "modbus",
@@ -38,6 +39,7 @@ EXTRAS = {
 _NOT_IN_DEBIAN = {
     "parquet": "write another kind of file",
     "fleet": "store on another computer, with pip",
+    "cluster": "leave --scheduler out",
     "keys": "use `traverse gateway lines`",
     "live": "use `traverse page`",
     "certificate": "certify on another computer, with pip",

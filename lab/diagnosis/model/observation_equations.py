@@ -47,7 +47,8 @@ class ObservationEquations:
     """All equations of a fit.
 
     Attributes:
-        poses: The campaign's pose of every row; -1: a certificate, (n_rows,).
+        poses: The campaign's pose of every row; -1: of a certificate or of the arm's
+            family, (n_rows,).
         values: Less the whitened misclosures, (n_rows,).
         by_centre: How rows change with the model's ball centre [1/mm], (n_rows, 3);
             zero for certificates.
@@ -198,10 +199,12 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
         columns[:, own] = found[:, : len(station.scales)] * station.scales
         columns[:, :n_free] = found[:, len(station.scales) : -1]
         # The right side of an adjustment is less the misclosure already.
-        no_poses = np.full(len(found), -1, dtype=np.int64)
-        nothing = np.zeros((len(found), 3)), np.zeros((len(found), n_sources))
-        parts.append((found[:, -1], columns, no_poses, *nothing))
+        parts.append((found[:, -1], columns, *_of_no_pose(len(found), n_sources)))
         n_rows += len(found)
+    expected = parameters.expectations(state.arm)
+    columns = np.zeros((len(expected), n_columns))
+    columns[:, :n_free] = expected[:, :-1]
+    parts.append((expected[:, -1], columns, *_of_no_pose(len(expected), n_sources)))
     values, columns, poses, by_centre, sources = (
         np.concatenate(part) for part in zip(*parts, strict=True)
     )
@@ -220,6 +223,12 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
         basis=orthonormal_basis(columns),
         certificates=tuple(certificates),
     )
+
+
+def _of_no_pose(n_rows: int, n_sources: int) -> tuple[Integers, Floats, Floats]:
+    """Return poses, changes by the centre and by sources of rows that have none."""
+    no_poses = np.full(n_rows, -1, dtype=np.int64)
+    return no_poses, np.zeros((n_rows, 3)), np.zeros((n_rows, n_sources))
 
 
 def _sources(by_readings: Floats, by_contact: Floats) -> Floats:

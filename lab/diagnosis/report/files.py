@@ -13,6 +13,7 @@ import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, parse_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
+from traverse.lab.campaign.prior import family_json
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.fit import has_epoch, terms_without_epoch
 from traverse.lab.diagnosis.model.result import (
@@ -112,6 +113,7 @@ def diagnosis_json(
         },
         "seed": diagnosis.seed,
         "holdout_by": diagnosis.holdout_by,
+        **family_json(diagnosis.campaign.prior),
     }
     if diagnosis.campaign.tools:
         vectors_mm = diagnosis.after.state.arm.tools_mm

@@ -212,6 +212,9 @@ def each_tool(
 
 def has_length(network: Network) -> bool:
     """Return whether anything determines the scale."""
+    expected = network.parameters.expected
+    if expected is not None and any(".link." in name for name in expected.names):
+        return True
     return any(
         station.artefact.fixes_scale(station.touches) for station in network.stations
     )

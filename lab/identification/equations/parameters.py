@@ -14,8 +14,12 @@ import numpy as np
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.model.derivatives import ProbeDerivatives
 from traverse.kinematics.model.geometry import Geometry, unit_vectors
-from traverse.lab.campaign.campaign import Poses
-from traverse.lab.identification.equations.effect_model import EffectModel
+from traverse.lab.campaign.campaign import Campaign, Poses
+from traverse.lab.campaign.prior import Prior
+from traverse.lab.identification.equations.effect_model import (
+    EffectModel,
+    effect_model,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +45,21 @@ class ArmValues:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Expected:
+    """What an arm's family expects of it.
+
+    Attributes:
+        names: Of the parameters that it says something about, (n,).
+        stds: (n,).
+        arm: With the expected values, and the effects of the design alone.
+    """
+
+    names: tuple[str, ...]
+    stds: Floats
+    arm: ArmValues
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Parameters:
     """All parameters of an arm, and which of them are free.
 
@@ -52,6 +71,7 @@ class Parameters:
         free: Which are estimated, (n_all,).
         smallest: The component of each design axis that v_k is built from.
         effects: Of the arm, or None.
+        expected: By the arm's family, or None.
     """
 
     names: tuple[str, ...]
@@ -61,6 +81,7 @@ class Parameters:
     smallest: tuple[int, ...]
     effects: EffectModel | None = None
     n_tools: int = 0
+    expected: Expected | None = None
 
     @property
     def n_geometric(self) -> int:
@@ -190,6 +211,25 @@ class Parameters:
             amplitudes = after @ (after.T @ (amplitudes + before @ rest[first:]))
         return ArmValues(moved, amplitudes, tools_mm)
 
+    def expectations(self, arm: ArmValues) -> Floats:
+        """White equations of the free parameters by the arm's family.
+
+        The right side is last, (n, n_free + 1); n is that of its free parameters.
+        """
+        if self.expected is None:
+            return np.empty((0, self.n_free + 1))
+        there, names = self.expected, self.free_names
+        amplitudes = arm.amplitudes.copy()  # added effects are behind the design's
+        amplitudes[: len(there.arm.amplitudes)] = there.arm.amplitudes
+        to = replace(arm, geometry=there.arm.geometry, amplitudes=amplitudes)
+        step = self.coordinates(to, arm)[self.free]
+        known = np.array([name in names for name in there.names], dtype=np.bool_)
+        at = [names.index(name) for name in there.names if name in names]
+        rows = np.zeros((len(at), self.n_free + 1))
+        rows[np.arange(len(at)), at] = 1.0
+        rows[:, -1] = step[at]
+        return rows / there.stds[known, np.newaxis]
+
     def length_errors(self, values: ArmValues, artefact: str) -> tuple[float, Floats]:
         """Return by how many ppm a standard is off, and which parameters say so."""
         by_free = np.zeros(self.n_free)
@@ -298,3 +338,20 @@ def masked(
                 )
             mask[fits] = value
     return mask
+
+
+def expected_by(prior: Prior, geometry: Geometry, campaign: Campaign) -> Expected:
+    """Move a family's design, of this geometry, to where the family has its arms.
+
+    Raises:
+        ValueError: Effects of the design do not fit the campaign.
+    """
+    of_design = prior.design.effects
+    effects = effect_model(prior.design, of_design, campaign) if of_design else None
+    parameters = arm_parameters(geometry, campaign.joint_names, effects)
+    every = parameters.with_free(np.ones_like(parameters.free))
+    step = np.zeros(len(every.names))
+    step[[every.names.index(name) for name in prior.names]] = prior.changes
+    values = np.empty(0) if effects is None else effects.effects.values
+    arm = every.moved(ArmValues(geometry, values), step)
+    return Expected(prior.names, prior.stds, arm)

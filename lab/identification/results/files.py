@@ -15,6 +15,7 @@ from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, write_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.prior import family_json
 from traverse.lab.identification.results.result import (
     ArtefactResult,
     CartesianCovariance,
@@ -115,6 +116,7 @@ def identification_json(
             for e in result.excluded
         ],
         "holdout": result.holdout,
+        **family_json(result.campaign.prior),
         "alternating": list(result.alternating),
         "contradictions": [
             {

@@ -92,7 +92,11 @@ def linearise(network: Network, state: State) -> System:
         upper = sequential_qr([upper, *blocks], n_columns)
         eliminations.append(eliminate_unknowns(upper, station.scales))
         kept.append([np.concatenate(parts) for parts in zip(*seen, strict=True)])
-    reduced = sequential_qr([found.reduced for found in eliminations], n_free + 1)
+    expected = network.parameters.expectations(state.arm)
+    total += float(np.sum(expected[:, -1] ** 2))
+    reduced = sequential_qr(
+        [*(found.reduced for found in eliminations), expected], n_free + 1
+    )
     whiteners, offsets_mm, following = (
         tuple(of_station[at] for of_station in kept) for at in range(3)
     )
@@ -104,7 +108,7 @@ def linearise(network: Network, state: State) -> System:
 
 def sum_of_squares(network: Network, state: State, system: System) -> float:
     """Weigh the misclosures of a state with the weights of a system."""
-    total = 0.0
+    total = float(np.sum(network.parameters.expectations(state.arm)[:, -1] ** 2))
     for at, station in enumerate(network.stations):
         unknowns, corrections = state.unknowns[at], state.corrections[at]
         found_mm = misclosures_mm(network, station, state.arm, unknowns, corrections)
@@ -401,5 +405,6 @@ def _redundancy(
         len(certified(network, station, state.arm, unknowns))
         for station, unknowns in zip(network.stations, state.unknowns, strict=True)
     )
+    n_known = n_certified + len(network.parameters.expectations(state.arm))
     determined = sum(len(found.right) for found in system.eliminations)
-    return network.n_rows + n_certified - determined - parts.n_determined
+    return network.n_rows + n_known - determined - parts.n_determined

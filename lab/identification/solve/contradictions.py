@@ -30,8 +30,10 @@ from traverse.arrays import Booleans
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.equations.network import Noise, has_length, rms_mm
 from traverse.lab.identification.equations.parameters import ArmValues
+from traverse.lab.identification.solve.adjustment import Adjustment
 from traverse.lab.identification.solve.iterative_adjustment import IteratedAdjustment
 from traverse.lab.identification.solve.reliability import robust_scale
+from traverse.lab.statistics.distributions import normal_quantile
 from traverse.lab.statistics.outlier_clusters import Cluster, Line, find_outlier_cluster
 
 # An artefact that lost more of its poses than this is suspect.
@@ -49,6 +51,8 @@ _AGREEING = 2.0
 # misclosures that are left; and no arm is wrong by this part of a length.
 _BY_MODEL = 10.0
 _GROSS = 0.1
+# Part of an observation's variance in its residual, below which it is not tested.
+_UNTESTABLE = 1e-6
 # Hypotheses whose losses differ by less explain the campaign equally well.
 _SAME = 10.0
 _MOST_WRONG = 3
@@ -85,6 +89,28 @@ class LostPoses:
     artefact: str
     n_lost: int
     n_poses: int
+
+
+# Probability that an arm of the family contradicts it in any parameter.
+_FAMILY_LEVEL = 0.01
+
+
+def contradicted_expectation(adjustment: Adjustment) -> tuple[str, float] | None:
+    """Name the parameter that contradicts the arm's family most, if one does.
+
+    And by how many standard deviations, as in Baarda's test of single observations.
+    """
+    parameters = adjustment.network.parameters
+    expected = parameters.expectations(adjustment.state.arm)
+    if len(expected) == 0:
+        return None
+    inverse = expected[:, :-1] @ adjustment.split.inverse
+    left = np.maximum(1.0 - np.sum(inverse**2, axis=1), _UNTESTABLE)
+    w = np.abs(expected[:, -1]) / np.sqrt(left)
+    at = int(np.argmax(w))
+    if w[at] < -normal_quantile(0.5 * _FAMILY_LEVEL / len(w)):
+        return None
+    return parameters.free_names[int(np.argmax(expected[at, :-1]))], float(w[at])
 
 
 def lost_poses(campaign: Campaign, run: IteratedAdjustment) -> tuple[LostPoses, ...]:

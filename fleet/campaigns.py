@@ -1,0 +1,194 @@
+"""Many campaigns of one design identified or diagnosed, each as its command would.
+
+What becomes of a campaign depends neither on who computes it nor on the others: its
+inputs travel to a worker, and the files that were written come back.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from traverse.fleet.workers import WorkerDiedError, Workers
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.model.result import DiagnosisOptions
+from traverse.lab.identification.identify import IdentificationError, Options
+from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
+from traverse.lab.runs import (
+    BreakdownError,
+    diagnosed,
+    identified,
+    read_inputs,
+    write_diagnosed,
+    write_identified,
+)
+from traverse.strict_toml.files import bytes_of
+from traverse.strict_toml.problems import FileError
+from traverse.strict_toml.writing import replacing
+
+ARM = "arm.toml"
+_VERDICT = "verdict: "
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What is wanted of all campaigns.
+
+    Attributes:
+        arm: File of the design, or a folder of earlier results, NAME/arm.toml each.
+        family, prior: As `runs.read_inputs` takes them.
+        options: Of an identification or of a diagnosis.
+        out: Folder for the results, NAME/ each.
+        operator, date: Who computes, and when, for the reports; default now.
+    """
+
+    arm: Path
+    family: Path | None
+    prior: tuple[str, ...]
+    options: Options | DiagnosisOptions
+    out: Path
+    operator: str | None = None
+    date: datetime | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """Everything that the results of a campaign depend on; the arm file as it is."""
+
+    name: str
+    campaign: Campaign
+    arm: Arm
+    arm_file: bytes
+    options: Options | DiagnosisOptions
+    provenance: ReportProvenance
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of a campaign.
+
+    Attributes:
+        name: Of its folder.
+        verdict: In words, or why there is none.
+        failed: Whether there is none.
+        good: Whether the command for this campaign alone would exit with 0.
+        files: What was written, by name.
+    """
+
+    name: str
+    verdict: str
+    failed: bool = False
+    good: bool = False
+    files: tuple[tuple[str, bytes], ...] = ()
+
+
+def results_of(folder: Path, out: Path) -> Path:
+    """Name the folder of a campaign's results."""
+    return out / folder.resolve().name
+
+
+def check_request(folders: Sequence[Path], request: Request) -> None:
+    """Refuse campaigns that would write into one place, or over something.
+
+    Raises:
+        ValueError: Two are called the same, or there are results already.
+    """
+    results = [results_of(folder, request.out) for folder in folders]
+    for one in results:
+        if results.count(one) > 1:
+            raise ValueError(
+                f"{results.count(one)} campaigns are called {one.name}; results are "
+                "kept by the names of their folders: rename them"
+            )
+        if one.exists():
+            raise ValueError(
+                f"{one} is there; name another --out, or run those that have no "
+                "results yet: --rest"
+            )
+
+
+def run_campaigns(
+    folders: Sequence[Path], request: Request, workers: Workers
+) -> Iterator[Outcome]:
+    """Run campaigns, write what comes back, yield what became of them as they end.
+
+    A campaign that cannot be read fails by itself.
+
+    Raises:
+        WorkersError: The cluster cannot be used, or went away.
+        OSError: A result cannot be written.
+    """
+    date, unread = request.date or datetime.now(UTC), list[Outcome]()
+
+    def tasks() -> Iterator[Task]:
+        for folder in folders:
+            name = folder.resolve().name
+            try:
+                yield _task(name, folder, request, date)
+            except (OSError, FileError) as error:
+                unread.append(Outcome(name, str(error), failed=True))
+
+    for task, outcome in workers.each(run_task, tasks()):
+        yield from _drained(unread)
+        if isinstance(outcome, WorkerDiedError):
+            yield Outcome(task.name, str(outcome), failed=True)
+            continue
+        if outcome.files:
+            _write(outcome, request.out)
+        yield outcome
+    yield from _drained(unread)
+
+
+def _write(outcome: Outcome, out: Path) -> None:
+    """Write a folder of results, which is there whole or not at all."""
+    out.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{outcome.name}.", dir=out) as folder:
+        fresh = Path(folder) / outcome.name
+        fresh.mkdir()
+        for name, content in outcome.files:
+            with replacing(fresh / name) as file:
+                file.write(content)
+        fresh.rename(out / outcome.name)
+
+
+def _drained(outcomes: list[Outcome]) -> Iterator[Outcome]:
+    while outcomes:
+        yield outcomes.pop(0)
+
+
+def _task(name: str, folder: Path, request: Request, date: datetime) -> Task:
+    arm_file = request.arm
+    if arm_file.is_dir():
+        arm_file = arm_file / name / ARM
+    arm, campaign = read_inputs(folder, arm_file, request.family, request.prior)
+    provenance = campaign_provenance(campaign, request.operator, date)
+    content = bytes_of(arm_file)
+    return Task(name, campaign, arm, content, request.options, provenance)
+
+
+def run_task(task: Task) -> Outcome:
+    """Run a campaign wherever this is; nothing is left there."""
+    with TemporaryDirectory(prefix="traverse-") as folder:
+        arm_file, out = Path(folder) / ARM, Path(folder) / "results"
+        arm_file.write_bytes(task.arm_file)
+        try:
+            lines, good = _lines(task, arm_file, out)
+        except (IdentificationError, BreakdownError) as error:
+            return Outcome(task.name, str(error), failed=True)
+        verdict = next(line for line in lines if _VERDICT in line)
+        files = [(path.name, path.read_bytes()) for path in sorted(out.iterdir())]
+        return Outcome(
+            task.name, verdict.partition(_VERDICT)[2], good=good, files=tuple(files)
+        )
+
+
+def _lines(task: Task, arm_file: Path, out: Path) -> tuple[list[str], bool]:
+    """Run it; return its summary, and whether all is well with it."""
+    if isinstance(task.options, DiagnosisOptions):
+        found = diagnosed(task.campaign, task.arm, task.options)
+        return write_diagnosed(found, arm_file, out, task.provenance), True
+    result = identified(task.campaign, task.arm, task.options)
+    lines = write_identified(result, out, task.provenance)
+    return lines, result.converged and not result.contradictions
