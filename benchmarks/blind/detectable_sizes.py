@@ -16,6 +16,7 @@ from benchmarks.tools.handover import campaign_from_simulation
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.prior import Prior
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.scoring import ALIAS, ProjectedCandidate, project
 from traverse.lab.diagnosis.candidates.waves import harmonic_bank, wave_bank
@@ -113,15 +114,18 @@ class SizeScale:
         ]
 
 
-def ruler(poses: PoseSet, arm: Arm, choosing: Booleans) -> SizeScale:
+def ruler(
+    poses: PoseSet, arm: Arm, choosing: Booleans, prior: Prior | None = None
+) -> SizeScale:
     """Fit an arm without effects to poses without noise.
 
     Args:
         poses: Without effects.
         arm: What the arm file says.
         choosing: Which poses are used for choosing, (n_poses,).
+        prior: What the arm's family says.
     """
-    campaign = noise_free_campaign(poses)
+    campaign = replace(noise_free_campaign(poses), prior=prior)
     design, parameters = prepared(campaign, arm, Options(coarse_start=False))
     network = Network(
         campaign,

@@ -121,7 +121,7 @@ def hide(arm: Arm, scenario: Scenario, seed: int) -> Case:
     poses = played(found.poses, hidden)
     noise = scenario.noise(poses.spec.noise)
     simulated = draw_noise(poses, seed + _APART * scenario.stream, noise)
-    truths = tuple(_truth(measure, one) for one in hidden)
+    truths = tuple(truth_of(measure, one) for one in hidden)
     likeness = tuple(measure.likeness(one) for one in hidden)
     return Case(
         scenario,
@@ -208,7 +208,8 @@ def _has_a_name(measure: SizeScale, hidden: Hidden) -> bool:
     return bool(left < _HARDLY_SEEN)
 
 
-def _truth(measure: SizeScale, hidden: Hidden) -> TrueTerm:
+def truth_of(measure: SizeScale, hidden: Hidden) -> TrueTerm:
+    """Say what was hidden as the score takes it."""
     keys = hidden.keys
     return TrueTerm(
         identity=(

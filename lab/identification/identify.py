@@ -254,13 +254,15 @@ def prepared(
     Raises:
         IdentificationError: A pattern fits no parameter, or effects do not fit.
     """
-    geometry = geometry_from_arm(arm)
+    geometry, prior = geometry_from_arm(arm), campaign.prior
+    # Directions of components, and which are held, decide what others mean to a family.
+    of_design = geometry if prior is None else geometry_from_arm(prior.design)
     try:
         effects = effect_model(arm, arm.effects, campaign) if arm.effects else None
     except ValueError as error:
         raise IdentificationError(str(error)) from error
     names = [tool.name for tool in campaign.tools]
-    parameters = arm_parameters(geometry, campaign.joint_names, effects, names)
+    parameters = arm_parameters(of_design, campaign.joint_names, effects, names)
     in_the_arms_system = any(artefact.fixes_datum for artefact in campaign.artefacts)
     wishes = (*(("origin.*",) if in_the_arms_system else ()), *options.free)
     tools_mm = np.array(
@@ -272,9 +274,6 @@ def prepared(
         parameters = parameters.with_free(masked(parameters, options.hold, wishes))
     except ValueError as error:
         raise IdentificationError(str(error)) from error
-    prior = campaign.prior
-    # Which components are held decides what the others mean to a family.
-    of_design = geometry if prior is None else geometry_from_arm(prior.design)
     if not in_the_arms_system:
         parameters = with_datum(parameters, of_design, tools_mm=tools_mm)
     values = np.empty(0) if effects is None else effects.effects.values

@@ -1,0 +1,241 @@
+"""Many campaigns at once: by processes and a real Dask cluster, while workers die."""
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from benchmarks.proofs.conditions import demo_arm
+from tests.lab.identification.test_prior import measured
+from traverse.cli.__main__ import app
+from traverse.fleet.campaigns import Request, run_campaigns
+from traverse.fleet.workers import WorkerDiedError, Workers, WorkersError
+from traverse.kinematics.arm_file.arm import write_arm
+from traverse.lab.diagnosis.model.result import DiagnosisOptions
+from traverse.lab.identification.identify import Options
+from traverse.simulator.campaigns import write_campaign
+
+PATIENCE_S = 60.0
+WHEN = datetime(2026, 11, 24, 12, tzinfo=UTC)
+N_CAMPAIGNS = 5
+
+
+# Calls of workers.
+
+
+def squared(number):
+    return number * number
+
+
+def killed_at_three(number):
+    if number == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def killed_once(file):
+    """Die the first time."""
+    if file.name.startswith("once") and not file.exists():
+        file.write_text("was here")
+        os.kill(os.getpid(), signal.SIGKILL)
+    return file.name
+
+
+def test_each_is_called_once():
+    made = dict(Workers(processes=2).each(squared, range(20)))
+    assert made == {number: number * number for number in range(20)}
+    assert list(Workers(processes=1).each(squared, [])) == []
+
+
+def test_what_kills_workers_is_told_apart_from_the_rest():
+    made = dict(Workers(processes=2).each(killed_at_three, range(8)))
+    assert isinstance(made.pop(3), WorkerDiedError)
+    assert made == {number: number for number in range(8) if number != 3}
+
+
+def test_what_a_dead_worker_had_is_done_again(tmp_path):
+    files = [tmp_path / name for name in ("a", "once-1", "b", "once-2", "c")]
+    made = dict(Workers(processes=2).each(killed_once, files))
+    assert made == {file: file.name for file in files}
+
+
+@pytest.mark.parametrize(
+    "address", ["nonsense", "http://a:1", "tcp://a", "tcp://a b:1"]
+)
+def test_what_is_no_address_is_refused(address):
+    with pytest.raises(WorkersError, match="no address of a Dask scheduler"):
+        list(Workers(scheduler=address).each(squared, [1]))
+
+
+def test_a_scheduler_that_is_not_there_is_refused():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    with pytest.raises(WorkersError, match="no Dask scheduler there"):
+        list(Workers(scheduler=f"tcp://127.0.0.1:{port}").each(squared, [1]))
+
+
+class Cluster:
+    """A scheduler and workers, each a process with a log."""
+
+    def __init__(self, folder):
+        self._folder, self._logs = folder, []
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
+        self.address = f"tcp://127.0.0.1:{port}"
+        options = ("--host", "127.0.0.1", "--port", str(port), "--no-show")
+        self.scheduler = self._started("scheduler", *options, "--no-dashboard")
+        until_s = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                socket.create_connection(("127.0.0.1", port)).close()
+                break
+            except OSError:
+                assert time.monotonic() < until_s, "no scheduler"
+                time.sleep(0.1)
+        # Without a nanny a dead worker stays dead.
+        self.workers = [
+            self._started(
+                *("worker", self.address, "--nthreads", "1", "--no-nanny"),
+                *("--no-dashboard", "--local-directory", str(folder / f"worker-{n}")),
+            )
+            for n in range(2)
+        ]
+
+    def _started(self, *words):
+        log = (self._folder / f"log-{len(self._logs)}").open("w")
+        self._logs.append(log)
+        program = Path(sys.executable).with_name("dask")
+        return subprocess.Popen(
+            [str(program), *words],
+            stdout=log,
+            stderr=log,
+            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
+        )
+
+    def stop(self):
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+        for log in self._logs:
+            log.close()
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    made = Cluster(tmp_path)
+    yield made
+    made.stop()
+
+
+@pytest.fixture(scope="module")
+def campaigns(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("campaigns")
+    write_arm(folder / "design.toml", demo_arm())
+    for seed in range(N_CAMPAIGNS):
+        write_campaign(folder / f"bench-{seed}", measured(seed, 48), demo_arm())
+    return folder
+
+
+def results(campaigns, out, workers, options=None):
+    """Run all, and read everything that was written."""
+    request = Request(
+        *(campaigns / "design.toml", None, (), options or Options(), out),
+        *("C. Gauss", WHEN),
+    )
+    folders = sorted(campaigns.glob("bench-*"))
+    outcomes = []
+    for outcome in run_campaigns(folders, request, workers):
+        outcomes.append(outcome)
+        yield outcome
+    assert sorted(one.name for one in outcomes) == [one.name for one in folders]
+
+
+def files_of(out):
+    """Read all, but for how many seconds a page says that it took."""
+    return {
+        str(path.relative_to(out)): re.sub(rb"[0-9.]+ s\b", b"", path.read_bytes())
+        for path in sorted(out.rglob("*"))
+        if path.is_file()
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [Options(), DiagnosisOptions()])
+def test_results_do_not_depend_on_who_computes(campaigns, tmp_path, cluster, options):
+    """One process, two, and a cluster that loses a worker: byte by byte the same."""
+    outs = [tmp_path / name for name in ("serial", "processes", "cluster")]
+    many = [Workers(1), Workers(2), Workers(scheduler=cluster.address)]
+    for out, workers in zip(outs, many, strict=True):
+        for number, outcome in enumerate(results(campaigns, out, workers, options)):
+            assert (outcome.failed, outcome.good) == (False, True), outcome.verdict
+            if workers.scheduler is not None and number == 0:
+                cluster.workers[0].kill()
+    first, *others = map(files_of, outs)
+    assert len(first) >= 4 * N_CAMPAIGNS
+    for other in others:
+        assert other == first
+
+
+def test_a_scheduler_that_goes_away_ends_the_work_in_a_sentence(campaigns, tmp_path):
+    cluster = Cluster(tmp_path)
+    words = ["--arm", str(campaigns / "design.toml"), "--out", str(tmp_path / "out")]
+    command = subprocess.Popen(
+        [sys.executable, "-m", "traverse", "fleet", "identify"]
+        + [str(path) for path in sorted(campaigns.glob("bench-*"))]
+        + [*words, "--scheduler", cluster.address],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        said = command.stderr.readline()
+        assert "1 of 5: bench-" in said
+        cluster.stop()
+        _, rest = command.communicate(timeout=PATIENCE_S)
+    finally:
+        command.kill()
+        cluster.stop()
+    assert command.returncode == 2
+    assert "the Dask scheduler went away; what was done stays" in rest
+    assert "Traceback" not in rest
+    done = sorted((tmp_path / "out").iterdir())
+    assert 1 <= len(done) < N_CAMPAIGNS
+    for folder in done:  # whole, or not at all
+        assert (folder / "SHA256SUMS").is_file()
+
+
+def test_the_command_goes_on_where_it_ended(campaigns, tmp_path):
+    broken = campaigns.parent / f"{tmp_path.name}-broken"
+    broken.mkdir()
+    folders = [str(path) for path in sorted(campaigns.glob("bench-*"))[:2]]
+    words = ["--arm", str(campaigns / "design.toml"), "--out", str(tmp_path / "out")]
+
+    def run(*more):
+        given = ["fleet", "identify", *more, *words, "--processes", "1"]
+        return CliRunner().invoke(app, given)
+
+    ran = run(folders[0], str(broken))
+    assert ran.exit_code == 1
+    assert "1 campaign done, 1 failed" in ran.output
+    assert "campaign.toml" in ran.output
+    ran = run(*folders)
+    assert ran.exit_code == 2
+    assert "run those that have no results yet: --rest" in ran.output
+    ran = run(*folders, "--rest", "--json")
+    assert ran.exit_code == 0, ran.output
+    assert '"name": "bench-1"' in ran.stdout
+    assert '"name": "bench-0"' not in ran.stdout
+    ran = run(folders[0], folders[0], "--rest")
+    assert ran.exit_code == 0  # nothing is left to do
+    twice = str(tmp_path / "bench-0")
+    Path(twice).mkdir()
+    words[3] = str(tmp_path / "other")
+    ran = run(folders[0], twice)
+    assert (ran.exit_code, "2 campaigns are called bench-0" in ran.output) == (2, True)

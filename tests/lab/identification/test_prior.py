@@ -1,0 +1,259 @@
+"""A family as prior: against normal equations written out, on drawn arms, by name."""
+
+import json
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from benchmarks.proofs.conditions import demo_arm
+from benchmarks.tools.handover import campaign_from_simulation
+from traverse.cli.__main__ import app
+from traverse.kinematics.arm_file.arm import arm_digest, read_arm, write_arm
+from traverse.lab.campaign.prior import Prior, read_prior
+from traverse.lab.certificates.evidence import add_data, evidence_problems
+from traverse.lab.diagnosis.model.observation_equations import equations_of
+from traverse.lab.identification.family import population_of
+from traverse.lab.identification.identify import (
+    IdentificationError,
+    Options,
+    identify,
+)
+from traverse.simulator.arm.truth import Deviations, true_arm
+from traverse.simulator.campaigns import (
+    BallBar,
+    CampaignSpec,
+    Cone,
+    draw_noise,
+    make_poses,
+    true_arm_file,
+    write_campaign,
+)
+from traverse.strict_toml.problems import FileError
+
+OFFSETS = Deviations(links_mm=0.5, axes_rad=2e-3, zeros_rad=2e-3)
+SPREAD = Deviations(links_mm=0.03, axes_rad=1e-4, zeros_rad=1e-4)
+N_ARMS = 12
+
+
+def measured(seed, n_poses, deviations=SPREAD):
+    """Measure an arm of the family: cones and a bar."""
+    design = demo_arm()
+    typical = true_arm_file(design, true_arm(design, OFFSETS, 7))
+    spec = CampaignSpec(
+        artefacts=(
+            *(Cone(id=f"cone-{k}", n_poses=n_poses // 6) for k in range(3)),
+            BallBar(id="bar", n_poses=n_poses // 2, radius_mm=12.7, distance_mm=500.0),
+        )
+    )
+    poses = make_poses(design, spec, seed, true_arm(typical, deviations, seed))
+    return draw_noise(poses, seed)
+
+
+def campaign_of(seed, n_poses, deviations=SPREAD):
+    return campaign_from_simulation(measured(seed, n_poses, deviations).campaign)
+
+
+@lru_cache(maxsize=1)
+def family():
+    """Twelve arms of it, identified from long campaigns."""
+    found = [identify(campaign_of(seed, 240), demo_arm()) for seed in range(N_ARMS)]
+    names = tuple(one.name for one in found[0].parameters)
+    values, stds = (
+        np.array([[getattr(p, key) for p in one.parameters] for one in found])
+        for key in ("value", "std")
+    )
+    populations = [
+        population_of(values[:, k], stds[:, k], 0.01 / values.size)
+        for k in range(len(names))
+    ]
+    means, of_one_more = (
+        np.array([getattr(one, key) for one in populations]) for key in ("mean", "std")
+    )
+    return Prior("family.toml", demo_arm(), N_ARMS, names, means, of_one_more, names)
+
+
+def test_it_is_the_least_squares_of_poses_and_expectations():
+    """Around the result of both the step of the stacked normal equations is none."""
+    prior = family()
+    result = identify(replace(campaign_of(50, 36), prior=prior), demo_arm())
+    assert result.converged
+    rows = equations_of(result.adjustment)
+    # Its last rows are the family's: written out here from the estimates.
+    estimates = {one.name: one.value for one in result.parameters}
+    expected = [
+        (mean - estimates[name]) / std
+        for name, mean, std in zip(prior.names, prior.changes, prior.stds, strict=True)
+    ]
+    # Coordinates at the estimate, not at the design: equal to the second order.
+    np.testing.assert_allclose(rows.values[-len(expected) :], expected, atol=0.05)
+    step = np.linalg.lstsq(rows.columns, rows.values)[0]
+    assert np.linalg.norm(rows.columns @ step) < 0.02
+    n_poses_alone = len(rows.values) - len(expected)
+    assert result.redundancy == n_poses_alone + len(expected) - np.linalg.matrix_rank(
+        rows.columns, tol=0.02
+    )
+
+
+def test_a_few_poses_are_enough_with_a_family_and_its_figures_hold():
+    """With 24 poses of most arms little is known; the family tells the rest."""
+    z = []
+    for seed in range(60, 72):
+        campaign = campaign_of(seed, 24)
+        alone = identify(campaign, demo_arm())
+        found = identify(replace(campaign, prior=family()), demo_arm())
+        assert not found.campaign.prior.contradicted
+        assert len(alone.undetermined) > 0
+        assert len(found.undetermined) == 0
+        true = identify(campaign_of(seed, 240), demo_arm())
+        z += [
+            (one.value - other.value) / np.hypot(one.std, other.std)
+            for one, other in zip(found.parameters, true.parameters, strict=True)
+        ]
+    # 300 figures, correlated within an arm.
+    assert 0.6 < float(np.sqrt(np.mean(np.square(z)))) < 1.3
+
+
+def test_many_poses_hardly_notice_it():
+    campaign = campaign_of(80, 240)
+    alone = identify(campaign, demo_arm())
+    found = identify(replace(campaign, prior=family()), demo_arm())
+    for one, other in zip(alone.parameters, found.parameters, strict=True):
+        assert abs(one.value - other.value) < 0.5 * one.std
+        assert other.std <= one.std * 1.001
+
+
+def test_who_left_the_family_in_one_parameter_keeps_the_others():
+    prior = family()
+    at = prior.names.index("J4.link.w")
+    moved = prior.changes.copy()
+    moved[at] += 1.0
+    odd = replace(prior, changes=moved)
+    found = identify(replace(campaign_of(81, 48), prior=odd), demo_arm())
+    (name, sigmas), *others = found.campaign.prior.contradicted
+    assert (name, others) == ("J4.link.w", [])
+    assert sigmas > 8.0
+    plain = identify(
+        replace(campaign_of(81, 48), prior=prior.without("J4.link.w", 0.0)), demo_arm()
+    )
+    assert found.parameters == plain.parameters
+
+
+def test_a_stranger_is_none_of_the_family_and_judged_by_its_poses():
+    campaign = campaign_of(82, 48, OFFSETS)
+    found = identify(replace(campaign, prior=family()), demo_arm())
+    assert found.campaign.prior.names == ()
+    assert len(found.campaign.prior.contradicted) > 4
+    alone = identify(campaign, demo_arm())
+    for one, other in zip(alone.parameters, found.parameters, strict=True):
+        assert one.value == pytest.approx(other.value, abs=0.01 * one.std)
+
+
+def test_other_held_parameters_are_refused():
+    campaign = replace(campaign_of(83, 48), prior=family())
+    with pytest.raises(IdentificationError, match=r"J7\.axis\.v"):
+        identify(campaign, demo_arm(), Options(hold=("J7.*",)))
+
+
+# The commands.
+
+
+def run(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A design, results of its family, the family's file, and a short campaign."""
+    folder = tmp_path_factory.mktemp("family")
+    write_arm(folder / "design.toml", demo_arm())
+    for seed in range(8):
+        found = identify(campaign_of(seed, 240), demo_arm())
+        results = folder / "results" / f"bench-{seed}"
+        results.mkdir(parents=True)
+        values = {
+            "schema": "traverse/identification/1",
+            "converged": True,
+            "inputs": {"arm_digest": arm_digest(read_arm(folder / "design.toml"))},
+            "parameters": [
+                {"name": p.name, "value": p.value, "unit": p.unit, "std": p.std}
+                for p in found.parameters
+            ],
+        }
+        (results / "identification.json").write_text(json.dumps(values))
+    ran = run(
+        *("fleet", "family", *sorted((folder / "results").iterdir())),
+        *("--out", folder / "family.toml"),
+    )
+    assert ran.exit_code == 0, ran.output
+    write_campaign(folder / "short", measured(50, 36), demo_arm())
+    return folder
+
+
+def test_the_commands_take_a_family_and_say_so(folder):
+    given = (folder / "short", "--arm", folder / "design.toml")
+    family = ("--family", folder / "family.toml")
+    ran = run("identify", *given, *family, "--out", folder / "out", "--json")
+    assert ran.exit_code == 0, ran.output
+    said = json.loads(ran.stdout)["family"]
+    assert (said["file"], said["arms"], said["contradicted"]) == ("family.toml", 8, [])
+    assert len(said["parameters"]) == 25
+    ran = run("identify", *given, *family, "--prior", "J3.*", "--out", folder / "out3")
+    assert "Family family.toml (8 arms): 2 parameters taken as its arms have them." in (
+        ran.output
+    )
+    page = (folder / "out3" / "report.html").read_text()
+    assert "Family family.toml (8 arms)" in page
+    ran = run("diagnose", *given, *family, "--out", folder / "found", "--json")
+    assert ran.exit_code == 0, ran.output
+    assert json.loads(ran.stdout)["family"]["arms"] == 8
+    ran = run("diagnose", *given, *family, "--plan")
+    assert ran.exit_code == 0, ran.output
+
+
+def test_what_a_family_told_is_no_evidence_of_the_arm_alone(folder):
+    given = (folder / "short", "--arm", folder / "design.toml")
+    out = folder / "evidence"
+    ran = run("identify", *given, "--family", folder / "family.toml", "--out", out)
+    assert ran.exit_code == 0, ran.output
+    add_data(out, folder / "short", folder / "design.toml")
+    assert list(evidence_problems(out)) == [
+        "what its family says took part; identify from its own poses alone"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("schema = 'traverse/family/2'\n", "schema: 'traverse/family/2'"),
+        ("a = [", "family.toml"),
+        (None, "std: 0.0 is too small; it must be greater than 0"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_words(folder, tmp_path, text, told):
+    if text is None:
+        lines = (folder / "family.toml").read_text().splitlines()
+        place = next(n for n, line in enumerate(lines) if line.startswith("std"))
+        lines[place] = "std = 0.0"
+        text = "\n".join(lines)
+    file = tmp_path / "family.toml"
+    file.write_text(text)
+    given = (folder / "short", "--arm", folder / "design.toml", "--out", tmp_path / "o")
+    ran = run("identify", *given, "--family", file)
+    assert ran.exit_code == 2
+    assert told in ran.output, ran.output
+    assert "Traceback" not in ran.output
+
+
+def test_another_design_and_unknown_patterns_are_refused(folder):
+    design = read_arm(folder / "design.toml")
+    other = design.model_copy(update={"name": "another"})
+    with pytest.raises(FileError, match="identified from another design"):
+        read_prior(folder / "family.toml", other)
+    with pytest.raises(FileError, match=r"'J9\.\*' fits no parameter; there are J1"):
+        read_prior(folder / "family.toml", design, ("J9.*",))
+    given = (folder / "short", "--arm", folder / "design.toml", "--out", folder / "o")
+    ran = run("identify", *given, "--prior", "J3.*")
+    assert (ran.exit_code, "give --family, too" in ran.output) == (2, True)
