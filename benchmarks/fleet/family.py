@@ -58,7 +58,7 @@ N_ARMS = 40
 WHOLE_CAMPAIGN = 480
 SIZES = (5.0, 7.0, 10.0, 14.0, 20.0)
 _OFFSETS = Deviations(links_mm=0.5, axes_rad=2e-3, zeros_rad=2e-3)
-_SPREAD = Deviations(links_mm=0.03, axes_rad=1e-4, zeros_rad=1e-4)
+SPREAD = Deviations(links_mm=0.03, axes_rad=1e-4, zeros_rad=1e-4)
 _STRANGE = Deviations(links_mm=0.3, axes_rad=1e-3, zeros_rad=1e-3)
 _FAMILY_SEED, _FIRST_SEED = 7, 1000
 
@@ -123,7 +123,7 @@ def poses_of(seed: int, n_poses: int, deviations: Deviations) -> PoseSet:
 
 def identified(seed: int) -> tuple[tuple[str, ...], list[float], list[float]]:
     """Identify an arm of the family: names, values, standard deviations."""
-    poses = poses_of(seed, WHOLE_CAMPAIGN, _SPREAD)
+    poses = poses_of(seed, WHOLE_CAMPAIGN, SPREAD)
     campaign = campaign_from_simulation(draw_noise(poses, seed).campaign)
     found = identify(campaign, design_of()).parameters
     names = tuple(one.name for one in found)
@@ -147,7 +147,7 @@ def prior_of(scheduler: str | None) -> Prior:
 
 def tried(trial: Trial) -> Found:
     """Hide, measure, diagnose twice."""
-    deviations = _STRANGE if trial.is_strange else _SPREAD
+    deviations = _STRANGE if trial.is_strange else SPREAD
     poses = poses_of(trial.seed, trial.n_poses, deviations)
     kind, truths = "", tuple[TrueTerm, ...]()
     if trial.size:
@@ -186,7 +186,7 @@ def _judged(campaign: Campaign, truths: tuple[TrueTerm, ...], trial: Trial) -> J
 
 def smallest_sizes(prior: Prior, n_poses: int) -> dict[str, float]:
     """Compare the smallest detectable sizes alone with those with the family."""
-    poses = poses_of(_FIRST_SEED, n_poses, _SPREAD)
+    poses = poses_of(_FIRST_SEED, n_poses, SPREAD)
     campaign = campaign_from_simulation(draw_noise(poses, _FIRST_SEED).campaign)
     alone, together = (
         {

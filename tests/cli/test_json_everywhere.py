@@ -47,6 +47,9 @@ ELSEWHERE = {
     "daily-check": "tests/cli/test_daily_check.py",
     **dict.fromkeys(("fleet add", "fleet overview"), "tests/fleet/test_overview.py"),
     "fleet family": "tests/lab/identification/test_family.py",
+    **dict.fromkeys(
+        ("fleet identify", "fleet diagnose"), "tests/fleet/test_campaigns.py"
+    ),
     "certify": "tests/cli/test_certify.py",
     "points verify": "tests/end_to_end/delivery/test_signed_points.py",
     "points resend": "tests/end_to_end/delivery/test_outbox_recovery.py",

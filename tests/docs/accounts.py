@@ -63,6 +63,9 @@ ELSEWHERE: Final = {
     r"sudo apt-get (install|remove|purge) ": _VM,
     r"make deb": _VM,
     r"traverse store ": "tests/fleet/test_chaos.py",
+    r"traverse fleet (identify|diagnose) ": "tests/fleet/test_campaigns.py",
+    r"traverse identify short .* --family ": "tests/lab/identification/test_prior.py",
+    r"dask (scheduler|worker)": "tests/fleet/test_campaigns.py",
     r"traverse fleet family ": "tests/lab/identification/test_family.py",
     r"traverse fleet ": "tests/fleet/test_overview.py",
 }

@@ -194,7 +194,9 @@ def _leaving(
     left = residuals + basis @ (own.T @ found.sizes)
     left[found.rows] -= found.sizes
     # M S W S^T M, the part of M that the shifts take.
-    root = np.linalg.cholesky(found.weights + 1e-12 * np.eye(len(found.rows)))
+    # They may be singular, where so many poses are left out that others decide nothing.
+    values, vectors = np.linalg.eigh(found.weights)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
     taken = -(basis @ (own.T @ root))
     taken[found.rows] += root
     poses, parts = [], []

@@ -211,6 +211,15 @@ class Parameters:
             amplitudes = after @ (after.T @ (amplitudes + before @ rest[first:]))
         return ArmValues(moved, amplitudes, tools_mm)
 
+    def as_expected(self, arm: ArmValues) -> ArmValues:
+        """Give an arm the values that its family expects, if it has one."""
+        if self.expected is None:
+            return arm
+        there = self.expected.arm
+        amplitudes = arm.amplitudes.copy()  # added effects are behind the design's
+        amplitudes[: len(there.amplitudes)] = there.amplitudes
+        return replace(arm, geometry=there.geometry, amplitudes=amplitudes)
+
     def expectations(self, arm: ArmValues) -> Floats:
         """White equations of the free parameters by the arm's family.
 
@@ -219,10 +228,7 @@ class Parameters:
         if self.expected is None:
             return np.empty((0, self.n_free + 1))
         there, names = self.expected, self.free_names
-        amplitudes = arm.amplitudes.copy()  # added effects are behind the design's
-        amplitudes[: len(there.arm.amplitudes)] = there.arm.amplitudes
-        to = replace(arm, geometry=there.arm.geometry, amplitudes=amplitudes)
-        step = self.coordinates(to, arm)[self.free]
+        step = self.coordinates(self.as_expected(arm), arm)[self.free]
         known = np.array([name in names for name in there.names], dtype=np.bool_)
         at = [names.index(name) for name in there.names if name in names]
         rows = np.zeros((len(at), self.n_free + 1))

@@ -51,8 +51,9 @@ _AGREEING = 2.0
 # misclosures that are left; and no arm is wrong by this part of a length.
 _BY_MODEL = 10.0
 _GROSS = 0.1
-# Part of an observation's variance in its residual, below which it is not tested.
-_UNTESTABLE = 1e-6
+# Part of an expectation's variance in its residual, below which poses do not test it:
+# what is left of the last step would pass for a contradiction.
+_UNTESTABLE = 0.01
 # Hypotheses whose losses differ by less explain the campaign equally well.
 _SAME = 10.0
 _MOST_WRONG = 3
@@ -105,8 +106,9 @@ def contradicted_expectation(adjustment: Adjustment) -> tuple[str, float] | None
     if len(expected) == 0:
         return None
     inverse = expected[:, :-1] @ adjustment.split.inverse
-    left = np.maximum(1.0 - np.sum(inverse**2, axis=1), _UNTESTABLE)
-    w = np.abs(expected[:, -1]) / np.sqrt(left)
+    left = 1.0 - np.sum(inverse**2, axis=1)
+    sizes = np.abs(expected[:, -1]) / np.sqrt(np.maximum(left, _UNTESTABLE))
+    w = np.where(left > _UNTESTABLE, sizes, 0.0)
     at = int(np.argmax(w))
     if w[at] < -normal_quantile(0.5 * _FAMILY_LEVEL / len(w)):
         return None

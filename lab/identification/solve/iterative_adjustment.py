@@ -107,6 +107,8 @@ def iterate(
     (default all), the staying ones whatever they say (default none), (n_poses,) each.
     """
     campaign = network.campaign
+    # From where the family has its arms: there are undetermined directions held, too.
+    design = network.parameters.as_expected(design)
     variances = options.variances or variance_model(campaign)
     iterations: list[Iteration] = []
 

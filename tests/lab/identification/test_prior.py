@@ -21,6 +21,7 @@ from traverse.lab.identification.identify import (
     Options,
     identify,
 )
+from traverse.lab.identification.results.arm_comparison import compare_arms
 from traverse.simulator.arm.truth import Deviations, true_arm
 from traverse.simulator.campaigns import (
     BallBar,
@@ -120,9 +121,12 @@ def test_many_poses_hardly_notice_it():
     campaign = campaign_of(80, 240)
     alone = identify(campaign, demo_arm())
     found = identify(replace(campaign, prior=family()), demo_arm())
+    # At the probe: parts of links along their axes, which nothing measures, may differ.
+    true = true_arm_file(demo_arm(), measured(80, 240).truth.arm)
+    off_mm = compare_arms(alone.arm, true).rms_mm
+    assert compare_arms(alone.arm, found.arm).rms_mm < 0.3 * off_mm
     for one, other in zip(alone.parameters, found.parameters, strict=True):
-        assert abs(one.value - other.value) < 0.5 * one.std
-        assert other.std <= one.std * 1.001
+        assert other.std <= one.std * 1.01
 
 
 def test_who_left_the_family_in_one_parameter_keeps_the_others():
