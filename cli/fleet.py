@@ -100,7 +100,7 @@ def overview(
 
 
 CampaignFolders = Annotated[
-    list[Path], typer.Argument(help="Folders with campaign.toml.", exists=True)
+    list[Path], typer.Argument(help="Folders with campaign.toml.")
 ]
 
 

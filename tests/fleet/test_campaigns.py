@@ -1,5 +1,6 @@
 """Many campaigns at once: by processes and a real Dask cluster, while workers die."""
 
+import json
 import os
 import re
 import signal
@@ -55,12 +56,14 @@ def test_each_is_called_once():
     assert list(Workers(processes=1).each(squared, [])) == []
 
 
+@pytest.mark.slow
 def test_what_kills_workers_is_told_apart_from_the_rest():
     made = dict(Workers(processes=2).each(killed_at_three, range(8)))
     assert isinstance(made.pop(3), WorkerDiedError)
     assert made == {number: number for number in range(8) if number != 3}
 
 
+@pytest.mark.slow
 def test_what_a_dead_worker_had_is_done_again(tmp_path):
     files = [tmp_path / name for name in ("a", "once-1", "b", "once-2", "c")]
     made = dict(Workers(processes=2).each(killed_once, files))
@@ -184,6 +187,7 @@ def test_results_do_not_depend_on_who_computes(campaigns, tmp_path, cluster, opt
         assert other == first
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_goes_away_ends_the_work_in_a_sentence(campaigns, tmp_path):
     cluster = Cluster(tmp_path)
     words = ["--arm", str(campaigns / "design.toml"), "--out", str(tmp_path / "out")]
@@ -239,3 +243,12 @@ def test_the_command_goes_on_where_it_ended(campaigns, tmp_path):
     words[3] = str(tmp_path / "other")
     ran = run(folders[0], twice)
     assert (ran.exit_code, "2 campaigns are called bench-0" in ran.output) == (2, True)
+
+
+def test_a_diagnosis_is_told_as_json(campaigns, tmp_path):
+    given = [str(campaigns / "bench-0"), "--arm", str(campaigns / "design.toml")]
+    out = ["--out", str(tmp_path / "found"), "--processes", "1", "--json"]
+    ran = CliRunner().invoke(app, ["fleet", "diagnose", *given, *out])
+    assert ran.exit_code == 0, ran.output
+    (one,) = json.loads(ran.stdout)["campaigns"]
+    assert one == {"name": "bench-0", "failed": False, "verdict": "clean"}

@@ -98,6 +98,7 @@ def test_it_is_the_least_squares_of_poses_and_expectations():
     )
 
 
+@pytest.mark.slow
 def test_a_few_poses_are_enough_with_a_family_and_its_figures_hold():
     """With 24 poses of most arms little is known; the family tells the rest."""
     z = []
@@ -145,6 +146,7 @@ def test_who_left_the_family_in_one_parameter_keeps_the_others():
     assert found.parameters == plain.parameters
 
 
+@pytest.mark.slow
 def test_a_stranger_is_none_of_the_family_and_judged_by_its_poses():
     campaign = campaign_of(82, 48, OFFSETS)
     found = identify(replace(campaign, prior=family()), demo_arm())
