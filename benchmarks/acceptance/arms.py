@@ -89,7 +89,11 @@ def tested_arm(seed: int) -> Tested:
     found = verified(measured, STANDARD, limits_of("1.65"))
     true_mm, standard_mm = (
         _values(true.figures),
-        {figure.key: _stated(figure.budget.standard_mm) for figure in found.figures},
+        {
+            figure.key: _stated(figure.budget.standard_mm)
+            for figure in found.figures
+            if figure.key in FIGURES
+        },
     )
     limit_mm = {
         key: true_mm[key] + standard_mm[key] * float(rng.uniform(-NEAR_U, NEAR_U))
