@@ -29,7 +29,7 @@ class BrokerOptions:
     ] = None
     ca_file: Annotated[
         Path | None,
-        typer.Option(help="CA certificates that signed the broker's certificate."),
+        typer.Option(help="CA certificates of the broker's; else the system's."),
     ] = None
     client_certificate: Annotated[
         Path | None, typer.Option(help="Client certificate, PEM.")

@@ -32,7 +32,10 @@ class BusOptions:
         str, typer.Option(help="Of python-can: socketcan, slcan, ...")
     ] = "socketcan"
     bitrate: Annotated[
-        int, typer.Option(min=10_000, max=1_000_000, help="Bit rate of the bus.")
+        int,
+        typer.Option(
+            min=10_000, max=1_000_000, help="Of the bus; SocketCAN has its own."
+        ),
     ] = 1_000_000
     timeout: Annotated[
         float,
@@ -43,11 +46,7 @@ class BusOptions:
 @can.command()
 @with_options("bus", BusOptions)
 def scan(*, bus: BusOptions, as_json: Json = False) -> None:
-    """List the nodes that answer: identity, profile, resolution, alarms.
-
-    It reads and changes nothing. Exit status 3 if the bus cannot be opened or nothing
-    answers.
-    """
+    """List the nodes that answer: identity, profile, resolution, alarms."""
     with _opened(bus) as tool:
         found = [_report(one) for one in tool.scan()]
         name = tool.name
@@ -73,8 +72,7 @@ def preset(
     """Make the present position of an encoder a number; the shaft must rest.
 
     An arm file and an identification made before no longer fit: their zero_rad belongs
-    to the old numbers. Exit status 2 if the number is beyond the encoder's range, 3 if
-    it does not answer.
+    to the old numbers. Exit status 3: also if the encoder refuses.
     """
     with _opened(bus) as tool:
         facts = tool.facts(node)

@@ -32,7 +32,7 @@ def certify(
     campaign: Annotated[
         Path | None,
         typer.Option(
-            help="Of an identification: what it was made from.",
+            help="Of an identification, the first time: what it was made from.",
             callback=campaign_folder,
         ),
     ] = None,

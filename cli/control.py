@@ -41,8 +41,7 @@ def point(
 ) -> None:
     """Take a point now.
 
-    Exit status 1: it was taken, and its quality is in doubt; 2: the arm refuses; 3: arm
-    or broker cannot be reached.
+    Exit status 1: it was taken, and its quality is in doubt.
     """
     if samples is not None and seconds is not None:
         refuse("--samples or --seconds, not both")
@@ -53,10 +52,7 @@ def point(
 
 @with_broker
 def undo(*, arm: ArmName = None, as_json: Json = False, broker: BrokerOptions) -> None:
-    """Take the last point back.
-
-    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
-    """
+    """Take the last point back."""
     _show_point(send_command(arm, broker, lambda it: it.undo()), as_json=as_json)
 
 
@@ -66,7 +62,8 @@ def scan(
     *,
     arm: ArmName = None,
     rate_hz: Annotated[
-        float | None, typer.Option(min=0.001, help="Points a second [Hz].")
+        float | None,
+        typer.Option(min=0.001, help="Points a second [Hz]; else as configured."),
     ] = None,
     spacing_mm: Annotated[
         float | None,
@@ -75,10 +72,7 @@ def scan(
     as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
-    """Start a scan, or stop the running one.
-
-    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
-    """
+    """Start a scan, or stop the running one."""
     if rate_hz is not None and spacing_mm is not None:
         refuse("--rate-hz or --spacing-mm, not both")
     if action == "stop":
@@ -109,10 +103,7 @@ def label(
     as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
-    """Set the label of the next points.
-
-    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
-    """
+    """Set the label of the next points."""
     send_command(arm, broker, lambda it: it.label(artefact, feature))
     names = " ".join(filter(None, (artefact, feature)))
     told = f"label: {names}" if names else "points have no label"
@@ -123,14 +114,13 @@ def label(
 def session(
     *,
     arm: ArmName = None,
-    note: Annotated[str | None, typer.Option(help="Note for the session.")] = None,
+    note: Annotated[
+        str | None, typer.Option(help="Text that is stored with the session.")
+    ] = None,
     as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
-    """Begin a new session: points are numbered from 0 again.
-
-    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
-    """
+    """Begin a new session: points are numbered from 0 again."""
     begun = send_command(arm, broker, lambda it: it.new_session(note))
     _show({"session": begun}, begun, as_json=as_json)
 
@@ -143,10 +133,7 @@ def use_probe(
     as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
-    """Measure with another probe of the library.
-
-    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
-    """
+    """Measure with another probe of the library."""
     model = send_command(arm, broker, lambda it: it.probe(name))
     told = f"probe {name}, model {model[:12]}"
     _show({"probe": name, "model": model}, told, as_json=as_json)
@@ -156,10 +143,7 @@ def use_probe(
 def reload(
     *, arm: ArmName = None, as_json: Json = False, broker: BrokerOptions
 ) -> None:
-    """Have the daemon read arm file and configuration again.
-
-    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
-    """
+    """Have the daemon read arm file and configuration again."""
     model = send_command(arm, broker, lambda it: it.reload())
     _show({"model": model}, f"model {model[:12]}", as_json=as_json)
 
@@ -182,8 +166,6 @@ def confirm(
 
     Before, bring the arm to its reference and touch a point that you know: only you can
     verify that the encoders still count from there. With --at the daemon compares.
-
-    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
     """
     known_mm = None if at is None else _place(at)
     devices = send_command(

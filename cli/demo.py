@@ -40,14 +40,14 @@ class DemoError(Exception):
 def demo(
     *,
     once: Annotated[
-        bool, typer.Option("--once", help="End after one round of measurements.")
+        bool, typer.Option("--once", help="End after one round, half a minute.")
     ] = False,
     for_s: Annotated[
         float | None, typer.Option("--for", min=1.0, help="End after so many seconds.")
     ] = None,
     broker: Annotated[
         str | None,
-        typer.Option(help="MQTT broker, host or host:port; without it one is started."),
+        typer.Option(help="Existing broker, host or host:port; else one is started."),
     ] = None,
     rate_hz: Annotated[
         float,
@@ -55,7 +55,7 @@ def demo(
     ] = 1000.0,
     page: Annotated[
         bool,
-        typer.Option(help="Open the page in a browser too, if its extra is installed."),
+        typer.Option(help="Open the page, if its extra is installed; not with --once."),
     ] = True,
 ) -> None:
     """Watch a simulated arm measure a bar, a sphere and a cone.
@@ -63,7 +63,7 @@ def demo(
     Prints the points as they arrive, then length, form and spread beside the
     certificates; without --once the operator's page shows the arm in a browser. Ends
     on Ctrl-C, after --for seconds, or after one round with --once.
-    Exit status 3: the simulated arm or the broker did not start.
+    Exit status 3: a program did not start, or the daemon ended.
     """
     try:
         _look_for_extra(with_broker=broker is None)

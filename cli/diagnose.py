@@ -46,7 +46,7 @@ def diagnose(
     ] = 1,
     holdout_by: HoldoutBy = "time",
     accept: Annotated[
-        bool, typer.Option("--accept", help="Write the adapted arm to ARM itself.")
+        bool, typer.Option("--accept", help="Write the adapted arm to ARM itself, too.")
     ] = False,
     accept_tentative: Annotated[
         bool,

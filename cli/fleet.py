@@ -119,10 +119,10 @@ class RunOptions:
     ] = None
     scheduler: Annotated[
         str | None,
-        typer.Option(help="Dask scheduler, tcp://HOST:PORT, instead of processes."),
+        typer.Option(help="Dask scheduler, tcp://HOST:PORT or tls://, instead."),
     ] = None
     rest: Annotated[
-        bool, typer.Option("--rest", help="Leave out what has results already.")
+        bool, typer.Option("--rest", help="Leave out what has results; else refused.")
     ] = False
     operator: Operator = None
 

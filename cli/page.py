@@ -31,7 +31,7 @@ def page(
         8080
     ),
     token_file: Annotated[
-        Path | None, typer.Option(help="File with the token for access.")
+        Path | None, typer.Option(help="File with the token, 16 characters or more.")
     ] = None,
     certificate: Annotated[
         Path | None, typer.Option(help="Certificate of this page, PEM.")

@@ -21,7 +21,7 @@ def predict(
     *,
     arm: Annotated[Path, typer.Option("--arm", help="The arm file, which is held.")],
     fit_on: Annotated[
-        Path | None, typer.Option(help="Campaign that says where the artefacts stand.")
+        Path | None, typer.Option(help="Campaign with the same artefacts in place.")
     ] = None,
     fit_tool: Annotated[
         bool, typer.Option("--fit-tool", help="Find the probe's vector, too.")

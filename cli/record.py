@@ -25,13 +25,14 @@ def record(
     seconds: Annotated[
         float | None, typer.Option(min=0.1, help="Duration; else until Ctrl-C.")
     ] = None,
-    note: Annotated[str, typer.Option(help="Note for the recording.")] = "",
+    note: Annotated[
+        str, typer.Option(help="Text that is stored in the recording.")
+    ] = "",
     as_json: Json = False,
 ) -> None:
     """Record what an arm does, as an MCAP file on the daemon's disk.
 
     The file begins some seconds before the command, where the flight recorder is on.
-    Exit status 2: the daemon refuses; 3: it or the broker could not be reached.
     """
     address = broker.address()
     with client_errors():

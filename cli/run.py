@@ -24,7 +24,7 @@ def run(
     embedded_port: Annotated[
         int,
         typer.Option(
-            min=0, max=65535, help="Port of the embedded broker; 0 takes a free one."
+            min=0, max=65535, help="Port of the embedded broker; 0: a free one, logged."
         ),
     ] = 1883,
     keep_trying: Annotated[

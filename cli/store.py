@@ -30,13 +30,13 @@ def store(
     database: Annotated[
         str,
         typer.Option(
-            help="File of SQLite, or postgresql://user@host/database; its password in "
-            "PGPASSFILE or PGPASSWORD."
+            help="File of SQLite, or postgresql://user@host:port/database; its "
+            "password in PGPASSFILE or PGPASSWORD."
         ),
     ] = "traverse-store.db",
     scans: Annotated[
         str,
-        typer.Option(help="Folder of scans, or a URI such as s3://bucket/scans."),
+        typer.Option(help="Folder, or a URI of pyarrow such as s3://bucket/scans."),
     ] = "traverse-scans",
     group: Annotated[
         str, typer.Option(help="Name of the group whose members share the messages.")
@@ -62,7 +62,7 @@ def store(
     Points, events and states go into a database, scans into Parquet by arm and day. A
     message is acknowledged once it is stored; each counts once; what is missing is
     asked for again. Many members may run at once. Ends on Ctrl-C or SIGTERM with a
-    line of sums. Exit status 2: refused, among others by the database; 3: no database.
+    line of sums. Exit status 3: also if there is no database within 30 s.
     """
     from traverse.fleet.database import (  # noqa: PLC0415 - keeps --help quick
         BadValueError,

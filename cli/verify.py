@@ -42,16 +42,16 @@ def verify(
         typer.Option(help="Write what to touch for a standard into --out instead."),
     ] = None,
     bidirectional: Annotated[
-        bool, typer.Option("--bidirectional", help="With --plan: plan E_BI too.")
+        bool, typer.Option("--bidirectional", help="With --plan iso10360-12: E_BI too.")
     ] = False,
     check: Annotated[
-        Path | None, typer.Option(help="Check a certificate instead.")
+        Path | None, typer.Option(help="Check a certificate, or its folder.")
     ] = None,
     trust: Annotated[
         list[Path] | None,
         typer.Option(
             help="With --check: X.509 certificate of a signer, or of who vouches for "
-            "it, PEM. Repeatable."
+            "it, PEM. Repeatable; else the signer is shown, not judged."
         ),
     ] = None,
     schemas: Schemas = None,

@@ -33,7 +33,8 @@ def align(
     ] = None,
     as_json: Json = False,
     send: Annotated[
-        bool, typer.Option("--send", help="Have the daemon use it from now on.")
+        bool,
+        typer.Option("--send", help="Have the daemon use it; not if a test failed."),
     ] = False,
     clear: Annotated[
         bool, typer.Option("--clear", help="Have the daemon use none from now on.")

@@ -23,14 +23,14 @@ class AlignmentOptions:
     method: Annotated[
         Literal["best-fit", "3-2-1", "leapfrog"], typer.Option(help="What is fitted.")
     ] = "best-fit"
-    scale: Annotated[bool, typer.Option("--scale", help="Adjust a scale, too.")] = False
+    scale: Annotated[bool, typer.Option("--scale", help="Adjust a scale too.")] = False
     std: Annotated[
         float | None,
-        typer.Option(help="Standard deviation of a coordinate [mm]; else the points'."),
+        typer.Option(help="Standard deviation of a touch [mm]; else the points' own."),
     ] = None
     coordinates: Annotated[
         Literal["centre", "surface"],
-        typer.Option(help="Of the ball, or of the touched surface."),
+        typer.Option(help="Of the ball, or of the surface of compensated points."),
     ] = "centre"
     spheres: Annotated[
         bool, typer.Option("--spheres", help="Names are spheres; their centres count.")
@@ -45,10 +45,12 @@ class AlignmentOptions:
     onto: Annotated[
         Path | None,
         typer.Option(
-            help="Alignment of the first station, to be joined to a leapfrog."
+            help="With leapfrog: the first station's alignment, to be joined."
         ),
     ] = None
-    name: Annotated[str | None, typer.Option(help="Name of the alignment.")] = None
+    name: Annotated[
+        str | None, typer.Option(help="Its name; else the nominal file's.")
+    ] = None
     operator: Operator = None
 
     @property

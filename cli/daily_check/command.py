@@ -48,7 +48,7 @@ def daily_check(
     ] = None,
     campaign: Annotated[
         Path | None,
-        typer.Option(help="Folder of a check that has been collected already."),
+        typer.Option(help="Folder of a check that was collected; counts once."),
     ] = None,
     show: Annotated[
         bool, typer.Option("--show", help="Check nothing; show the history.")
@@ -78,8 +78,7 @@ def daily_check(
     is kept, and --campaign computes it later, here or on another computer.
 
     Exit status 1: out of control, beyond a limit, not plausible, or not everything was
-    touched; 2: a file was refused, or nothing could be computed; 3: the broker could
-    not be reached.
+    touched; 2: also if nothing could be computed.
     """
     import sqlite3  # noqa: PLC0415 - keeps --help quick
 

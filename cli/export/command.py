@@ -39,7 +39,6 @@ def export(
 
     Retracted points are left out unless --retracted is given. The file
     appears whole or not at all, and replaces another with --force only.
-    Exit status 2: a file or an option was refused.
     """
     from traverse.cli.export import campaign as labelled  # noqa: PLC0415
     from traverse.cli.export.file import file_words, write_file  # noqa: PLC0415

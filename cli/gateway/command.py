@@ -58,7 +58,7 @@ def lines(
         typer.Option(help="pcdmis, linuxcnc, spreadsheet, or a text with {names}."),
     ] = "pcdmis",
     undo: Annotated[
-        str | None, typer.Option(help="Line for a point that was taken back.")
+        str | None, typer.Option(help="Template for points taken back; else none.")
     ] = None,
     kind: Annotated[Kind, typer.Option(help="What is sent.")] = "points",
     coordinates: Annotated[
@@ -85,8 +85,7 @@ def lines(
     """Send points as lines of text: over TCP or UDP, to a serial port or into a file.
 
     While nothing takes lines, points wait at the arm. What is not sent, and why, is
-    reported on standard error. Ends on Ctrl-C or SIGTERM with a line of sums. Exit
-    status 2: an option was refused; 3: the broker could not be reached.
+    reported on standard error. Ends on Ctrl-C or SIGTERM with a line of sums.
     """
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
     from traverse.client.gateways.lines import LineForm, LineGateway  # noqa: PLC0415
@@ -131,8 +130,7 @@ def home_assistant(
 ) -> None:
     """Show an arm's state in Home Assistant, by MQTT discovery.
 
-    Ends on Ctrl-C or SIGTERM; the arm is then shown as unavailable. Exit status 2: an
-    option was refused; 3: the broker could not be reached.
+    Ends on Ctrl-C or SIGTERM; the arm is then shown as unavailable.
     """
     from traverse.client.gateways.home_assistant import HomeAssistantGateway  # noqa: PLC0415 - keeps --help quick
     from traverse.lab.daily_check.history import HistoryRefusedError, checks_of  # noqa: PLC0415

@@ -31,17 +31,18 @@ def ippdme(
     ] = None,
     key: Annotated[
         list[str] | None,
-        typer.Option(help="INPUT=NAME: a button as KeyPress, such as base/1=Done."),
+        typer.Option(
+            help="INPUT=NAME: a button as KeyPress, as base/1=Done. Repeatable."
+        ),
     ] = None,
     quote_class: Annotated[
         bool,
-        typer.Option("--quote-class", help='GetMachineClass answers "CartCMM".'),
+        typer.Option("--quote-class", help="GetMachineClass answers in quotes."),
     ] = False,
 ) -> None:
     """Serve the arm to a client of I++ DME 1.4.3, one at a time.
 
-    What happens is reported on standard error. Ends on Ctrl-C or SIGTERM. Exit status
-    2: an option was refused; 3: the broker could not be reached.
+    What happens is reported on standard error. Ends on Ctrl-C or SIGTERM.
     """
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
     from traverse.client.gateways.ippdme.server import IppServer  # noqa: PLC0415

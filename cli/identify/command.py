@@ -43,7 +43,7 @@ def identify(
     ] = None,
     hold: Annotated[
         list[str] | None,
-        typer.Option(help="Hold parameters at their values, e.g. 'J7.*'. Repeatable."),
+        typer.Option(help="Hold parameters, e.g. 'J7.*'. Repeatable; before --free."),
     ] = None,
     free: Annotated[
         list[str] | None,

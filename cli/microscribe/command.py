@@ -65,15 +65,16 @@ def arm_file(
     ] = "microscribe",
     radius_mm: Annotated[
         float,
-        typer.Option("--radius-mm", min=0.0, help="Radius of the ball; 0 for a point."),
+        typer.Option(
+            "--radius-mm", min=0.0, help="Radius of the ball; 0 for a pointed stylus."
+        ),
     ] = 0.0,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Write an arm file and, beside it, `traverse.toml` to measure with at once.
 
-    The arm must be in its home position while it is switched on. Exit status 2 if what
-    it reports makes no arm file, or a file exists already; 3 if it does not answer.
+    The arm must be in its home position while it is switched on.
     """
     from traverse.cli.microscribe.arm_values import arm_from_microscribe  # noqa: PLC0415
     from traverse.cli.microscribe.inquiry import query_microscribe  # noqa: PLC0415

@@ -36,10 +36,7 @@ def list_points(
     to_seq: ToOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="One object a line.")] = False,
 ) -> None:
-    """List sessions, or the points of one; beside a running daemon or without one.
-
-    Exit status 2: the file cannot be read, or has no such session.
-    """
+    """List sessions, or the points of one; beside a running daemon or without one."""
     from traverse.cli.points import outbox  # noqa: PLC0415
     from traverse.daemon.store import queries  # noqa: PLC0415
 
@@ -81,7 +78,7 @@ def export(
 ) -> None:
     """Write points with all their values; retractions are rows too.
 
-    Exit status 1: some could not be read; 2: the file cannot be read or written.
+    Exit status 1: some could not be read.
     """
     from traverse.cli.points import outbox  # noqa: PLC0415
     from traverse.daemon.store import queries  # noqa: PLC0415
