@@ -21,8 +21,7 @@ def artefact(
         float, typer.Option(min=1.0, max=100.0, help="Diameter of the ball [mm].")
     ] = 6.0,
     clearance_mm: Annotated[
-        float,
-        typer.Option(min=0.0, help="Gap below the ball [mm], under a fifth of it."),
+        float, typer.Option(min=0.0, help="Gap below the ball [mm].")
     ] = 0.5,
     distance_std_mm: Annotated[
         float | None, typer.Option(max=100.0, help="Uncertainty of the distance [mm].")

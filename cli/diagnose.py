@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.campaign_inputs import (
+    CampaignFolder,
     Family,
     PriorPatterns,
     adjustment_errors,
     read_noted,
 )
-from traverse.cli.options import HoldoutBy, Json, Operator, campaign_folder
+from traverse.cli.options import HoldoutBy, Json, Operator
 from traverse.cli.refusals import (
     FAILED,
     check_results,
@@ -28,13 +29,10 @@ if TYPE_CHECKING:
 
 
 def diagnose(
-    campaign: Annotated[
-        Path,
-        typer.Argument(help="Folder with campaign.toml.", callback=campaign_folder),
-    ],
+    campaign: CampaignFolder,
     *,
     arm: Annotated[
-        Path, typer.Option("--arm", help="Arm file: the design, or an identified arm.")
+        Path, typer.Option(help="Arm file: the design, or an identified arm.")
     ],
     out: Annotated[
         Path | None,

@@ -160,9 +160,7 @@ def diagnose(
     *,
     arm: Annotated[
         Path,
-        typer.Option(
-            "--arm", help="Arm file of the design, or a folder of results, NAME/ each."
-        ),
+        typer.Option(help="Arm file of the design, or folder of results, NAME/ each."),
     ],
     seed: Annotated[int, typer.Option(min=0, help="As of `traverse diagnose`.")] = 1,
     holdout_by: HoldoutBy = "time",

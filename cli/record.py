@@ -25,9 +25,7 @@ def record(
     seconds: Annotated[
         float | None, typer.Option(min=0.1, help="Duration; else until Ctrl-C.")
     ] = None,
-    note: Annotated[
-        str, typer.Option(help="Text that is stored in the recording.")
-    ] = "",
+    note: Annotated[str, typer.Option(help="Text stored in the recording.")] = "",
     as_json: Json = False,
 ) -> None:
     """Record what an arm does, as an MCAP file on the daemon's disk.

@@ -33,8 +33,7 @@ def align(
     ] = None,
     as_json: Json = False,
     send: Annotated[
-        bool,
-        typer.Option("--send", help="Have the daemon use it; not if a test failed."),
+        bool, typer.Option("--send", help="Have the daemon use it, if no test failed.")
     ] = False,
     clear: Annotated[
         bool, typer.Option("--clear", help="Have the daemon use none from now on.")

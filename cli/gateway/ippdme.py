@@ -32,7 +32,7 @@ def ippdme(
     key: Annotated[
         list[str] | None,
         typer.Option(
-            help="INPUT=NAME: a button as KeyPress, as base/1=Done. Repeatable."
+            help="INPUT=NAME: button as KeyPress, as base/1=Done. Repeatable."
         ),
     ] = None,
     quote_class: Annotated[

@@ -35,8 +35,7 @@ def identify(
     ] = None,
     *,
     arm: Annotated[
-        Path | None,
-        typer.Option("--arm", help="Arm file: the design, or an earlier result."),
+        Path | None, typer.Option(help="Arm file: the design, or an earlier result.")
     ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder for the results.")

@@ -54,7 +54,7 @@ def arm_file(
     out: Annotated[Path, typer.Option("--out", "-o", help="The arm file to write.")],
     *,
     baud_rate: Annotated[
-        int | None, typer.Option("--baud-rate", help="Try this one only; default all.")
+        int | None, typer.Option(help="Try this one only; default all.")
     ] = None,
     name: Annotated[
         str | None,
@@ -64,10 +64,7 @@ def arm_file(
         str, typer.Option(help="Its id in the daemon's configuration.")
     ] = "microscribe",
     radius_mm: Annotated[
-        float,
-        typer.Option(
-            "--radius-mm", min=0.0, help="Radius of the ball; 0 for a pointed stylus."
-        ),
+        float, typer.Option(min=0.0, help="Radius of the ball; 0 for a pointed stylus.")
     ] = 0.0,
     force: Force = False,
     as_json: Json = False,

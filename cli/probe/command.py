@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.cli.campaign_inputs import CampaignFolder
 from traverse.cli.control import use_probe
-from traverse.cli.options import Json, campaign_folder
+from traverse.cli.options import Json
 from traverse.cli.refusals import FAILED, print_report, refusals, refuse
 
 if TYPE_CHECKING:
@@ -20,24 +21,20 @@ probe.command("use")(use_probe)
 
 @probe.command("pivot")
 def pivot(
-    campaign: Annotated[
-        Path,
-        typer.Argument(help="Folder with campaign.toml.", callback=campaign_folder),
-    ],
-    arm: Annotated[Path, typer.Option("--arm", help="Arm file, identified.")],
+    campaign: CampaignFolder,
+    arm: Annotated[Path, typer.Option(help="Arm file, identified.")],
     *,
     library: Annotated[
-        Path | None, typer.Option("--library", help="Probe library to compare with.")
+        Path | None, typer.Option(help="Probe library to compare with.")
     ] = None,
     name: Annotated[
-        str | None, typer.Option("--name", help="Which probe of the library it is.")
+        str | None, typer.Option(help="Which probe of the library it is.")
     ] = None,
     cone: Annotated[
-        str | None, typer.Option("--cone", help="Artefact, where there are several.")
+        str | None, typer.Option(help="Artefact, where there are several.")
     ] = None,
     limit_mm: Annotated[
-        float,
-        typer.Option("--limit-mm", min=0.0, help="A larger change needs confirmation."),
+        float, typer.Option(min=0.0, help="A larger change needs confirmation.")
     ] = 0.05,
     write: Annotated[
         bool, typer.Option("--write", help="Write the result into the library.")
