@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 import asyncapi
-from message_schemas import Schema, field_table, json_schema, json_schemas, name
+from message_schemas import field_table, json_schema, json_schemas, name
 
 from traverse.protocol import arrays
 from traverse.protocol.encoding import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS
@@ -123,9 +123,8 @@ def reference_page() -> str:
         link = f"[{message.__name__}](#{name(message)})"
         lines.append(f"| `{topic}` | {link} | {quality} |")
     lines += ["", RULES]
-    described: set[str] = set()
     for message in MESSAGES:
-        lines += _message_section(message, described)
+        lines += _message_section(message)
         if name(message) == "point":
             lines += ["```json", _golden("point.json"), "```", "", DELIVERY]
         if name(message) == "command":
@@ -156,24 +155,13 @@ def _delivery(key: str) -> tuple[str, str]:
     return f"traverse/<arm>/{topic}{level}", f"{channel.qos}{retained}"
 
 
-def _message_section(message: type[Message], described: set[str]) -> list[str]:
+def _message_section(message: type[Message]) -> list[str]:
     schema, key = json_schema(message), name(message)
     lines = [f"## {message.__name__}", "", inspect.getdoc(message) or "", ""]
     example = f"{GOLDEN_FOLDER}/{'command-point' if key == 'command' else key}"
     shown = f"[JSON]({example}.json) and [MessagePack]({example}.msgpack.hex)"
     lines += [f"Schema `{schema['$id']}`; example in {shown}.", ""]
-    return [*lines, *field_table(schema), "", *_inner_tables(schema, described)]
-
-
-def _inner_tables(schema: Schema, described: set[str]) -> list[str]:
-    """Tables of inner structures, each at the first message that has it."""
-    lines: list[str] = []
-    for key, inner in schema.get("$defs", {}).items():
-        if key in described:
-            continue
-        described.add(key)
-        lines += [f"### {key}", "", inner["description"], "", *field_table(inner), ""]
-    return lines
+    return [*lines, *field_table(schema), ""]
 
 
 def _command_sections() -> list[str]:
