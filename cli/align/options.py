@@ -21,7 +21,8 @@ class AlignmentOptions:
         ),
     ] = None
     method: Annotated[
-        Literal["best-fit", "3-2-1", "leapfrog"], typer.Option(help="What is fitted.")
+        Literal["best-fit", "3-2-1", "leapfrog"],
+        typer.Option(help="Named points; plane, line, point; points of two stations."),
     ] = "best-fit"
     scale: Annotated[bool, typer.Option("--scale", help="Adjust a scale too.")] = False
     std: Annotated[
@@ -36,11 +37,12 @@ class AlignmentOptions:
         bool, typer.Option("--spheres", help="Names are spheres; their centres count.")
     ] = False
     arm: Annotated[
-        Path | None, typer.Option(help="The arm file, of a campaign or for its reach.")
+        Path | None,
+        typer.Option(help="Arm file: of a campaign, for shared errors, for its reach."),
     ] = None
     volume: Annotated[
         str | None,
-        typer.Option(help="x,y,z,x,y,z (box), x,y,z,r (ball), mm in the part; reach."),
+        typer.Option(help="Where it is used: x,y,z,x,y,z or x,y,z,r [mm]; or reach."),
     ] = None
     onto: Annotated[
         Path | None,
