@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-Out = Annotated[Path, typer.Option("--out", "-o", help="The arm file to write.")]
+Out = Annotated[Path, typer.Option("--out", "-o", help="The file to write.")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
