@@ -65,9 +65,11 @@ RULES = f"""\
   keys.
 """
 SCHEMAS = """\
-Generated from `protocol/messages` by `make schemas`; do not edit. One file for every
-[message](../mqtt-messages.md) and every command, in JSON Schema 2020-12, for payloads
-in JSON.
+# JSON Schemas
+
+Made from `protocol/messages` by `make schemas` (do not edit): one file for every
+[message](../mqtt-messages.md) and every command, `point.schema.json` or
+`command-scan.schema.json`, in JSON Schema 2020-12, for payloads in JSON.
 """
 DELIVERY = """\
 A point is delivered at least once. Within a `session`, `seq` has no gaps, retractions
@@ -92,7 +94,7 @@ def main() -> int:
         REFERENCE / "schemas" / f"{key}.schema.json": json.dumps(schema, indent=2)
         for key, schema in json_schemas().items()
     }
-    files[REFERENCE / "schemas" / "README.md"] = schemas_page()
+    files[REFERENCE / "schemas" / "README.md"] = SCHEMAS.rstrip()
     files[REFERENCE / "mqtt-messages.md"] = reference_page()
     files[REFERENCE / "asyncapi.json"] = asyncapi.text()
     old = set((REFERENCE / "schemas").glob("*.json")) - set(files)
@@ -104,15 +106,6 @@ def main() -> int:
     for path in old:
         path.unlink()
     return 0
-
-
-def schemas_page() -> str:
-    """What the folder of schemas holds, in Markdown."""
-    lines = ["# JSON Schemas", "", SCHEMAS, "| file | payload |", "|---|---|"]
-    for key, schema in json_schemas().items():
-        file, what = f"{key}.schema.json", schema["description"].splitlines()[0]
-        lines.append(f"| [{file}]({file}) | {what} |")
-    return "\n".join(lines)
 
 
 def reference_page() -> str:
@@ -160,7 +153,8 @@ def _message_section(message: type[Message]) -> list[str]:
     lines = [f"## {message.__name__}", "", inspect.getdoc(message) or "", ""]
     example = f"{GOLDEN_FOLDER}/{'command-point' if key == 'command' else key}"
     shown = f"[JSON]({example}.json) and [MessagePack]({example}.msgpack.hex)"
-    lines += [f"Schema `{schema['$id']}`; example in {shown}.", ""]
+    linked = f"[`{schema['$id']}`](schemas/{key}.schema.json)"
+    lines += [f"Schema {linked}; example in {shown}.", ""]
     return [*lines, *field_table(schema), ""]
 
 
@@ -170,7 +164,8 @@ def _command_sections() -> list[str]:
         lines += [f"### cmd/{command}", "", inspect.getdoc(args) or "", ""]
         lines += [*field_table(json_schema(args)), ""]
         shown = json.loads(_golden(f"command-{command}.json"))["args"]
-        lines += [f"Example: `{json.dumps(shown)}`", ""]
+        link = f"[Schema](schemas/command-{command}.schema.json)"
+        lines += [f"{link}; example: `{json.dumps(shown)}`", ""]
     return lines
 
 
