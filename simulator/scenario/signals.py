@@ -7,15 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.arrays import Floats
+from traverse.simulator.scenario.script import ScriptEvent
 
 
 @dataclass(frozen=True, slots=True)
 class InputChange:
-    """An input takes a new level (1 active, 0 not)."""
+    """An input takes a new level (1 active, 0 not), by an event of the script."""
 
     time_s: float
     input_number: int
     level: int
+    event: ScriptEvent | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +28,7 @@ class LatchedEdge:
         inputs: Levels of all inputs right after it, as bits.
         counts: (n_channels,)
         status: (n_channels,)
+        event: Of the script that caused it.
     """
 
     time_s: float
@@ -35,6 +38,7 @@ class LatchedEdge:
     ticks: int
     counts: NDArray[np.uint32]
     status: NDArray[np.uint8]
+    event: ScriptEvent | None = None
 
 
 @dataclass(frozen=True, slots=True)

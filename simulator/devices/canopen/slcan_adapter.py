@@ -70,11 +70,11 @@ class SlcanAdapter:
 
     def readers(self) -> list[int]:
         """Its port."""
-        return [self._port.wake_descriptor]
+        return self._port.readers()
 
     def writers(self) -> list[int]:
         """Its port, when bytes wait."""
-        return [self._port.descriptor] if self._port.backlog else []
+        return self._port.writers()
 
     def close(self) -> None:
         """Take the port away."""

@@ -204,6 +204,7 @@ class Sampler:
             self._ticks.shown(self._ticks.at(change.time_s)),
             counts[0],
             status[0],
+            change.event,
         )
 
     def _frames(
