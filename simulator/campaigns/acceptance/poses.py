@@ -62,6 +62,13 @@ def acceptance_poses(
         turns.append(turns_rad)
     turns_rad = np.concatenate(turns)
     table = conditions or ConditionTable()
+    around = drawn_conditions(
+        table, len(turns_rad), truth.mechanism.n_joints, stream(seed, "conditions")
+    )
+    towards = [
+        entry.placement.directions(standing.towards)
+        for entry, standing in zip(placed, standings, strict=True)
+    ]
     spec = CampaignSpec(
         artefacts=tuple(standing.artefact for standing in standings),
         noise=noise or NoiseTable(),
@@ -81,15 +88,7 @@ def acceptance_poses(
             ]
         ).astype(np.intp),
         contacts_mm=probe_pose(truth.mechanism, turns_rad)[0],
-        towards=np.concatenate(
-            [
-                entry.placement.directions(standing.towards)
-                for entry, standing in zip(placed, standings, strict=True)
-            ]
-        ),
-        conditions=drawn_conditions(
-            table, len(turns_rad), truth.mechanism.n_joints, stream(seed, "conditions")
-        ),
+        around=replace(around, towards=np.concatenate(towards)),
         **rigid_fields(arm, truth, turns_rad),
     )
 

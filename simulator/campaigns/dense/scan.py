@@ -11,7 +11,7 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.arm.truth import TrueArm, true_arm
 from traverse.simulator.campaigns.artefacts import Cone, Sphere
 from traverse.simulator.campaigns.campaign import StatedArtefact
-from traverse.simulator.campaigns.conditions import stream
+from traverse.simulator.campaigns.conditions import stream, temperatures_c
 from traverse.simulator.campaigns.dense.motion import (
     Drag,
     Dragging,
@@ -19,7 +19,11 @@ from traverse.simulator.campaigns.dense.motion import (
     refused,
 )
 from traverse.simulator.campaigns.dense.spec import DenseFile, dense_misfits
-from traverse.simulator.campaigns.noise import encoder_stds, serial_noise
+from traverse.simulator.campaigns.noise import (
+    contact_shifts,
+    encoder_stds,
+    serial_noise,
+)
 from traverse.simulator.campaigns.postures import shifted_postures, workspace_of
 from traverse.simulator.campaigns.siting import misfits, place_artefacts
 from traverse.simulator.effects import (
@@ -152,10 +156,7 @@ def _surroundings(
     table, rate_hz = file.conditions, file.scan.rate_hz
     rng = stream(seed, "conditions")
     time_s = np.arange(len(speed_rad_s)) / rate_hz
-    progress = time_s / time_s[-1]
-    swing = np.sin(2.0 * np.pi * (rng.uniform(0.5, 1.5) * progress + rng.uniform()))
-    temperature_c = table.temperature_c + table.swing_c * swing
-    temperature_c = temperature_c + table.drift_c * (progress - 0.5)
+    temperature_c = temperatures_c(table, time_s / time_s[-1], rng)
     forces = np.exp(table.force_spread * rng.standard_normal(len(drags) + 1))
     towards = np.full((len(speed_rad_s), 3), np.nan)
     towards[drag_of != NOTHING] = np.concatenate([drag.towards for drag in drags])
@@ -198,14 +199,10 @@ def _readings(
     turns_rad, drag_of = motion
     n_samples, n_joints = turns_rad.shape
     touching = drag_of != NOTHING
-    shifts_mm = np.zeros((n_samples, 3))
     contacts_mm = np.zeros((n_samples, 3))
     contacts_mm[touching] = np.concatenate([drag.contacts_mm for drag in drags])
     shaken = serial_noise(stream(seed, "touch"), n_samples, 3, file.noise)
-    towards = around.towards
-    seated = np.isnan(towards[:, :1])
-    along = shaken[:, :1] * np.nan_to_num(towards)
-    shifts_mm = file.noise.contact_mm * np.where(seated, shaken, along)
+    shifts_mm = file.noise.contact_mm * contact_shifts(around.towards, shaken)
     errors = serial_noise(stream(seed, "encoders"), n_samples, n_joints, file.noise)
     errors *= encoder_stds(file.noise, n_joints)
     readings_rad = np.empty_like(turns_rad)
