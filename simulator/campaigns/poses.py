@@ -32,8 +32,6 @@ from traverse.simulator.campaigns.spec import CampaignSpec
 from traverse.simulator.effects import Surroundings
 from traverse.strict_toml.problems import FileError
 
-__all__ = ["PlacedArtefact", "PoseSet", "make_poses"]
-
 N_REDRAWS = 12  # of contacts that are out of reach
 
 

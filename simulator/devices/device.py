@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from traverse.simulator.arm.truth import EncoderSet
 from traverse.simulator.devices.serial_line import DisturbedLine
@@ -18,25 +18,8 @@ from traverse.simulator.devices.table import KINDS, DeviceTable, class_named
 from traverse.simulator.scenario.course import ClimateTable
 from traverse.simulator.scenario.faults import EncoderFault, Fault
 from traverse.simulator.scenario.script import Script
-from traverse.simulator.scenario.signals import LatchedEdge
+from traverse.simulator.scenario.truth_log import TruthLog
 from traverse.simulator.scenario.wiring import CountSource, ScriptClock, Wiring
-
-
-class DeviceObserver(Protocol):
-    """Takes what a device did, for the truth log."""
-
-    def edge(self, device: str, seq: int, edge: LatchedEdge) -> None:
-        """A device reported the change of an input."""
-
-    def reading(
-        self, device: str, channel: int, time_s: float, count: int, status: int
-    ) -> None:
-        """An encoder was latched alone, at a time of the simulation."""
-
-    def dropped(
-        self, device: str, n_samples: int, time_s: float, stood_s: float
-    ) -> None:
-        """Samples found no room; the simulator itself had not run for so long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +46,7 @@ class DeviceContext:
     clock: ScriptClock
     faults: tuple[Fault, ...]
     seed: tuple[int, int]
-    notes: DeviceObserver
+    notes: TruthLog
     climate: ClimateTable
 
     @property

@@ -1,12 +1,10 @@
-"""Values that cross the board's border: what it is wired to, what it sends."""
+"""Values that cross a device's border: what it is wired to, what it sends."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.arrays import Floats
 from traverse.simulator.scenario.script import ScriptEvent
 
 
@@ -50,21 +48,6 @@ class AlarmChange:
     state: int
     code: int
     value: int
-
-
-class LatchSource(Protocol):
-    """Signals that the board is wired to."""
-
-    def latch(
-        self, times_s: Floats, edge: bool
-    ) -> tuple[NDArray[np.uint32], NDArray[np.uint8]]:
-        """Counts and status (n, n_channels) at times (n,)."""
-
-    def peek_change(self) -> InputChange | AlarmChange | None:
-        """The next change, if any is known yet."""
-
-    def take_change(self) -> None:
-        """Advance to the one after it."""
 
 
 @dataclass(frozen=True, slots=True)

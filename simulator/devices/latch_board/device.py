@@ -8,11 +8,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from traverse.simulator.devices.device import (
-    DeviceContext,
-    DeviceObserver,
-    SimulatedDevice,
-)
+from traverse.simulator.devices.device import DeviceContext, SimulatedDevice
 from traverse.simulator.devices.latch_board import wire
 from traverse.simulator.devices.latch_board.board import Board
 from traverse.simulator.devices.latch_board.sampler import TickCounter
@@ -20,12 +16,13 @@ from traverse.simulator.devices.pty_port import PtyPort
 from traverse.simulator.devices.serial_device import SerialTable
 from traverse.simulator.devices.table import DeviceTable
 from traverse.simulator.scenario.signals import OutgoingFrame
+from traverse.simulator.scenario.truth_log import TruthLog
 
 
 class DropCounter:
     """Notes each time that samples are dropped, from the first to the last in a row."""
 
-    def __init__(self, device: str, notes: DeviceObserver) -> None:
+    def __init__(self, device: str, notes: TruthLog) -> None:
         self._device, self._notes = device, notes
         self._lived_s = self._stood_s = 0.0
         self._begun_s = self._cause_s = 0.0

@@ -23,8 +23,8 @@ from traverse.simulator.config import SimulatorConfig, config_problems
 from traverse.simulator.scenario.course import ClimateTable, Course, contact_directions
 from traverse.simulator.scenario.script import Script
 from traverse.simulator.scenario.signals import LatchedEdge
+from traverse.simulator.scenario.truth_log import TruthLog
 from traverse.simulator.scenario.wiring import ScriptClock, ScriptedCounts, Wiring
-from traverse.simulator.truth_log import TruthLog
 from traverse.simulator.virtual_arm import (
     VirtualArm,
     build_arm,
