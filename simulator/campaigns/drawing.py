@@ -4,6 +4,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.simulator.arm.inverse import shifted_postures
 from traverse.simulator.campaigns.artefacts.artefact import Table
 from traverse.simulator.campaigns.artefacts.seats import DrawWire
 from traverse.simulator.campaigns.campaign import (
@@ -22,7 +23,6 @@ from traverse.simulator.campaigns.noise import (
 )
 from traverse.simulator.campaigns.pose_set import PoseSet
 from traverse.simulator.campaigns.poses import make_poses
-from traverse.simulator.campaigns.postures import shifted_postures
 from traverse.simulator.campaigns.spec import CampaignSpec, NoiseTable
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from traverse.arrays import Floats
-from traverse.simulator.arm.inverse import TOLERANCE_MM
+from traverse.simulator.arm.inverse import REACHED_MM
 from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.arm.trajectory import spline_pieces
 from traverse.simulator.motions.motion import Direction, Motion, Vector
@@ -79,7 +79,7 @@ def _articulation(
     wishes = starts + fractions[:, None, None] * (pull * (wished - starts))
     ways = reach.nearest(starts, wishes, np.tile(seat_mm, (N_TRIES, 1)))
     centres_mm, shanks = probe_pose(reach.mechanism, ways[-1])
-    good = np.linalg.norm(centres_mm - seat_mm, axis=1) < TOLERANCE_MM
+    good = np.linalg.norm(centres_mm - seat_mm, axis=1) < REACHED_MM
     good &= shanks @ shank >= np.cos(stage.operator.tilt_rad)
     good &= np.all((ways >= low) & (ways <= high), axis=(0, 2))
     good &= np.max(np.abs(np.diff(ways, axis=0)), axis=(0, 2)) < LONGEST_STEP_RAD

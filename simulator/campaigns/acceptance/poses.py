@@ -11,6 +11,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.simulator.arm.inverse import shifted_postures
 from traverse.simulator.arm.physics import Mechanism, probe_pose
 from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
 from traverse.simulator.campaigns.acceptance.layout import PlacedStandard, layout_of
@@ -19,11 +20,7 @@ from traverse.simulator.campaigns.campaign import SimulatedCampaign, StatedArtef
 from traverse.simulator.campaigns.conditions import drawn_conditions, stream
 from traverse.simulator.campaigns.drawing import draw_noise
 from traverse.simulator.campaigns.pose_set import PlacedArtefact, PoseSet, rigid_fields
-from traverse.simulator.campaigns.postures import (
-    Workspace,
-    shifted_postures,
-    workspace_of,
-)
+from traverse.simulator.campaigns.postures import Workspace, workspace_of
 from traverse.simulator.campaigns.siting import UnreachableError
 from traverse.simulator.campaigns.spec import CampaignSpec, ConditionTable, NoiseTable
 

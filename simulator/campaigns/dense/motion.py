@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.simulator.arm.inverse import shifted_postures
 from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.campaigns.artefacts import Cone, Sphere
 from traverse.simulator.campaigns.artefacts.artefact import Placement
 from traverse.simulator.campaigns.dense.spec import ScanTable
-from traverse.simulator.campaigns.postures import Workspace, shifted_postures
+from traverse.simulator.campaigns.postures import Workspace
 from traverse.simulator.campaigns.siting import UnreachableError
 from traverse.strict_toml.problems import FileError, Problem
 

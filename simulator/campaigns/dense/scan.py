@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.simulator.arm.inverse import shifted_postures
 from traverse.simulator.arm.truth import TrueArm, true_arm
 from traverse.simulator.campaigns.artefacts import Cone, Sphere
 from traverse.simulator.campaigns.campaign import StatedArtefact
@@ -24,7 +25,7 @@ from traverse.simulator.campaigns.noise import (
     encoder_stds,
     serial_noise,
 )
-from traverse.simulator.campaigns.postures import shifted_postures, workspace_of
+from traverse.simulator.campaigns.postures import workspace_of
 from traverse.simulator.campaigns.siting import misfits, place_artefacts
 from traverse.simulator.effects import (
     FaultyArm,
