@@ -90,6 +90,10 @@ class Reach:
             postures[knot] = turns
         return postures
 
+    def path(self, start_rad: Floats, targets_mm: Floats) -> Floats:
+        """`along` (n_knots, 3) targets from one posture: (n_knots, n_joints)."""
+        return self.along(start_rad[None], targets_mm[:, None])[:, 0]
+
     def nearest(self, starts_rad: Floats, wishes_rad: Floats, at_mm: Floats) -> Floats:
         """Stay at a place and be as near to wished postures as that allows.
 
