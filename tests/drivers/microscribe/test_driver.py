@@ -105,13 +105,13 @@ async def test_the_arm_follows_the_baud_rate(tmp_path, baud_rate):
         rig = MicroscribeRig(arm, baud_rate=baud_rate)
         with rig.driver:
             await up(rig)
-            assert arm.session_baud == baud_rate
-        await until(lambda: arm.session_baud is None, "the session ends")
+            assert arm.box.baud_rate == baud_rate
+        await until(lambda: arm.box.baud_rate is None, "the session ends")
 
 
 async def test_a_session_left_behind_at_another_rate_is_ended(tmp_path):
     with FakeMicroscribe(tmp_path / "arm") as arm:
-        arm.session_baud, arm._begun = 19200, True
+        arm.box.baud_rate = 19200
         rig = MicroscribeRig(arm)
         with rig.driver:
             await up(rig)
@@ -310,7 +310,7 @@ async def test_a_report_that_is_cut_by_its_end_is_not_broken(tmp_path):
 
 async def test_something_else_on_the_port_is_refused(tmp_path):
     with FakeMicroscribe(tmp_path / "arm") as arm:
-        arm.maxes[0] = 0
+        arm.rewrite(maxes=(0,) * 6)
         rig = MicroscribeRig(arm)
         with rig.driver:
             taken = Taken(rig.delivery_queue)
