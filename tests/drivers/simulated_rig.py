@@ -7,6 +7,32 @@ from traverse.simulator.devices.device import DeviceContext, SimulatedDevice
 from traverse.simulator.pacing import MonotonicClock, live_real
 
 
+class CountsUp:
+    """Mixed into a device: its counts rise by one from reading to reading.
+
+    Attributes:
+        reading: how replies begin that are lost on demand.
+        to_lose: how many more of them, by line.
+    """
+
+    reading = b""
+
+    def __init__(self, table, mounting: DeviceContext) -> None:
+        self.to_lose = [0, 0]
+        self.counts = [0, 0]
+        super().__init__(table, mounting)
+
+    def latch(self, channel, at_s):
+        self.counts[channel] += 1
+        return self.counts[channel], 0
+
+    def say(self, line, data, at_s, channel=None):
+        if self.to_lose[line] and data.startswith(self.reading):
+            self.to_lose[line] -= 1
+        else:
+            super().say(line, data, at_s, channel)
+
+
 class SimulatedRig:
     """Plugged in from the beginning.
 

@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from tests.drivers.driver_contract import DriverContract, StreamContract
-from tests.drivers.simulated_rig import SimulatedRig
+from tests.drivers.simulated_rig import CountsUp, SimulatedRig
 from tests.drivers.virtual_device import told_by
 from tests.simulator.one_hinge import mounted
 from traverse.drivers.base.delivery_queue import DeliveryQueue
@@ -204,23 +204,8 @@ def test_frames_are_those_of_manuals_however_they_are_cut(cut):
     assert port.written == ["01 04 00 00 00 02 71 CB"]
 
 
-class CountedUp(SimulatedModbusLine):
-    """Counts go up by one from reading to reading; replies are lost on demand."""
-
-    def __init__(self, table, mounting):
-        self.to_lose = 0
-        self.counts = [0, 0]
-        super().__init__(table, mounting)
-
-    def latch(self, channel, at_s):
-        self.counts[channel] += 1
-        return self.counts[channel], 0
-
-    def say(self, line, data, at_s, channel=None):
-        if self.to_lose:
-            self.to_lose -= 1
-        else:
-            super().say(line, data, at_s, channel)
+class CountedUp(CountsUp, SimulatedModbusLine):
+    """Replies with a reading are lost on demand."""
 
 
 class ModbusRig(SimulatedRig):
@@ -246,7 +231,7 @@ class ModbusRig(SimulatedRig):
         super().__init__(lambda: CountedUp(self.table, self.mounting), self.mounting)
 
     def lose(self, n):
-        self.device.to_lose = n
+        self.device.to_lose[0] = n
 
 
 class TestContract(DriverContract, StreamContract):

@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from tests.drivers.driver_contract import DriverContract, StreamContract
-from tests.drivers.simulated_rig import SimulatedRig
+from tests.drivers.simulated_rig import CountsUp, SimulatedRig
 from tests.drivers.virtual_device import told_by
 from tests.simulator.one_hinge import mounted
 from traverse.drivers.base.delivery_queue import DeliveryQueue
@@ -224,23 +224,10 @@ def test_options_are_strict(bad):
         RlsOptions(**bad)
 
 
-class CountedUp(SimulatedRls):
-    """Counts go up by one from reading to reading; replies are lost on demand."""
+class CountedUp(CountsUp, SimulatedRls):
+    """Replies with a reading are lost on demand."""
 
-    def __init__(self, table, mounting):
-        self.to_lose = [0, 0]
-        self.counts = [0, 0]
-        super().__init__(table, mounting)
-
-    def latch(self, channel, at_s):
-        self.counts[channel] += 1
-        return self.counts[channel], 0
-
-    def say(self, line, data, at_s, channel=None):
-        if self.to_lose[line] and data[:1] == b"d":
-            self.to_lose[line] -= 1
-        else:
-            super().say(line, data, at_s, channel)
+    reading = b"d"
 
 
 class RlsRig(SimulatedRig):
