@@ -24,13 +24,12 @@ from traverse.simulator.campaigns.pose_set import (
 from traverse.simulator.campaigns.postures import Workspace, workspace_of
 from traverse.simulator.campaigns.siting import (
     UnreachableError,
-    misfits,
     place_artefacts,
+    refuse_misfits,
     spec_artefacts,
 )
 from traverse.simulator.campaigns.spec import CampaignSpec
 from traverse.simulator.effects import Surroundings
-from traverse.strict_toml.problems import FileError
 
 N_REDRAWS = 12  # of contacts that are out of reach
 
@@ -48,9 +47,7 @@ def make_poses(
             effects of the arm that cannot be played.
         UnreachableError: What the arm cannot reach.
     """
-    problems = list(misfits(spec, arm))
-    if problems:
-        raise FileError("campaign specification", problems)
+    refuse_misfits(spec, arm)
     if truth is None:
         truth = true_arm(arm, spec.deviations, seed)
     workspace = workspace_of(truth.mechanism, spec.travel, spec.limits_rad)

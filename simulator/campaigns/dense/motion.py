@@ -16,7 +16,6 @@ from traverse.simulator.campaigns.artefacts.artefact import Placement
 from traverse.simulator.campaigns.dense.spec import ScanTable
 from traverse.simulator.campaigns.postures import Workspace
 from traverse.simulator.campaigns.siting import UnreachableError
-from traverse.strict_toml.problems import FileError, Problem
 
 KNOT_S = 0.05
 PULL = 0.05  # of what a posture is away from the wished one, per knot
@@ -205,13 +204,3 @@ def _between(knots: Floats, places: Floats) -> Floats:
         rates[at] + u * (3.0 * rise - 2.0 * rates[at] - rates[at + 1] + u * bend)
     )
     return turns
-
-
-def refused(problems: list[Problem]) -> None:
-    """Refuse a specification that has problems.
-
-    Raises:
-        FileError: With all of them, if there are any.
-    """
-    if problems:
-        raise FileError("campaign specification", problems)

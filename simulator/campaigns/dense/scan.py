@@ -17,7 +17,6 @@ from traverse.simulator.campaigns.dense.motion import (
     Drag,
     Dragging,
     moved_between,
-    refused,
 )
 from traverse.simulator.campaigns.dense.spec import DenseFile, dense_misfits
 from traverse.simulator.campaigns.noise import (
@@ -26,7 +25,7 @@ from traverse.simulator.campaigns.noise import (
     serial_noise,
 )
 from traverse.simulator.campaigns.postures import workspace_of
-from traverse.simulator.campaigns.siting import misfits, place_artefacts
+from traverse.simulator.campaigns.siting import place_artefacts, refuse_misfits
 from traverse.simulator.effects import (
     FaultyArm,
     Surroundings,
@@ -34,7 +33,6 @@ from traverse.simulator.effects import (
     on_true_axes,
 )
 from traverse.simulator.effects.faulty_arm import faulty_arm
-from traverse.strict_toml.problems import Problem
 
 START = datetime(2026, 11, 20, 9, tzinfo=UTC)
 CHUNK = 20_000
@@ -50,28 +48,22 @@ class DenseScan:
         artefacts: As the campaign states them.
         file: The specification.
         start_utc: Of the first sample.
-        time_s: (n,) since then.
+        around: Of n samples.
         counts: (n, n_joints) raw.
         touched: (n,) index of the artefact, -1 for none.
-        temperature_c: (n,)
-        force_n: (n,)
         truth: The true arm.
         readings_rad: (n, n_joints) before they became counts.
-        speeds_rad_s: (n, n_joints) true.
     """
 
     arm: Arm
     artefacts: tuple[StatedArtefact, ...]
     file: DenseFile
     start_utc: datetime
-    time_s: Floats
+    around: Surroundings
     counts: NDArray[np.uint32]
     touched: Integers
-    temperature_c: Floats
-    force_n: Floats
     truth: TrueArm
     readings_rad: Floats
-    speeds_rad_s: Floats
 
 
 def simulate_scan(arm: Arm, file: DenseFile, seed: int) -> DenseScan:
@@ -81,9 +73,7 @@ def simulate_scan(arm: Arm, file: DenseFile, seed: int) -> DenseScan:
         FileError: What does not fit arm or scan, or effects that cannot be played.
         UnreachableError: What the arm cannot reach or follow.
     """
-    bare = [joint.name for joint in arm.joints if joint.encoder is None]
-    missing = Problem("arm", f"no encoder of {', '.join(bare)}; a scan needs counts")
-    refused([*misfits(file, arm), *dense_misfits(file), *([missing] if bare else [])])
+    refuse_misfits(file, arm, *dense_misfits(file, arm))
     truth = true_arm(arm, file.deviations, seed)
     workspace = workspace_of(truth.mechanism, file.travel, file.limits_rad)
     placements = place_artefacts(
@@ -115,14 +105,11 @@ def simulate_scan(arm: Arm, file: DenseFile, seed: int) -> DenseScan:
         ),
         file=file,
         start_utc=file.conditions.start_utc or START,
-        time_s=around.time_s,
+        around=around,
         counts=_counts(readings_rad, arm),
         touched=touched,
-        temperature_c=around.temperature_c,
-        force_n=around.force_n,
         truth=truth,
         readings_rad=readings_rad,
-        speeds_rad_s=around.speed_rad_s,
     )
 
 
