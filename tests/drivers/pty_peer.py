@@ -1,11 +1,17 @@
 """The device's end of a pty: a cable that tests plug in and out."""
 
+import asyncio
 import os
 import threading
 import tty
 from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Self
+
+import pytest
+
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.driver import Driver
 
 
 class PtyPeer(ABC):
@@ -21,23 +27,29 @@ class PtyPeer(ABC):
         self._plugged = False
 
     def plug(self) -> None:
+        self._open()
+        self._plugged = True
+        self._thread = threading.Thread(target=self._live, name=type(self).__name__)
+        self._thread.start()
+
+    def _open(self) -> None:
         self._master, slave = os.openpty()
         tty.setraw(slave)
         self.link.unlink(missing_ok=True)
         self.link.symlink_to(os.ttyname(slave))
         os.close(slave)
         os.set_blocking(self._master, False)
-        self._plugged = True
-        self._thread = threading.Thread(target=self._live, name=type(self).__name__)
-        self._thread.start()
 
     def unplug(self) -> None:
         if self._thread is not None:
             self._plugged = False
             self._thread.join()
             self._thread = None
-            self.link.unlink(missing_ok=True)
-            os.close(self._master)
+            self._close()
+
+    def _close(self) -> None:
+        self.link.unlink(missing_ok=True)
+        os.close(self._master)
 
     def __enter__(self) -> Self:
         self.plug()
@@ -49,3 +61,34 @@ class PtyPeer(ABC):
     @abstractmethod
     def _live(self) -> None:
         """Answer until it is no longer plugged in."""
+
+
+class PeerRig:
+    """A driver on the port of a peer that answers or sends by itself."""
+
+    def __init__(self, peer: PtyPeer, make: type[Driver], **options: object) -> None:
+        self.peer = peer
+        self.port = str(peer.link)
+        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+        if "ports" not in options:
+            options["port"] = self.port
+        valid = make.options_class(**options)
+        self.driver = make("device", valid, self.delivery_queue)
+        self.plug, self.unplug = peer.plug, peer.unplug
+
+    def emit(self, n: int) -> None:
+        """Nothing to do."""
+
+
+def rig_fixture(make):
+    """A fixture that makes a rig in a folder, and takes it down."""
+
+    @pytest.fixture
+    async def rig(tmp_path):
+        rig = make(tmp_path)
+        rig.plug()
+        yield rig
+        rig.driver.close()
+        rig.unplug()
+
+    return rig

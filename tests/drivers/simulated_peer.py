@@ -1,8 +1,9 @@
-"""A rig whose device is the simulator's, alive in a thread."""
+"""Peers that are devices of the simulator, alive in a thread."""
 
-import threading
 from collections.abc import Callable
+from pathlib import Path
 
+from tests.drivers.pty_peer import PtyPeer
 from traverse.simulator.devices.device import DeviceContext, SimulatedDevice
 from traverse.simulator.pacing import MonotonicClock, live_real
 
@@ -33,36 +34,30 @@ class CountsUp:
             super().say(line, data, at_s, channel)
 
 
-class SimulatedRig:
-    """Plugged in from the beginning.
+class SimulatedPeer(PtyPeer):
+    """A device of the simulator on ports in its folder, of which ``link`` is one.
 
     Args:
+        link: one of its ports.
         make: makes the device anew each time it is plugged in.
         mounting: of the device.
     """
 
     def __init__(
-        self, make: Callable[[], SimulatedDevice], mounting: DeviceContext
+        self,
+        link: Path,
+        make: Callable[[], SimulatedDevice],
+        mounting: DeviceContext,
     ) -> None:
+        super().__init__(link)
         self._make, self._mounting = make, mounting
-        self._thread: threading.Thread | None = None
-        self.plug()
 
-    def emit(self, n: int) -> None:
-        """Encoders that answer when polled."""
-
-    def unplug(self) -> None:
-        if self._thread is not None:
-            self._ended.set()
-            self._thread.join()
-            self._thread = None
-            self.device.close()
-
-    def plug(self) -> None:
-        self._ended = threading.Event()
+    def _open(self) -> None:
         self.device = self._make()
-        life = ([self.device], MonotonicClock(), self._mounting.clock, None)
-        self._thread = threading.Thread(
-            target=live_real, args=(*life, self._ended.is_set), name="simulated"
-        )
-        self._thread.start()
+
+    def _close(self) -> None:
+        self.device.close()
+
+    def _live(self) -> None:
+        clock, ended = self._mounting.clock, lambda: not self._plugged
+        live_real([self.device], MonotonicClock(), clock, None, ended)
