@@ -1,4 +1,4 @@
-"""The device's end of a pty: a cable that tests plug in and out."""
+"""Devices that tests plug in and out, and a driver on the port of one."""
 
 import asyncio
 import os
@@ -14,31 +14,20 @@ from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
 
 
-class PtyPeer(ABC):
-    """A peer that lives in a thread of its own while it is plugged in.
+class Peer(ABC):
+    """A device that lives in a thread of its own while it is plugged in."""
 
-    Args:
-        link: where the host finds the port; it keeps its name when plugged again.
-    """
-
-    def __init__(self, link: Path) -> None:
-        self.link = link
+    def __init__(self) -> None:
         self._thread: threading.Thread | None = None
         self._plugged = False
 
     def plug(self) -> None:
+        if self._plugged:
+            return
         self._open()
         self._plugged = True
         self._thread = threading.Thread(target=self._live, name=type(self).__name__)
         self._thread.start()
-
-    def _open(self) -> None:
-        self._master, slave = os.openpty()
-        tty.setraw(slave)
-        self.link.unlink(missing_ok=True)
-        self.link.symlink_to(os.ttyname(slave))
-        os.close(slave)
-        os.set_blocking(self._master, False)
 
     def unplug(self) -> None:
         if self._thread is not None:
@@ -46,10 +35,6 @@ class PtyPeer(ABC):
             self._thread.join()
             self._thread = None
             self._close()
-
-    def _close(self) -> None:
-        self.link.unlink(missing_ok=True)
-        os.close(self._master)
 
     def __enter__(self) -> Self:
         self.plug()
@@ -59,14 +44,46 @@ class PtyPeer(ABC):
         self.unplug()
 
     @abstractmethod
+    def _open(self) -> None:
+        """Be there for a host."""
+
+    @abstractmethod
+    def _close(self) -> None:
+        """Be gone."""
+
+    @abstractmethod
     def _live(self) -> None:
         """Answer until it is no longer plugged in."""
+
+
+class PtyPeer(Peer):
+    """The device's end of a pty.
+
+    Args:
+        link: where the host finds the port; it keeps its name when plugged again.
+    """
+
+    def __init__(self, link: Path) -> None:
+        super().__init__()
+        self.link = link
+
+    def _open(self) -> None:
+        self._master, slave = os.openpty()
+        tty.setraw(slave)
+        self.link.unlink(missing_ok=True)
+        self.link.symlink_to(os.ttyname(slave))
+        os.close(slave)
+        os.set_blocking(self._master, False)
+
+    def _close(self) -> None:
+        self.link.unlink(missing_ok=True)
+        os.close(self._master)
 
 
 class PeerRig:
     """A driver on the port of a peer that answers or sends by itself."""
 
-    def __init__(self, peer: PtyPeer, make: type[Driver], **options: object) -> None:
+    def __init__(self, peer: Peer, make: type[Driver], **options: object) -> None:
         self.peer = peer
         self.port = str(peer.link)
         self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())

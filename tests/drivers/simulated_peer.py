@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from tests.drivers.pty_peer import PtyPeer
+from tests.drivers.pty_peer import Peer
 from traverse.simulator.devices.device import DeviceContext, SimulatedDevice
 from traverse.simulator.pacing import MonotonicClock, live_real
 
@@ -34,7 +34,7 @@ class CountsUp:
             super().say(line, data, at_s, channel)
 
 
-class SimulatedPeer(PtyPeer):
+class SimulatedPeer(Peer):
     """A device of the simulator on ports in its folder, of which ``link`` is one.
 
     Args:
@@ -49,7 +49,8 @@ class SimulatedPeer(PtyPeer):
         make: Callable[[], SimulatedDevice],
         mounting: DeviceContext,
     ) -> None:
-        super().__init__(link)
+        super().__init__()
+        self.link = link
         self._make, self._mounting = make, mounting
 
     def _open(self) -> None:
