@@ -62,10 +62,7 @@ def make_poses(
         truth.mechanism.n_joints,
         stream(seed, "conditions"),
     )
-    placed = tuple(
-        PlacedArtefact(artefact, placement)
-        for artefact, placement in zip(artefacts, placements, strict=True)
-    )
+    placed = tuple(map(PlacedArtefact, artefacts, placements))
     touching = _Touching(placed, artefact_index, feature_index, around, truth)
     turns_rad, towards = touching.postures(workspace, stream(seed, "contacts"))
     rigid = PoseSet(
