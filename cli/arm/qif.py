@@ -58,7 +58,10 @@ def qif_of_arm(arm: Arm, verification: Path | None) -> tuple[bytes, dict[str, An
     text_element(device, "NumberOfJoints", str(len(joints)))
     _length(device, "MaxMeasuringDistance", summary["reach_mm"])
     _length(device, "ProbeTipDiameter", 2.0 * arm.probe.radius_mm)
-    tests = {} if values is None else _tests(values)
+    tests: dict[str, Element] = {}
+    if values is not None:
+        for tool in dict.fromkeys(figure.get("tool") for figure in values["figures"]):
+            tests |= _tests(values, tool)
     if values is not None and tests:
         accuracies = SubElement(device, "Accuracies", n=str(len(tests)))
         for told, test in tests.items():
@@ -88,9 +91,13 @@ def _checked(verification: Path, digest: str) -> dict[str, Any]:
     return values
 
 
-def _tests(values: Mapping[str, Any]) -> dict[str, Element]:
-    """Return tests by what they were made of."""
-    figures = {figure["key"]: figure for figure in values["figures"]}
+def _tests(values: Mapping[str, Any], tool: str | None) -> dict[str, Element]:
+    """Return tests with a tool, or without any named, by what they were made of."""
+    measured, lengths = (
+        [one for one in values[what] if one.get("tool") == tool]
+        for what in ("figures", "lengths")
+    )
+    figures = {figure["key"]: figure for figure in measured}
     found: dict[str, Element] = {}
     parts = {
         key: {part["name"]: part["value_mm"] for part in figure["parts"]}
@@ -105,7 +112,6 @@ def _tests(values: Mapping[str, Any]) -> dict[str, Element]:
         ):
             for zone in _ZONES:
                 _length(spat, f"{name}{zone.title()}", parts[key][zone])
-    lengths = values["lengths"]
     if "volumetric_max" in parts and len(lengths) == _N_BARS:
         volume = SubElement(b89, "VolumetricPerformanceTest")
         errors = SubElement(volume, "DeviationsFromCalibration", n=str(_N_BARS))
@@ -114,7 +120,7 @@ def _tests(values: Mapping[str, Any]) -> dict[str, Element]:
         two_s_mm = parts["volumetric_max"]["twice the standard deviation"]
         _length(volume, "TwiceStandardDeviation", two_s_mm)
     if len(b89):
-        found[values["title"]] = b89
+        found[f"{values['title']} with {tool}" if tool else values["title"]] = b89
     for key in _LENGTHS:
         if key in figures:
             test = Element("AACMMISO10360Test")

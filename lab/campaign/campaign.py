@@ -242,10 +242,10 @@ def read_campaign(
         tools = [tool.name for tool in file.tools]
         table = read_pose_table(poses, joint_names, features, tools)
         if table.tools is not None and not several_tools:
-            text = (
-                "only `traverse identify`, `diagnose` and `predict` take several tools"
+            what = (
+                "only `traverse identify`, `diagnose`, `predict` and `verify` take "
+                "several tools; take the poses of one, and leave the column out"
             )
-            what = f"{text}; take the poses of one, and leave the column out"
             raise FileError(str(poses), [Problem("tool", what)])
     return _campaign(path, file, table, tuple(joint_names))
 

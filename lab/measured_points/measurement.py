@@ -20,6 +20,7 @@ from traverse.lab.artefacts.parallel_planes import ParallelPlanes
 from traverse.lab.artefacts.points import Points
 from traverse.lab.artefacts.seats import Seats
 from traverse.lab.artefacts.sphere import Sphere
+from traverse.lab.campaign.campaign_file import Tool
 from traverse.plurals import counted
 
 
@@ -100,6 +101,7 @@ class Measurement:
         notes: What is not as it should be, but no reason to refuse.
         occasion: Who measured, where and when.
         errors_unknown: Why the touches have no errors; None where they have.
+        tool: With which all was touched; None where the campaign names none.
     """
 
     artefacts: Mapping[str, Artefact]
@@ -110,6 +112,7 @@ class Measurement:
     notes: tuple[str, ...] = ()
     occasion: Occasion = Occasion()
     errors_unknown: str | None = "the points have no angles"
+    tool: Tool | None = None
 
     @property
     def temperature_c(self) -> Floats:

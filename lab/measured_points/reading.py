@@ -26,6 +26,7 @@ from traverse.lab.artefacts import Artefact
 from traverse.lab.campaign.campaign import Campaign, read_campaign
 from traverse.lab.campaign.campaign_file import (
     CampaignFile,
+    Tool,
     example_problems,
     read_campaign_file,
 )
@@ -47,6 +48,12 @@ from traverse.strict_toml.problems import (
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
 _COLUMNS = ("artefact", "feature", *_PLACE)
+# No name of a tool in a campaign has a space.
+OWN_PROBE = "own probe"
+_NO_VECTOR = (
+    "is missing; give it from the probe library or from another campaign: found from "
+    "these touches, it would hide its own error"
+)
 
 
 def _header(path: Path) -> list[str]:
@@ -126,17 +133,58 @@ def read_measured(data: Path, arm: Arm, arm_file: Path | None = None) -> Measure
     Raises:
         FileError: With everything that is wrong with a file.
     """
+    return read_by_tool(data, arm, arm_file, several_tools=False)[0]
+
+
+def read_by_tool(
+    data: Path, arm: Arm, arm_file: Path | None = None, *, several_tools: bool = True
+) -> tuple[Measurement, ...]:
+    """Read as `read_measured` does, what was touched with each tool by itself.
+
+    Raises:
+        FileError: Also where the vector of a tool is not given, or where poses name
+            tools and may not.
+    """
     if data.suffix == ".mcap":
-        return _from_recording(data, arm, arm_file)
+        return (_from_recording(data, arm, arm_file),)
     file = read_campaign_file(data / "campaign.toml")
     poses = data / file.poses
     # Coordinates in place of readings?
     if poses.suffix == ".csv" and _PLACE[0] in _header(poses):
         if problems := example_problems(file):
             raise FileError(str(data / "campaign.toml"), problems)
-        return read_points_table(poses, file, arm)
-    campaign = read_campaign(data, [joint.name for joint in arm.joints])
-    return measured_campaign(campaign, arm, file.artefacts, str(data), arm_file)
+        return (read_points_table(poses, file, arm),)
+    names = [joint.name for joint in arm.joints]
+    campaign = read_campaign(data, names, several_tools=several_tools)
+    numbers = campaign.poses.tools
+    if numbers is None:
+        found = measured_campaign(campaign, arm, file.artefacts, str(data), arm_file)
+        return (found,)
+    own = Tool(name=OWN_PROBE, vector_mm=arm.probe.vector_mm)
+    tools = {number: (own, *file.tools)[number] for number in np.unique(numbers)}
+    problems = [
+        Problem(f"tools.{tool.name}.vector_mm", _NO_VECTOR)
+        for tool in tools.values()
+        if tool.vector_mm is None
+    ]
+    if problems:
+        raise FileError(str(data / "campaign.toml"), problems)
+    return tuple(
+        replace(
+            measured_campaign(
+                campaign.part(numbers == number), _with(arm, tool), file.artefacts
+            ),
+            tool=tool,
+            errors_unknown="poses name tools, whose vectors have no stated uncertainty",
+        )
+        for number, tool in tools.items()
+    )
+
+
+def _with(arm: Arm, tool: Tool) -> Arm:
+    """Put on a tool."""
+    probe = arm.probe.model_copy(update={"vector_mm": tool.vector_mm})
+    return arm.model_copy(update={"probe": probe})
 
 
 def files_read(data: Path) -> tuple[Path, ...]:

@@ -55,6 +55,13 @@ def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
             if warm_c[0] is None
             else "{:.2f} to {:.2f} °C, mean {:.2f} °C".format(*warm_c),
         ),
+        *(
+            (
+                f"Vector of {one['name']}",
+                "{:.4f}, {:.4f}, {:.4f} mm, as given".format(*one["vector_mm"]),
+            )
+            for one in found.get("tools", ())
+        ),
         ("Computed", f"{_time(source['date_utc'])}, by {source['computed_by']}"),
         ("Versions", versions),
         ("Campaign", source["campaign"]["name"]),
