@@ -38,13 +38,13 @@ def qif_of_arm(arm: Arm, verification: Path | None) -> tuple[bytes, dict[str, An
         FileError: It is no certificate.
     """
     summary = arm_summary(arm)
-    values = None if verification is None else _checked(verification, summary["digest"])
+    values = {} if verification is None else _checked(verification, summary["digest"])
     document = QifDocument()
     resources = SubElement(document.root, "MeasurementResources")
     devices = SubElement(resources, "MeasurementDevices", n="1")
     device = document.identified(devices, "AACMM")
     text_element(device, "Name", " ".join(arm.name.split()))
-    if values is not None and (serial := values["administration"]["arm_serial_number"]):
+    if serial := values.get("administration", {}).get("arm_serial_number"):
         text_element(device, "SerialNumber", str(serial))
     joints = summary["joints"]
     add_attributes(
@@ -59,10 +59,9 @@ def qif_of_arm(arm: Arm, verification: Path | None) -> tuple[bytes, dict[str, An
     _length(device, "MaxMeasuringDistance", summary["reach_mm"])
     _length(device, "ProbeTipDiameter", 2.0 * arm.probe.radius_mm)
     tests: dict[str, Element] = {}
-    if values is not None:
-        for tool in dict.fromkeys(figure.get("tool") for figure in values["figures"]):
-            tests |= _tests(values, tool)
-    if values is not None and tests:
+    for tool in dict.fromkeys(one.get("tool") for one in values.get("figures", ())):
+        tests |= _tests(values, tool)
+    if tests:
         accuracies = SubElement(device, "Accuracies", n=str(len(tests)))
         for told, test in tests.items():
             _add_accuracy(accuracies, values, told, test)

@@ -5,13 +5,15 @@ by features; docs/acceptance.md lists them.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from traverse.lab.acceptance.conformity.figure import (
     Figure,
+    LengthError,
+    Missing,
     Part,
+    Scatter,
     Verification,
-    verification,
     with_tool,
 )
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, Limits
@@ -77,14 +79,22 @@ def verified(
         for part in chosen.tests(one, limits)
     ]
     notes = dict.fromkeys(note for one in measured for note in one.notes)
-    remarks = [*notes, *_not_stated(parts, limits)]
-    found = verification(standard, chosen.title, parts, remarks)
+    lengths = tuple(part for part in parts if isinstance(part, LengthError))
     from traverse.lab.acceptance.procedures.predicted_lengths import (  # noqa: PLC0415 - it needs scipy, of which a plan is made without
         predicted_lengths,
     )
 
-    # With several tools no touch has a stated uncertainty.
-    return replace(found, predicted=predicted_lengths(measured[0], found.lengths))
+    return Verification(
+        standard,
+        chosen.title,
+        tuple(part for part in parts if isinstance(part, Figure)),
+        tuple(part for part in parts if isinstance(part, Missing)),
+        lengths,
+        tuple(part for part in parts if isinstance(part, Scatter)),
+        (*notes, *_not_stated(parts, limits)),
+        # With several tools no touch has a stated uncertainty.
+        predicted_lengths(measured[0], lengths),
+    )
 
 
 def _not_stated(parts: list[Part], limits: Limits) -> Iterator[str]:

@@ -10,6 +10,7 @@ from traverse.lab.acceptance.conformity.limits import NO_LIMITS, Limits
 from traverse.lab.daily_check.control_chart import ChartPoint, charted, rules
 from traverse.lab.daily_check.figures import KINDS, FigureKind
 from traverse.lab.daily_check.history import Check, since_base
+from traverse.lab.measured_points.reading import OWN_PROBE
 from traverse.lab.report.provenance import ReportSource, report_provenance
 from traverse.plurals import counted
 from traverse.strict_toml.files import json_of
@@ -125,7 +126,8 @@ def report_of(
     last acceptance.
     """
     own = since_base(list(checks))
-    accepted = {f["key"]: f for f in (certificate or {}).get("figures", ())}
+    figures = (certificate or {}).get("figures", ())
+    accepted = {f["key"]: f for f in figures if f.get("tool") in (None, OWN_PROBE)}
     charts = []
     for kind in KINDS:
         values = [float(getattr(check.figures, kind.key)) for check in own]

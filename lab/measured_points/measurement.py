@@ -7,6 +7,7 @@ least-squares one beside the calibrated one.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import groupby
 
 import numpy as np
 
@@ -62,16 +63,8 @@ class ArtefactTouches:
 
     def runs(self) -> list["ArtefactTouches"]:
         """Cut where the feature changes."""
-        starts = [
-            row
-            for row, name in enumerate(self.features)
-            if row == 0 or name != self.features[row - 1]
-        ]
-        ends = [*starts[1:], len(self)]
-        return [
-            self.part(list(range(first, end)))
-            for first, end in zip(starts, ends, strict=True)
-        ]
+        runs = groupby(range(len(self)), key=self.features.__getitem__)
+        return [self.part(list(rows)) for _, rows in runs]
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,30 +161,24 @@ def measurement_of_touches(
         occasion: Who measured, where and when.
         errors: Of the places; else why they are not known.
     """
+    unknown = errors if isinstance(errors, str) else None
     known = None if isinstance(errors, str) else errors
+    every = ArtefactTouches(
+        numbers[:, :3], tuple(names[1]), numbers[:, 3], numbers[:, 4], known
+    )
     by_name: dict[str, list[int]] = {}
     for row, name in enumerate(names[0]):
         by_name.setdefault(name, []).append(row)
     shoulder_mm, reach_mm = reach_of(arm)
-    touched = {
-        name: ArtefactTouches(
-            numbers[rows, :3],
-            tuple(names[1][row] for row in rows),
-            numbers[rows, 3],
-            numbers[rows, 4],
-            None if known is None else known.part(rows),
-        )
-        for name, rows in by_name.items()
-    }
     return Measurement(
         artefacts=artefacts,
-        touched=touched,
+        touched={name: every.part(rows) for name, rows in by_name.items()},
         arm_name=arm.name,
         shoulder_mm=shoulder_mm,
         reach_mm=reach_mm,
         notes=tuple(notes),
         occasion=occasion,
-        errors_unknown=errors if isinstance(errors, str) else None,
+        errors_unknown=unknown,
     )
 
 

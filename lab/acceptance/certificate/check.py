@@ -60,13 +60,11 @@ def certificate_problems(path: Path) -> list[str]:
 def _read(file: Path) -> dict[str, Any]:
     try:
         values = json_of(file)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise FileError(
-            str(file), [Problem("", f"cannot be read: {reason}; check the path")]
-        ) from error
-    except ValueError as error:
-        raise FileError(str(file), [Problem("", f"is not JSON: {error}")]) from error
+    except (OSError, ValueError) as error:
+        told = f"is not JSON: {error}"
+        if isinstance(error, OSError):
+            told = f"cannot be read: {error.strerror or error}; check the path"
+        raise FileError(str(file), [Problem("", told)]) from error
     is_ours = isinstance(values, dict) and values.get("schema") == SCHEMA
     stated = values.get("digest") if is_ours else None
     if not isinstance(stated, dict) or not isinstance(stated.get("files"), dict):

@@ -376,19 +376,3 @@ class Verification:
     def is_good(self) -> bool:
         """Nothing is missing, and nothing but accepted."""
         return not self.missing and self.verdict in (None, "accept")
-
-
-def verification(
-    standard: str, title: str, parts: Iterable[Part], remarks: Iterable[str]
-) -> Verification:
-    """Sort what the tests of a standard gave."""
-    found = list(parts)
-    return Verification(
-        standard,
-        title,
-        tuple(part for part in found if isinstance(part, Figure)),
-        tuple(part for part in found if isinstance(part, Missing)),
-        tuple(part for part in found if isinstance(part, LengthError)),
-        tuple(part for part in found if isinstance(part, Scatter)),
-        tuple(remarks),
-    )
