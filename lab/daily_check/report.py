@@ -133,9 +133,7 @@ def report_of(
         values = [float(getattr(check.figures, kind.key)) for check in own]
         beside = accepted.get(kind.like, {})
         limit = limits.mpe.of(kind.like)
-        limit_mm = None if limit is None else limit.constant_mm
-        if limit_mm is None:
-            limit_mm = beside.get("limit_mm")
+        limit_mm = beside.get("limit_mm") if limit is None else limit.constant_mm
         chart = FigureChart(kind, (), limit_mm, beside.get("value_mm"))
         points = charted(values, positive=kind.positive, most=chart.most_mm)
         charts.append(replace(chart, points=tuple(points)))

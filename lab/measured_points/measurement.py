@@ -161,7 +161,6 @@ def measurement_of_touches(
         occasion: Who measured, where and when.
         errors: Of the places; else why they are not known.
     """
-    unknown = errors if isinstance(errors, str) else None
     known = None if isinstance(errors, str) else errors
     every = ArtefactTouches(
         numbers[:, :3], tuple(names[1]), numbers[:, 3], numbers[:, 4], known
@@ -178,7 +177,7 @@ def measurement_of_touches(
         reach_mm=reach_mm,
         notes=tuple(notes),
         occasion=occasion,
-        errors_unknown=unknown,
+        errors_unknown=errors if isinstance(errors, str) else None,
     )
 
 

@@ -158,32 +158,19 @@ def read_by_tool(
         return (found,)
     own = Tool(name=OWN_PROBE, vector_mm=arm.probe.vector_mm)
     tools = {number: (own, *file.tools)[number] for number in np.unique(numbers)}
-    problems = [
-        Problem(f"tools.{tool.name}.vector_mm", _NO_VECTOR)
-        for tool in tools.values()
-        if tool.vector_mm is None
-    ]
-    if problems:
+    missing = [tool.name for tool in tools.values() if tool.vector_mm is None]
+    if missing:
+        problems = [Problem(f"tools.{name}.vector_mm", _NO_VECTOR) for name in missing]
         raise FileError(str(data / "campaign.toml"), problems)
-    return tuple(
-        replace(
-            measured_campaign(
-                campaign.part(numbers == number),
-                _with(arm, tool),
-                file.artefacts,
-                str(data),
-            ),
-            tool=tool,
-            errors_unknown="poses name tools, whose vectors have no stated uncertainty",
-        )
-        for number, tool in tools.items()
-    )
-
-
-def _with(arm: Arm, tool: Tool) -> Arm:
-    """Put on a tool."""
-    probe = arm.probe.model_copy(update={"vector_mm": tool.vector_mm})
-    return arm.model_copy(update={"probe": probe})
+    each = []
+    for number, tool in tools.items():
+        probe = arm.probe.model_copy(update={"vector_mm": tool.vector_mm})
+        with_it = arm.model_copy(update={"probe": probe})
+        part = campaign.part(numbers == number)
+        found = measured_campaign(part, with_it, file.artefacts, str(data))
+        unknown = "poses name tools, whose vectors have no stated uncertainty"
+        each.append(replace(found, tool=tool, errors_unknown=unknown))
+    return tuple(each)
 
 
 def files_read(data: Path) -> tuple[Path, ...]:

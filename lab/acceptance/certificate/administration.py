@@ -19,10 +19,8 @@ def administration_of(measured: Sequence[Measurement], arm: Arm) -> dict[str, An
     the campaign names any.
     """
     occasion = measured[0].occasion
-    first = min(
-        filter(None, (one.occasion.first_utc for one in measured)), default=None
-    )
-    last = max(filter(None, (one.occasion.last_utc for one in measured)), default=None)
+    firsts = [at for one in measured if (at := one.occasion.first_utc) is not None]
+    lasts = [at for one in measured if (at := one.occasion.last_utc) is not None]
     warm_c = np.concatenate([one.temperature_c for one in measured])
     known = bool(len(warm_c))
     identified = arm.identification and arm.identification.date
@@ -39,8 +37,8 @@ def administration_of(measured: Sequence[Measurement], arm: Arm) -> dict[str, An
     return {
         "operator": occasion.operator,
         "place": occasion.place,
-        "measured_from_utc": first and utc_text(first),
-        "measured_to_utc": last and utc_text(last),
+        "measured_from_utc": utc_text(min(firsts)) if firsts else None,
+        "measured_to_utc": utc_text(max(lasts)) if lasts else None,
         "temperature_least_c": float(warm_c.min()) if known else None,
         "temperature_mean_c": float(warm_c.mean()) if known else None,
         "temperature_largest_c": float(warm_c.max()) if known else None,

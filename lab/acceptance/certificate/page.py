@@ -43,10 +43,7 @@ def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("Arm", found["arm_name"]),
         ("Serial number of the arm", found["arm_serial_number"] or NOT_STATED),
         ("Arm calibrated", _time(found["arm_calibration_date"])),
-        (
-            "Measured",
-            " to ".join(_time(one) for one in dict.fromkeys(measured)),
-        ),
+        ("Measured", " to ".join(_time(one) for one in dict.fromkeys(measured))),
         ("Place", found["place"] or NOT_STATED),
         ("Operator", found["operator"] or NOT_STATED),
         (

@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 from tests.docs.pages import CHECKOUT
 from tests.lab.acceptance.test_simulated_arms import ARM, POSES
 from traverse.cli.__main__ import app
+from traverse.client.exports.qif import decimal_text
 from traverse.lab.acceptance.standards import verified
 from traverse.lab.measured_points.reading import read_by_tool, read_measured
 from traverse.simulator.arm.truth import Deviations, true_arm
@@ -181,3 +182,21 @@ def test_one_tool_of_all_poses_is_named_too(tmp_path):
     (only,) = read_by_tool(folder, ARM)
     assert only.tool.name == "star"
     assert only.errors_unknown.startswith("poses name tools")
+
+
+def test_qif_keeps_the_tools_apart(tmp_path):
+    wrong_mm = (STAR_MM[0] + OFF_MM, *STAR_MM[1:])
+    folder, out = campaign("asme-b89.4.22", tmp_path, wrong_mm), tmp_path / "out"
+    ran = run(*(folder, "--standard", "asme-b89.4.22", "--arm", ARM_FILE, "--out", out))
+    assert ran.exit_code == 0, ran.output
+    words = ["to-qif", ARM_FILE, "--out", tmp_path / "arm.qif", "--verification", out]
+    ran = CliRunner().invoke(app, ["arm", *map(str, words), "--json"])
+    assert ran.exit_code == 0, ran.output
+    assert [one["of"] for one in json.loads(ran.stdout)["tests"]] == [
+        "ASME B89.4.22 with own probe",
+        "ASME B89.4.22 with star",
+    ]
+    text = (tmp_path / "arm.qif").read_text()
+    values = json.loads((out / "certificate.json").read_text())
+    for one in values["lengths"]:
+        assert decimal_text(one["error_mm"]) in text
