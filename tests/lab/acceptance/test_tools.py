@@ -8,9 +8,11 @@ from typer.testing import CliRunner
 
 from tests.docs.pages import CHECKOUT
 from tests.lab.acceptance.test_simulated_arms import ARM, POSES
+from tests.lab.certificates.made import LABORATORY
 from traverse.cli.__main__ import app
 from traverse.client.exports.qif import decimal_text
 from traverse.lab.acceptance.standards import verified
+from traverse.lab.certificates.certificate import certify, checked_certificate
 from traverse.lab.measured_points.reading import read_by_tool, read_measured
 from traverse.simulator.arm.truth import Deviations, true_arm
 from traverse.simulator.campaigns import write_campaign
@@ -200,3 +202,19 @@ def test_qif_keeps_the_tools_apart(tmp_path):
     values = json.loads((out / "certificate.json").read_text())
     for one in values["lengths"]:
         assert decimal_text(one["error_mm"]) in text
+
+
+def test_a_digital_certificate_states_tools_and_vectors(tmp_path):
+    folder, out = campaign(INTERIM, tmp_path), tmp_path / "out"
+    text = (folder / "campaign.toml").read_text()
+    (folder / "campaign.toml").write_text(f"start_utc = 2026-11-20T09:00:00Z\n{text}")
+    ran = run(folder, "--standard", INTERIM, "--arm", ARM_FILE, "--out", out)
+    assert ran.exit_code == 0, ran.output
+    laboratory = tmp_path / "laboratory.toml"
+    laboratory.write_text(LABORATORY)
+    certify(out, laboratory, None)
+    text = (out / "dcc.xml").read_text()
+    assert "interim check of length with star" in text
+    assert "Vector of star" in text
+    assert "[22.0, -6.0, 15.0] mm, as given" in text
+    assert checked_certificate(out, []).problems == ()
