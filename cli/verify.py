@@ -120,21 +120,21 @@ def _certificate(
     from traverse.lab.acceptance.certificate.values import SealedCertificate  # noqa: PLC0415
     from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits  # noqa: PLC0415
     from traverse.lab.acceptance.standards import verified  # noqa: PLC0415
-    from traverse.lab.measured_points.reading import files_read, read_measured  # noqa: PLC0415
+    from traverse.lab.measured_points.reading import files_read, read_by_tool  # noqa: PLC0415
     from traverse.lab.report import provenance as sources  # noqa: PLC0415
 
     arm, text = _arm(data, arm_file)
     permitted = NO_LIMITS if limits_file is None else read_limits(limits_file)
     covariance = _covariance_beside(arm, arm_file)
-    measured = read_measured(data, arm, None if covariance is None else arm_file)
+    measured = read_by_tool(data, arm, None if covariance is None else arm_file)
     files = {path.name: bytes_of(path) for path in files_read(data)}
     digest = sources.digest_of_files(files_read(data))
     source = sources.ReportSource(data.resolve().name, digest)
     files[ARM] = text
-    if covariance is not None and measured.errors_unknown is None:
+    reason = measured[0].errors_unknown
+    if covariance is not None and reason is None:
         files[covariance.name] = bytes_of(covariance)
     elif covariance is not None:
-        reason = measured.errors_unknown
         typer.echo(f"lengths are not predicted by the arm file: {reason}", err=True)
     if limits_file is not None:
         files[LIMITS] = bytes_of(limits_file)

@@ -84,9 +84,9 @@ def tested_arm(seed: int) -> Tested:
     mine = touched_by(poses, true_arm(arm, deviations, seed))
     drawn = drawn_acceptance(mine, seed)
     warm_c = 20.0 + TEMPERATURE_STD_C * float(rng.standard_normal())
-    true = verified(_measured(arm, drawn, exact, 20.0), STANDARD, limits_of("1.65"))
+    true = verified([_measured(arm, drawn, exact, 20.0)], STANDARD, limits_of("1.65"))
     measured = _measured(arm, drawn, drawn.campaign.artefacts, warm_c)
-    found = verified(measured, STANDARD, limits_of("1.65"))
+    found = verified([measured], STANDARD, limits_of("1.65"))
     true_mm, standard_mm = (
         _values(true.figures),
         {
@@ -242,7 +242,7 @@ def again(seed: int) -> dict[str, Any]:
     for test in range(N_AGAIN):
         drawn = drawn_acceptance(mine, 10_000 + test)
         found = verified(
-            _measured(arm, drawn, exact, 20.0), STANDARD, limits_of("1.65")
+            [_measured(arm, drawn, exact, 20.0)], STANDARD, limits_of("1.65")
         )
         for figure in found.figures:
             values.setdefault(figure.key, []).append(abs(figure.value_mm))

@@ -64,11 +64,11 @@ def example() -> dict[str, Any]:
         limits = Limits.model_validate({"schema": SCHEMA, "mpe": EXAMPLE_MPE})
         measured = read_measured(folder, arm)
         return SealedCertificate(
-            verified(measured, arms.STANDARD, limits),
+            verified([measured], arms.STANDARD, limits),
             arm,
             limits,
             {},
-            administration_of(measured, arm),
+            administration_of([measured], arm),
             report_provenance(ReportSource("example", "")),
         ).values
 

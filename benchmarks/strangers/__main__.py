@@ -1,7 +1,8 @@
 """`python -m benchmarks.strangers DIR`: the table of docs/strangers.md.
 
 Each arm is identified with some of its poses and judged by all of the others, beside
-the nominal arm with its tool fitted, and beside plain least squares by scipy.
+the nominal arm with its tool fitted, and beside plain least squares by scipy. All are
+judged in the same way (`plain.held_out_mm`).
 """
 
 import argparse
@@ -17,11 +18,14 @@ from benchmarks.strangers import plain
 from benchmarks.strangers.sets import Measured, make_arm, read_sets
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, read_arm
+from traverse.kinematics.effects.arm_effects import effects_of
+from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.campaign.campaign import Campaign, read_campaign
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.identification.identify import IdentificationError, identify
-from traverse.lab.identification.prediction import placed, places_of, predict
 
 HEAD = (
     "| set | poses used | kept aside | tool alone | scipy | pybotics | Traverse "
@@ -49,27 +53,30 @@ def main() -> None:
 
 def row(measured: Measured, pybotics: str | None, with_diagnosis: bool) -> str:
     """Compute one row of the table."""
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        arm = read_arm(make_arm(measured, folder))
-        names = [joint.name for joint in arm.joints]
-        used = measured.write(folder / "used", ~measured.is_kept)
-        kept = measured.write(folder / "kept", measured.is_kept)
-        given, judged = read_campaign(used, names), read_campaign(kept, names)
-    nominal = plain.chain_of(arm)
-    tool = plain.fitted(nominal, measured, tool_only=True)
+    arm, given = nominal_and_campaign(measured)
+    tool = plain.fitted(plain.chain_of(arm), measured, tool_only=True)
     rival = plain.fitted(tool, measured)
     cells = [
         measured.name,
         str(len(given.poses)),
-        f"{measured.held_by}: {len(judged.poses)}",
-        figures(plain.held_out_mm(tool, measured)),
-        figures(plain.held_out_mm(rival, measured)),
+        f"{measured.held_by}: {np.count_nonzero(measured.is_kept)}",
+        *(
+            figures(plain.held_out_mm(chain.places_mm(measured.angles_rad), measured))
+            for chain in (tool, rival)
+        ),
         by_pybotics(measured, pybotics),
-        *ours(given, judged, arm, measured.was_moved, with_diagnosis),
+        *ours(measured, given, arm, with_diagnosis),
         measured.owners,
     ]
     return f"| {' | '.join(cells)} |"
+
+
+def nominal_and_campaign(measured: Measured) -> tuple[Arm, Campaign]:
+    """Make the nominal arm, and the campaign of the poses that are used."""
+    with tempfile.TemporaryDirectory() as name:
+        arm = read_arm(make_arm(measured, Path(name)))
+        used = measured.write(Path(name) / "used", ~measured.is_kept)
+        return arm, read_campaign(used, [joint.name for joint in arm.joints])
 
 
 def by_pybotics(measured: Measured, python: str | None) -> str:
@@ -98,7 +105,7 @@ def by_pybotics(measured: Measured, python: str | None) -> str:
 
 
 def ours(
-    given: Campaign, judged: Campaign, arm: Arm, was_moved: bool, with_diagnosis: bool
+    measured: Measured, given: Campaign, arm: Arm, with_diagnosis: bool
 ) -> tuple[str, str]:
     """Identify, and diagnose what is left; what each of the arms predicts."""
     begun_s = time.monotonic()
@@ -106,24 +113,25 @@ def ours(
         identified = identify(given, arm).arm
     except IdentificationError as error:
         return str(error), "-"
-    plainly = figures(distances_mm(given, judged, identified, was_moved=was_moved))
+    plainly = figures(distances_mm(measured, identified))
     plainly += f" ({time.monotonic() - begun_s:.0f} s)"
     if not with_diagnosis:
         return plainly, "-"
     begun_s = time.monotonic()
     found = diagnose(given, identified, DiagnosisOptions())
-    told = figures(distances_mm(given, judged, found.adapted, was_moved=was_moved))
+    told = figures(distances_mm(measured, found.adapted))
     n = sum(term.accepted for term in found.terms)
     taken_s = time.monotonic() - begun_s
     return plainly, f"{told}, {found.verdict}, {n} terms ({taken_s:.0f} s)"
 
 
-def distances_mm(
-    given: Campaign, judged: Campaign, arm: Arm, *, was_moved: bool = False
-) -> Floats:
-    """Distances [mm] of all held-out poses; artefacts placed as far as known."""
-    places = {} if was_moved else places_of(placed(given, arm))
-    return predict(judged, arm, places).distances_mm
+def distances_mm(measured: Measured, arm: Arm) -> Floats:
+    """Distances [mm] of the poses kept aside, by an arm file with its effects."""
+    effects = effects_of(arm, arm.effects)
+    at, _, _ = corrected_pose(
+        geometry_from_arm(arm), effects, Block(measured.angles_rad)
+    )
+    return plain.held_out_mm(at, measured)
 
 
 def figures(distances: Floats) -> str:

@@ -66,18 +66,18 @@ def fitted(nominal: Chain, measured: Measured, *, tool_only: bool = False) -> Ch
     return made(found.x)
 
 
-def held_out_mm(chain: Chain, measured: Measured) -> Floats:
-    """Distances of the poses kept aside, as `traverse predict` computes them.
+def held_out_mm(at: Floats, measured: Measured) -> Floats:
+    """Distances of the poses kept aside, by where an arm has the ball in all of them.
 
-    Sockets are placed from those poses, the tracker from the others unless it
-    was moved.
+    One yardstick for every way to fit an arm: a socket is at the mean of the poses
+    kept aside, the tracker where the places of the others fit best, or of those kept
+    aside where it was moved. The places are (n, 3).
     """
     kept = measured.is_kept
-    placing = kept if measured.was_moved else ~kept
-    at = chain.places_mm(measured.angles_rad)
     if measured.places_mm is None:
         off = _from_sockets(at[kept], _numbers(measured, kept))
     else:
+        placing = kept if measured.was_moved else ~kept
         turn, shift = _frame(measured.places_mm[placing], at[placing])
         off = at[kept] - (turn.apply(measured.places_mm[kept]) + shift)
     distances: Floats = np.linalg.norm(off, axis=1)

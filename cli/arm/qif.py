@@ -38,13 +38,13 @@ def qif_of_arm(arm: Arm, verification: Path | None) -> tuple[bytes, dict[str, An
         FileError: It is no certificate.
     """
     summary = arm_summary(arm)
-    values = None if verification is None else _checked(verification, summary["digest"])
+    values = {} if verification is None else _checked(verification, summary["digest"])
     document = QifDocument()
     resources = SubElement(document.root, "MeasurementResources")
     devices = SubElement(resources, "MeasurementDevices", n="1")
     device = document.identified(devices, "AACMM")
     text_element(device, "Name", " ".join(arm.name.split()))
-    if values is not None and (serial := values["administration"]["arm_serial_number"]):
+    if serial := values.get("administration", {}).get("arm_serial_number"):
         text_element(device, "SerialNumber", str(serial))
     joints = summary["joints"]
     add_attributes(
@@ -58,8 +58,10 @@ def qif_of_arm(arm: Arm, verification: Path | None) -> tuple[bytes, dict[str, An
     text_element(device, "NumberOfJoints", str(len(joints)))
     _length(device, "MaxMeasuringDistance", summary["reach_mm"])
     _length(device, "ProbeTipDiameter", 2.0 * arm.probe.radius_mm)
-    tests = {} if values is None else _tests(values)
-    if values is not None and tests:
+    tests: dict[str, Element] = {}
+    for tool in dict.fromkeys(one.get("tool") for one in values.get("figures", ())):
+        tests |= _tests(values, tool)
+    if tests:
         accuracies = SubElement(device, "Accuracies", n=str(len(tests)))
         for told, test in tests.items():
             _add_accuracy(accuracies, values, told, test)
@@ -88,9 +90,13 @@ def _checked(verification: Path, digest: str) -> dict[str, Any]:
     return values
 
 
-def _tests(values: Mapping[str, Any]) -> dict[str, Element]:
-    """Return tests by what they were made of."""
-    figures = {figure["key"]: figure for figure in values["figures"]}
+def _tests(values: Mapping[str, Any], tool: str | None) -> dict[str, Element]:
+    """Return tests with a tool, or without any named, by what they were made of."""
+    measured, lengths = (
+        [one for one in values[what] if one.get("tool") == tool]
+        for what in ("figures", "lengths")
+    )
+    figures = {figure["key"]: figure for figure in measured}
     found: dict[str, Element] = {}
     parts = {
         key: {part["name"]: part["value_mm"] for part in figure["parts"]}
@@ -105,7 +111,6 @@ def _tests(values: Mapping[str, Any]) -> dict[str, Element]:
         ):
             for zone in _ZONES:
                 _length(spat, f"{name}{zone.title()}", parts[key][zone])
-    lengths = values["lengths"]
     if "volumetric_max" in parts and len(lengths) == _N_BARS:
         volume = SubElement(b89, "VolumetricPerformanceTest")
         errors = SubElement(volume, "DeviationsFromCalibration", n=str(_N_BARS))
@@ -114,7 +119,7 @@ def _tests(values: Mapping[str, Any]) -> dict[str, Element]:
         two_s_mm = parts["volumetric_max"]["twice the standard deviation"]
         _length(volume, "TwiceStandardDeviation", two_s_mm)
     if len(b89):
-        found[values["title"]] = b89
+        found[f"{values['title']} with {tool}" if tool else values["title"]] = b89
     for key in _LENGTHS:
         if key in figures:
             test = Element("AACMMISO10360Test")

@@ -4,11 +4,12 @@ Written as campaign and plan for `traverse collect`.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomlkit
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.acceptance.procedures.b89 import N_BARS, ZONES
@@ -238,7 +239,7 @@ def write_plan(plan: Plan, standard: str, folder: Path) -> dict[str, Any]:
     write_atomically(
         folder / CAMPAIGN,
         _HEAD.format(standard=standard)
-        + campaign_text(marked, f'operator = "{EXAMPLE}"', f'place = "{EXAMPLE}"'),
+        + campaign_text(marked, operator=EXAMPLE, place=EXAMPLE),
     )
     write_atomically(folder / PLAN, plan_text(plan))
     read_campaign_file(folder / CAMPAIGN)
@@ -291,40 +292,20 @@ def _marked(
         yield name, {**table, "serial_number": number}
 
 
-def campaign_text(plan: Plan, *more: str) -> str:
-    """The text of campaign.toml, with further lines above the artefacts."""
-    lines = ['schema = "traverse/campaign/1"', 'poses = "poses.csv"', *more]
-    for name, table in plan.artefacts.items():
-        lines += ["", "[[artefacts]]", f'id = "{name}"']
-        lines += _entries(table)
-        for key, value in table.items():
-            if isinstance(value, Mapping):
-                lines += [f"[artefacts.{key}]", *_entries(value)]
-    return "\n".join(lines) + "\n"
+def campaign_text(plan: Plan, **more: object) -> str:
+    """The text of campaign.toml, with further keys above the artefacts."""
+    artefacts = [{"id": name, **table} for name, table in plan.artefacts.items()]
+    head = {"schema": "traverse/campaign/1", "poses": "poses.csv"}
+    return tomlkit.dumps({**head, **more, "artefacts": artefacts})
 
 
 def plan_text(plan: Plan) -> str:
     """The text of plan.toml."""
-    lines = [
-        'schema = "traverse/collection-plan/1"',
-        f"centre_mm = {list(plan.shoulder_mm)!r}",
-        f"reach_mm = {plan.reach_mm!r}",
-    ]
-    for step in plan.steps:
-        lines += [
-            "",
-            "[[steps]]",
-            f'artefact = "{step.artefact}"',
-            f'feature = "{step.feature}"',
-            f"touches = {step.touches}",
-            f'say = "{step.say}"',
-        ]
-    return "\n".join(lines) + "\n"
-
-
-def _entries(table: Mapping[str, Any]) -> Iterator[str]:
-    for key, value in table.items():
-        if isinstance(value, Mapping):
-            continue
-        text = f'"{value}"' if isinstance(value, str) else repr(value)
-        yield f"{key} = {text}"
+    return tomlkit.dumps(
+        {
+            "schema": "traverse/collection-plan/1",
+            "centre_mm": list(plan.shoulder_mm),
+            "reach_mm": plan.reach_mm,
+            "steps": [asdict(step) for step in plan.steps],
+        }
+    )

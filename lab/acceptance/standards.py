@@ -4,14 +4,17 @@ What belongs to which test is said by the ids of the artefacts in `campaign.toml
 by features; docs/acceptance.md lists them.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 from traverse.lab.acceptance.conformity.figure import (
     Figure,
+    LengthError,
+    Missing,
     Part,
+    Scatter,
     Verification,
-    verification,
+    with_tool,
 )
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, Limits
 from traverse.lab.acceptance.procedures.b89 import articulation, volumetric
@@ -63,18 +66,35 @@ STANDARDS: Mapping[str, Standard] = {
 
 
 def verified(
-    measured: Measurement, standard: str, limits: Limits = NO_LIMITS
+    measured: Sequence[Measurement], standard: str, limits: Limits = NO_LIMITS
 ) -> Verification:
-    """Compute all figures of one of `STANDARDS`, and decide on those with a limit."""
+    """Compute all figures of one of `STANDARDS`, and decide on those with a limit.
+
+    An arm is tested with each tool by itself: no figure is of touches with several.
+    """
     chosen = STANDARDS[standard]
-    parts = list(chosen.tests(measured, limits))
-    remarks = [*measured.notes, *_not_stated(parts, limits)]
-    found = verification(standard, chosen.title, parts, remarks)
+    parts = [
+        part if one.tool is None else with_tool(part, one.tool.name)
+        for one in measured
+        for part in chosen.tests(one, limits)
+    ]
+    notes = dict.fromkeys(note for one in measured for note in one.notes)
+    lengths = tuple(part for part in parts if isinstance(part, LengthError))
     from traverse.lab.acceptance.procedures.predicted_lengths import (  # noqa: PLC0415 - it needs scipy, of which a plan is made without
         predicted_lengths,
     )
 
-    return replace(found, predicted=predicted_lengths(measured, found.lengths))
+    return Verification(
+        standard,
+        chosen.title,
+        tuple(part for part in parts if isinstance(part, Figure)),
+        tuple(part for part in parts if isinstance(part, Missing)),
+        lengths,
+        tuple(part for part in parts if isinstance(part, Scatter)),
+        (*notes, *_not_stated(parts, limits)),
+        # With several tools no touch has a stated uncertainty.
+        predicted_lengths(measured[0], lengths),
+    )
 
 
 def _not_stated(parts: list[Part], limits: Limits) -> Iterator[str]:

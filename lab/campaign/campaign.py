@@ -214,6 +214,19 @@ class Campaign:
         )
 
 
+def touching_stretches(campaign: Campaign, longest_s: float = np.inf) -> Integers:
+    """Number the stretches in which one feature is touched without a gap, (n,).
+
+    From sample to sample there it is not longer than that.
+    """
+    poses = campaign.poses
+    breaks = np.diff(poses.lines) != 1
+    breaks |= np.diff(poses.time_s) > longest_s
+    breaks |= np.diff(poses.artefacts) != 0
+    breaks |= np.diff(poses.features) != 0
+    return np.concatenate([[0], np.cumsum(breaks)]).astype(np.int64)
+
+
 def read_campaign(
     folder: str | Path, joint_names: Sequence[str], *, several_tools: bool = False
 ) -> Campaign:
@@ -242,10 +255,10 @@ def read_campaign(
         tools = [tool.name for tool in file.tools]
         table = read_pose_table(poses, joint_names, features, tools)
         if table.tools is not None and not several_tools:
-            text = (
-                "only `traverse identify`, `diagnose` and `predict` take several tools"
+            what = (
+                "only `traverse identify`, `diagnose`, `predict` and `verify` take "
+                "several tools; take the poses of one, and leave the column out"
             )
-            what = f"{text}; take the poses of one, and leave the column out"
             raise FileError(str(poses), [Problem("tool", what)])
     return _campaign(path, file, table, tuple(joint_names))
 

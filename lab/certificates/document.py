@@ -95,11 +95,14 @@ def _common(
         for name in ("least", "mean", "largest")
         if (value_c := administration[f"temperature_{name}_c"]) is not None
     ]
-    place, operator = administration["place"], administration["operator"]
     said = [
-        _statement(name, text)
-        for name, text in (("Place", place), ("Operator", operator))
-        if text
+        _statement(key.capitalize(), administration[key])
+        for key in ("place", "operator")
+        if administration[key]
+    ]
+    said += [
+        _statement(f"Vector of {one['name']}", f"{one['vector_mm']} mm, as given")
+        for one in administration.get("tools", ())
     ]
     return {
         "begin": dates[0][:10],

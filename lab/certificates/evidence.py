@@ -87,7 +87,7 @@ def read_evidence(folder: Path) -> Evidence:
         arm = read_arm(folder / _ARM)
         measured = read_measured(folder / DATA, arm)
         document = identification_document(
-            values, administration_of(measured, arm), arm_digest(arm)
+            values, administration_of([measured], arm), arm_digest(arm)
         )
     except (KeyError, TypeError) as error:
         told = f"has no {error}; make the results again with this version of Traverse"

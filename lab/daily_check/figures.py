@@ -196,6 +196,6 @@ def write_check(folder: Path, arm: Arm, radius_mm: float, start_utc: datetime) -
         reach_mm,
     )
     folder.mkdir(parents=True)
-    began = f"start_utc = {start_utc.isoformat()}"
-    (folder / CAMPAIGN).write_text(campaign_text(plan, began), "utf-8")
+    text = campaign_text(plan, start_utc=start_utc)
+    (folder / CAMPAIGN).write_text(text, "utf-8")
     (folder / PLAN).write_text(plan_text(plan), "utf-8")

@@ -10,6 +10,7 @@ from traverse.lab.acceptance.conformity.limits import NO_LIMITS, Limits
 from traverse.lab.daily_check.control_chart import ChartPoint, charted, rules
 from traverse.lab.daily_check.figures import KINDS, FigureKind
 from traverse.lab.daily_check.history import Check, since_base
+from traverse.lab.measured_points.reading import OWN_PROBE
 from traverse.lab.report.provenance import ReportSource, report_provenance
 from traverse.plurals import counted
 from traverse.strict_toml.files import json_of
@@ -125,15 +126,14 @@ def report_of(
     last acceptance.
     """
     own = since_base(list(checks))
-    accepted = {f["key"]: f for f in (certificate or {}).get("figures", ())}
+    figures = (certificate or {}).get("figures", ())
+    accepted = {f["key"]: f for f in figures if f.get("tool") in (None, OWN_PROBE)}
     charts = []
     for kind in KINDS:
         values = [float(getattr(check.figures, kind.key)) for check in own]
         beside = accepted.get(kind.like, {})
         limit = limits.mpe.of(kind.like)
-        limit_mm = None if limit is None else limit.constant_mm
-        if limit_mm is None:
-            limit_mm = beside.get("limit_mm")
+        limit_mm = beside.get("limit_mm") if limit is None else limit.constant_mm
         chart = FigureChart(kind, (), limit_mm, beside.get("value_mm"))
         points = charted(values, positive=kind.positive, most=chart.most_mm)
         charts.append(replace(chart, points=tuple(points)))

@@ -49,9 +49,7 @@ class Prediction:
 
     def figures(self, rows: Booleans | None = None) -> dict[str, Any]:
         """Sum up some poses, by default all; with the line of the worst."""
-        taken = (
-            np.ones(len(self.distances_mm), dtype=np.bool_) if rows is None else rows
-        )
+        taken = slice(None) if rows is None else rows
         distances_mm = self.distances_mm[taken]
         worst = int(np.argmax(distances_mm))
         return {

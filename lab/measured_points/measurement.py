@@ -7,6 +7,7 @@ least-squares one beside the calibrated one.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import groupby
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from traverse.lab.artefacts.parallel_planes import ParallelPlanes
 from traverse.lab.artefacts.points import Points
 from traverse.lab.artefacts.seats import Seats
 from traverse.lab.artefacts.sphere import Sphere
+from traverse.lab.campaign.campaign_file import Tool
 from traverse.plurals import counted
 
 
@@ -61,16 +63,8 @@ class ArtefactTouches:
 
     def runs(self) -> list["ArtefactTouches"]:
         """Cut where the feature changes."""
-        starts = [
-            row
-            for row, name in enumerate(self.features)
-            if row == 0 or name != self.features[row - 1]
-        ]
-        ends = [*starts[1:], len(self)]
-        return [
-            self.part(list(range(first, end)))
-            for first, end in zip(starts, ends, strict=True)
-        ]
+        runs = groupby(range(len(self)), key=self.features.__getitem__)
+        return [self.part(list(rows)) for _, rows in runs]
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +94,7 @@ class Measurement:
         notes: What is not as it should be, but no reason to refuse.
         occasion: Who measured, where and when.
         errors_unknown: Why the touches have no errors; None where they have.
+        tool: With which all was touched; None where the campaign names none.
     """
 
     artefacts: Mapping[str, Artefact]
@@ -110,6 +105,7 @@ class Measurement:
     notes: tuple[str, ...] = ()
     occasion: Occasion = Occasion()
     errors_unknown: str | None = "the points have no angles"
+    tool: Tool | None = None
 
     @property
     def temperature_c(self) -> Floats:
@@ -166,23 +162,16 @@ def measurement_of_touches(
         errors: Of the places; else why they are not known.
     """
     known = None if isinstance(errors, str) else errors
+    every = ArtefactTouches(
+        numbers[:, :3], tuple(names[1]), numbers[:, 3], numbers[:, 4], known
+    )
     by_name: dict[str, list[int]] = {}
     for row, name in enumerate(names[0]):
         by_name.setdefault(name, []).append(row)
     shoulder_mm, reach_mm = reach_of(arm)
-    touched = {
-        name: ArtefactTouches(
-            numbers[rows, :3],
-            tuple(names[1][row] for row in rows),
-            numbers[rows, 3],
-            numbers[rows, 4],
-            None if known is None else known.part(rows),
-        )
-        for name, rows in by_name.items()
-    }
     return Measurement(
         artefacts=artefacts,
-        touched=touched,
+        touched={name: every.part(rows) for name, rows in by_name.items()},
         arm_name=arm.name,
         shoulder_mm=shoulder_mm,
         reach_mm=reach_mm,

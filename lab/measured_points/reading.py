@@ -9,23 +9,26 @@ import csv
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import tomlkit
 
-from traverse.arrays import Floats, Integers
-from traverse.kinematics.arm_file.arm import Arm, Effect, parse_arm
-from traverse.kinematics.effect_table import EFFECT_KINDS
+from traverse.kinematics.arm_file.arm import Arm, parse_arm
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.pose import PoseFlags, corrected_pose
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.kinematics.uncertainty.joint_covariance import JointCovariance
 from traverse.lab.artefacts import Artefact
-from traverse.lab.campaign.campaign import Campaign, read_campaign
+from traverse.lab.campaign.campaign import (
+    Campaign,
+    read_campaign,
+    touching_stretches,
+)
 from traverse.lab.campaign.campaign_file import (
     CampaignFile,
+    Tool,
     example_problems,
     read_campaign_file,
 )
@@ -34,7 +37,7 @@ from traverse.lab.measured_points.measurement import (
     Occasion,
     measurement_of_touches,
 )
-from traverse.lab.measured_points.uncertainty import errors_of_poses
+from traverse.lab.measured_points.uncertainty import effects_of_poses, errors_of_poses
 from traverse.recording.reader import read_recording
 from traverse.strict_toml.files import table_lines, text_of
 from traverse.strict_toml.problems import (
@@ -47,6 +50,12 @@ from traverse.strict_toml.problems import (
 
 _PLACE = ("x_mm", "y_mm", "z_mm")
 _COLUMNS = ("artefact", "feature", *_PLACE)
+# No name of a tool in a campaign has a space.
+OWN_PROBE = "own probe"
+_NO_VECTOR = (
+    "is missing; give it from the probe library or from another campaign: found from "
+    "these touches, it would hide its own error"
+)
 
 
 def _header(path: Path) -> list[str]:
@@ -103,13 +112,7 @@ def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
         problems.append(Problem("", "holds no points; measure some"))
     if problems:
         raise FileError(str(path), problems)
-    occasion = Occasion(file.operator, file.place)
-    if times_ns:
-        first, last = (
-            datetime.fromtimestamp(ns // 10**9, UTC)
-            for ns in (min(times_ns), max(times_ns))
-        )
-        occasion = replace(occasion, first_utc=first, last_utc=last)
+    occasion = _occasion(file, times_ns)
     return measurement_of_touches(
         arm, artefacts, names, np.array(numbers), (), occasion=occasion
     )
@@ -126,17 +129,48 @@ def read_measured(data: Path, arm: Arm, arm_file: Path | None = None) -> Measure
     Raises:
         FileError: With everything that is wrong with a file.
     """
+    return read_by_tool(data, arm, arm_file, several_tools=False)[0]
+
+
+def read_by_tool(
+    data: Path, arm: Arm, arm_file: Path | None = None, *, several_tools: bool = True
+) -> tuple[Measurement, ...]:
+    """Read as `read_measured` does, what was touched with each tool by itself.
+
+    Raises:
+        FileError: Also where the vector of a tool is not given, or where poses name
+            tools and may not.
+    """
     if data.suffix == ".mcap":
-        return _from_recording(data, arm, arm_file)
+        return (_from_recording(data, arm, arm_file),)
     file = read_campaign_file(data / "campaign.toml")
     poses = data / file.poses
     # Coordinates in place of readings?
     if poses.suffix == ".csv" and _PLACE[0] in _header(poses):
         if problems := example_problems(file):
             raise FileError(str(data / "campaign.toml"), problems)
-        return read_points_table(poses, file, arm)
-    campaign = read_campaign(data, [joint.name for joint in arm.joints])
-    return measured_campaign(campaign, arm, file.artefacts, str(data), arm_file)
+        return (read_points_table(poses, file, arm),)
+    names = [joint.name for joint in arm.joints]
+    campaign = read_campaign(data, names, several_tools=several_tools)
+    numbers = campaign.poses.tools
+    if numbers is None:
+        found = measured_campaign(campaign, arm, file.artefacts, str(data), arm_file)
+        return (found,)
+    own = Tool(name=OWN_PROBE, vector_mm=arm.probe.vector_mm)
+    tools = {number: (own, *file.tools)[number] for number in np.unique(numbers)}
+    missing = [tool.name for tool in tools.values() if tool.vector_mm is None]
+    if missing:
+        problems = [Problem(f"tools.{name}.vector_mm", _NO_VECTOR) for name in missing]
+        raise FileError(str(data / "campaign.toml"), problems)
+    each = []
+    for number, tool in tools.items():
+        probe = arm.probe.model_copy(update={"vector_mm": tool.vector_mm})
+        with_it = arm.model_copy(update={"probe": probe})
+        part = campaign.part(numbers == number)
+        found = measured_campaign(part, with_it, file.artefacts, str(data))
+        unknown = "poses name tools, whose vectors have no stated uncertainty"
+        each.append(replace(found, tool=tool, errors_unknown=unknown))
+    return tuple(each)
 
 
 def files_read(data: Path) -> tuple[Path, ...]:
@@ -184,13 +218,9 @@ def measured_campaign(
         FileError: The campaign lacks data that effects need.
     """
     geometry = geometry_from_arm(arm)
-    own, off_line = list[Effect](), list[Effect]()
-    for effect in arm.effects:
-        is_off_line = EFFECT_KINDS[effect.kind].effect_class == "O"
-        (off_line if is_off_line else own).append(effect)
-    block = campaign.block()
+    own, block = effects_of_poses(arm), campaign.block()
     try:
-        effects = effects_of(arm, tuple(own), campaign.span)
+        effects = effects_of(arm, own, campaign.span)
         places_mm, _, flags = corrected_pose(geometry, effects, block)
     except ValueError as error:
         raise FileError(source, [Problem("", str(error))]) from error
@@ -206,7 +236,9 @@ def measured_campaign(
     tip_mm = np.full(len(poses), arm.probe.radius_mm)
     middles = np.arange(len(poses))
     if campaign.is_stream:
-        rows = _runs(poses.lines, touched, features)
+        # Samples that follow one another on the same feature are one touch.
+        starts = np.flatnonzero(np.diff(touching_stretches(campaign))) + 1
+        rows = np.split(np.arange(len(poses)), starts)
         touched = [touched[row[0]] for row in rows]
         features = [features[row[0]] for row in rows]
         places_mm = np.array([places_mm[row].mean(axis=0) for row in rows])
@@ -217,47 +249,35 @@ def measured_campaign(
     notes += [
         f"{kind} of the arm file is not applied: what a standard is long says its "
         "certificate"
-        for kind in dict.fromkeys(effect.kind for effect in off_line)
+        for kind in dict.fromkeys(one.kind for one in arm.effects if one not in own)
     ]
+    times_ns = list[int]()
+    if campaign.start_utc is not None and block.utc_ns is not None:
+        times_ns = block.utc_ns.tolist()
+    errors: JointCovariance | str = "the arm file is not given"
+    if arm_file is not None:
+        try:
+            errors = errors_of_poses(campaign, middles, places_mm, arm_file, arm)
+        except ValueError as error:
+            errors = str(error)
     return measurement_of_touches(
         arm,
         {artefact.id: artefact for artefact in artefacts},
         (touched, features),
         np.column_stack([places_mm, temperature_c, tip_mm]),
         notes,
-        occasion=Occasion(
-            campaign.operator, campaign.place, *_first_and_last(campaign)
-        ),
-        errors=_errors(campaign, middles, places_mm, arm, arm_file),
+        occasion=_occasion(campaign, times_ns),
+        errors=errors,
     )
 
 
-def _errors(
-    campaign: Campaign,
-    rows: Integers,
-    places_mm: Floats,
-    arm: Arm,
-    arm_file: Path | None,
-) -> JointCovariance | str:
-    """State the errors of touches, by a pose of each; else why they are not known."""
-    if arm_file is None:
-        return "the arm file is not given"
-    try:
-        return errors_of_poses(campaign, rows, places_mm, arm_file, arm)
-    except ValueError as error:
-        return str(error)
-
-
-def _first_and_last(campaign: Campaign) -> tuple[datetime | None, datetime | None]:
-    """Times of the first and the last pose, to the second; None without a start."""
-    start, times_s = campaign.start_utc, campaign.poses.time_s
-    if start is None or not len(times_s):
-        return None, None
-    first, last = (
-        (start + timedelta(seconds=float(s))).astimezone(UTC).replace(microsecond=0)
-        for s in (times_s.min(), times_s.max())
-    )
-    return first, last
+def _occasion(stated: CampaignFile | Campaign, times_ns: Sequence[int]) -> Occasion:
+    """Say who measured, where, and from when to when, to the second."""
+    ends = [
+        datetime.fromtimestamp(ns // 10**9, UTC)
+        for ns in ((min(times_ns), max(times_ns)) if times_ns else ())
+    ]
+    return Occasion(stated.operator, stated.place, *ends)
 
 
 def _flag_notes(flags: PoseFlags) -> Iterator[str]:
@@ -274,25 +294,6 @@ def _flag_notes(flags: PoseFlags) -> Iterator[str]:
         count = int(np.count_nonzero(which))
         if count:
             yield f"{count} of {len(which)} touches: {told}"
-
-
-def _runs(
-    lines: Integers, artefacts: Sequence[str], features: Sequence[str]
-) -> list[list[int]]:
-    """Group samples that follow one another on the same feature: one touch each."""
-    groups: list[list[int]] = []
-    for row in range(len(lines)):
-        goes_on = (
-            row > 0
-            and lines[row] == lines[row - 1] + 1
-            and artefacts[row] == artefacts[row - 1]
-            and features[row] == features[row - 1]
-        )
-        if goes_on:
-            groups[-1].append(row)
-        else:
-            groups.append([row])
-    return groups
 
 
 def _from_recording(path: Path, arm: Arm, arm_file: Path | None) -> Measurement:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from traverse.arrays import Floats, Integers
-from traverse.kinematics.arm_file.arm import Arm, arm_digest
+from traverse.kinematics.arm_file.arm import Arm, Effect, arm_digest
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
 from traverse.kinematics.effects.base.block import Block
@@ -44,6 +44,12 @@ class KnownArm:
     covariance: ArmCovariance
 
 
+def effects_of_poses(arm: Arm) -> tuple[Effect, ...]:
+    """Leave out the effects of standards: their certificates say how long they are."""
+    kinds = EFFECT_KINDS
+    return tuple(one for one in arm.effects if kinds[one.kind].effect_class != "O")
+
+
 def known_arm(path: Path, arm: Arm, span: Span | None) -> KnownArm:
     """Read the covariance beside an arm file.
 
@@ -55,10 +61,7 @@ def known_arm(path: Path, arm: Arm, span: Span | None) -> KnownArm:
     Raises:
         ValueError: There is none, or it is of another arm; says what to do.
     """
-    in_line = tuple(
-        one for one in arm.effects if EFFECT_KINDS[one.kind].effect_class != "O"
-    )
-    effects = effects_of(arm, in_line, span)
+    effects = effects_of(arm, effects_of_poses(arm), span)
     found = read_parameter_covariance(
         path, arm, effects_of(arm, arm.effects, span), effects
     )

@@ -1,12 +1,13 @@
 """Sets in the forms of their owners, simulated here with known true values."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from benchmarks.strangers import plain
-from benchmarks.strangers.__main__ import distances_mm
+from benchmarks.strangers.__main__ import distances_mm, nominal_and_campaign
 from benchmarks.strangers.sets import make_arm, read_sets
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.model.forward import probe_centre
@@ -55,20 +56,32 @@ def test_both_ways_find_the_arm_again(folder):
     (measured,) = read_sets(folder)
     assert measured.is_kept.sum() == 10
     arm = read_arm(folder / "arm.toml")
-    names = [joint.name for joint in arm.joints]
-    given = read_campaign(measured.write(folder / "used", ~measured.is_kept), names)
-    judged = read_campaign(measured.write(folder / "kept", measured.is_kept), names)
-    nominal = plain.chain_of(arm)
-    tool = plain.fitted(nominal, measured, tool_only=True)
-    plainly_mm = plain.held_out_mm(plain.fitted(tool, measured), measured)
-    ours_mm = distances_mm(given, judged, identify(given, arm).arm)
-    assert plain.held_out_mm(tool, measured).mean() > 10 * NOISE_MM
+    _, given = nominal_and_campaign(measured)
+    tool = plain.fitted(plain.chain_of(arm), measured, tool_only=True)
+    rival = plain.fitted(tool, measured)
+    tool_mm, plainly_mm = (
+        plain.held_out_mm(chain.places_mm(measured.angles_rad), measured)
+        for chain in (tool, rival)
+    )
+    ours_mm = distances_mm(measured, identify(given, arm).arm)
+    assert tool_mm.mean() > 10 * NOISE_MM
     for found_mm in (plainly_mm, ours_mm):
         assert found_mm.mean() < 3 * NOISE_MM
     # With the tool alone fitted the two ways agree on how far off the arm is.
-    (held,) = (placed(given, arm, with_tool=True).arm,)
-    assert distances_mm(given, judged, held).mean() == pytest.approx(
-        plain.held_out_mm(tool, measured).mean(), rel=0.02
+    held = placed(given, arm, with_tool=True).arm
+    assert distances_mm(measured, held).mean() == pytest.approx(
+        tool_mm.mean(), rel=0.02
+    )
+
+
+@pytest.mark.parametrize("was_moved", [False, True])
+def test_one_yardstick_for_a_chain_and_for_an_arm_file(folder, was_moved):
+    (measured,) = read_sets(folder)
+    measured = replace(measured, was_moved=was_moved)
+    arm = read_arm(folder / "arm.toml")
+    of_chain_mm = plain.chain_of(arm).places_mm(measured.angles_rad)
+    np.testing.assert_allclose(
+        distances_mm(measured, arm), plain.held_out_mm(of_chain_mm, measured), atol=1e-9
     )
 
 
@@ -106,4 +119,5 @@ def test_sockets_of_a_gauge_are_read_and_kept_aside_by_place(tmp_path):
     assert [one.id for one in campaign.artefacts] == ["a", "c"]
     assert len(campaign.poses) == 8
     # Both sockets of a place lie 0 mm from their mean: each was touched in one posture.
-    assert plain.held_out_mm(plain.chain_of(arm), measured) == pytest.approx(0.0)
+    at_mm = plain.chain_of(arm).places_mm(measured.angles_rad)
+    assert plain.held_out_mm(at_mm, measured) == pytest.approx(0.0)

@@ -1,7 +1,9 @@
 """Statements of a certificate besides figures: who, where, when, which standards."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.artefacts import Artefact
@@ -9,26 +11,34 @@ from traverse.lab.measured_points.measurement import Measurement
 from traverse.lab.report.provenance import utc_text
 
 
-def administration_of(measured: Measurement, arm: Arm) -> dict[str, Any]:
+def administration_of(measured: Sequence[Measurement], arm: Arm) -> dict[str, Any]:
     """Collect what campaign and arm file state, as plain values.
 
     Times are ISO 8601 with Z, of the first and the last touch; temperatures are those
-    of all touches. None stands where something is not stated.
+    of all touches. None stands where something is not stated. There are `tools` where
+    the campaign names any.
     """
-    occasion, warm_c = measured.occasion, measured.temperature_c
-    first, last = occasion.first_utc, occasion.last_utc
+    occasion = measured[0].occasion
+    firsts = [at for one in measured if (at := one.occasion.first_utc) is not None]
+    lasts = [at for one in measured if (at := one.occasion.last_utc) is not None]
+    warm_c = np.concatenate([one.temperature_c for one in measured])
     known = bool(len(warm_c))
     identified = arm.identification and arm.identification.date
     touched = {
         name: artefact
-        for name, artefact in measured.artefacts.items()
-        if len(measured.of(name))
+        for name, artefact in measured[0].artefacts.items()
+        if any(len(one.of(name)) for one in measured)
     }
+    tools = [
+        {"name": one.tool.name, "vector_mm": list(one.tool.vector_mm or ())}
+        for one in measured
+        if one.tool is not None
+    ]
     return {
         "operator": occasion.operator,
         "place": occasion.place,
-        "measured_from_utc": first and utc_text(first),
-        "measured_to_utc": last and utc_text(last),
+        "measured_from_utc": utc_text(min(firsts)) if firsts else None,
+        "measured_to_utc": utc_text(max(lasts)) if lasts else None,
         "temperature_least_c": float(warm_c.min()) if known else None,
         "temperature_mean_c": float(warm_c.mean()) if known else None,
         "temperature_largest_c": float(warm_c.max()) if known else None,
@@ -36,6 +46,7 @@ def administration_of(measured: Measurement, arm: Arm) -> dict[str, Any]:
         "arm_serial_number": arm.serial_number,
         "arm_calibration_date": str(identified) if identified else None,
         "standards": _standards(touched),
+        **({"tools": tools} if tools else {}),
     }
 
 

@@ -17,7 +17,7 @@ from traverse.lab.acceptance.certificate.values import (
 )
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
 from traverse.lab.acceptance.standards import STANDARDS, verified
-from traverse.lab.measured_points.reading import files_read, read_measured
+from traverse.lab.measured_points.reading import files_read, read_by_tool
 from traverse.lab.report.checksums import SUMS, sums_problems
 from traverse.lab.report.differences import differences
 from traverse.lab.report.provenance import (
@@ -60,13 +60,11 @@ def certificate_problems(path: Path) -> list[str]:
 def _read(file: Path) -> dict[str, Any]:
     try:
         values = json_of(file)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise FileError(
-            str(file), [Problem("", f"cannot be read: {reason}; check the path")]
-        ) from error
-    except ValueError as error:
-        raise FileError(str(file), [Problem("", f"is not JSON: {error}")]) from error
+    except (OSError, ValueError) as error:
+        told = f"is not JSON: {error}"
+        if isinstance(error, OSError):
+            told = f"cannot be read: {error.strerror or error}; check the path"
+        raise FileError(str(file), [Problem("", told)]) from error
     is_ours = isinstance(values, dict) and values.get("schema") == SCHEMA
     stated = values.get("digest") if is_ours else None
     if not isinstance(stated, dict) or not isinstance(stated.get("files"), dict):
@@ -108,7 +106,7 @@ def _figure_problems(values: Mapping[str, Any], folder: Path) -> Iterator[str]:
     data = folder if has_campaign or not recordings else recordings[0]
     arm = read_arm(folder / ARM)
     # Certificates without a prediction may lack the covariance that the arm file names.
-    measured = read_measured(data, arm, folder / ARM if PREDICTED in values else None)
+    measured = read_by_tool(data, arm, folder / ARM if PREDICTED in values else None)
     again = SealedCertificate(
         verified(measured, standard, limits),
         arm,

@@ -43,10 +43,7 @@ def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("Arm", found["arm_name"]),
         ("Serial number of the arm", found["arm_serial_number"] or NOT_STATED),
         ("Arm calibrated", _time(found["arm_calibration_date"])),
-        (
-            "Measured",
-            " to ".join(_time(one) for one in dict.fromkeys(measured)),
-        ),
+        ("Measured", " to ".join(_time(one) for one in dict.fromkeys(measured))),
         ("Place", found["place"] or NOT_STATED),
         ("Operator", found["operator"] or NOT_STATED),
         (
@@ -54,6 +51,13 @@ def administration_rows(values: Mapping[str, Any]) -> list[tuple[str, str]]:
             NOT_STATED
             if warm_c[0] is None
             else "{:.2f} to {:.2f} °C, mean {:.2f} °C".format(*warm_c),
+        ),
+        *(
+            (
+                f"Vector of {one['name']}",
+                "{:.4f}, {:.4f}, {:.4f} mm, as given".format(*one["vector_mm"]),
+            )
+            for one in found.get("tools", ())
         ),
         ("Computed", f"{_time(source['date_utc'])}, by {source['computed_by']}"),
         ("Versions", versions),

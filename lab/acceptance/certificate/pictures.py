@@ -92,7 +92,7 @@ def _lengths(lengths: list[Mapping[str, Any]]) -> Paint:
 def _position(entry: Mapping[str, Any]) -> str:
     """`uni-3-2` is in position `uni-3`; a bar of its own is its own position."""
     kind, _, rest = str(entry["artefact"]).partition("-")
-    return f"{kind}-{rest.partition('-')[0]}"
+    return f"{kind}-{rest.partition('-')[0]} {entry.get('tool')}"
 
 
 def _scatters(scatters: list[Mapping[str, Any]]) -> Paint:

@@ -76,7 +76,7 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
             {"name": missing.name, "what": list(missing.what)}
             for missing in found.missing
         ],
-        "lengths": [asdict(error) for error in found.lengths],
+        "lengths": [_of_tool(asdict(error)) for error in found.lengths],
         "scatters": [
             {"name": scatter.name, "deviations_mm": list(scatter.deviations_mm)}
             for scatter in found.scatters
@@ -124,9 +124,14 @@ def canonical(values: Mapping[str, Any]) -> bytes:
     return text.encode()
 
 
+def _of_tool(values: dict[str, Any]) -> dict[str, Any]:
+    """Leave the tool out where there is none, as certificates were before."""
+    return {k: v for k, v in values.items() if k != "tool" or v is not None}
+
+
 def _figure(figure: Figure, limits: Limits) -> dict[str, Any]:
     decision, standard_mm = figure.decision, figure.budget.standard_mm
-    return {
+    found = {
         "key": figure.key,
         "name": figure.name,
         "definition": figure.definition,
@@ -137,10 +142,10 @@ def _figure(figure: Figure, limits: Limits) -> dict[str, Any]:
         if standard_mm is None
         else limits.coverage_factor * standard_mm,
         "budget": [asdict(line) for line in figure.budget.lines],
-        "limit_mm": None if decision is None else decision.limit_mm,
-        "guard_mm": None if decision is None else decision.guard_mm,
-        "rule": None if decision is None else decision.rule,
-        "verdict": None if decision is None else decision.verdict,
+        **dict.fromkeys(("limit_mm", "guard_mm", "rule", "verdict")),
+        **(asdict(decision) if decision else {}),
         "parts": [{"name": name, "value_mm": value} for name, value in figure.parts],
         "remarks": list(figure.remarks),
+        "tool": figure.tool,
     }
+    return _of_tool(found)

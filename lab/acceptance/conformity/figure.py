@@ -224,6 +224,7 @@ class Figure:
         decision: None where the limits give no limit.
         parts: Further figures that it is made of, in mm by name.
         remarks: Deviations from the standard.
+        tool: With which it was measured, where the campaign names tools.
     """
 
     key: str
@@ -235,6 +236,7 @@ class Figure:
     decision: Decision | None
     parts: tuple[tuple[str, float], ...] = ()
     remarks: tuple[str, ...] = ()
+    tool: str | None = None
 
     @property
     def confirm(self) -> str:
@@ -293,6 +295,7 @@ class LengthError:
         limit_mm: None without a limit.
         standard_mm: Standard uncertainty of the error; None where not stated.
         role: "set", or "repeat" of the ten that were measured again.
+        tool: As of a figure.
     """
 
     artefact: str
@@ -302,6 +305,7 @@ class LengthError:
     limit_mm: float | None
     standard_mm: float | None
     role: Literal["set", "repeat"] = "set"
+    tool: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -313,6 +317,14 @@ class Scatter:
 
 
 Part = Figure | Missing | LengthError | Scatter
+
+
+def with_tool(part: Part, tool: str) -> Part:
+    """Say with which tool something was measured."""
+    if isinstance(part, LengthError):
+        return replace(part, tool=tool)
+    named = replace(part, name=f"{part.name} with {tool}")
+    return replace(named, tool=tool) if isinstance(named, Figure) else named
 
 
 PREDICTED_FACTOR = 2.0
@@ -364,19 +376,3 @@ class Verification:
     def is_good(self) -> bool:
         """Nothing is missing, and nothing but accepted."""
         return not self.missing and self.verdict in (None, "accept")
-
-
-def verification(
-    standard: str, title: str, parts: Iterable[Part], remarks: Iterable[str]
-) -> Verification:
-    """Sort what the tests of a standard gave."""
-    found = list(parts)
-    return Verification(
-        standard,
-        title,
-        tuple(part for part in found if isinstance(part, Figure)),
-        tuple(part for part in found if isinstance(part, Missing)),
-        tuple(part for part in found if isinstance(part, LengthError)),
-        tuple(part for part in found if isinstance(part, Scatter)),
-        tuple(remarks),
-    )

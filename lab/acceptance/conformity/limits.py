@@ -25,12 +25,6 @@ class LengthLimit(StrictModel):
         limit_mm = self.constant_mm + 1e-3 * length_mm * self.per_m_mm
         return limit_mm if self.most_mm is None else min(limit_mm, self.most_mm)
 
-    def __str__(self) -> str:
-        text = f"{self.constant_mm:g} mm"
-        if self.per_m_mm:
-            text += f" + {self.per_m_mm:g} mm per m"
-        return text if self.most_mm is None else f"{text}, {self.most_mm:g} mm at most"
-
 
 def _length_limit(value: object) -> object:
     if isinstance(value, int | float) and not isinstance(value, bool):

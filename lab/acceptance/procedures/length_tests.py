@@ -106,18 +106,20 @@ def _judged(
     remarks: list[str] = []
     too_many = False
     for found in sets:
-        verdicts = [_verdict(error, limits) for error in found]
-        if None in verdicts:
-            return None, remarks
+        verdicts: list[Verdict] = []
+        for error in found:
+            if error.limit_mm is None:
+                return None, remarks
+            measured = error.error_mm, error.limit_mm, error.standard_mm
+            verdicts.append(decision_of(*measured, limits).verdict)
         if "undecided" in verdicts:
             return "undecided", remarks
         bad = [row for row in range(SET) if verdicts[row] != "accept"]
         again = verdicts[SET:]
         cured = len(bad) == 1 and len(again) == AGAIN and set(again) == {"accept"}
         too_many = too_many or len(bad) > 1
-        verdict = worst([v for v in verdicts if v is not None])
         if bad:
-            outside.append((found, verdict, cured))
+            outside.append((found, worst(verdicts), cured))
     if not outside:
         return "accept", remarks
     open_ = [entry for entry in outside if not entry[2]]
@@ -135,14 +137,6 @@ def _judged(
         return "neither", remarks
     remarks.append(f"errors outside in {len(outside)} of {len(sets)} sets")
     return worst([verdict for _, verdict, _ in outside]), remarks
-
-
-def _verdict(error: LengthError, limits: Limits) -> Verdict | None:
-    if error.limit_mm is None:
-        return None
-    return decision_of(
-        error.error_mm, error.limit_mm, error.standard_mm, limits
-    ).verdict
 
 
 def _range_remarks(

@@ -15,7 +15,7 @@ from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.artefacts.sphere import Sphere
-from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.campaign import Campaign, touching_stretches
 from traverse.lab.diagnosis.model.fit import fitted
 from traverse.lab.identification.equations.network import (
     Network,
@@ -26,7 +26,6 @@ from traverse.lab.identification.equations.network import (
     station_centres,
 )
 from traverse.lab.identification.solve.adjustment import Adjustment
-from traverse.lab.identification.solve.noise import touching_stretches
 
 
 def with_surface_directions(

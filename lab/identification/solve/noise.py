@@ -28,7 +28,7 @@ from typing import Literal
 import numpy as np
 
 from traverse.arrays import Floats, Integers
-from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.campaign import Campaign, touching_stretches
 from traverse.lab.identification.equations.network import Noise, white_rows
 from traverse.lab.identification.solve.adjustment import Adjustment
 from traverse.lab.identification.solve.reliability import VarianceSums
@@ -205,19 +205,6 @@ def correlations(adjustment: Adjustment) -> Floats:
     means = products[:n_lags] / counts[:n_lags]
     found: Floats = means[1:] / means[0]
     return found
-
-
-def touching_stretches(campaign: Campaign, longest_s: float = np.inf) -> Integers:
-    """Number the stretches in which one feature is touched without a gap, (n,).
-
-    From sample to sample there it is not longer than that.
-    """
-    poses = campaign.poses
-    breaks = np.diff(poses.lines) != 1
-    breaks |= np.diff(poses.time_s) > longest_s
-    breaks |= np.diff(poses.artefacts) != 0
-    breaks |= np.diff(poses.features) != 0
-    return np.concatenate([[0], np.cumsum(breaks)]).astype(np.int64)
 
 
 def _lagged(values: Floats) -> Floats:

@@ -67,7 +67,7 @@ def made(tmp_path_factory):
     campaign = folder / "campaign.toml"
     campaign.write_text(stated(campaign.read_text("utf-8")), "utf-8")
     measured = read_measured(folder, arm)
-    found = verified(measured, "vdi2617-9", limits)
+    found = verified([measured], "vdi2617-9", limits)
     files = {path.name: path.read_bytes() for path in files_read(folder)}
     files["arm.toml"] = ARM.read_bytes()
     files["limits.toml"] = LIMITS.encode()
@@ -77,7 +77,7 @@ def made(tmp_path_factory):
         arm,
         limits,
         files,
-        administration_of(measured, arm),
+        administration_of([measured], arm),
         report_provenance(
             ReportSource("interim", digest_of_files(files_read(folder))),
             "C. Gauss",
@@ -255,7 +255,7 @@ def test_a_table_of_points_gives_the_same_figures(made, tmp_path):
             cells = ",".join(map(repr, place.tolist()))
             lines.append(f"p,{name},{feature},{cells},20.0")
     (folder / "poses.csv").write_text("\n".join(lines) + "\n")
-    again = verified(read_measured(folder, arm), "vdi2617-9", NO_LIMITS)
+    again = verified([read_measured(folder, arm)], "vdi2617-9", NO_LIMITS)
     values = [figure.value_mm for figure in again.figures]
     expected = [figure.value_mm for figure in made.verification.figures]
     np.testing.assert_allclose(values, expected, atol=1e-9)

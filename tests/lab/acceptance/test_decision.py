@@ -6,7 +6,11 @@ from hypothesis import strategies as st
 
 from tests.lab.measurements import limits
 from traverse.lab.acceptance.conformity.figure import decision_of, worst
-from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
+from traverse.lab.acceptance.conformity.limits import (
+    NO_LIMITS,
+    LengthLimit,
+    read_limits,
+)
 from traverse.strict_toml.problems import FileError
 
 # Limit 10 um, u = 2 um: the guard band of 1.65 u is 3.3 um wide.
@@ -60,7 +64,7 @@ def test_a_file_of_limits(tmp_path):
     )
     found = read_limits(file)
     assert found.mpe.of("e_uni").at(2000.0) == pytest.approx(0.02)
-    assert str(found.mpe.of("e_uni")) == "0.01 mm + 0.005 mm per m"
+    assert found.mpe.of("e_uni") == LengthLimit(constant_mm=0.01, per_m_mm=0.005)
     assert found.mpe.of("e_bi").at(5.0) == 1.0
     assert found.mpe.of("p_size").constant_mm == 0.012
     assert found.mpe.of("p_form") is None

@@ -32,7 +32,7 @@ POSES = {standard: poses_of(standard) for standard in STANDARDS}
 
 def figures(poses, standard, folder, seed=1):
     write_campaign(folder, drawn_acceptance(poses, seed), ARM)
-    found = verified(read_measured(folder, ARM), standard, NO_LIMITS)
+    found = verified([read_measured(folder, ARM)], standard, NO_LIMITS)
     assert found.missing == ()
     return {figure.key: figure for figure in found.figures}
 

@@ -255,7 +255,10 @@ def with_tools(folder, tools, *names):
 
 def test_poses_name_tools_where_that_is_requested(folder):
     with_tools(folder, TOOLS, "high", "", "low")
-    assert "only `traverse identify`, `diagnose` and `predict`" in problems(folder)[0]
+    assert (
+        "only `traverse identify`, `diagnose`, `predict` and `verify`"
+        in problems(folder)[0]
+    )
     campaign = read_campaign(folder, ["J1", "J2"], several_tools=True)
     assert campaign.poses.tools.tolist() == [2, 0, 1, 0]
     assert [tool.name for tool in campaign.tools] == ["low", "high"]

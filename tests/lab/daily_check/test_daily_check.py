@@ -200,6 +200,12 @@ def test_beside_the_acceptance_and_its_limits(tmp_path):
     assert not report.is_in_control
     assert "another arm file" in report.remarks[-1]
     assert report_of([check(0)], limits(spat_2s_mm=0.5), certificate).is_in_control
+    # A check is with the arm's own probe, whatever else an acceptance was made with.
+    own = {**certificate["figures"][0], "tool": "own probe"}
+    star = {"key": "spat_2s", "value_mm": 0.5, "limit_mm": 0.02, "tool": "star"}
+    both = {**certificate, "figures": [own, star]}
+    report = report_of([check(0)], certificate=both)
+    assert report.charts[0].accepted_mm == pytest.approx(0.028)
     path = tmp_path / "certificate.json"
     path.write_text("{}")
     with pytest.raises(FileError, match="is no certificate"):

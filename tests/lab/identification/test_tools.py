@@ -184,7 +184,9 @@ def test_the_commands_take_several_tools_and_others_refuse_them(campaign, tmp_pa
     assert ended.exit_code == 0, ended.output
     ended = CliRunner().invoke(app, ["probe", "pivot", str(folder), "--arm", str(arm)])
     assert ended.exit_code == 2
-    assert "only `traverse identify`, `diagnose` and `predict`" in ended.output
+    assert (
+        "only `traverse identify`, `diagnose`, `predict` and `verify`" in ended.output
+    )
 
 
 def eccentric(campaign, joint, size_rad):

@@ -1,0 +1,220 @@
+"""Acceptance tests of simulated arms that were touched with several tools."""
+
+import json
+import re
+
+import pytest
+from typer.testing import CliRunner
+
+from tests.docs.pages import CHECKOUT
+from tests.lab.acceptance.test_simulated_arms import ARM, POSES
+from tests.lab.certificates.made import LABORATORY
+from traverse.cli.__main__ import app
+from traverse.client.exports.qif import decimal_text
+from traverse.lab.acceptance.standards import verified
+from traverse.lab.certificates.certificate import certify, checked_certificate
+from traverse.lab.measured_points.reading import read_by_tool, read_measured
+from traverse.simulator.arm.truth import Deviations, true_arm
+from traverse.simulator.campaigns import write_campaign
+from traverse.simulator.campaigns.acceptance.poses import drawn_acceptance, touched_by
+from traverse.strict_toml.problems import FileError
+
+ISO, INTERIM = "iso10360-12", "vdi2617-9"
+ARM_FILE = CHECKOUT / "cli" / "demo_data" / "arm.toml"
+STAR_MM = (22.0, -6.0, 15.0)
+OFF_MM = 0.05
+
+
+def arm_with(vector_mm):
+    return ARM.model_copy(
+        update={"probe": ARM.probe.model_copy(update={"vector_mm": vector_mm})}
+    )
+
+
+def single(standard, folder, vector_mm):
+    """Touch everything with one tool; the arm file does not know it."""
+    truth = true_arm(arm_with(vector_mm), Deviations(), 1)
+    # So far away the ball is there after some more steps.
+    poses = touched_by(touched_by(POSES[standard], truth), truth)
+    write_campaign(folder, drawn_acceptance(poses, 1), ARM)
+    return folder
+
+
+def table(*, star):
+    vector = "" if star is None else f"vector_mm = {list(star)}\n"
+    return f'\n[[tools]]\nname = "star"\n{vector}'
+
+
+def campaign(standard, folder, star=STAR_MM):
+    """Touch everything with the arm's own probe and then with another tool."""
+    own = single(standard, folder / "own", ARM.probe.vector_mm)
+    other = single(standard, folder / "other", STAR_MM)
+    both = folder / "both"
+    both.mkdir()
+    text = (own / "campaign.toml").read_text()
+    (both / "campaign.toml").write_text(text + table(star=star))
+    header, *rows = (own / "poses.csv").read_text().splitlines()
+    lines = [f"{header},tool", *(f"{row}," for row in rows)]
+    _, *rows = (other / "poses.csv").read_text().splitlines()
+    lines += [f"{row},star" for row in rows]
+    (both / "poses.csv").write_text("\n".join(lines) + "\n")
+    return both
+
+
+def figures(standard, folder):
+    found = verified(read_by_tool(folder, ARM), standard)
+    assert found.missing == ()
+    return {(one.tool, one.key): one for one in found.figures}
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["verify", *map(str, arguments)])
+
+
+@pytest.mark.parametrize("standard", POSES)
+def test_a_perfect_arm_has_no_errors_with_any_tool(standard, tmp_path):
+    found = figures(standard, campaign(standard, tmp_path))
+    assert {tool for tool, _ in found} == {"own probe", "star"}
+    for (tool, _), figure in found.items():
+        assert figure.name.endswith(f" with {tool}")
+        assert figure.value_mm == pytest.approx(0.0, abs=1e-6), figure.name
+
+
+def test_a_wrong_vector_shows_as_an_error_of_that_tool_alone(tmp_path):
+    wrong_mm = (STAR_MM[0] + OFF_MM, *STAR_MM[1:])
+    found = figures(ISO, campaign(ISO, tmp_path, wrong_mm))
+    # Turned about the shank the ball is off by as much to every side.
+    assert found["star", "l_dia"].value_mm > OFF_MM
+    assert abs(found["star", "e_uni"].value_mm) > OFF_MM
+    for key in ("p_size", "p_form", "l_dia", "e_uni"):
+        assert found["own probe", key].value_mm == pytest.approx(0.0, abs=1e-6)
+
+
+def test_figures_are_those_of_touches_with_that_tool_alone(tmp_path):
+    wrong_mm = (STAR_MM[0], STAR_MM[1] - OFF_MM, STAR_MM[2])
+    found = figures(ISO, campaign(ISO, tmp_path, wrong_mm))
+    alone = read_measured(tmp_path / "other", arm_with(wrong_mm))
+    for figure in verified([alone], ISO).figures:
+        same = found["star", figure.key]
+        assert same.value_mm == figure.value_mm
+        assert same.parts == figure.parts
+
+
+def test_a_vector_is_never_estimated(tmp_path):
+    folder = campaign(INTERIM, tmp_path, star=None)
+    with pytest.raises(FileError, match="it would hide its own error") as refused:
+        read_by_tool(folder, ARM)
+    assert refused.value.problems[0].where == "tools.star.vector_mm"
+    ran = run(folder, "--standard", INTERIM, "--arm", ARM_FILE)
+    assert ran.exit_code == 2
+    assert "give it from the probe library or from another campaign" in ran.output
+
+
+def test_touches_with_different_tools_do_not_count_together(tmp_path):
+    folder = single(INTERIM, tmp_path / "one", ARM.probe.vector_mm)
+    header, *rows = (folder / "poses.csv").read_text().splitlines()
+    lines = [f"{header},tool"]
+    # The last of the seven positions with another tool.
+    lines += [f"{row},{'star' if 'check-7' in row else ''}" for row in rows]
+    (folder / "poses.csv").write_text("\n".join(lines) + "\n")
+    text = (folder / "campaign.toml").read_text()
+    (folder / "campaign.toml").write_text(text + table(star=STAR_MM))
+    ran = run(folder, "--standard", INTERIM, "--arm", ARM_FILE)
+    assert ran.exit_code == 1
+    own, star = ran.output.split("interim check of length with star: not computed")
+    assert own.count("was not measured") == 1
+    assert star.count("was not measured") == 6
+    assert (
+        "Incomplete: interim check of length with own probe, "
+        "interim check of length with star not computed."
+    ) in ran.output
+
+
+def test_the_certificate_names_the_tools_and_is_checked(tmp_path):
+    folder, out = campaign(INTERIM, tmp_path), tmp_path / "out"
+    limits = tmp_path / "limits.toml"
+    limits.write_text(
+        'schema = "traverse/acceptance-limits/1"\ndecision = "simple"\n'
+        "[mpe]\ninterim_length_mm = 0.01\n"
+    )
+    words = ["--standard", INTERIM, "--arm", ARM_FILE, "--limits", limits]
+    ran = run(folder, *words, "--out", out)
+    assert ran.exit_code == 0, ran.output
+    values = json.loads((out / "certificate.json").read_text())
+    assert [one["tool"] for one in values["figures"]] == ["own probe", "star"]
+    assert {one["tool"] for one in values["lengths"]} == {"own probe", "star"}
+    vectors = {t["name"]: t["vector_mm"] for t in values["administration"]["tools"]}
+    assert vectors == {
+        "own probe": list(ARM.probe.vector_mm),
+        "star": list(STAR_MM),
+    }
+    page = (out / "certificate.html").read_text()
+    assert "interim check of length with star" in page
+    assert re.search(r"Vector of star.*22\.0000, -6\.0000, 15\.0000 mm", page, re.S)
+    assert run("--check", out).exit_code == 0
+    # A vector that was changed afterwards.
+    data = out / "data" / "campaign.toml"
+    data.write_text(data.read_text().replace("22.0", "22.1"))
+    checked = run("--check", out)
+    assert checked.exit_code == 1
+    assert "data/campaign.toml was changed" in checked.output
+
+
+def test_both_tools_are_decided_on_and_the_worse_one_counts(tmp_path):
+    wrong_mm = (STAR_MM[0] + 0.2, *STAR_MM[1:])
+    folder = campaign(INTERIM, tmp_path, wrong_mm)
+    limits = tmp_path / "limits.toml"
+    limits.write_text(
+        'schema = "traverse/acceptance-limits/1"\ndecision = "simple"\n'
+        "[mpe]\ninterim_length_mm = 0.02\n"
+    )
+    words = ["--standard", INTERIM, "--arm", ARM_FILE, "--limits", limits]
+    ran = run(folder, *words)
+    assert ran.exit_code == 1
+    conclusion = ran.output.splitlines()[-1]
+    assert "Rejected: interim check of length with star." in conclusion
+    assert "Accepted: interim check of length with own probe." in conclusion
+
+
+def test_one_tool_of_all_poses_is_named_too(tmp_path):
+    folder = campaign(INTERIM, tmp_path)
+    header, *rows = (folder / "poses.csv").read_text().splitlines()
+    rows = [row for row in rows if row.endswith(",star")]
+    (folder / "poses.csv").write_text("\n".join([header, *rows]) + "\n")
+    (only,) = read_by_tool(folder, ARM)
+    assert only.tool.name == "star"
+    assert only.errors_unknown.startswith("poses name tools")
+
+
+def test_qif_keeps_the_tools_apart(tmp_path):
+    wrong_mm = (STAR_MM[0] + OFF_MM, *STAR_MM[1:])
+    folder, out = campaign("asme-b89.4.22", tmp_path, wrong_mm), tmp_path / "out"
+    ran = run(*(folder, "--standard", "asme-b89.4.22", "--arm", ARM_FILE, "--out", out))
+    assert ran.exit_code == 0, ran.output
+    words = ["to-qif", ARM_FILE, "--out", tmp_path / "arm.qif", "--verification", out]
+    ran = CliRunner().invoke(app, ["arm", *map(str, words), "--json"])
+    assert ran.exit_code == 0, ran.output
+    assert [one["of"] for one in json.loads(ran.stdout)["tests"]] == [
+        "ASME B89.4.22 with own probe",
+        "ASME B89.4.22 with star",
+    ]
+    text = (tmp_path / "arm.qif").read_text()
+    values = json.loads((out / "certificate.json").read_text())
+    for one in values["lengths"]:
+        assert decimal_text(one["error_mm"]) in text
+
+
+def test_a_digital_certificate_states_tools_and_vectors(tmp_path):
+    folder, out = campaign(INTERIM, tmp_path), tmp_path / "out"
+    text = (folder / "campaign.toml").read_text()
+    (folder / "campaign.toml").write_text(f"start_utc = 2026-11-20T09:00:00Z\n{text}")
+    ran = run(folder, "--standard", INTERIM, "--arm", ARM_FILE, "--out", out)
+    assert ran.exit_code == 0, ran.output
+    laboratory = tmp_path / "laboratory.toml"
+    laboratory.write_text(LABORATORY)
+    certify(out, laboratory, None)
+    text = (out / "dcc.xml").read_text()
+    assert "interim check of length with star" in text
+    assert "Vector of star" in text
+    assert "[22.0, -6.0, 15.0] mm, as given" in text
+    assert checked_certificate(out, []).problems == ()
