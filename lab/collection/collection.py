@@ -115,7 +115,7 @@ class Collection:
                     f"is there, and was not written by `traverse collect` ({JOURNAL} "
                     "is missing); move it away, or name another file in the campaign"
                 )
-                raise FileError(str(table), [Problem("", told)])
+                raise FileError(table, told)
             return
         problems = []
         lines = bytes_of(journal).split(b"\n")
