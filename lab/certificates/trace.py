@@ -7,7 +7,7 @@ with, a recording the files in it. A name that no file beside them has is missin
 
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -27,7 +27,7 @@ from traverse.protocol.signed_points import checked_points, points_of_lines
 from traverse.recording.reader import read_recording
 from traverse.recording.run_reader import RunReader
 from traverse.strict_toml.files import json_of, table_lines
-from traverse.strict_toml.problems import FileError, Problem, toml_table, toml_text
+from traverse.strict_toml.problems import FileError, toml_table, toml_text
 
 State = Literal["whole", "altered", "missing", "not stated"]
 # Of the folders in which files are looked for.
@@ -63,15 +63,8 @@ class Link:
 
     @property
     def values(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        return {
-            "what": self.what,
-            "path": None if self.path is None else str(self.path),
-            "sha256": self.sha256,
-            "state": self.state,
-            "remarks": self.remarks,
-            "links": [link.values for link in self.links],
-        }
+        """Plain values, for JSON; paths are written as texts."""
+        return asdict(self)
 
     def lines(self, depth: int = 0) -> Iterator[str]:
         """The tree for people: a line a file, indented below what follows from it."""
@@ -114,21 +107,25 @@ class Tracer:
                 return self._verification(folder)
             if (folder / IDENTIFICATION).is_file():
                 return self._identification(folder)
-        if (folder / "campaign.toml").is_file() and (
-            path.is_dir() or path.name == "campaign.toml"
-        ):
+        if path.is_dir() and (folder / "campaign.toml").is_file():
             return self._campaign(folder)
-        if path.suffix == ".mcap":
-            return self._recording(path)
-        if path.suffix == ".jsonl":
-            return self._points(path)
-        if path.suffix == ".toml":
-            return self._arm(read_arm(path), path)
+        if (link := self._walked(path)) is not None:
+            return link
         told = (
             "is neither a folder of results or of a campaign, nor an arm file, a "
             "recording (.mcap) or points (.jsonl)"
         )
-        raise FileError(str(path), [Problem("", told)])
+        raise FileError(path, told)
+
+    def _walked(self, path: Path) -> Link | None:
+        """Walk the chain of a file by its kind; None: it follows from nothing."""
+        if path.name == "campaign.toml" and path.is_file():
+            return self._campaign(path.parent)
+        if path.suffix == ".toml":
+            return self._arm(read_arm(path), path)
+        if path.suffix == ".mcap":
+            return self._recording(path)
+        return self._points(path) if path.suffix == ".jsonl" else None
 
     def _folder(self, what: str, folder: Path, named: Iterable[str]) -> Link:
         link = Link(what, folder)
@@ -156,12 +153,12 @@ class Tracer:
     def _identification(self, folder: Path) -> Link:
         values = _table(folder / IDENTIFICATION)
         link = self._folder("identification", folder, IDENTIFICATION_FILES)
-        if (folder / "arm.toml").is_file():
-            link.links.append(
-                self._arm(read_arm(folder / "arm.toml"), folder / "arm.toml")
-            )
-        else:
-            link.links.append(Link("arm.toml", state="missing"))
+        arm = folder / "arm.toml"
+        link.links.append(
+            self._arm(read_arm(arm), arm)
+            if arm.is_file()
+            else Link(arm.name, state="missing")
+        )
         source = values.get("provenance")
         campaign = source.get("campaign") if isinstance(source, Mapping) else None
         digest = campaign.get("sha256") if isinstance(campaign, Mapping) else None
@@ -176,13 +173,10 @@ class Tracer:
         if sums_of(path.parent, [path.name])[path.name] != digest:
             remark = "its digest is not the one by which it is named"
             return Link(path.name, path, digest, "altered", [remark])
-        if path.name == "arm.toml":
-            return self._arm(read_arm(path), path)
-        if path.name == "campaign.toml":
-            return self._campaign(path.parent)
-        if path.suffix == ".mcap":
-            return self._recording(path)
-        return Link(path.name, path, digest)
+        # Other tables, of limits for example, are no arm files.
+        leads_on = path.name in ("arm.toml", "campaign.toml") or path.suffix == ".mcap"
+        link = self._walked(path) if leads_on else None
+        return link or Link(path.name, path, digest)
 
     def _arm(self, arm: Arm, path: Path | None) -> Link:
         own = arm_digest(arm)
@@ -272,13 +266,8 @@ class Tracer:
         path = self._known.get(digest)
         if path is None:
             return Link(what, None, digest, "missing", ["name its folder by --in"])
-        if digest in self._seen:
-            return Link(what, path, digest)
-        if path.suffix == ".toml" and path.name != "campaign.toml":
-            return self._arm(read_arm(path), path)
-        if path.name == "campaign.toml":
-            return self._campaign(path.parent)
-        return Link(what, path, digest)
+        link = None if digest in self._seen else self._walked(path)
+        return link or Link(what, path, digest)
 
     @cached_property
     def _known(self) -> dict[str, Path]:
@@ -327,9 +316,9 @@ def _table(path: Path) -> Mapping[str, Any]:
     try:
         values = json_of(path)
     except ValueError as error:
-        raise FileError(str(path), [Problem("", f"was altered: {error}")]) from error
+        raise FileError(path, f"was altered: {error}") from error
     if not isinstance(values, Mapping):
-        raise FileError(str(path), [Problem("", "was altered: it is no table")])
+        raise FileError(path, "was altered: it is no table")
     return values
 
 
