@@ -12,7 +12,7 @@ from traverse.lab.alignment.page import alignment_page
 from traverse.lab.alignment.result import SCHEMA
 from traverse.protocol.messages import AlignArgs
 from traverse.strict_toml.files import json_of
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.writing import write_atomically
 
 FILE = "alignment.json"
@@ -45,7 +45,7 @@ def read_alignment(path: Path) -> dict[str, Any]:
         align_args(values)
     except ValueError as error:
         message = f"is no alignment: {str(error).splitlines()[0]}"
-        raise FileError(str(file), [Problem("", message)]) from error
+        raise FileError(file, message) from error
     return values
 
 

@@ -1,7 +1,6 @@
 """Files of a diagnosis: arm, diagnosis.json, discrepancies.csv, page, pictures."""
 
 import json
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -27,9 +26,10 @@ from traverse.lab.diagnosis.model.result import (
 from traverse.lab.diagnosis.report.discrepancies import write_discrepancies
 from traverse.lab.diagnosis.report.page import report_page
 from traverse.lab.diagnosis.report.pictures import plots_of
+from traverse.lab.report.plain_values import plain_values
 from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
 from traverse.strict_toml.files import text_of
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.writing import arm_text, write_atomically
 
 SCHEMA = "traverse/diagnosis/1"
@@ -123,7 +123,7 @@ def diagnosis_json(
                 diagnosis.campaign.tools, vectors_mm, strict=True
             )
         }
-    plain: dict[str, Any] = _plain(values)
+    plain: dict[str, Any] = plain_values(values)
     return plain
 
 
@@ -140,7 +140,7 @@ def detectable_json(detectable: Sequence[Detectable]) -> list[dict[str, Any]]:
         }
         for entry in detectable
     ]
-    plain: list[dict[str, Any]] = _plain(values)
+    plain: list[dict[str, Any]] = plain_values(values)
     return plain
 
 
@@ -260,17 +260,6 @@ def _size(value: float | None, unit: str) -> dict[str, Any] | None:
     return None if value is None else {"value": value, "unit": unit}
 
 
-def _plain(value: Any) -> Any:  # noqa: ANN401 - as of json
-    """Put None in place of infinity and NaN, which JSON has not."""
-    if isinstance(value, dict):
-        return {key: _plain(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    return value
-
-
 def arm_with_provenance(diagnosis: Diagnosis, when: datetime | None = None) -> Arm:
     """Make the arm that is written."""
     arm, campaign = diagnosis.adapted, diagnosis.campaign
@@ -305,6 +294,5 @@ def write_adapted(path: Path, arm: Arm, source: Path) -> None:
     values = arm.model_dump(by_alias=True, exclude_unset=True)
     text = arm_text(values, text_of(source))
     if parse_arm(text, str(path)) != arm:
-        problem = Problem("", "would not hold all values of this arm")
-        raise FileError(str(path), [problem])
+        raise FileError(path, "would not hold all values of this arm")
     write_atomically(path, text)
