@@ -53,8 +53,10 @@ def collect(
         from traverse.cli.collect.session import run_collection  # noqa: PLC0415
         from traverse.lab.campaign import campaign_file  # noqa: PLC0415
         from traverse.lab.collection import plan as plans  # noqa: PLC0415
-        from traverse.lab.collection.collection import Collection  # noqa: PLC0415
-        from traverse.lab.collection.report import collection_report  # noqa: PLC0415
+        from traverse.lab.collection.collection import (  # noqa: PLC0415
+            Collection,
+            collection_report,
+        )
         from traverse.protocol.messages.quality import FLAG_MEANINGS  # noqa: PLC0415
 
         known = {str(flag.name).lower() for flag in FLAG_MEANINGS}

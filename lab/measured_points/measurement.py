@@ -7,6 +7,7 @@ least-squares one beside the calibrated one.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import groupby
 
 import numpy as np
 
@@ -63,16 +64,8 @@ class ArtefactTouches:
 
     def runs(self) -> list["ArtefactTouches"]:
         """Cut where the feature changes."""
-        starts = [
-            row
-            for row, name in enumerate(self.features)
-            if row == 0 or name != self.features[row - 1]
-        ]
-        ends = [*starts[1:], len(self)]
-        return [
-            self.part(list(range(first, end)))
-            for first, end in zip(starts, ends, strict=True)
-        ]
+        runs = groupby(range(len(self)), key=self.features.__getitem__)
+        return [self.part(list(rows)) for _, rows in runs]
 
 
 @dataclass(frozen=True, slots=True)

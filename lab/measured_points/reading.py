@@ -9,6 +9,7 @@ import csv
 import tempfile
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -268,19 +269,9 @@ def _runs(
     lines: Integers, artefacts: Sequence[str], features: Sequence[str]
 ) -> list[list[int]]:
     """Group samples that follow one another on the same feature: one touch each."""
-    groups: list[list[int]] = []
-    for row in range(len(lines)):
-        goes_on = (
-            row > 0
-            and lines[row] == lines[row - 1] + 1
-            and artefacts[row] == artefacts[row - 1]
-            and features[row] == features[row - 1]
-        )
-        if goes_on:
-            groups[-1].append(row)
-        else:
-            groups.append([row])
-    return groups
+    # Of lines that follow one another the number less the row is the same.
+    keys = list(zip(lines - np.arange(len(lines)), artefacts, features, strict=True))
+    return [list(rows) for _, rows in groupby(range(len(keys)), keys.__getitem__)]
 
 
 def _from_recording(path: Path, arm: Arm, arm_file: Path | None) -> Measurement:
