@@ -128,27 +128,24 @@ def _errors(common: CommonPoints) -> tuple[Floats, Floats, bool]:
     Raises:
         ValueError: They are stated of some only.
     """
-    n = len(common.names)
+    n, none = len(common.names), np.zeros((3, 3))
+    measured, nominal = (
+        [place.covariance_mm2 for place in places]
+        for places in (common.measured, common.nominal)
+    )
     lacking = [
-        name
-        for name, place in zip(common.names, common.measured, strict=True)
-        if place.covariance_mm2 is None
+        name for name, c in zip(common.names, measured, strict=True) if c is None
     ]
-    none = np.zeros((n, 3, 3))
-    nominal = [place.covariance_mm2 for place in common.nominal]
-    to_covariance = np.array(
-        [np.zeros((3, 3)) if c is None else c for c in nominal]
-    ).reshape(n, 3, 3)
+    to_covariance = np.array([none if c is None else c for c in nominal])
     if len(lacking) == n and not np.any(to_covariance):
-        return none, np.tile(np.eye(3), (n, 1, 1)), False
+        return np.tile(none, (n, 1, 1)), np.tile(np.eye(3), (n, 1, 1)), False
     if lacking:
         raise ValueError(
             f"errors are stated, but not of these measured points: "
             f"{', '.join(lacking)}; state them for all with --std"
         )
-    measured = [place.covariance_mm2 for place in common.measured]
-    from_covariance = np.array([c for c in measured if c is not None])
-    return from_covariance.reshape(n, 3, 3), to_covariance, True
+    from_covariance = np.array(measured, dtype=np.float64)
+    return from_covariance.reshape(n, 3, 3), to_covariance.reshape(n, 3, 3), True
 
 
 def _points(

@@ -240,19 +240,20 @@ def _gap(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _figures(first: HoldoutResult, last: HoldoutResult) -> dict[str, Any]:
+    def pair(before: float | None, after: float | None) -> dict[str, float | None]:
+        return {"before": before, "after": after}
+
     found: dict[str, Any] = {
-        "held_out_rms_mm": {"before": first.rms_mm, "after": last.rms_mm},
-        "held_out_chi2": {"before": first.chi2, "after": last.chi2},
-        "held_out_largest_mm": {"before": first.largest_mm, "after": last.largest_mm},
+        "held_out_rms_mm": pair(first.rms_mm, last.rms_mm),
+        "held_out_chi2": pair(first.chi2, last.chi2),
+        "held_out_largest_mm": pair(first.largest_mm, last.largest_mm),
         "closed": closed(first.chi2, last.chi2, last.n),
         "n": last.n,
         "n_poses": last.n_poses,
     }
-    if first.mean_distance_mm is not None and last.mean_distance_mm is not None:
-        found["held_out_mean_distance_mm"] = {
-            "before": first.mean_distance_mm,
-            "after": last.mean_distance_mm,
-        }
+    means_mm = first.mean_distance_mm, last.mean_distance_mm
+    if None not in means_mm:
+        found["held_out_mean_distance_mm"] = pair(*means_mm)
     return found
 
 
