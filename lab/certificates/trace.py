@@ -21,7 +21,7 @@ from traverse.lab.identification.results.files import (
     IDENTIFICATION_FILES,
 )
 from traverse.lab.measured_points.reading import files_read
-from traverse.lab.report.checksums import SUMS, sums_of, sums_problems
+from traverse.lab.report.checksums import SUMS, sums_problems
 from traverse.lab.report.provenance import digest_of_files
 from traverse.protocol.signed_points import checked_points, points_of_lines
 from traverse.recording.reader import read_recording
@@ -60,6 +60,12 @@ class Link:
         yield self
         for link in self.links:
             yield from link.every()
+
+    def alter(self, *remarks: str) -> "Link":
+        """State that it is not as it was written, and why."""
+        self.state = "altered"
+        self.remarks += remarks
+        return self
 
     @property
     def values(self) -> dict[str, Any]:
@@ -129,12 +135,10 @@ class Tracer:
 
     def _folder(self, what: str, folder: Path, named: Iterable[str]) -> Link:
         link = Link(what, folder)
-        if (folder / SUMS).is_file():
-            link.remarks += sums_problems(folder, named)
-        if link.remarks:
-            link.state = "altered"
-        elif not (folder / SUMS).is_file():
+        if not (folder / SUMS).is_file():
             link.remarks.append(f"no {SUMS}: pages and tables in it are not checked")
+        elif problems := list(sums_problems(folder, named)):
+            link.alter(*problems)
         if (folder / DCC).is_file():
             told = "signature and figures are checked by `traverse verify --check`"
             link.remarks.append(f"has a certificate, {DCC}: {told}")
@@ -170,9 +174,9 @@ class Tracer:
         """A file whose bytes are named; what it follows from is walked."""
         if not path.is_file():
             return Link(path.name, None, digest, "missing")
-        if sums_of(path.parent, [path.name])[path.name] != digest:
+        if digest_of_files([path]) != digest:
             remark = "its digest is not the one by which it is named"
-            return Link(path.name, path, digest, "altered", [remark])
+            return Link(path.name, path, digest).alter(remark)
         # Other tables, of limits for example, are no arm files.
         leads_on = path.name in ("arm.toml", "campaign.toml") or path.suffix == ".mcap"
         link = self._walked(path) if leads_on else None
@@ -202,9 +206,9 @@ class Tracer:
 
     def _campaign(self, folder: Path) -> Link:
         file = read_campaign_file(folder / "campaign.toml")
-        digest = campaign_digest(folder / "campaign.toml", file)
-        link = Link("campaign", folder, digest)
-        self._seen |= {digest, digest_of_files(files_read(folder))}
+        digests = _campaign_digests(folder / "campaign.toml", file)
+        link = Link("campaign", folder, digests[0])
+        self._seen.update(digests)
         for name in _standards(file):
             link.remarks.append(f"{name}, outside of this chain")
         link.links.append(self._named("arm file", file.arm_digest))
@@ -222,13 +226,10 @@ class Tracer:
             try:
                 found = read_recording(path)  # of samples, not of a daemon
             except FileError:
-                link.state = "altered"
-                link.remarks.append(str(error))
-                return link
+                return link.alter(str(error))
             text, tear = found.arm_text.encode(), found.tear
         if tear is not None:
-            link.state = "altered"
-            link.remarks.append(f"is not whole: {tear}")
+            link.alter(f"is not whole: {tear}")
         else:  # a file that is none may be endless
             link.sha256 = digest_of_files([path])
         if text is None:
@@ -251,8 +252,7 @@ class Tracer:
             told = "signed, and not checked: name the arm's public key by --key"
             link.remarks.append(told)
         if wrong:
-            link.state = "altered"
-            link.remarks += wrong
+            link.alter(*wrong)
         else:  # a file that is none may be endless
             link.sha256 = digest_of_files([path])
         models = dict.fromkeys(one.model for one in whole)
@@ -276,16 +276,14 @@ class Tracer:
         for path in self._candidates():
             try:
                 if path.name == "campaign.toml":
-                    file = read_campaign_file(path)
-                    found.setdefault(campaign_digest(path, file), path)
-                    found.setdefault(digest_of_files(files_read(path.parent)), path)
+                    for digest in _campaign_digests(path, read_campaign_file(path)):
+                        found.setdefault(digest, path)
                 elif path.suffix == ".toml" and "joints" in toml_table(
                     toml_text(path), str(path)
                 ):
                     found.setdefault(arm_digest(read_arm(path)), path)
                 elif path.suffix == ".npz":
-                    own = sums_of(path.parent, [path.name])[path.name]
-                    found.setdefault(own, path)
+                    found.setdefault(digest_of_files([path]), path)
             except (FileError, OSError):
                 continue  # whatever it is, it is not what is looked for
         return found
@@ -320,6 +318,11 @@ def _table(path: Path) -> Mapping[str, Any]:
     if not isinstance(values, Mapping):
         raise FileError(path, "was altered: it is no table")
     return values
+
+
+def _campaign_digests(path: Path, file: CampaignFile) -> tuple[str, str]:
+    """The digests by which arm files and reports name a campaign."""
+    return campaign_digest(path, file), digest_of_files(files_read(path.parent))
 
 
 def _standards(file: CampaignFile) -> list[str]:
