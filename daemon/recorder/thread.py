@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from dataclasses import KW_ONLY, InitVar, dataclass
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,7 +16,7 @@ from traverse.daemon.recorder.file import (
     ManualRecording,
     PreTriggerBuffer,
     Recorded,
-    RecordingEncoder,
+    entries_of,
 )
 from traverse.daemon.recorder.flight import FlightRecorder, reason_of
 from traverse.daemon.recorder.item_queue import RecorderItem, RecorderQueue
@@ -38,8 +38,8 @@ class RecorderThread:
     """Take items from the queue and write them to the open recordings.
 
     Args:
-        files: arm file, configuration and so on, as they are now.
-        utc_offset_ns: what to add to host monotonic time.
+        files: arm file, configuration and so on, as they are now; others follow.
+        utc_offset_ns: what to add to host monotonic time; later ones follow.
         on_flight_failure, on_kept: as of the flight recorder; called on the loop.
         on_stopped: called on the loop when a recording has ended by itself, with what
             there is of it, and why.
@@ -53,15 +53,13 @@ class RecorderThread:
     folder: Path
     section: RecordingSection
     about: Mapping[str, str]
-    files: InitVar[Mapping[str, bytes]]
-    utc_offset_ns: InitVar[int]
+    files: Mapping[str, bytes]
+    utc_offset_ns: int
     on_flight_failure: Callable[[str], None]
     on_kept: Callable[[Path], None]
     on_stopped: Callable[[Recorded | None, str], None]
 
-    def __post_init__(self, files: Mapping[str, bytes], utc_offset_ns: int) -> None:
-        self._files = dict(files)
-        self._encoder = RecordingEncoder(utc_offset_ns)
+    def __post_init__(self) -> None:
         self._loop = asyncio.get_running_loop()
         self._ring = PreTriggerBuffer()
         self.flight = FlightRecorder(
@@ -125,7 +123,7 @@ class RecorderThread:
         """
         path = self.folder / f"{name}.mcap"
         about = {**self.about, "name": name, "note": note, "cause": "asked"}
-        head = RunHead(about, self._files)
+        head = RunHead(about, self.files)
         self._manual = ManualRecording(path, name, self.section, head, self._ring)
         return path
 
@@ -194,9 +192,9 @@ class RecorderThread:
             return
         if item.kind == "state":
             self._ring.begin_segment(item.at_ns)
-            utc_ns = item.at_ns + self._encoder.utc_offset_ns
+            utc_ns = item.at_ns + self.utc_offset_ns
             self.flight.use(
-                lambda flight: flight.begin_segment(item.at_ns, utc_ns, self._files)
+                lambda flight: flight.begin_segment(item.at_ns, utc_ns, self.files)
             )
         elif isinstance(item.value, Scan) and self._manual is None:
             return  # as a cloud it is for recordings with a name only
@@ -209,11 +207,13 @@ class RecorderThread:
             item = RecorderItem(
                 "files", item.at_ns, value={"probe": item.value["probe"]}
             )
-        for entry in self._encoder.entries(item):
+        elif item.kind == "related":
+            self.utc_offset_ns = item.value
+        for entry in entries_of(item, self.utc_offset_ns):
             self._record(entry)
 
     def _take_files(self, files: Mapping[str, bytes]) -> None:
-        self._files = dict(files)
+        self.files = files
         self._ring.clear()  # what is in it was made with other files
         self.flight.use(lambda flight: flight.attach(files))
         self._in_manual(lambda manual: manual.writer.attach(files))
