@@ -22,7 +22,10 @@ def collect(
     *,
     arm: Annotated[Path, typer.Option(help="The arm file that the daemon uses.")],
     each: Annotated[
-        int, typer.Option(min=1, max=100_000, help="Touches of every feature.")
+        int,
+        typer.Option(
+            min=1, max=100_000, help="Touches of every feature; not with a plan."
+        ),
     ] = 25,
     allow: Annotated[
         str, typer.Option(help="Quality flags that a point may have, with commas.")
@@ -32,18 +35,14 @@ def collect(
 ) -> None:
     """Collect the poses of a campaign, guided.
 
-    Shows what to touch, and how often.
-
-    Where a plan.toml lies beside the campaign (`traverse verify --plan` writes one) it
-    is followed step by step, and --each does not count.
+    Shows what to touch, and how often. Where a plan.toml lies beside the campaign
+    (`traverse verify --plan` writes one) it is followed step by step.
 
     Points that the daemon captures count for the artefact that is shown, or for the
     one in their label. Each is on the disk before it counts, and a collection that
     was ended continues where it was. Keys, or lines on standard input: n (next),
-    p (previous), u (undo), q (quit).
-
-    Exit status 1: ended before everything was touched; 2: a file was refused; 3: the
-    broker could not be reached.
+    p (previous), u (undo), q (quit); after a question y (the touch is right), b (begin
+    with it). Exit status 1: ended before everything was touched.
     """
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
 
@@ -53,10 +52,8 @@ def collect(
         from traverse.cli.collect.session import run_collection  # noqa: PLC0415
         from traverse.lab.campaign import campaign_file  # noqa: PLC0415
         from traverse.lab.collection import plan as plans  # noqa: PLC0415
-        from traverse.lab.collection.collection import (  # noqa: PLC0415
-            Collection,
-            collection_report,
-        )
+        from traverse.lab.collection.collection import Collection  # noqa: PLC0415
+        from traverse.lab.collection.report import collection_report  # noqa: PLC0415
         from traverse.protocol.messages.quality import FLAG_MEANINGS  # noqa: PLC0415
 
         known = {str(flag.name).lower() for flag in FLAG_MEANINGS}

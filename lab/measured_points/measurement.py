@@ -4,10 +4,9 @@ Places of the ball's centre by artefact; of a cone how far they scatter, of a sp
 least-squares one beside the calibrated one.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from itertools import groupby
 
 import numpy as np
 
@@ -23,12 +22,10 @@ from traverse.lab.artefacts.seats import Seats
 from traverse.lab.artefacts.sphere import Sphere
 from traverse.plurals import counted
 
-NO_ANGLES = "the points have no angles"
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArtefactTouches:
-    """Touches, mostly of one artefact, in the order in which they were made.
+    """The touches of one artefact, in the order in which they were made.
 
     Attributes:
         places_mm: Centres of the ball, (n, 3).
@@ -64,8 +61,16 @@ class ArtefactTouches:
 
     def runs(self) -> list["ArtefactTouches"]:
         """Cut where the feature changes."""
-        runs = groupby(range(len(self)), key=self.features.__getitem__)
-        return [self.part(list(rows)) for _, rows in runs]
+        starts = [
+            row
+            for row, name in enumerate(self.features)
+            if row == 0 or name != self.features[row - 1]
+        ]
+        ends = [*starts[1:], len(self)]
+        return [
+            self.part(list(range(first, end)))
+            for first, end in zip(starts, ends, strict=True)
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +109,7 @@ class Measurement:
     reach_mm: float
     notes: tuple[str, ...] = ()
     occasion: Occasion = Occasion()
-    errors_unknown: str | None = NO_ANGLES
+    errors_unknown: str | None = "the points have no angles"
 
     @property
     def temperature_c(self) -> Floats:
@@ -142,37 +147,48 @@ def reach_of(arm: Arm) -> tuple[Floats, float]:
 def measurement_of_touches(
     arm: Arm,
     artefacts: Mapping[str, Artefact],
-    names: Sequence[str],
-    touches: ArtefactTouches,
+    names: tuple[Sequence[str], Sequence[str]],
+    numbers: Floats,
+    notes: Iterable[str],
     *,
     occasion: Occasion,
-    notes: Sequence[str] = (),
-    errors_unknown: str | None = NO_ANGLES,
+    errors: JointCovariance | str = "the points have no angles",
 ) -> Measurement:
     """Sort touches by artefact.
 
     Args:
         arm: Of the measurement.
         artefacts: By id.
-        names: Of the artefact of every touch, (n,).
-        touches: Of all artefacts.
-        occasion: Who measured, where and when.
+        names: Of the artefact and the feature of every touch, (n,) each.
+        numbers: Place of the ball's centre, temperature, radius of the tip, (n, 5).
         notes: What is not as it should be.
-        errors_unknown: Why the touches have no errors; None where they have.
+        occasion: Who measured, where and when.
+        errors: Of the places; else why they are not known.
     """
+    known = None if isinstance(errors, str) else errors
     by_name: dict[str, list[int]] = {}
-    for row, name in enumerate(names):
+    for row, name in enumerate(names[0]):
         by_name.setdefault(name, []).append(row)
     shoulder_mm, reach_mm = reach_of(arm)
+    touched = {
+        name: ArtefactTouches(
+            numbers[rows, :3],
+            tuple(names[1][row] for row in rows),
+            numbers[rows, 3],
+            numbers[rows, 4],
+            None if known is None else known.part(rows),
+        )
+        for name, rows in by_name.items()
+    }
     return Measurement(
         artefacts=artefacts,
-        touched={name: touches.part(rows) for name, rows in by_name.items()},
+        touched=touched,
         arm_name=arm.name,
         shoulder_mm=shoulder_mm,
         reach_mm=reach_mm,
         notes=tuple(notes),
         occasion=occasion,
-        errors_unknown=errors_unknown,
+        errors_unknown=errors if isinstance(errors, str) else None,
     )
 
 

@@ -8,14 +8,14 @@ are taken as the daemon gave them.
 import csv
 import tempfile
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
-from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 import tomlkit
 
-from traverse.arrays import Integers
+from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm, Effect, parse_arm
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.arm_effects import effects_of
@@ -30,7 +30,6 @@ from traverse.lab.campaign.campaign_file import (
     read_campaign_file,
 )
 from traverse.lab.measured_points.measurement import (
-    ArtefactTouches,
     Measurement,
     Occasion,
     measurement_of_touches,
@@ -73,9 +72,9 @@ def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
     if problems:
         raise FileError(str(path), problems)
     artefacts = {artefact.id: artefact for artefact in file.artefacts}
-    names: list[tuple[str, str]] = []
+    names: tuple[list[str], list[str]] = ([], [])
     numbers: list[list[float]] = []
-    times: list[datetime] = []
+    times_ns: list[int] = []
     with table_lines(path) as lines:
         reader = csv.DictReader(lines, fieldnames=header)
         next(reader)
@@ -96,21 +95,23 @@ def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
             if not all(map(is_number, place)):
                 problems.append(Problem(where, f"{shown(place)} is not finite"))
             if (time_ns := row.get("time_ns") or "").isdecimal():
-                times.append(datetime.fromtimestamp(int(time_ns) // 10**9, UTC))
-            names.append((name, row["feature"] or ""))
+                times_ns.append(int(time_ns))
+            names[0].append(name)
+            names[1].append(row["feature"] or "")
             numbers.append([*place, warm, tip_mm])
-    if problems or not numbers:
-        raise FileError(path, problems or "holds no points; measure some")
-    touched, features = zip(*names, strict=True)
-    x_mm, y_mm, z_mm, warm_c, tips_mm = np.array(numbers).T
-    places_mm = np.column_stack([x_mm, y_mm, z_mm])
-    span = (min(times), max(times)) if times else (None, None)
+    if not numbers and not problems:
+        problems.append(Problem("", "holds no points; measure some"))
+    if problems:
+        raise FileError(str(path), problems)
+    occasion = Occasion(file.operator, file.place)
+    if times_ns:
+        first, last = (
+            datetime.fromtimestamp(ns // 10**9, UTC)
+            for ns in (min(times_ns), max(times_ns))
+        )
+        occasion = replace(occasion, first_utc=first, last_utc=last)
     return measurement_of_touches(
-        arm,
-        artefacts,
-        touched,
-        ArtefactTouches(places_mm, features, warm_c, tips_mm),
-        occasion=Occasion(file.operator, file.place, *span),
+        arm, artefacts, names, np.array(numbers), (), occasion=occasion
     )
 
 
@@ -156,8 +157,10 @@ def files_read(data: Path) -> tuple[Path, ...]:
     found = (data / "campaign.toml", data / file.poses, *dict.fromkeys(named))
     elsewhere = [path for path in found if path.parent != data]
     if elsewhere:
-        told = [f"names {path}; put it beside campaign.toml" for path in elsewhere]
-        raise FileError(data / "campaign.toml", told)
+        raise FileError(
+            str(data / "campaign.toml"),
+            [Problem("", f"names {p}; put it beside campaign.toml") for p in elsewhere],
+        )
     return found
 
 
@@ -190,7 +193,7 @@ def measured_campaign(
         effects = effects_of(arm, tuple(own), campaign.span)
         places_mm, _, flags = corrected_pose(geometry, effects, block)
     except ValueError as error:
-        raise FileError(source, str(error)) from error
+        raise FileError(source, [Problem("", str(error))]) from error
     names = [artefact.id for artefact in campaign.artefacts]
     poses = campaign.poses
     touched = [names[index] for index in poses.artefacts.tolist()]
@@ -216,25 +219,33 @@ def measured_campaign(
         "certificate"
         for kind in dict.fromkeys(effect.kind for effect in off_line)
     ]
-    errors: JointCovariance | None = None
-    unknown: str | None = "the arm file is not given"
-    if arm_file is not None:
-        try:
-            errors = errors_of_poses(campaign, middles, places_mm, arm_file, arm)
-            unknown = None
-        except ValueError as error:
-            unknown = str(error)
     return measurement_of_touches(
         arm,
         {artefact.id: artefact for artefact in artefacts},
-        touched,
-        ArtefactTouches(places_mm, tuple(features), temperature_c, tip_mm, errors),
+        (touched, features),
+        np.column_stack([places_mm, temperature_c, tip_mm]),
+        notes,
         occasion=Occasion(
             campaign.operator, campaign.place, *_first_and_last(campaign)
         ),
-        notes=notes,
-        errors_unknown=unknown,
+        errors=_errors(campaign, middles, places_mm, arm, arm_file),
     )
+
+
+def _errors(
+    campaign: Campaign,
+    rows: Integers,
+    places_mm: Floats,
+    arm: Arm,
+    arm_file: Path | None,
+) -> JointCovariance | str:
+    """State the errors of touches, by a pose of each; else why they are not known."""
+    if arm_file is None:
+        return "the arm file is not given"
+    try:
+        return errors_of_poses(campaign, rows, places_mm, arm_file, arm)
+    except ValueError as error:
+        return str(error)
 
 
 def _first_and_last(campaign: Campaign) -> tuple[datetime | None, datetime | None]:
@@ -269,9 +280,19 @@ def _runs(
     lines: Integers, artefacts: Sequence[str], features: Sequence[str]
 ) -> list[list[int]]:
     """Group samples that follow one another on the same feature: one touch each."""
-    # Of lines that follow one another the number less the row is the same.
-    keys = list(zip(lines - np.arange(len(lines)), artefacts, features, strict=True))
-    return [list(rows) for _, rows in groupby(range(len(keys)), keys.__getitem__)]
+    groups: list[list[int]] = []
+    for row in range(len(lines)):
+        goes_on = (
+            row > 0
+            and lines[row] == lines[row - 1] + 1
+            and artefacts[row] == artefacts[row - 1]
+            and features[row] == features[row - 1]
+        )
+        if goes_on:
+            groups[-1].append(row)
+        else:
+            groups.append([row])
+    return groups
 
 
 def _from_recording(path: Path, arm: Arm, arm_file: Path | None) -> Measurement:
@@ -282,7 +303,7 @@ def _from_recording(path: Path, arm: Arm, arm_file: Path | None) -> Measurement:
             "holds no campaign.toml; put one into a folder that names the recording as "
             "its poses, and give the folder"
         )
-        raise FileError(path, message)
+        raise FileError(str(path), [Problem("", message)])
     parse_arm(recording.arm_text, f"{path}: arm.toml")
     table = tomlkit.parse(recording.campaign_text)
     table["poses"] = str(path.resolve())

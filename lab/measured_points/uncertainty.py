@@ -5,6 +5,7 @@ angles and the covariance beside the arm file.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -30,10 +31,21 @@ from traverse.lab.campaign.campaign import Campaign
 from traverse.protocol.messages import Point
 
 
-def _known_arm(
-    path: Path, arm: Arm, span: Span | None
-) -> tuple[ArmEffects, ArmCovariance]:
-    """Read the covariance beside an arm file, of the effects of poses.
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownArm:
+    """An arm with the covariance of its parameters.
+
+    Attributes:
+        effects: Those of poses.
+    """
+
+    arm: Arm
+    effects: ArmEffects
+    covariance: ArmCovariance
+
+
+def known_arm(path: Path, arm: Arm, span: Span | None) -> KnownArm:
+    """Read the covariance beside an arm file.
 
     Args:
         path: Of the arm file.
@@ -52,7 +64,7 @@ def _known_arm(
     )
     if found is None:
         raise ValueError(f"{path} names no covariance_file; `traverse identify` does")
-    return effects, found
+    return KnownArm(arm, effects, found)
 
 
 def shared_by_points(points: Sequence[Point], path: Path, arm: Arm) -> Floats:
@@ -71,7 +83,7 @@ def shared_by_points(points: Sequence[Point], path: Path, arm: Arm) -> Floats:
     """
     if {point.model for point in points} != {arm_digest(arm)}:
         raise ValueError(f"the points were not taken with {path} as it is")
-    effects, covariance = _known_arm(path, arm, None)
+    known = known_arm(path, arm, None)
     warm_c = [np.nan if p.temperature_c is None else p.temperature_c for p in points]
     block = Block(
         np.array([point.angles_rad for point in points]),
@@ -79,8 +91,8 @@ def shared_by_points(points: Sequence[Point], path: Path, arm: Arm) -> Floats:
         utc_ns=np.array([point.time_ns for point in points], dtype=np.int64),
     )
     geometry = geometry_from_arm(arm)
-    by_parameters, _ = parameter_columns(geometry, effects, block)
-    shared: Floats = by_parameters @ covariance.factor
+    by_parameters, _ = parameter_columns(geometry, known.effects, block)
+    shared: Floats = by_parameters @ known.covariance.factor
     return shared
 
 
@@ -104,16 +116,16 @@ def errors_of_poses(
         raise ValueError(
             "campaign.toml states no encoder_rad and contact_mm in [noise]"
         )
-    effects, covariance = _known_arm(path, arm, campaign.span)
+    known = known_arm(path, arm, campaign.span)
     n_joints = len(arm.joints)
     noise = PointNoise(
         np.full(n_joints, encoder_rad), np.zeros(n_joints), contact_mm, 0.0
     )
     found = point_uncertainties(
         geometry_from_arm(arm),
-        effects,
+        known.effects,
         campaign.block().part(rows),
         noise,
-        covariance,
+        known.covariance,
     )
     return JointCovariance(places_mm, found.covariances_mm2, found.shared_mm)
