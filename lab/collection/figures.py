@@ -18,9 +18,9 @@ from traverse.kinematics.fits import (
 )
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.collection.collection import CollectedTouch, Collection
-from traverse.lab.collection.plan import blocks
 
 SECTORS = 36
+_HEIGHTS = " ▁▂▃▄▅▆▇█"
 
 
 def agreement(collection: Collection, artefact: str, kind: str) -> str:
@@ -109,7 +109,9 @@ def coverage(touches: Sequence[CollectedTouch], n_joints: int) -> Integers:
 
 def picture(counts: Integers) -> str:
     """One joint's sectors (36,) as a row of blocks, the fullest one highest."""
-    return blocks(counts, int(counts.max()), nothing=" ")
+    largest = max(1, int(counts.max()))
+    heights = -(-counts * (len(_HEIGHTS) - 1) // largest)
+    return "".join(_HEIGHTS[height] for height in heights.tolist())
 
 
 def _places(touches: Sequence[CollectedTouch]) -> Floats:

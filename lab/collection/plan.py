@@ -16,7 +16,7 @@ from traverse.strict_toml.reader import StrictModel, read_strict
 
 PLAN = "plan.toml"
 SHELLS = 3
-_HEIGHTS = "▁▂▃▄▅▆▇█"
+_MARKS = "·▁▂▃▄▅▆▇█"
 
 
 class PlanStep(StrictModel):
@@ -56,19 +56,13 @@ def volume_picture(
     if plan.reach_mm is None or not places_mm:
         return []
     counts = volume_counts(np.array(places_mm, dtype=np.float64), plan)
+    largest = max(1, int(counts.max()))
     lines = []
-    for shell, row in enumerate(counts):
+    for shell, row in enumerate(counts.tolist()):
         low, high = shell / SHELLS, (shell + 1) / SHELLS
-        marks = blocks(row, int(counts.max()), nothing="·")
+        marks = "".join(_MARKS[-(-count * 8 // largest)] for count in row)
         lines.append((f"{low:.0%} to {high:.0%} of the reach", marks))
     return lines
-
-
-def blocks(counts: Integers, largest: int, nothing: str) -> str:
-    """Draw counts as blocks, the largest one full; zero has a mark of its own."""
-    marks = nothing + _HEIGHTS
-    heights = -(-counts * len(_HEIGHTS) // max(1, largest))
-    return "".join(marks[height] for height in heights.tolist())
 
 
 def volume_counts(places_mm: Floats, plan: PlanFile) -> Integers:
