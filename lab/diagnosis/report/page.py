@@ -12,11 +12,9 @@ from traverse.lab.diagnosis.report.names import (
     depends_on_time,
     joint_rows,
     moves_base,
-    reasons,
     seen_text,
     step_names,
     term_size_text,
-    whole_arm_rows,
 )
 from traverse.lab.diagnosis.report.pictures import Plots
 from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
@@ -76,7 +74,5 @@ def report_page(
         step_names=step_names(diagnosis),
         joint_names=joint_names,
         joint_rows=joint_rows(diagnosis.detectable, joint_names),
-        whole_arm_rows=whole_arm_rows(diagnosis.detectable),
-        reasons=reasons(diagnosis.detectable),
         excluded=np.flatnonzero(diagnosis.excluded | diagnosis.blunders).tolist(),
     )
