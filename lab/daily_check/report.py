@@ -16,7 +16,7 @@ from traverse.strict_toml.files import json_of
 from traverse.strict_toml.problems import FileError
 
 SCHEMA = "traverse/interim/1"
-_WORDS = Words("daily_check/words.jinja")
+WORDS = Words("daily_check/words.jinja")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +90,7 @@ class DailyCheckReport:
     @property
     def reasons(self) -> list[str]:
         """Reasons of the verdict, in sentences."""
-        return _WORDS.lines("reasons", self)
+        return WORDS.lines("reasons", self)
 
     @property
     def false_alarms(self) -> float:
@@ -124,7 +124,7 @@ def report_of(
     told = None
     if certificate is not None:
         told = f"{certificate['standard']} of {certificate['date_utc']}"
-    remarks = _WORDS.lines("remarks", own, certificate)
+    remarks = WORDS.lines("remarks", own, certificate)
     return DailyCheckReport(tuple(own), tuple(charts), told, tuple(remarks))
 
 
