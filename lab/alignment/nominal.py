@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
@@ -195,10 +195,6 @@ def read_nominal(path: Path) -> Nominal:
         points.append(point)
     try:
         return Nominal(schema="traverse/nominal/1", points=tuple(points))
-    except ValueError as error:
-        raise FileError(path, _last_line(error)) from error
-
-
-def _last_line(error: ValueError) -> str:
-    words = str(error).split("Value error, ")[-1]
-    return words.split(" [type=", maxsplit=1)[0].strip()
+    except ValidationError as error:
+        told = error.errors()[0]["msg"].removeprefix("Value error, ")
+        raise FileError(path, told) from error
