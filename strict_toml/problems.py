@@ -81,12 +81,20 @@ class Problem:
 
 
 class FileError(ValueError):
-    """A file was refused; edit it. Carries all that is wrong with it."""
+    """A file was refused; edit it. Carries all that is wrong with it.
 
-    def __init__(self, source: str, problems: Iterable[Problem]) -> None:
-        self.source = source
-        self.problems = tuple(problems)
-        super().__init__(source, self.problems)
+    A text in place of a problem is one of the whole file.
+    """
+
+    def __init__(
+        self, source: str | Path, problems: Iterable[Problem | str] | str
+    ) -> None:
+        self.source = str(source)
+        given = [problems] if isinstance(problems, str) else problems
+        self.problems = tuple(
+            Problem("", one) if isinstance(one, str) else one for one in given
+        )
+        super().__init__(self.source, self.problems)
 
     def __str__(self) -> str:
         count = len(self.problems)
@@ -184,24 +192,16 @@ def toml_text(path: Path) -> str:
     try:
         content = bytes_of(path)
     except OSError as error:
-        what = f"cannot be read: {system_reason(error)}"
-        raise FileError(str(path), [Problem("", what)]) from error
+        raise FileError(path, f"cannot be read: {system_reason(error)}") from error
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:
         before = content[: error.start]
         line = before.count(b"\n") + 1
         column = len(before) - (before.rfind(b"\n") + 1) + 1
-        raise FileError(
-            str(path),
-            [
-                Problem(
-                    f"line {line}, column {column}",
-                    f"byte 0x{content[error.start]:02x} is not UTF-8; "
-                    "save the file as UTF-8",
-                )
-            ],
-        ) from error
+        what = f"byte 0x{content[error.start]:02x} is not UTF-8; save the file as UTF-8"
+        problem = Problem(f"line {line}, column {column}", what)
+        raise FileError(path, [problem]) from error
 
 
 def toml_table(text: str, source: str) -> dict[str, Any]:
@@ -216,8 +216,7 @@ def toml_table(text: str, source: str) -> dict[str, Any]:
             raise RecursionError
         return raw
     except RecursionError as error:
-        what = f"is nested more than {DEEPEST} deep"
-        raise FileError(source, [Problem("", what)]) from error
+        raise FileError(source, f"is nested more than {DEEPEST} deep") from error
     except ValueError as error:
         message = str(error)
         place = _SYNTAX_PLACE.search(message)

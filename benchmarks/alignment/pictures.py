@@ -15,7 +15,7 @@ from traverse.kinematics.helmert.transformation import Helmert
 from traverse.kinematics.helmert.volume import Box
 from traverse.lab.alignment.best_fit import best_fit_alignment
 from traverse.lab.alignment.nominal import fixed_volume
-from traverse.lab.alignment.pictures import ellipsoids_painting
+from traverse.lab.alignment.pictures import ellipsoids
 from traverse.lab.alignment.result import alignment_values
 from traverse.lab.alignment.touches import CommonPoints, Place
 from traverse.lab.report.figures import (
@@ -116,8 +116,11 @@ def paint(found: Sequence[Outcome], folder: Path) -> None:
     (folder / "alignment-index.png").write_bytes(index)
     for name, example in zip(("line", "wide"), examples(), strict=True):
         _print_example(example)
-        painted = ellipsoids_painting(example.values, _FACTOR)
-        png = picture(_WIDTH_MM, 65.0, painted)
+        png = picture(
+            _WIDTH_MM,
+            65.0,
+            lambda figure, values=example.values: ellipsoids(values, figure, _FACTOR),
+        )
         (folder / f"alignment-{name}.png").write_bytes(png)
 
 

@@ -55,7 +55,6 @@ def align(
     if points is None:
         refuse("name the points to be aligned, or give --clear")
     from traverse.lab.alignment import files  # noqa: PLC0415 - keeps --help quick
-    from traverse.lab.alignment.page import alignment_lines  # noqa: PLC0415
 
     with refusals():
         if options.problem is not None:
@@ -72,7 +71,7 @@ def align(
         if out is not None:
             files.write_alignment(values, out)
     wrote = f"wrote {out}: alignment.json, alignment.html"
-    lines = [*alignment_lines(values), *([] if out is None else [wrote])]
+    lines = [*files.alignment_lines(values), *([] if out is None else [wrote])]
     print_report(values, lines, as_json=as_json)
     if not values["passed"] or (strict and values["flags"]):
         raise typer.Exit(FAILED)

@@ -25,37 +25,10 @@ STEPS = "steps"
 MOST_BYTES = 32 << 20
 
 
-class RecordingEncoder:
-    """Encode items as messages of a recording, in order.
-
-    Args:
-        utc_offset_ns: what to add to host monotonic time.
-    """
-
-    def __init__(self, utc_offset_ns: int) -> None:
-        self.utc_offset_ns = utc_offset_ns
-
-    def entries(self, item: RecorderItem) -> Iterator[Entry]:
-        """The messages of one item."""
-        if item.kind == "published":
-            yield from self._published(item)
-            return
-        if item.kind == "related":
-            self.utc_offset_ns = item.value
-        if item.kind == "delivered":
-            topic = f"device/{item.value.device}/{item.what}"
-            table = {"at_ns": item.at_ns, **delivery_to_map(item.value)}
-        else:
-            topic = STEPS
-            table = {"at_ns": item.at_ns, "is": item.kind}
-            if item.what:
-                table["what"] = item.what
-            if item.value is not None:
-                table["value"] = item.value
-        yield Entry(topic, item.at_ns + self.utc_offset_ns, map_to_bytes(table))
-
-    def _published(self, item: RecorderItem) -> Iterator[Entry]:
-        message, log_ns = item.value, item.at_ns + self.utc_offset_ns
+def entries_of(item: RecorderItem, utc_offset_ns: int) -> Iterator[Entry]:
+    """The messages of one item; UTC is so much more than host monotonic time."""
+    message, log_ns = item.value, item.at_ns + utc_offset_ns
+    if item.kind == "published":
         match message:
             case Point():
                 yield Entry("point", log_ns, point_to_bytes(message))
@@ -65,6 +38,18 @@ class RecordingEncoder:
                 yield Entry("cloud", log_ns, cloud_to_bytes(message))
             case Event():
                 yield Entry("log", log_ns, log_to_bytes(message))
+        return
+    if item.kind == "delivered":
+        topic = f"device/{item.value.device}/{item.what}"
+        table = {"at_ns": item.at_ns, **delivery_to_map(item.value)}
+    else:
+        topic = STEPS
+        table = {"at_ns": item.at_ns, "is": item.kind}
+        if item.what:
+            table["what"] = item.what
+        if item.value is not None:
+            table["value"] = item.value
+    yield Entry(topic, log_ns, map_to_bytes(table))
 
 
 @dataclass(slots=True)

@@ -9,12 +9,10 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import wraps
 from pathlib import Path
-from typing import Concatenate, ParamSpec
 
 from traverse.daemon.config.schema import RecordingSection
-from traverse.daemon.recorder.file import Recorded, check_room
+from traverse.daemon.recorder.file import check_room
 from traverse.recording.run_reader import RunReader
 from traverse.recording.run_writer import Entry, RunHead, RunWriter
 
@@ -24,24 +22,6 @@ SEGMENT = "segment-*.mcap"
 KEPT = "flight-*.mcap"
 RETRY_S = 30.0
 
-P = ParamSpec("P")
-
-
-@dataclass(frozen=True, slots=True)
-class RecorderNotification:
-    """One event in the recorder thread, for the loop.
-
-    Attributes:
-        flight_failed: a failure of the flight recorder begins, with its reason; or
-            ends, "".
-        stopped: a recording has ended by itself: what there is of it, and why.
-        kept: a file kept after a fault.
-    """
-
-    flight_failed: str | None = None
-    stopped: tuple[Recorded | None, str] | None = None
-    kept: Path | None = None
-
 
 def reason_of(error: Exception) -> str:
     """Why it was, for people."""
@@ -50,39 +30,21 @@ def reason_of(error: Exception) -> str:
     return str(error) or repr(error)
 
 
-def _guarded(
-    method: Callable[Concatenate["FlightRecorder", P], None],
-) -> Callable[Concatenate["FlightRecorder", P], None]:
-    """Leave the recorder alone where it is off, or for some time after a failure."""
-
-    @wraps(method)
-    def guarded(self: "FlightRecorder", /, *args: P.args, **kwargs: P.kwargs) -> None:
-        if not self.is_enabled or self.retry_s is not None:
-            return
-        try:
-            method(self, *args, **kwargs)
-        except OSError as error:
-            self.abandon()
-            self.retry_s = time.monotonic() + RETRY_S
-            self.notify(RecorderNotification(flight_failed=reason_of(error)))
-
-    return guarded
-
-
 @dataclass(eq=False)
 class FlightRecorder:
     """Writes segments, and drops the oldest beyond a time and a size.
 
-    After the disk has refused it, it is left alone for some time. Used by the recorder
+    After the disk has refused it, it is left alone for some time: what uses it goes
+    through `use`, but for `end_segment`, `retry` and `abandon`. Used by the recorder
     thread alone.
 
     Args:
         folder: of all recordings; made where it is missing.
         about: values for the head of every file.
-        notify: called when it fails, when it is tried again, and with kept files.
+        on_failure: called with the reason when a failure begins, with "" when it ends.
+        on_kept: called with each file that was kept after a fault.
 
     Attributes:
-        retry_s: when it is tried again after a failure; None: it works.
         kept, dropped: files kept after faults, and older ones dropped for them.
         n_bytes: written since the start.
     """
@@ -90,11 +52,11 @@ class FlightRecorder:
     folder: Path
     section: RecordingSection
     about: Mapping[str, str]
-    notify: Callable[[RecorderNotification], None]
+    on_failure: Callable[[str], None]
+    on_kept: Callable[[Path], None]
 
     def __post_init__(self) -> None:
-        self.is_enabled = self.section.flight
-        self.retry_s: float | None = None
+        self._retry_s: float | None = None
         self._segments = self.folder / FOLDER
         self._writer: RunWriter | None = None
         self._begun_ns = 0
@@ -102,24 +64,33 @@ class FlightRecorder:
         self.dropped = 0
         self.n_bytes = 0
 
-    @_guarded
+    def use(self, act: Callable[["FlightRecorder"], object]) -> None:
+        """Do something with it; nothing while it is off, or left alone."""
+        if not self.section.flight or self._retry_s is not None:
+            return
+        try:
+            act(self)
+        except OSError as error:
+            self.abandon()
+            self._retry_s = time.monotonic() + RETRY_S
+            self.on_failure(reason_of(error))
+
     def recover_crashed(self) -> None:
         """Keep what a daemon left behind that died; else nothing is left of before."""
         self._segments.mkdir(mode=0o700, parents=True, exist_ok=True)
         segments = self._found()
         if segments and not _is_whole(segments[-1]):
-            self._keep("crash")
+            self.keep("crash")
         for segment in self._found():
             segment.unlink(missing_ok=True)
 
-    @_guarded
     def begin_segment(
         self, at_ns: int, utc_ns: int, files: Mapping[str, bytes]
     ) -> None:
         """The next message is a state; perhaps it begins a new segment."""
         if self._writer is not None and at_ns - self._begun_ns < SEGMENT_NS:
             return
-        self._close()
+        self.close()
         path = self._segments / f"segment-{utc_ns:020d}.mcap"
         head = RunHead({**self.about, "cause": "flight"}, files)
         self._writer, self._begun_ns = RunWriter(path, head), at_ns
@@ -129,41 +100,33 @@ class FlightRecorder:
         """Begin a new one with the next state."""
         self._begun_ns = -SEGMENT_NS
 
-    @_guarded
     def add(self, entry: Entry) -> None:
         """Record a message; those of scans, which can be computed again, are not."""
         if self._writer is not None and entry.topic != "cloud":
             self._writer.add(entry)
             self.n_bytes += len(entry.content)
 
-    @_guarded
     def attach(self, files: Mapping[str, bytes]) -> None:
         """Add a file that is in force from now on."""
         if self._writer is not None:
             self._writer.attach(files)
 
-    @_guarded
     def flush(self) -> None:
         """Hand all to the operating system, or to the disk."""
         check_room(self.folder, self.section)
         self._flush()
 
-    @_guarded
-    def keep(self, why: str) -> None:
-        """Make one file of all segments; the oldest kept one may have to go."""
-        self._flush()
-        self._keep(why)
-
-    @_guarded
     def close(self) -> None:
         """Finish the running segment."""
-        self._close()
+        if self._writer is not None:
+            writer, self._writer = self._writer, None
+            writer.close(sync=self.section.sync)
 
     def retry(self, now_s: float) -> None:
         """Use it once more, if it is time; the next state begins a segment."""
-        if self.retry_s is not None and now_s >= self.retry_s:
-            self.retry_s = None
-            self.notify(RecorderNotification(flight_failed=""))
+        if self._retry_s is not None and now_s >= self._retry_s:
+            self._retry_s = None
+            self.on_failure("")
 
     def abandon(self) -> None:
         """Leave everything as it is, after a failure."""
@@ -175,12 +138,9 @@ class FlightRecorder:
         if self._writer is not None:
             self._writer.flush(sync=self.section.sync)
 
-    def _close(self) -> None:
-        if self._writer is not None:
-            writer, self._writer = self._writer, None
-            writer.close(sync=self.section.sync)
-
-    def _keep(self, why: str) -> None:
+    def keep(self, why: str) -> None:
+        """Make one file of all segments; the oldest kept one may have to go."""
+        self._flush()
         segments = self._found()
         if not segments:
             return
@@ -196,7 +156,7 @@ class FlightRecorder:
         for old in sorted(self.folder.glob(KEPT))[: -self.section.kept]:
             old.unlink(missing_ok=True)
             self.dropped += 1
-        self.notify(RecorderNotification(kept=path))
+        self.on_kept(path)
 
     def _found(self) -> list[Path]:
         return sorted(self._segments.glob(SEGMENT))

@@ -17,7 +17,6 @@ from traverse.daemon.errors import RequestRefusedError, Result
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.points.capture import PointWriter
 from traverse.daemon.recorder.file import Recorded
-from traverse.daemon.recorder.flight import RecorderNotification
 from traverse.daemon.recorder.item_queue import RecorderItem, RecorderQueue
 from traverse.daemon.recorder.thread import RecorderThread
 from traverse.daemon.step_listener import StateSource, StepListener
@@ -225,7 +224,9 @@ class Recorder:
             about=about,
             files=files,
             utc_offset_ns=clock.utc_offset_ns(),
-            notify=self._handle,
+            on_flight_failure=self._report_flight,
+            on_kept=self._report_kept,
+            on_stopped=self._handle_stopped,
         )
         self.heartbeat = self._thread.heartbeat
 
@@ -345,26 +346,26 @@ class Recorder:
             )
             self._n_dropped = n_dropped
 
-    def _handle(self, notification: RecorderNotification) -> None:
-        reason = notification.flight_failed
-        if reason is not None:
-            self._failed = reason
-            self._steps.request_state()
-            self._events.change(
-                bool(reason),
-                "error",
-                "recording.failed",
-                f"the flight recorder cannot write: {reason}"
-                if reason
-                else "the flight recorder tries again",
-                remedy="free space on the disk; measuring continues without it",
-            )
-        if notification.kept is not None:
-            text = f"the last minutes are kept in {notification.kept}"
-            self._events.report("info", "recording.kept", text, distinct=True)
-        if notification.stopped is not None:
-            self._steps.is_on = self._section.flight
-            self._report_stopped(*notification.stopped, by_itself=True)
+    def _report_flight(self, reason: str) -> None:
+        self._failed = reason
+        self._steps.request_state()
+        self._events.change(
+            bool(reason),
+            "error",
+            "recording.failed",
+            f"the flight recorder cannot write: {reason}"
+            if reason
+            else "the flight recorder tries again",
+            remedy="free space on the disk; measuring continues without it",
+        )
+
+    def _report_kept(self, path: Path) -> None:
+        text = f"the last minutes are kept in {path}"
+        self._events.report("info", "recording.kept", text, distinct=True)
+
+    def _handle_stopped(self, recorded: Recorded | None, why: str) -> None:
+        self._steps.is_on = self._section.flight
+        self._report_stopped(recorded, why, by_itself=True)
 
     def _report_stopped(
         self, recorded: Recorded | None, why: str, *, by_itself: bool

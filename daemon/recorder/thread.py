@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from dataclasses import KW_ONLY, InitVar, dataclass
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,13 +16,9 @@ from traverse.daemon.recorder.file import (
     ManualRecording,
     PreTriggerBuffer,
     Recorded,
-    RecordingEncoder,
+    entries_of,
 )
-from traverse.daemon.recorder.flight import (
-    FlightRecorder,
-    RecorderNotification,
-    reason_of,
-)
+from traverse.daemon.recorder.flight import FlightRecorder, reason_of
 from traverse.daemon.recorder.item_queue import RecorderItem, RecorderQueue
 from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.protocol.messages import Scan
@@ -42,9 +38,11 @@ class RecorderThread:
     """Take items from the queue and write them to the open recordings.
 
     Args:
-        files: arm file, configuration and so on, as they are now.
-        utc_offset_ns: what to add to host monotonic time.
-        notify: called on the loop.
+        files: arm file, configuration and so on, as they are now; others follow.
+        utc_offset_ns: what to add to host monotonic time; later ones follow.
+        on_flight_failure, on_kept: as of the flight recorder; called on the loop.
+        on_stopped: called on the loop when a recording has ended by itself, with what
+            there is of it, and why.
 
     Attributes:
         flight: the flight recorder, for its figures.
@@ -55,17 +53,21 @@ class RecorderThread:
     folder: Path
     section: RecordingSection
     about: Mapping[str, str]
-    files: InitVar[Mapping[str, bytes]]
-    utc_offset_ns: InitVar[int]
-    notify: Callable[[RecorderNotification], None]
+    files: Mapping[str, bytes]
+    utc_offset_ns: int
+    on_flight_failure: Callable[[str], None]
+    on_kept: Callable[[Path], None]
+    on_stopped: Callable[[Recorded | None, str], None]
 
-    def __post_init__(self, files: Mapping[str, bytes], utc_offset_ns: int) -> None:
-        self._files = dict(files)
-        self._encoder = RecordingEncoder(utc_offset_ns)
+    def __post_init__(self) -> None:
         self._loop = asyncio.get_running_loop()
         self._ring = PreTriggerBuffer()
         self.flight = FlightRecorder(
-            self.folder, self.section, self.about, self._notify
+            self.folder,
+            self.section,
+            self.about,
+            on_failure=lambda reason: self._notify(self.on_flight_failure, reason),
+            on_kept=lambda path: self._notify(self.on_kept, path),
         )
         self._manual: ManualRecording | None = None
         self._flushed_s = 0.0
@@ -121,7 +123,7 @@ class RecorderThread:
         """
         path = self.folder / f"{name}.mcap"
         about = {**self.about, "name": name, "note": note, "cause": "asked"}
-        head = RunHead(about, self._files)
+        head = RunHead(about, self.files)
         self._manual = ManualRecording(path, name, self.section, head, self._ring)
         return path
 
@@ -148,7 +150,7 @@ class RecorderThread:
 
     def _run(self) -> None:
         try:
-            self.flight.recover_crashed()
+            self.flight.use(FlightRecorder.recover_crashed)
             while not self._ended:
                 self.heartbeat.beat(TURN_S)
                 items = self.queue.take()
@@ -162,15 +164,13 @@ class RecorderThread:
                 if now_s - self._flushed_s >= self.section.flush_s:
                     self._flushed_s = now_s
                     self.flight.retry(now_s)
-                    self.flight.flush()
+                    self.flight.use(FlightRecorder.flush)
                     self._in_manual(ManualRecording.flush)
             self._close()
         except Exception as error:
             log.exception("fault in the recorder")
             self.flight.abandon()
-            self._notify(
-                RecorderNotification(flight_failed=f"fault in the recorder: {error!r}")
-            )
+            self._notify(self.on_flight_failure, f"fault in the recorder: {error!r}")
             if self._manual is not None:
                 self._stop_manual(error)
             self._refuse_rest()
@@ -182,7 +182,7 @@ class RecorderThread:
         if item.kind == "job":
             item.value()
         elif item.kind == "keep":
-            self.flight.keep(item.what)
+            self.flight.use(lambda flight: flight.keep(item.what))
         else:
             return False
         return True
@@ -192,8 +192,10 @@ class RecorderThread:
             return
         if item.kind == "state":
             self._ring.begin_segment(item.at_ns)
-            utc_ns = item.at_ns + self._encoder.utc_offset_ns
-            self.flight.begin_segment(item.at_ns, utc_ns, self._files)
+            utc_ns = item.at_ns + self.utc_offset_ns
+            self.flight.use(
+                lambda flight: flight.begin_segment(item.at_ns, utc_ns, self.files)
+            )
         elif isinstance(item.value, Scan) and self._manual is None:
             return  # as a cloud it is for recordings with a name only
         elif item.kind == "gap":
@@ -205,19 +207,21 @@ class RecorderThread:
             item = RecorderItem(
                 "files", item.at_ns, value={"probe": item.value["probe"]}
             )
-        for entry in self._encoder.entries(item):
+        elif item.kind == "related":
+            self.utc_offset_ns = item.value
+        for entry in entries_of(item, self.utc_offset_ns):
             self._record(entry)
 
     def _take_files(self, files: Mapping[str, bytes]) -> None:
-        self._files = dict(files)
+        self.files = files
         self._ring.clear()  # what is in it was made with other files
-        self.flight.attach(files)
+        self.flight.use(lambda flight: flight.attach(files))
         self._in_manual(lambda manual: manual.writer.attach(files))
         self.flight.end_segment()
 
     def _record(self, entry: Entry) -> None:
         self._ring.add(entry)
-        self.flight.add(entry)
+        self.flight.use(lambda flight: flight.add(entry))
         self._in_manual(lambda manual: manual.writer.add(entry))
 
     def _in_manual(self, act: Callable[[ManualRecording], object]) -> None:
@@ -233,17 +237,17 @@ class RecorderThread:
         self._manual = None
         if manual is not None:
             manual.writer.abandon()
-        self._notify(RecorderNotification(stopped=(recorded, reason_of(error))))
+        self._notify(self.on_stopped, recorded, reason_of(error))
 
     def _close(self) -> None:
-        self.flight.close()
+        self.flight.use(FlightRecorder.close)
         if self._manual is not None:
             recorded, why = None, "the daemon ends"
             try:
                 recorded = self.finish()
             except OSError as error:
                 why = reason_of(error)
-            self._notify(RecorderNotification(stopped=(recorded, why)))
+            self._notify(self.on_stopped, recorded, why)
 
     def _refuse_rest(self) -> None:
         """After a fault: no requester must wait for ever."""
@@ -251,6 +255,6 @@ class RecorderThread:
             for item in self.queue.take():
                 self._execute(item)
 
-    def _notify(self, notification: RecorderNotification) -> None:
+    def _notify(self, told: Callable[..., None], *args: object) -> None:
         with contextlib.suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(self.notify, notification)
+            self._loop.call_soon_threadsafe(told, *args)

@@ -206,24 +206,24 @@ def _is_close(one: Numbers, other: Numbers, name: str) -> bool:
     )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class ReplayResult:
     """Results of a replay.
 
     Attributes:
+        kernel_then, kernel_now: what computed.
         samples: sets of counts that were replayed.
         gaps: how often something is missing in the recording.
-        kernel_then, kernel_now: what computed.
         tear: where the file ends before its end, or None.
     """
 
     points: PointComparison
     scans: ScanComparison
-    samples: int
-    gaps: int
     kernel_then: str
     kernel_now: str
-    tear: str | None
+    samples: int = 0
+    gaps: int = 0
+    tear: str | None = None
 
     @property
     def holds(self) -> bool:

@@ -5,7 +5,7 @@ else. Blocks of samples may be cut, or joined where nothing lies between.
 """
 
 import asyncio
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
@@ -132,13 +132,13 @@ class Replay:
     def __post_init__(self) -> None:
         self._clock = ReplayClock()
         self._measurement: Measurement | None = None
+        then = self.reader.about.get("kernel", "?")
         self._points = PointComparison(is_recut=self.block is not None)
         self._scans = ScanComparison()
+        self._result = ReplayResult(self._points, self._scans, then, KERNEL)
         self._has_begun = False
         self._sure_ns = 0
-        self._joined: list[tuple[int, CountSamples]] = []
-        self._samples = 0
-        self._gaps = 0
+        self._joined: list[CountSamples] = []
 
     def run(self) -> ReplayResult:
         """Take all steps.
@@ -163,9 +163,8 @@ class Replay:
             tear = f" ({self.reader.tear})" if self.reader.tear else ""
             raise ValueError(f"{self.reader.path}: no state to begin with{tear}")
         self._scans.settle(self._points.tolerance_mm)
-        then = self.reader.about.get("kernel", "?")
-        compared, counted = (self._points, self._scans), (self._samples, self._gaps)
-        return ReplayResult(*compared, *counted, then, KERNEL, self.reader.tear)
+        self._result.tear = self.reader.tear
+        return self._result
 
     def _take(self, entry: Entry) -> None:
         match entry.topic.split("/"):
@@ -231,7 +230,7 @@ class Replay:
                     *read_recorded_inputs(self.reader.files, table["value"]["probe"])
                 )
             case "gap":
-                self._gaps += 1
+                self._result.gaps += 1
                 self._scans.begun.clear()
                 close_drivers(measurement)
                 self._measurement = None
@@ -242,7 +241,7 @@ class Replay:
         table = bytes_to_map(entry.content)
         delivery = delivery_from_map(table)
         if isinstance(delivery, CountSamples):
-            self._samples += len(delivery.seq)
+            self._result.samples += len(delivery.seq)
             self._join(entry, table, delivery)
             return
         self._flush()
@@ -264,22 +263,21 @@ class Replay:
             return
         waiting = self._joined
         if waiting and (
-            waiting[-1][1].stream != samples.stream
-            or waiting[-1][1].device != samples.device
+            waiting[-1].stream != samples.stream
+            or waiting[-1].device != samples.device
             or self._clock.offset_ns != entry.log_ns - table["at_ns"]
         ):
             self._flush()
         self._set_clock(entry, table)
-        waiting.append((table["at_ns"], samples))
-        if sum(len(s.seq) for _, s in waiting) >= block:
+        waiting.append(samples)
+        if sum(len(s.seq) for s in waiting) >= block:
             self._flush()
 
     def _flush(self) -> None:
         """Take the samples that waited to be joined."""
         waiting, self._joined = self._joined, []
         if waiting and self._measurement is not None:
-            joined = CountSamples.joined([samples for _, samples in waiting])
-            for part in _cut(joined, self.block):
+            for part in _cut(CountSamples.joined(waiting), self.block):
                 deliver(self._measurement, part)
 
     def _take_new(self, point: Point) -> None:
@@ -292,13 +290,11 @@ class Replay:
         self.take_scan(scan)
 
 
-def _cut(samples: CountSamples, block: int | None) -> Iterator[CountSamples]:
+def _cut(samples: CountSamples, block: int | None) -> list[CountSamples]:
     n = len(samples.seq)
     if block is None or n <= block:
-        yield samples
-        return
-    for start in range(0, n, block):
-        yield samples.rows(slice(start, start + block))
+        return [samples]
+    return [samples.rows(slice(at, at + block)) for at in range(0, n, block)]
 
 
 def deliver(measurement: Measurement, delivery: Delivery) -> None:

@@ -7,7 +7,9 @@ import numpy as np
 
 from traverse.daemon.config.schema import ScanSection
 from traverse.daemon.errors import RequestRefusedError
-from traverse.kinematics.filters import FILTERS, PointFilter
+from traverse.kinematics.filters import PointFilter
+from traverse.kinematics.filters.sections import Sections
+from traverse.kinematics.filters.thinning import Distance
 from traverse.protocol.messages import ScanArgs
 from traverse.protocol.messages.scan import ScanMode
 
@@ -45,13 +47,8 @@ class ScanPlan:
         if self.mode == "time":
             return None
         if self.mode == "distance":
-            return FILTERS["distance"](**{"spacing_mm": self.spacing_mm})
-        planes = {
-            "normal": self.normal,
-            "spacing_mm": self.spacing_mm,
-            "offset_mm": self.offset_mm,
-        }
-        return FILTERS["sections"](**planes)
+            return Distance(self.spacing_mm)
+        return Sections(self.normal, self.spacing_mm, self.offset_mm)
 
 
 def plan_scan(rate_hz: float, tracking_rate_hz: float) -> ScanPlan:

@@ -17,6 +17,7 @@ from traverse.kinematics.helmert.shape import shape_of
 from traverse.kinematics.helmert.transformation import mirrored_share
 from traverse.kinematics.helmert.volume import Volume, disposition_index, mean_motions
 from traverse.lab.alignment.flags import (
+    WORDS,
     disposition_flags,
     revealed_flags,
     scale_flags,
@@ -29,6 +30,7 @@ from traverse.lab.alignment.result import (
     POINT_LEVEL,
     AlignmentResult,
     AlignmentWarning,
+    Detectable,
     PointResult,
     global_test,
     point_p_value,
@@ -126,27 +128,24 @@ def _errors(common: CommonPoints) -> tuple[Floats, Floats, bool]:
     Raises:
         ValueError: They are stated of some only.
     """
-    n = len(common.names)
+    n, none = len(common.names), np.zeros((3, 3))
+    measured, nominal = (
+        [place.covariance_mm2 for place in places]
+        for places in (common.measured, common.nominal)
+    )
     lacking = [
-        name
-        for name, place in zip(common.names, common.measured, strict=True)
-        if place.covariance_mm2 is None
+        name for name, c in zip(common.names, measured, strict=True) if c is None
     ]
-    none = np.zeros((n, 3, 3))
-    nominal = [place.covariance_mm2 for place in common.nominal]
-    to_covariance = np.array(
-        [np.zeros((3, 3)) if c is None else c for c in nominal]
-    ).reshape(n, 3, 3)
+    to_covariance = np.array([none if c is None else c for c in nominal])
     if len(lacking) == n and not np.any(to_covariance):
-        return none, np.tile(np.eye(3), (n, 1, 1)), False
+        return np.tile(none, (n, 1, 1)), np.tile(np.eye(3), (n, 1, 1)), False
     if lacking:
         raise ValueError(
             f"errors are stated, but not of these measured points: "
             f"{', '.join(lacking)}; state them for all with --std"
         )
-    measured = [place.covariance_mm2 for place in common.measured]
-    from_covariance = np.array([c for c in measured if c is not None])
-    return from_covariance.reshape(n, 3, 3), to_covariance, True
+    from_covariance = np.array(measured, dtype=np.float64)
+    return from_covariance.reshape(n, 3, 3), to_covariance.reshape(n, 3, 3), True
 
 
 def _points(
@@ -169,13 +168,14 @@ def _points(
             measured_mm=common.measured[row].place_mm,
             nominal_mm=common.nominal[row].place_mm,
             residual_mm=adjusted.misclosures_mm[row],
+            residual_length_mm=float(np.linalg.norm(adjusted.misclosures_mm[row])),
             touches=common.measured[row].touches,
             spread_mm=common.measured[row].spread_mm,
             redundancy=found.shares[row],
             detectable_mm=_detectable(found.seen_per_mm2[row], sigma0),
             worst_direction=_towards_positive(found.directions[row, 0]),
-            hidden_mm=_hidden_mm(found, row, mean, sigma0),
-            hidden_ratio=_hidden_ratio(found, row, mean),
+            hidden_in_volume_mm=_hidden_mm(found, row, mean, sigma0),
+            hidden_in_volume_per_mm=_hidden_ratio(found, row, mean),
             p_value=point_p_value(
                 float(statistics[row]), int(np.count_nonzero(found.seen_per_mm2[row]))
             )
@@ -193,15 +193,12 @@ def _towards_positive(direction: Floats) -> Floats:
     return turned
 
 
-def _detectable(
-    seen_per_mm2: Floats, sigma0: float
-) -> tuple[float | None, float | None]:
-    """Return the least error that is found, in the best and the worst direction."""
+def _detectable(seen_per_mm2: Floats, sigma0: float) -> Detectable:
     best, worst = (
         sigma0 * FOUND / float(np.sqrt(seen)) if seen > 0.0 else None
         for seen in (seen_per_mm2[-1], seen_per_mm2[0])
     )
-    return best, worst
+    return Detectable(best, worst)
 
 
 def _hidden_mm(
@@ -232,10 +229,4 @@ def _suspects(
     worst = min(tested, key=lambda point: point.p_value or 0.0)
     if not (worst.p_value or 0.0) < POINT_LEVEL:
         return []
-    return [
-        AlignmentWarning(
-            "suspect_point",
-            f"{worst.name} does not fit the others (p = {worst.p_value:.2g}): measure "
-            "it again, or leave it out; with few points another one can be the cause",
-        )
-    ]
+    return [AlignmentWarning("suspect_point", WORDS.suspect_point(worst))]

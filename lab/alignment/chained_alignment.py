@@ -76,13 +76,10 @@ def _joined_covariance(
         return None, np.zeros(3)
     outer = transformation_of(first)
     told = [one["covariance"] for one in (values, first)]
-    n_parameters = max(len(one["matrix"]) for one in told)
-    padded = []
-    for one in told:
-        matrix = np.zeros((n_parameters, n_parameters))
-        n = len(one["matrix"])
-        matrix[:n, :n] = one["matrix"]
-        padded.append(matrix)
+    matrices = [np.array(one["matrix"]) for one in told]
+    n_parameters = max(map(len, matrices))
+    # A scale that is not adjusted is exact.
+    padded = [np.pad(one, (0, n_parameters - len(one))) for one in matrices]
     turned = np.eye(n_parameters)
     turned[:3, :3] = outer.scale * outer.rotation
     turned[3:N_RIGID, 3:N_RIGID] = outer.rotation

@@ -1,4 +1,4 @@
-"""Files of an alignment: written, read again, joined to one another."""
+"""Files of an alignment, and its text: its page, and lines for a terminal."""
 
 import json
 from collections.abc import Mapping
@@ -8,14 +8,48 @@ from typing import Any
 import numpy as np
 
 from traverse.kinematics.helmert.transformation import Helmert
-from traverse.lab.alignment.page import alignment_page
+from traverse.lab.alignment.pictures import alignment_paintings
 from traverse.lab.alignment.result import SCHEMA
+from traverse.lab.report.figures import painted
+from traverse.lab.report.templates import Filters, Words, page
 from traverse.protocol.messages import AlignArgs
 from traverse.strict_toml.files import json_of
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.writing import write_atomically
 
 FILE = "alignment.json"
+_WIDTH_MM = 175.0
+
+
+def _turn_degrees(rotation: list[list[float]]) -> float:
+    cosine = np.clip(0.5 * (np.trace(np.array(rotation)) - 1.0), -1.0, 1.0)
+    return float(np.degrees(np.arccos(cosine)))
+
+
+_FILTERS: Filters = {
+    "turn_degrees": _turn_degrees,
+    "sentence": lambda text: f"{text[0].upper()}{text[1:]}.",
+    # Adding zero takes the sign from what is rounded to nothing.
+    "unsigned_zero": lambda value, digits: round(value, digits) + 0.0,
+}
+WORDS = Words("alignment/words.jinja", **_FILTERS)
+
+
+def alignment_lines(values: Mapping[str, Any]) -> list[str]:
+    """Describe an alignment in lines."""
+    return WORDS.lines("summary", values)
+
+
+def alignment_page(values: Mapping[str, Any]) -> str:
+    """Make the page; the text is complete in itself."""
+    return page(
+        "alignment/page.jinja",
+        _FILTERS,
+        values=values,
+        alignment=values["alignment"],
+        words=WORDS,
+        pictures=painted(alignment_paintings(values), _WIDTH_MM),
+    )
 
 
 def write_alignment(values: Mapping[str, Any], folder: Path) -> None:
@@ -45,7 +79,7 @@ def read_alignment(path: Path) -> dict[str, Any]:
         align_args(values)
     except ValueError as error:
         message = f"is no alignment: {str(error).splitlines()[0]}"
-        raise FileError(str(file), [Problem("", message)]) from error
+        raise FileError(file, message) from error
     return values
 
 

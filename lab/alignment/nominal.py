@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
@@ -18,7 +18,7 @@ from traverse.kinematics.helmert.transformation import Helmert
 from traverse.kinematics.helmert.volume import Ball, Box, Volume
 from traverse.lab.alignment.touches import read_touch_table
 from traverse.lab.measured_points.measurement import reach_of
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.reader import StrictModel, read_strict
 
 VolumeFunction = Callable[[Helmert], Volume]
@@ -189,20 +189,12 @@ def read_nominal(path: Path) -> Nominal:
         x_mm, y_mm, z_mm = touch.place_mm.tolist()
         std_mm = 0.0 if covariance is None else float(np.sqrt(np.trace(covariance) / 3))
         if not touch.names:
-            raise FileError(
-                str(path), [Problem("", "a point has no name; give it one")]
-            )
-        points.append(
-            NominalPoint(
-                name=touch.names[0], x_mm=x_mm, y_mm=y_mm, z_mm=z_mm, std_mm=std_mm
-            )
-        )
+            raise FileError(path, "a point has no name; give it one")
+        name = touch.names[0]
+        point = NominalPoint(name=name, x_mm=x_mm, y_mm=y_mm, z_mm=z_mm, std_mm=std_mm)
+        points.append(point)
     try:
         return Nominal(schema="traverse/nominal/1", points=tuple(points))
-    except ValueError as error:
-        raise FileError(str(path), [Problem("", _last_line(error))]) from error
-
-
-def _last_line(error: ValueError) -> str:
-    words = str(error).split("Value error, ")[-1]
-    return words.split(" [type=", maxsplit=1)[0].strip()
+    except ValidationError as error:
+        told = error.errors()[0]["msg"].removeprefix("Value error, ")
+        raise FileError(path, told) from error

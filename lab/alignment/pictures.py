@@ -22,7 +22,7 @@ def alignment_paintings(
     if any(point["nominal_mm"] is not None for point in values["points"]):
         yield "Residuals", 65.0, lambda figure: _residuals(values, figure)
     if values["quality"]["places"]:
-        yield "Errors in the volume", 65.0, ellipsoids_painting(values)
+        yield "Errors in the volume", 65.0, lambda figure: ellipsoids(values, figure)
 
 
 def _views(values: Mapping[str, Any], figure: Figure) -> Iterator[tuple[Axes, Any]]:
@@ -90,16 +90,10 @@ def _residuals(values: Mapping[str, Any], figure: Figure) -> None:
     )
 
 
-def ellipsoids_painting(
-    values: Mapping[str, Any], factor: float | None = None
-) -> Paint:
-    """Return how to paint error ellipsoids, so many times as large; None chooses."""
-    return lambda figure: _ellipsoids(values, factor, figure)
-
-
-def _ellipsoids(
-    values: Mapping[str, Any], factor: float | None, figure: Figure
+def ellipsoids(
+    values: Mapping[str, Any], figure: Figure, factor: float | None = None
 ) -> None:
+    """Paint error ellipsoids, so many times as large; None chooses."""
     places = values["quality"]["places"]
     centres = np.array([place["place_mm"] for place in places])
     errors = np.array([place["covariance_mm2"] for place in places])

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 
 from traverse.arrays import Floats, Integers
-from traverse.kinematics.helmert.shape import direction_text, shape_of
+from traverse.kinematics.helmert.shape import shape_of
 from traverse.kinematics.helmert.volume import VolumeError, mean_motions
 from traverse.kinematics.helmert.volume import volume_error as error_in
 from traverse.lab.alignment.flags import (
     POOR_INDEX,
     STRAIGHT,
+    WORDS,
     revealed_flags,
     turn_problem,
 )
@@ -31,6 +32,7 @@ from traverse.lab.alignment.result import (
     FOUND,
     AlignmentResult,
     AlignmentWarning,
+    Detectable,
     PointResult,
     global_test,
     point_p_value,
@@ -45,33 +47,18 @@ def _plane_flags(index: VolumeError, on_plane_mm: Floats) -> Iterator[AlignmentW
     """Flag what the touches of the plane, (n, 3), leave weak."""
     shape = shape_of(on_plane_mm)
     if shape.straightness < STRAIGHT:
-        yield AlignmentWarning(
-            "nearly_collinear",
-            f"the touches of the plane are nearly collinear (within "
-            f"{shape.straightness:.1%} of their length): the rotation about the "
-            f"direction {direction_text(shape.axes[0])} is hardly determined; touch "
-            "the plane far beside that line",
-            shape.axes[0],
-        )
+        text = WORDS.nearly_collinear_plane(shape)
+        yield AlignmentWarning("nearly_collinear", text, shape.axes[0])
     if index.rms_mm > POOR_INDEX:
-        yield AlignmentWarning(
-            "small_for_the_volume",
-            f"places in the volume are {index.rms_mm:.1f} times as uncertain as a "
-            f"touch, {index.max_mm:.1f} times at its worst place: plane and line are "
-            "touched too close together for it",
-        )
+        text = WORDS.small_for_the_volume_plane(index)
+        yield AlignmentWarning("small_for_the_volume", text)
 
 
 def _centre_flags(touches: Sequence[Touch]) -> Iterator[AlignmentWarning]:
     """Flag places that are not on the surfaces of the nominal file."""
     off_mm = max((touch.off_mm or 0.0 for touch in touches), default=0.0)
     if off_mm > 0.0:
-        yield AlignmentWarning(
-            "ball_centres",
-            f"touches are centres of a ball of {off_mm:g} mm radius: nominal plane, "
-            "line and point have to lie so far off the surfaces; else take points with "
-            "compensation, and use --coordinates surface",
-        )
+        yield AlignmentWarning("ball_centres", WORDS.ball_centres(off_mm))
 
 
 def _feature_values(
@@ -209,13 +196,14 @@ def _point(
         measured_mm=touch.place_mm,
         nominal_mm=None,
         residual_mm=residual_mm * way,
+        residual_length_mm=float(np.linalg.norm(residual_mm * way)),
         touches=1,
         spread_mm=None,
         redundancy=share * way**2,
-        detectable_mm=(least_mm, least_mm),
+        detectable_mm=Detectable(least_mm, least_mm),
         worst_direction=way,
-        hidden_mm=None if least_mm is None else least_mm * in_volume,
-        hidden_ratio=in_volume,
+        hidden_in_volume_mm=None if least_mm is None else least_mm * in_volume,
+        hidden_in_volume_per_mm=in_volume,
         p_value=point_p_value(float(statistic), int(share > 0.0))
         if is_stated
         else None,

@@ -18,6 +18,7 @@ from traverse.kinematics.helmert.volume import (
     place_covariances,
     volume_error,
 )
+from traverse.lab.report.plain_values import plain_values
 from traverse.lab.report.provenance import (
     ReportProvenance,
     ReportSource,
@@ -106,6 +107,14 @@ class AlignmentWarning:
     direction: Floats | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class Detectable:
+    """Least error of a point that is found, in the best and the worst direction."""
+
+    best: float | None
+    worst: float | None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PointResult:
     """A common point, or a touch of a feature.
@@ -116,27 +125,27 @@ class PointResult:
         residual_mm: Nominal less transformed, (3,).
         touches: How many it is the mean of.
         redundancy: Of each coordinate, (3,).
-        detectable_mm: Least error that is found, in the best and in the worst
-            direction; None where it cannot be found, however large.
-        worst_direction: Of the error that is found worst, (3,).
-        hidden_mm: What an error that is just not found does to the volume, at the
-            worst; None where there is no limit to it.
-        hidden_ratio: The same per mm of an error in the worst direction.
         p_value: Of its residuals; None without redundancy.
+        detectable_mm: None where an error cannot be found, however large.
+        worst_direction: Of the error that is found worst, (3,).
+        hidden_in_volume_mm: What an error that is just not found does to the volume, at
+            the worst; None where there is no limit to it.
+        hidden_in_volume_per_mm: The same per mm of an error in the worst direction.
     """
 
     name: str
     measured_mm: Floats
     nominal_mm: Floats | None
     residual_mm: Floats
+    residual_length_mm: float
     touches: int
     spread_mm: float | None
     redundancy: Floats
-    detectable_mm: tuple[float | None, float | None]
-    worst_direction: Floats
-    hidden_mm: float | None
-    hidden_ratio: float
     p_value: float | None
+    detectable_mm: Detectable
+    worst_direction: Floats
+    hidden_in_volume_mm: float | None
+    hidden_in_volume_per_mm: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -229,17 +238,14 @@ def alignment_values(
             "index": error_values(found.index),
             **predicted_values(found.volume, found.centre_mm, found.covariance),
         },
-        "points": [_point(point) for point in found.points],
-        "features": list(found.features),
-        "flags": [
+        **plain_values(
             {
-                "code": flag.code,
-                "text": flag.text,
-                "direction": _listed(flag.direction),
+                "points": found.points,
+                "features": found.features,
+                "flags": found.flags,
+                "remarks": found.remarks,
             }
-            for flag in found.flags
-        ],
-        "remarks": list(found.remarks),
+        ),
     }
 
 
@@ -279,26 +285,3 @@ def error_values(error: VolumeError) -> dict[str, Any]:
     """Write errors of position in a volume."""
     at_mm = error.max_at_mm.tolist()
     return {"rms": error.rms_mm, "max": error.max_mm, "max_at_mm": at_mm}
-
-
-def _point(point: PointResult) -> dict[str, Any]:
-    best, worst = point.detectable_mm
-    return {
-        "name": point.name,
-        "measured_mm": point.measured_mm.tolist(),
-        "nominal_mm": _listed(point.nominal_mm),
-        "residual_mm": point.residual_mm.tolist(),
-        "residual_length_mm": float(np.linalg.norm(point.residual_mm)),
-        "touches": point.touches,
-        "spread_mm": point.spread_mm,
-        "redundancy": point.redundancy.tolist(),
-        "p_value": point.p_value,
-        "detectable_mm": {"best": best, "worst": worst},
-        "worst_direction": point.worst_direction.tolist(),
-        "hidden_in_volume_mm": point.hidden_mm,
-        "hidden_in_volume_per_mm": point.hidden_ratio,
-    }
-
-
-def _listed(vector: Floats | None) -> list[float] | None:
-    return None if vector is None else vector.tolist()

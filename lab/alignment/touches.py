@@ -79,33 +79,27 @@ def touches_of_points(
     Raises:
         ValueError: A point has no touched place.
     """
-    shared = [None] * len(points) if shared_mm is None else shared_mm
-    return [
-        _touch_of(point, coordinates, by_arm)
-        for point, by_arm in zip(points, shared, strict=True)
-    ]
-
-
-def _touch_of(
-    point: Point, coordinates: Coordinates, shared_mm: Floats | None
-) -> Touch:
-    place = point.xyz_mm if coordinates == "centre" else point.surface_mm
-    if place is None:
-        raise ValueError(
-            f"point {point.seq} of session {point.session} was taken without "
-            "compensation, so it has no touched place; use --coordinates centre"
+    touches = []
+    for row, point in enumerate(points):
+        place = point.xyz_mm if coordinates == "centre" else point.surface_mm
+        if place is None:
+            raise ValueError(
+                f"point {point.seq} of session {point.session} was taken without "
+                "compensation, so it has no touched place; use --coordinates centre"
+            )
+        is_stated = point.covariance_mm2 is not None
+        touch = Touch(
+            names_of(point.label.artefact, point.label.feature),
+            np.array(place),
+            matrix_of(point.covariance_mm2) if point.covariance_mm2 else None,
+            shared_mm[row] if shared_mm is not None and is_stated else None,
+            np.array(point.ijk),
+            point.arm,
+            tuple(point.quality.flags),
+            point.probe_radius_mm if coordinates == "centre" else 0.0,
         )
-    covariance = point.covariance_mm2
-    return Touch(
-        names_of(point.label.artefact, point.label.feature),
-        np.array(place),
-        None if covariance is None else matrix_of(covariance),
-        None if covariance is None else shared_mm,
-        np.array(point.ijk),
-        point.arm,
-        tuple(point.quality.flags),
-        point.probe_radius_mm if coordinates == "centre" else 0.0,
-    )
+        touches.append(touch)
+    return touches
 
 
 def matrix_of(tensor: Sequence[float]) -> Floats:
@@ -129,8 +123,7 @@ def read_touch_table(path: Path, coordinates: Coordinates) -> list[Touch]:
             reader.fieldnames = header
             rows = [(reader.line_num, row) for row in reader]
     except (UnicodeDecodeError, csv.Error) as error:
-        message = f"is no table in CSV: {error}"
-        raise FileError(str(path), [Problem("", message)]) from error
+        raise FileError(path, f"is no table in CSV: {error}") from error
     problems = [
         Problem("line 1", f"column '{name}' is missing; add it")
         for name in _PLACES[coordinates]
@@ -268,18 +261,20 @@ def places_by_name(
     if unknown:
         remarks.append(
             f"left out: {counted(unknown, 'touch')} with a name that the other side "
-            "does "
-            "not know"
+            "does not know"
         )
     for name, group in groups.items():
         flags = sorted({flag for touch in group for flag in touch.flags})
         if flags:
             remarks.append(f"{name}: touches carry flags: {', '.join(flags)}")
     make = _sphere_centre if spheres else _mean_place
-    return {
-        name: make(name, group, stated_errors(group, std_mm))
-        for name, group in groups.items()
-    }, remarks
+    places = {}
+    for name, group in groups.items():
+        try:
+            places[name] = make(group, stated_errors(group, std_mm))
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from error
+    return places, remarks
 
 
 def stated_errors(
@@ -298,18 +293,12 @@ def stated_errors(
     stated = [t.covariance_mm2 for t in touches if t.covariance_mm2 is not None]
     if len(stated) < n:
         return None
-    shared = [touch.shared_mm for touch in touches if touch.shared_mm is not None]
-    return JointCovariance(
-        places_mm,
-        np.array(stated),
-        np.array(shared) if len(shared) == n else nothing,
-    )
+    known = [touch.shared_mm for touch in touches if touch.shared_mm is not None]
+    shared = np.array(known) if len(known) == n else nothing
+    return JointCovariance(places_mm, np.array(stated), shared)
 
 
-def _mean_place(
-    name: str, group: Sequence[Touch], errors: JointCovariance | None
-) -> Place:
-    del name
+def _mean_place(group: Sequence[Touch], errors: JointCovariance | None) -> Place:
     places_mm = np.array([touch.place_mm for touch in group])
     mean_mm = places_mm.mean(axis=0)
     spread_mm = float(np.sqrt(np.mean(np.sum((places_mm - mean_mm) ** 2, axis=1))))
@@ -326,15 +315,10 @@ def _mean_place(
     )
 
 
-def _sphere_centre(
-    name: str, group: Sequence[Touch], errors: JointCovariance | None
-) -> Place:
+def _sphere_centre(group: Sequence[Touch], errors: JointCovariance | None) -> Place:
     """Fit a sphere; a touch scatters as stated, or as the fit says if that is more."""
     places_mm = np.array([touch.place_mm for touch in group])
-    try:
-        sphere = fit_sphere(places_mm)
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from error
+    sphere = fit_sphere(places_mm)
     found_mm = sphere.precision.std_mm
     covariance = shared = None
     if errors is not None:

@@ -5,7 +5,6 @@ check makes it anew and compares every byte but the signature.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
 
@@ -15,12 +14,14 @@ from lxml import etree
 from traverse.lab.acceptance.certificate.check import DATA
 from traverse.lab.certificates.evidence import (
     LABORATORY,
+    evidence_files,
     evidence_problems,
-    read_evidence,
+    evidence_text,
 )
 from traverse.lab.certificates.laboratory import Laboratory, read_laboratory
 from traverse.lab.certificates.signature import (
     SIGNATURE,
+    Checked,
     SigningKey,
     checked_signature,
     signed,
@@ -33,9 +34,8 @@ from traverse.lab.certificates.xml import (
     xml_bytes,
 )
 from traverse.lab.report.checksums import sums_of, sums_problems, write_sums
-from traverse.lab.report.templates import page
 from traverse.strict_toml.files import bytes_of
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.writing import replacing, write_atomically
 
 _ISSUED = "{https://ptb.de/dcc}issueDate"
@@ -55,61 +55,31 @@ def certify(
         FileError: The figures do not follow from the data, a file or the laboratory's
             statements cannot be used, or the certificate does not keep to the schema.
     """
-    source = str(folder)
     problems = list(sums_problems(folder)) or list(evidence_problems(folder))
     if problems:
-        raise FileError(source, [Problem("", problem) for problem in problems])
+        raise FileError(folder, problems)
     stated = read_laboratory(laboratory)
     text = bytes_of(laboratory).decode("utf-8")
     write_atomically(folder / DATA / LABORATORY, text)
     root = _document(folder, stated, issue_date(stated))
     problems = list(schema_problems(root, schemas))
     if problems:
-        raise FileError(source, [Problem("", f"schema: {one}") for one in problems])
+        raise FileError(folder, [f"schema: {one}" for one in problems])
     content = xml_bytes(root if key is None else signed(root, key))
     path = folder / DCC
     with replacing(path) as file:
         file.write(content)
-    names = read_evidence(folder).files
-    write_sums(folder, sums_of(folder, (*names, DCC)))
+    write_sums(folder, sums_of(folder, (*evidence_files(folder), DCC)))
     return path
 
 
 def _document(folder: Path, stated: Laboratory, issued: date) -> etree._Element:
-    evidence = read_evidence(folder)
-    document = dict(evidence.document)
-    arm = document["arm"]
-    if stated.arm.serial_number:
-        named = ("manufacturer", "serial number", stated.arm.serial_number)
-        others = [one for one in arm["identifications"] if one[0] == "other"]
-        document["arm"] = {**arm, "identifications": [named, *others]}
-    text = page(
-        "certificates/dcc.jinja",
-        {},
-        **document,
-        laboratory=stated.model_dump(),
-        issued=issued.isoformat(),
-        files=sums_of(folder, evidence.files),
-    )
-    return indented(text, str(folder / DCC))
-
-
-@dataclass(frozen=True, slots=True)
-class CheckedCertificate:
-    """What a check found.
-
-    Attributes:
-        problems: Everything that is altered, invalid or missing.
-        notes: What was checked, and what could not be.
-    """
-
-    problems: tuple[str, ...]
-    notes: tuple[str, ...]
+    return indented(evidence_text(folder, stated, issued), str(folder / DCC))
 
 
 def checked_certificate(
     folder: Path, trusted: Sequence[Certificate], schemas: Path | None = None
-) -> CheckedCertificate:
+) -> Checked:
     """Check a certificate of a folder: digests, form, schema, signature, and figures.
 
     Raises:
@@ -121,8 +91,8 @@ def checked_certificate(
     problems = list(sums_problems(folder, required=(DCC,)))
     problems += [f"{DCC} is invalid: {one}" for one in schema_problems(root, schemas)]
     if problems:
-        return CheckedCertificate(tuple(problems), ())
-    problems += sums_problems(folder, read_evidence(folder).files)
+        return Checked(tuple(problems))
+    problems += sums_problems(folder, evidence_files(folder))
     if xml_bytes(root) != content:
         problems.append(f"{DCC} was altered: it is not as it was written")
     issued = date.fromisoformat(root.findtext(f".//{_ISSUED}") or "")
@@ -138,9 +108,7 @@ def checked_certificate(
     ]
     schema = "the schema in " + str(schemas) if schemas else "Traverse's part of DCC"
     notes = [*signature.notes, f"keeps to {schema}"]
-    return CheckedCertificate(
-        tuple(problems or evidence_problems(folder)), tuple(notes)
-    )
+    return Checked(tuple(problems or evidence_problems(folder)), tuple(notes))
 
 
 def _differing(stated: etree._Element, expected: etree._Element) -> list[str]:

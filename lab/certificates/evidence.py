@@ -7,8 +7,7 @@ whenever a certificate is checked.
 import json
 import shutil
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +23,8 @@ from traverse.lab.acceptance.certificate.check import (
     certificate_problems,
 )
 from traverse.lab.campaign.campaign import read_campaign
-from traverse.lab.certificates.document import (
-    identification_document,
-    verification_document,
-)
+from traverse.lab.certificates.document import certificate_text
+from traverse.lab.certificates.laboratory import Laboratory
 from traverse.lab.identification.identify import IdentificationError, Options, identify
 from traverse.lab.identification.results.files import (
     COVARIANCE_FILE,
@@ -39,10 +36,12 @@ from traverse.lab.identification.results.files import (
 )
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.measured_points.reading import files_read, read_measured
+from traverse.lab.report.checksums import sums_of
 from traverse.lab.report.differences import differences
 from traverse.lab.report.provenance import digest_of_files
+from traverse.lab.report.templates import MissingValueError
 from traverse.strict_toml.files import json_of
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.problems import FileError
 
 LABORATORY = "laboratory.toml"
 _DESIGN = "design.toml"
@@ -55,48 +54,44 @@ _NOT_ALONE = {
 _NOT_COMPARED = ("provenance", "iterations", "suggestions", "holdout")
 
 
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """What a folder has to be certified.
-
-    Attributes:
-        document: Values of the template, but for the laboratory's.
-        files: Names of the files that the certificate refers to.
-    """
-
-    document: Mapping[str, Any]
-    files: tuple[str, ...]
+def evidence_files(folder: Path) -> tuple[str, ...]:
+    """Name the files of a folder that its certificate refers to."""
+    pages = PAGES if (folder / CERTIFICATE).is_file() else IDENTIFICATION_FILES
+    data = sorted(path for path in (folder / DATA).glob("*") if path.is_file())
+    return (*pages, *(f"{DATA}/{path.name}" for path in data))
 
 
-def read_evidence(folder: Path) -> Evidence:
-    """Read a folder of results.
+def evidence_text(folder: Path, laboratory: Laboratory, issued: date) -> str:
+    """Write the certificate of a folder of results, as XML.
 
     Raises:
         FileError: It is none, or states too little to be certified.
     """
-    data = tuple(
-        f"{DATA}/{path.name}"
-        for path in sorted((folder / DATA).glob("*"))
-        if path.is_file()
-    )
+    stated: dict[str, Any] = {
+        "laboratory": laboratory.model_dump(),
+        "issued": issued.isoformat(),
+        "files": sums_of(folder, evidence_files(folder)),
+    }
     try:
         if (folder / CERTIFICATE).is_file():
             values = _values(folder / CERTIFICATE)
-            return Evidence(verification_document(values), (*PAGES, *data))
+            about = values["administration"], values["arm"]["digest"]
+            return certificate_text("verification", values, *about, **stated)
         values = _values(folder / IDENTIFICATION)
         arm = read_arm(folder / _ARM)
         measured = read_measured(folder / DATA, arm)
-        document = identification_document(
-            values, administration_of([measured], arm), arm_digest(arm)
-        )
-    except (KeyError, TypeError) as error:
-        told = f"has no {error}; make the results again with this version of Traverse"
-        raise FileError(str(folder), [Problem("", told)]) from error
+        about = administration_of([measured], arm), arm_digest(arm)
+        return certificate_text("identification", values, *about, **stated)
+    except FileError:
+        raise
+    except (KeyError, TypeError, MissingValueError) as error:
+        lacks = f"has no {str(error).rpartition(' ')[2]}"
+        if isinstance(error, TypeError):
+            lacks = f"has a value of the wrong type ({error})"
+        told = f"{lacks}; make the results again with this version of Traverse"
+        raise FileError(folder, told) from error
     except ValueError as error:
-        if isinstance(error, FileError):
-            raise
-        raise FileError(str(folder), [Problem("", str(error))]) from error
-    return Evidence(document, (*IDENTIFICATION_FILES, *data))
+        raise FileError(folder, str(error)) from error
 
 
 def _values(path: Path) -> dict[str, Any]:
@@ -104,9 +99,9 @@ def _values(path: Path) -> dict[str, Any]:
         values = json_of(path)
     except (OSError, ValueError) as error:
         told = "is no folder of `traverse verify --out` or `traverse identify --out`"
-        raise FileError(str(path.parent), [Problem("", f"{told}: {error}")]) from error
+        raise FileError(path.parent, f"{told}: {error}") from error
     if not isinstance(values, dict):
-        raise FileError(str(path), [Problem("", "is no table of results")])
+        raise FileError(path, "is no table of results")
     return values
 
 

@@ -16,7 +16,7 @@ from signxml.signer import XMLSigner
 from signxml.verifier import SignatureConfiguration, XMLVerifier
 
 from traverse.strict_toml.files import bytes_of
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.problems import FileError
 
 _NAMESPACE = "http://www.w3.org/2000/09/xmldsig#"
 SIGNATURE = f"{{{_NAMESPACE}}}Signature"
@@ -42,7 +42,8 @@ def read_certificate(path: Path) -> x509.Certificate:
     try:
         return x509.load_pem_x509_certificate(bytes_of(path))
     except ValueError as error:
-        raise _refused(path, f"is no X.509 certificate in PEM form: {error}") from error
+        told = f"is no X.509 certificate in PEM form: {error}"
+        raise FileError(path, told) from error
 
 
 def read_signing_key(
@@ -61,23 +62,19 @@ def read_signing_key(
             "is no private key in PEM form, or its password is not that of "
             f"TRAVERSE_KEY_PASSWORD: {error}"
         )
-        raise _refused(key, told) from error
+        raise FileError(key, told) from error
     is_usable = isinstance(private, ec.EllipticCurvePrivateKey) or (
         isinstance(private, rsa.RSAPrivateKey) and private.key_size >= _LEAST_RSA_BITS
     )
     if not is_usable:
         told = f"is no ECDSA key, nor RSA with {_LEAST_RSA_BITS} bits or more; make one"
-        raise _refused(key, told)
+        raise FileError(key, told)
     found = read_certificate(certificate)
     if found.public_key() != private.public_key():
-        raise _refused(certificate, f"does not belong to the key {key}")
+        raise FileError(certificate, f"does not belong to the key {key}")
     if not _is_valid(found, issued):
-        raise _refused(certificate, f"is {_validity(found)}, not on {issued}")
+        raise FileError(certificate, f"is {_validity(found)}, not on {issued}")
     return SigningKey(private, found)  # type: ignore[arg-type]  # of two kinds
-
-
-def _refused(path: Path, told: str) -> FileError:
-    return FileError(str(path), [Problem("", told)])
 
 
 def _validity(certificate: x509.Certificate) -> str:
@@ -98,8 +95,13 @@ def signed(root: etree._Element, key: SigningKey) -> etree._Element:
 
 
 @dataclass(frozen=True, slots=True)
-class CheckedSignature:
-    """What is wrong with a signature, and what is to be said of it otherwise."""
+class Checked:
+    """What a check of a certificate or its signature found.
+
+    Attributes:
+        problems: Everything that is altered, invalid or missing.
+        notes: What was checked, and what could not be.
+    """
 
     problems: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -107,7 +109,7 @@ class CheckedSignature:
 
 def checked_signature(
     root: etree._Element, issued: date, trusted: Sequence[x509.Certificate]
-) -> CheckedSignature:
+) -> Checked:
     """Check the signature of a document.
 
     Whoever is trusted is trusted as signer or as who issued the signer's certificate.
@@ -115,10 +117,10 @@ def checked_signature(
     """
     signatures = root.findall(SIGNATURE)
     if not signatures and not trusted:
-        return CheckedSignature(notes=("is not signed: who made it is not proved",))
+        return Checked(notes=("is not signed: who made it is not proved",))
     keys = [key for one in signatures for key in one.findall(f".//{_X509}")]
     if len(signatures) != 1 or len(keys) != 1:
-        return CheckedSignature(("is not signed, or not once by one key",))
+        return Checked(("is not signed, or not once by one key",))
     try:
         own = x509.load_der_x509_certificate(b64decode(keys[0].text or ""))
         _verify(root, own)
@@ -126,14 +128,13 @@ def checked_signature(
             raise ValueError(f"its certificate is {_validity(own)}, not on {issued}")
         signer = _described(own)
     except (*_INVALID, etree.LxmlError) as error:
-        told = f"was altered, or has no valid signature: {error}"
-        return CheckedSignature((told,))
+        return Checked((f"was altered, or has no valid signature: {error}",))
     if not trusted:
         compare = "the signer was not compared: name whom you trust by --trust"
-        return CheckedSignature(notes=(f"signed by {signer}", compare))
+        return Checked(notes=(f"signed by {signer}", compare))
     if not any(_vouches(one, own) for one in trusted):
-        return CheckedSignature((f"was signed by one who is not trusted: {signer}",))
-    return CheckedSignature(notes=(f"signed by {signer}, who is trusted",))
+        return Checked((f"was signed by one who is not trusted: {signer}",))
+    return Checked(notes=(f"signed by {signer}, who is trusted",))
 
 
 def _verify(root: etree._Element, own: x509.Certificate) -> None:

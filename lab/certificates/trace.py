@@ -7,7 +7,7 @@ with, a recording the files in it. A name that no file beside them has is missin
 
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -21,13 +21,13 @@ from traverse.lab.identification.results.files import (
     IDENTIFICATION_FILES,
 )
 from traverse.lab.measured_points.reading import files_read
-from traverse.lab.report.checksums import SUMS, sums_of, sums_problems
+from traverse.lab.report.checksums import SUMS, sums_problems
 from traverse.lab.report.provenance import digest_of_files
 from traverse.protocol.signed_points import checked_points, points_of_lines
 from traverse.recording.reader import read_recording
 from traverse.recording.run_reader import RunReader
 from traverse.strict_toml.files import json_of, table_lines
-from traverse.strict_toml.problems import FileError, Problem, toml_table, toml_text
+from traverse.strict_toml.problems import FileError, toml_table, toml_text
 
 State = Literal["whole", "altered", "missing", "not stated"]
 # Of the folders in which files are looked for.
@@ -61,17 +61,16 @@ class Link:
         for link in self.links:
             yield from link.every()
 
+    def alter(self, *remarks: str) -> "Link":
+        """State that it is not as it was written, and why."""
+        self.state = "altered"
+        self.remarks += remarks
+        return self
+
     @property
     def values(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
-        return {
-            "what": self.what,
-            "path": None if self.path is None else str(self.path),
-            "sha256": self.sha256,
-            "state": self.state,
-            "remarks": self.remarks,
-            "links": [link.values for link in self.links],
-        }
+        """Plain values, for JSON; paths are written as texts."""
+        return asdict(self)
 
     def lines(self, depth: int = 0) -> Iterator[str]:
         """The tree for people: a line a file, indented below what follows from it."""
@@ -114,30 +113,32 @@ class Tracer:
                 return self._verification(folder)
             if (folder / IDENTIFICATION).is_file():
                 return self._identification(folder)
-        if (folder / "campaign.toml").is_file() and (
-            path.is_dir() or path.name == "campaign.toml"
-        ):
+        if path.is_dir() and (folder / "campaign.toml").is_file():
             return self._campaign(folder)
-        if path.suffix == ".mcap":
-            return self._recording(path)
-        if path.suffix == ".jsonl":
-            return self._points(path)
-        if path.suffix == ".toml":
-            return self._arm(read_arm(path), path)
+        if (link := self._walked(path)) is not None:
+            return link
         told = (
             "is neither a folder of results or of a campaign, nor an arm file, a "
             "recording (.mcap) or points (.jsonl)"
         )
-        raise FileError(str(path), [Problem("", told)])
+        raise FileError(path, told)
+
+    def _walked(self, path: Path) -> Link | None:
+        """Walk the chain of a file by its kind; None: it follows from nothing."""
+        if path.name == "campaign.toml" and path.is_file():
+            return self._campaign(path.parent)
+        if path.suffix == ".toml":
+            return self._arm(read_arm(path), path)
+        if path.suffix == ".mcap":
+            return self._recording(path)
+        return self._points(path) if path.suffix == ".jsonl" else None
 
     def _folder(self, what: str, folder: Path, named: Iterable[str]) -> Link:
         link = Link(what, folder)
-        if (folder / SUMS).is_file():
-            link.remarks += sums_problems(folder, named)
-        if link.remarks:
-            link.state = "altered"
-        elif not (folder / SUMS).is_file():
+        if not (folder / SUMS).is_file():
             link.remarks.append(f"no {SUMS}: pages and tables in it are not checked")
+        elif problems := list(sums_problems(folder, named)):
+            link.alter(*problems)
         if (folder / DCC).is_file():
             told = "signature and figures are checked by `traverse verify --check`"
             link.remarks.append(f"has a certificate, {DCC}: {told}")
@@ -156,12 +157,12 @@ class Tracer:
     def _identification(self, folder: Path) -> Link:
         values = _table(folder / IDENTIFICATION)
         link = self._folder("identification", folder, IDENTIFICATION_FILES)
-        if (folder / "arm.toml").is_file():
-            link.links.append(
-                self._arm(read_arm(folder / "arm.toml"), folder / "arm.toml")
-            )
-        else:
-            link.links.append(Link("arm.toml", state="missing"))
+        arm = folder / "arm.toml"
+        link.links.append(
+            self._arm(read_arm(arm), arm)
+            if arm.is_file()
+            else Link(arm.name, state="missing")
+        )
         source = values.get("provenance")
         campaign = source.get("campaign") if isinstance(source, Mapping) else None
         digest = campaign.get("sha256") if isinstance(campaign, Mapping) else None
@@ -173,16 +174,13 @@ class Tracer:
         """A file whose bytes are named; what it follows from is walked."""
         if not path.is_file():
             return Link(path.name, None, digest, "missing")
-        if sums_of(path.parent, [path.name])[path.name] != digest:
+        if digest_of_files([path]) != digest:
             remark = "its digest is not the one by which it is named"
-            return Link(path.name, path, digest, "altered", [remark])
-        if path.name == "arm.toml":
-            return self._arm(read_arm(path), path)
-        if path.name == "campaign.toml":
-            return self._campaign(path.parent)
-        if path.suffix == ".mcap":
-            return self._recording(path)
-        return Link(path.name, path, digest)
+            return Link(path.name, path, digest).alter(remark)
+        # Other tables, of limits for example, are no arm files.
+        leads_on = path.name in ("arm.toml", "campaign.toml") or path.suffix == ".mcap"
+        link = self._walked(path) if leads_on else None
+        return link or Link(path.name, path, digest)
 
     def _arm(self, arm: Arm, path: Path | None) -> Link:
         own = arm_digest(arm)
@@ -208,9 +206,9 @@ class Tracer:
 
     def _campaign(self, folder: Path) -> Link:
         file = read_campaign_file(folder / "campaign.toml")
-        digest = campaign_digest(folder / "campaign.toml", file)
-        link = Link("campaign", folder, digest)
-        self._seen |= {digest, digest_of_files(files_read(folder))}
+        digests = _campaign_digests(folder / "campaign.toml", file)
+        link = Link("campaign", folder, digests[0])
+        self._seen.update(digests)
         for name in _standards(file):
             link.remarks.append(f"{name}, outside of this chain")
         link.links.append(self._named("arm file", file.arm_digest))
@@ -228,13 +226,10 @@ class Tracer:
             try:
                 found = read_recording(path)  # of samples, not of a daemon
             except FileError:
-                link.state = "altered"
-                link.remarks.append(str(error))
-                return link
+                return link.alter(str(error))
             text, tear = found.arm_text.encode(), found.tear
         if tear is not None:
-            link.state = "altered"
-            link.remarks.append(f"is not whole: {tear}")
+            link.alter(f"is not whole: {tear}")
         else:  # a file that is none may be endless
             link.sha256 = digest_of_files([path])
         if text is None:
@@ -257,8 +252,7 @@ class Tracer:
             told = "signed, and not checked: name the arm's public key by --key"
             link.remarks.append(told)
         if wrong:
-            link.state = "altered"
-            link.remarks += wrong
+            link.alter(*wrong)
         else:  # a file that is none may be endless
             link.sha256 = digest_of_files([path])
         models = dict.fromkeys(one.model for one in whole)
@@ -272,13 +266,8 @@ class Tracer:
         path = self._known.get(digest)
         if path is None:
             return Link(what, None, digest, "missing", ["name its folder by --in"])
-        if digest in self._seen:
-            return Link(what, path, digest)
-        if path.suffix == ".toml" and path.name != "campaign.toml":
-            return self._arm(read_arm(path), path)
-        if path.name == "campaign.toml":
-            return self._campaign(path.parent)
-        return Link(what, path, digest)
+        link = None if digest in self._seen else self._walked(path)
+        return link or Link(what, path, digest)
 
     @cached_property
     def _known(self) -> dict[str, Path]:
@@ -287,16 +276,14 @@ class Tracer:
         for path in self._candidates():
             try:
                 if path.name == "campaign.toml":
-                    file = read_campaign_file(path)
-                    found.setdefault(campaign_digest(path, file), path)
-                    found.setdefault(digest_of_files(files_read(path.parent)), path)
+                    for digest in _campaign_digests(path, read_campaign_file(path)):
+                        found.setdefault(digest, path)
                 elif path.suffix == ".toml" and "joints" in toml_table(
                     toml_text(path), str(path)
                 ):
                     found.setdefault(arm_digest(read_arm(path)), path)
                 elif path.suffix == ".npz":
-                    own = sums_of(path.parent, [path.name])[path.name]
-                    found.setdefault(own, path)
+                    found.setdefault(digest_of_files([path]), path)
             except (FileError, OSError):
                 continue  # whatever it is, it is not what is looked for
         return found
@@ -327,10 +314,15 @@ def _table(path: Path) -> Mapping[str, Any]:
     try:
         values = json_of(path)
     except ValueError as error:
-        raise FileError(str(path), [Problem("", f"was altered: {error}")]) from error
+        raise FileError(path, f"was altered: {error}") from error
     if not isinstance(values, Mapping):
-        raise FileError(str(path), [Problem("", "was altered: it is no table")])
+        raise FileError(path, "was altered: it is no table")
     return values
+
+
+def _campaign_digests(path: Path, file: CampaignFile) -> tuple[str, str]:
+    """The digests by which arm files and reports name a campaign."""
+    return campaign_digest(path, file), digest_of_files(files_read(path.parent))
 
 
 def _standards(file: CampaignFile) -> list[str]:

@@ -7,7 +7,7 @@ from typing import Any
 from lxml import etree
 
 from traverse.strict_toml.files import bytes_of
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.problems import FileError
 
 OWN_SCHEMAS = Path(__file__).parent / "schemas"
 SCHEMA = "dcc.xsd"
@@ -33,9 +33,9 @@ def read_xml(content: bytes, source: str) -> etree._Element:
     try:
         root = etree.fromstring(content, _parser())
     except etree.XMLSyntaxError as error:
-        raise FileError(source, [Problem("", f"is not XML: {error.msg}")]) from error
+        raise FileError(source, f"is not XML: {error.msg}") from error
     if root.getroottree().docinfo.doctype:
-        raise FileError(source, [Problem("", "has a DOCTYPE; certificates have none")])
+        raise FileError(source, "has a DOCTYPE; certificates have none")
     return root
 
 
@@ -49,7 +49,7 @@ def indented(text: str, source: str) -> etree._Element:
         root = etree.fromstring(text.encode(), _parser(compact=True))
     except etree.XMLSyntaxError as error:
         told = f"states a character that XML does not have: {error.msg}"
-        raise FileError(source, [Problem("", told)]) from error
+        raise FileError(source, told) from error
     etree.indent(root, space=" ")
     return root
 
@@ -96,7 +96,7 @@ def schema_problems(
         )
     except (etree.LxmlError, OSError) as error:
         told = f"is no schema that can be used: {error}; see the guide to --schemas"
-        raise FileError(str(path), [Problem("", told)]) from error
+        raise FileError(path, told) from error
     if not schema.validate(root):
         for entry in schema.error_log:
             yield f"line {entry.line}: {entry.message}"

@@ -84,9 +84,10 @@ FEWEST = 2  # values that make a first comparison
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A rule of the chart in words, and its false alarms a check."""
+    """A rule of the chart in words, its limit, and its false alarms a check."""
 
     name: str
+    limit: float
     rate: float
 
 
@@ -117,10 +118,15 @@ def rules(side: Side) -> tuple[Rule, Rule, Rule]:
     """Return the rules, with their rates."""
     beyond = "beyond" if side == "both" else "above"
     return (
-        Rule(f"one check {beyond} {INDIVIDUAL:g} sigma", individual_rate(side)),
-        Rule(f"moving range above {RANGE:g} sigma", range_rate(side)),
+        Rule(
+            f"one check {beyond} {INDIVIDUAL:g} sigma",
+            INDIVIDUAL,
+            individual_rate(side),
+        ),
+        Rule(f"moving range above {RANGE:g} sigma", RANGE, range_rate(side)),
         Rule(
             f"EWMA (weight {WEIGHT:g}) {beyond} {EWMA_LIMIT:.2f} sigma",
+            EWMA_LIMIT,
             settled_ewma_rate(side),
         ),
     )
@@ -166,18 +172,13 @@ def charted(
 def _alarms(
     side: Side, q: float | None, step: float | None, ewma: float
 ) -> tuple[str, ...]:
-    def beyond(amount: float | None, limit: float) -> bool:
-        if amount is None:
-            return False
-        return (amount if side == "above" else abs(amount)) > limit
-
-    one, ranged, weighted = rules(side)
-    told = (
-        (one.name, beyond(q, INDIVIDUAL)),
-        (ranged.name, beyond(step, RANGE)),
-        (weighted.name, beyond(None if q is None else ewma, EWMA_LIMIT)),
+    amounts = (q, step, None if q is None else ewma)
+    return tuple(
+        rule.name
+        for rule, amount in zip(rules(side), amounts, strict=True)
+        if amount is not None
+        and (amount if side == "above" else abs(amount)) > rule.limit
     )
-    return tuple(name for name, is_broken in told if is_broken)
 
 
 def _unusual(

@@ -6,7 +6,7 @@ Only this is written: what is drawn and judged is computed anew from it each tim
 import contextlib
 import sqlite3
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 from traverse.lab.daily_check.figures import DailyCheckFigures
@@ -32,8 +32,6 @@ CREATE TABLE checks (
     UNIQUE (arm, data_digest)
 )
 """
-_FIGURES = [field.name for field in fields(DailyCheckFigures)]
-_COLUMNS = ["time_utc", "arm", "arm_digest", "data_digest", "begins", *_FIGURES]
 
 
 class HistoryRefusedError(Exception):
@@ -56,6 +54,10 @@ class Check:
     data_digest: str
     begins: str
     figures: DailyCheckFigures
+
+
+_OWN = [field.name for field in fields(Check)][:-1]
+_COLUMNS = [*_OWN, *(field.name for field in fields(DailyCheckFigures))]
 
 
 @contextlib.contextmanager
@@ -101,14 +103,8 @@ def add_check(path: Path, check: Check) -> bool:
         HistoryRefusedError: The file is not a history, or of another version.
         sqlite3.Error: It cannot be written.
     """
-    values = [
-        check.time_utc,
-        check.arm,
-        check.arm_digest,
-        check.data_digest,
-        check.begins,
-        *asdict(check.figures).values(),
-    ]
+    *own, figures = astuple(check)
+    values = [*own, *figures]
     marks = ", ".join("?" * len(values))
     with _opened(path) as connection:
         done = connection.execute(
@@ -143,14 +139,8 @@ def checks_of(path: Path, arm: str) -> list[Check]:
             "ORDER BY time_utc, number",
             (arm,),
         ).fetchall()
-    n = len(_COLUMNS) - len(_FIGURES)
-    own = [field.name for field in fields(Check)][:n]
-    return [
-        Check(
-            **dict(zip(own, row[:n], strict=True)), figures=DailyCheckFigures(*row[n:])
-        )
-        for row in rows
-    ]
+    n = len(_OWN)
+    return [Check(*(*row[:n], DailyCheckFigures(*row[n:]))) for row in rows]
 
 
 def since_base(checks: list[Check]) -> list[Check]:

@@ -7,16 +7,17 @@ from typing import Any
 
 from traverse.lab.acceptance.certificate.values import SCHEMA as CERTIFICATE
 from traverse.lab.acceptance.conformity.limits import NO_LIMITS, Limits
-from traverse.lab.daily_check.control_chart import ChartPoint, charted, rules
+from traverse.lab.daily_check.control_chart import ChartPoint, Rule, charted, rules
 from traverse.lab.daily_check.figures import KINDS, FigureKind
 from traverse.lab.daily_check.history import Check, since_base
 from traverse.lab.measured_points.reading import OWN_PROBE
 from traverse.lab.report.provenance import ReportSource, report_provenance
-from traverse.plurals import counted
+from traverse.lab.report.templates import Words
 from traverse.strict_toml.files import json_of
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.problems import FileError
 
 SCHEMA = "traverse/interim/1"
+WORDS = Words("daily_check/words.jinja")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +36,11 @@ class FigureChart:
     def last(self) -> ChartPoint:
         """The check in question."""
         return self.points[-1]
+
+    @property
+    def rules(self) -> tuple[Rule, Rule, Rule]:
+        """The rules that judge it."""
+        return rules("above" if self.kind.positive else "both")
 
     @property
     def most_mm(self) -> float:
@@ -85,34 +91,12 @@ class DailyCheckReport:
     @property
     def reasons(self) -> list[str]:
         """Reasons of the verdict, in sentences."""
-        found = [
-            f"{chart.kind.name}: {name}."
-            for chart in self.charts
-            for name in chart.last.alarms
-        ]
-        found += [
-            f"{chart.kind.name}: beyond the permitted "
-            f"{1000 * (chart.limit_mm or 0.0):.1f} µm."
-            for chart in self.charts
-            if chart.exceeds
-        ]
-        if not found and not self.is_judged:
-            found.append(
-                f"The charts judge from the third check on; this is check "
-                f"{len(self.checks)} since the base began, and not every figure has "
-                "a permitted error. Remedy: give --limits or --acceptance, or check "
-                "again."
-            )
-        return found
+        return WORDS.lines("reasons", self)
 
     @property
     def false_alarms(self) -> float:
         """Of all rules together, a check, if they never coincided."""
-        return sum(
-            rule.rate
-            for chart in self.charts
-            for rule in rules("above" if chart.kind.positive else "both")
-        )
+        return sum(rule.rate for chart in self.charts for rule in chart.rules)
 
 
 def report_of(
@@ -140,9 +124,8 @@ def report_of(
     told = None
     if certificate is not None:
         told = f"{certificate['standard']} of {certificate['date_utc']}"
-    return DailyCheckReport(
-        tuple(own), tuple(charts), told, tuple(_remarks(own, certificate))
-    )
+    remarks = WORDS.lines("remarks", own, certificate)
+    return DailyCheckReport(tuple(own), tuple(charts), told, tuple(remarks))
 
 
 def read_certificate(path: Path, arm: str) -> dict[str, Any]:
@@ -156,10 +139,10 @@ def read_certificate(path: Path, arm: str) -> dict[str, Any]:
         schema, name = values["schema"], values["arm"]["name"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         text = f"is no certificate ({error}); name certificate.json of `verify --out`"
-        raise FileError(str(path), [Problem("", text)]) from error
+        raise FileError(path, text) from error
     if schema != CERTIFICATE or name != arm:
         text = f"is {schema!r} of arm {name!r}, expected {CERTIFICATE!r} of {arm!r}"
-        raise FileError(str(path), [Problem("", text)])
+        raise FileError(path, text)
     return dict(values)
 
 
@@ -202,38 +185,6 @@ def _values(chart: FigureChart) -> dict[str, Any]:
         "alarms": list(last.alarms),
         "rules": [
             {"name": rule.name, "false_alarms_per_check": rule.rate}
-            for rule in rules("above" if chart.kind.positive else "both")
+            for rule in chart.rules
         ],
     }
-
-
-def _remarks(
-    checks: Sequence[Check], certificate: Mapping[str, Any] | None
-) -> list[str]:
-    found = []
-    if len(checks) > 1:
-        last, before = checks[-1], checks[-2]
-        if last.arm_digest != before.arm_digest:
-            found.append(
-                "the arm file is another than at the check before; after an "
-                "identification or a repair begin a new base with --new-base"
-            )
-        counts = {(c.figures.n_cone, c.figures.n_sphere) for c in checks}
-        if len(counts) > 1:
-            found.append(
-                "numbers of touches differ between checks: ranges and largest values "
-                "grow with them; touch equally often each time"
-            )
-        if last.figures.sphere_radius_mm != before.figures.sphere_radius_mm:
-            found.append("the sphere is another than at the check before")
-    if len(checks) < 3:
-        found.append(
-            f"{counted(len(checks), 'check')} since the base began: the charts judge "
-            "from the "
-            "third on"
-        )
-    if certificate is not None:
-        digest = certificate["arm"]["digest"]
-        if digest != checks[-1].arm_digest:
-            found.append("the last acceptance was of another arm file")
-    return found

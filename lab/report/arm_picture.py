@@ -7,6 +7,7 @@ a drawing; beside it the joints are listed.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,6 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
+from matplotlib.text import Annotation
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
@@ -121,12 +123,7 @@ class _Scene:
         is_apart = along_mm < 0.99 * np.linalg.norm(probe_mm) + 1e-9
         if is_apart and np.linalg.norm(shank) > 0.2:
             tail_mm = ball_mm - 0.12 * self.size_mm * shank
-            panel.annotate(
-                "",
-                xy=tuple(ball_mm),
-                xytext=tuple(tail_mm),
-                arrowprops={"arrowstyle": "-|>", "color": _PROBE, "alpha": 0.55},
-            )
+            _arrow(panel, tail_mm, ball_mm, {"color": _PROBE, "alpha": 0.55})
         self._label(panel, joints_mm, ball_mm)
 
     def _draw_hinge(
@@ -136,19 +133,9 @@ class _Scene:
         flat = axis[[view.right, view.up]]
         if np.linalg.norm(flat) > 0.2:
             half_mm = 0.06 * self.size_mm * flat
-            panel.annotate(
-                "",
-                xy=tuple(joint_mm + 1.4 * half_mm),
-                xytext=tuple(joint_mm - half_mm),
-                arrowprops={
-                    "arrowstyle": "-|>",
-                    "color": _HINGE,
-                    "linewidth": 1.6,
-                    "shrinkA": 0,
-                    "shrinkB": 0,
-                },
-                zorder=4,
-            )
+            look = {"color": _HINGE, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+            ends_mm = joint_mm - half_mm, joint_mm + 1.4 * half_mm
+            _arrow(panel, *ends_mm, look).set_zorder(4)
             panel.plot(*joint_mm, marker="o", markersize=4, color=_HINGE, zorder=4)
             return
         panel.plot(
@@ -204,6 +191,13 @@ class _Scene:
             arrowprops={"arrowstyle": "-", "color": _LINK, "linewidth": 0.7},
             zorder=6,
         )
+
+
+def _arrow(
+    panel: Axes, tail_mm: Floats, tip_mm: Floats, look: dict[str, Any]
+) -> Annotation:
+    style = {"arrowstyle": "-|>", **look}
+    return panel.annotate("", tuple(tip_mm), tuple(tail_mm), arrowprops=style)
 
 
 def _groups(places_mm: Floats, near_mm: float) -> Sequence[list[int]]:

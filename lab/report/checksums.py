@@ -1,9 +1,9 @@
 """SHA256SUMS: the digests of a folder's files, as `sha256sum --check` reads them."""
 
-import hashlib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
+from traverse.lab.report.provenance import digest_of_files
 from traverse.strict_toml.files import bytes_of
 from traverse.strict_toml.writing import write_atomically
 
@@ -16,10 +16,7 @@ def sums_of(folder: Path, names: Iterable[str]) -> dict[str, str]:
     Raises:
         OSError: One cannot be read.
     """
-    return {
-        name: hashlib.sha256(bytes_of(folder / name)).hexdigest()
-        for name in sorted(names)
-    }
+    return {name: digest_of_files([folder / name]) for name in sorted(names)}
 
 
 def write_sums(folder: Path, sums: Mapping[str, str]) -> None:
@@ -63,7 +60,7 @@ def sums_problems(folder: Path, required: Iterable[str] = ()) -> Iterator[str]:
             yield f"{SUMS} was altered: {name} lies elsewhere"
         elif not path.is_file():
             yield f"{name} is missing"
-        elif sums_of(folder, [name])[name] != digest:
+        elif digest_of_files([path]) != digest:
             yield f"{name} was altered: its digest is not that of {SUMS}"
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, UndefinedError
 
 from traverse.lab.report import quantities
 from traverse.plurals import counted
@@ -19,6 +19,7 @@ from traverse.plurals import counted
 _HIDDEN = re.compile("[\0-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 _LAB = Path(__file__).parents[1]
 Filters = dict[str, Callable[..., Any]]
+MissingValueError = UndefinedError
 
 _FILTERS: Filters = {
     "number": quantities.number,
@@ -70,6 +71,9 @@ def page(template: str, filters: Filters, **values: object) -> str:
 
     The path is below `lab/`, or begins with the name of another folder; filters are
     besides those of all reports.
+
+    Raises:
+        MissingValueError: The template names a value that there is not.
     """
     return _environment(filters, is_html=True).get_template(template).render(values)
 

@@ -1,7 +1,6 @@
 """Files of a diagnosis: arm, diagnosis.json, discrepancies.csv, page, pictures."""
 
 import json
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -27,9 +26,10 @@ from traverse.lab.diagnosis.model.result import (
 from traverse.lab.diagnosis.report.discrepancies import write_discrepancies
 from traverse.lab.diagnosis.report.page import report_page
 from traverse.lab.diagnosis.report.pictures import plots_of
+from traverse.lab.report.plain_values import plain_values
 from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
 from traverse.strict_toml.files import text_of
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.writing import arm_text, write_atomically
 
 SCHEMA = "traverse/diagnosis/1"
@@ -123,7 +123,7 @@ def diagnosis_json(
                 diagnosis.campaign.tools, vectors_mm, strict=True
             )
         }
-    plain: dict[str, Any] = _plain(values)
+    plain: dict[str, Any] = plain_values(values)
     return plain
 
 
@@ -140,7 +140,7 @@ def detectable_json(detectable: Sequence[Detectable]) -> list[dict[str, Any]]:
         }
         for entry in detectable
     ]
-    plain: list[dict[str, Any]] = _plain(values)
+    plain: list[dict[str, Any]] = plain_values(values)
     return plain
 
 
@@ -240,35 +240,25 @@ def _gap(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _figures(first: HoldoutResult, last: HoldoutResult) -> dict[str, Any]:
+    def pair(before: float | None, after: float | None) -> dict[str, float | None]:
+        return {"before": before, "after": after}
+
     found: dict[str, Any] = {
-        "held_out_rms_mm": {"before": first.rms_mm, "after": last.rms_mm},
-        "held_out_chi2": {"before": first.chi2, "after": last.chi2},
-        "held_out_largest_mm": {"before": first.largest_mm, "after": last.largest_mm},
+        "held_out_rms_mm": pair(first.rms_mm, last.rms_mm),
+        "held_out_chi2": pair(first.chi2, last.chi2),
+        "held_out_largest_mm": pair(first.largest_mm, last.largest_mm),
         "closed": closed(first.chi2, last.chi2, last.n),
         "n": last.n,
         "n_poses": last.n_poses,
     }
-    if first.mean_distance_mm is not None and last.mean_distance_mm is not None:
-        found["held_out_mean_distance_mm"] = {
-            "before": first.mean_distance_mm,
-            "after": last.mean_distance_mm,
-        }
+    means_mm = first.mean_distance_mm, last.mean_distance_mm
+    if None not in means_mm:
+        found["held_out_mean_distance_mm"] = pair(*means_mm)
     return found
 
 
 def _size(value: float | None, unit: str) -> dict[str, Any] | None:
     return None if value is None else {"value": value, "unit": unit}
-
-
-def _plain(value: Any) -> Any:  # noqa: ANN401 - as of json
-    """Put None in place of infinity and NaN, which JSON has not."""
-    if isinstance(value, dict):
-        return {key: _plain(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    return value
 
 
 def arm_with_provenance(diagnosis: Diagnosis, when: datetime | None = None) -> Arm:
@@ -305,6 +295,5 @@ def write_adapted(path: Path, arm: Arm, source: Path) -> None:
     values = arm.model_dump(by_alias=True, exclude_unset=True)
     text = arm_text(values, text_of(source))
     if parse_arm(text, str(path)) != arm:
-        problem = Problem("", "would not hold all values of this arm")
-        raise FileError(str(path), [problem])
+        raise FileError(path, "would not hold all values of this arm")
     write_atomically(path, text)

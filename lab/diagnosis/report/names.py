@@ -189,31 +189,6 @@ def _cell(entry: Detectable | None, factor: float) -> str:
     return f"{size:.2g}" if size < 100.0 else f"{size:.0f}"
 
 
-def whole_arm_rows(detectable: Sequence[Detectable]) -> list[list[str]]:
-    """List the effects of the whole arm: what, from which size on, at the probe."""
-    return [
-        [
-            candidate_label(entry.candidate),
-            NOT_SEEN
-            if entry.minimum is None
-            else quantity(entry.minimum, None, entry.unit),
-            "" if entry.minimum is None else quantity(entry.probe_mm, None, "mm"),
-        ]
-        for entry in detectable
-        if entry.candidate.joint is None
-    ]
-
-
-def reasons(detectable: Sequence[Detectable]) -> list[str]:
-    """List why effects are undetectable, grouped by reason."""
-    by_reason: dict[str, list[str]] = {}
-    for entry in detectable:
-        if entry.minimum is None:
-            names = by_reason.setdefault(entry.why or "no reason given", [])
-            names.append(candidate_label(entry.candidate))
-    return [f"{why}: {'; '.join(names)}" for why, names in by_reason.items()]
-
-
 def detectable_lines(detectable: Sequence[Detectable]) -> list[str]:
     """List everything, a line an effect, for terminals."""
     names = [candidate_label(entry.candidate) for entry in detectable]

@@ -12,11 +12,9 @@ from traverse.lab.diagnosis.report.names import (
     depends_on_time,
     joint_rows,
     moves_base,
-    reasons,
     seen_text,
     step_names,
     term_size_text,
-    whole_arm_rows,
 )
 from traverse.lab.diagnosis.report.pictures import Plots
 from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
@@ -76,26 +74,5 @@ def report_page(
         step_names=step_names(diagnosis),
         joint_names=joint_names,
         joint_rows=joint_rows(diagnosis.detectable, joint_names),
-        whole_arm_rows=whole_arm_rows(diagnosis.detectable),
-        reasons=reasons(diagnosis.detectable),
-        excluded_rows=_excluded_rows(diagnosis, plots),
+        excluded=np.flatnonzero(diagnosis.excluded | diagnosis.blunders).tolist(),
     )
-
-
-def _excluded_rows(diagnosis: Diagnosis, plots: Plots) -> list[list[str]]:
-    """List the poses that were left out."""
-    poses, campaign = diagnosis.campaign.poses, diagnosis.campaign
-    rows = []
-    for at in np.flatnonzero(diagnosis.excluded | diagnosis.blunders):
-        artefact = int(poses.artefacts[at])
-        rows.append(
-            [
-                campaign.artefacts[artefact].id,
-                campaign.feature_names[artefact][int(poses.features[at])],
-                "kept aside" if diagnosis.held_out[at] else "",
-                str(int(poses.lines[at])),
-                f"{poses.time_s[at]:.1f}",
-                f"{plots.after.sizes[at]:.1f}",
-            ]
-        )
-    return rows

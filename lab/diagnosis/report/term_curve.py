@@ -94,33 +94,31 @@ def _periods(term: Term) -> float:
 
 def column(campaign: Campaign, name: str) -> tuple[str, Floats]:
     """Find a column of the table of poses, angles in degrees: its label and values."""
-    poses, block = campaign.poses, campaign.block()
-    speeds, approaches = poses.speeds_rad_s, poses.approaches
-    has_own = poses.joint_temperatures_c is not None
-    table: dict[str, tuple[str, Floats | None]] = {
+    poses = campaign.poses
+    unknown = np.full(len(poses), np.nan)
+    columns = {
         "time_s": (time_label(campaign), poses.time_s),
         "temperature_c": ("temperature [°C]", poses.temperature_c),
         "force_n": ("contact force [N]", poses.force_n),
     }
-    for joint, own in enumerate(campaign.joint_names):
-        angles_deg = np.degrees(poses.angles_rad[:, joint])
-        own_c = poses.temperature_c
-        if has_own:
-            own_c = block.temperatures_c(slice(joint, joint + 1))[0]
-        table |= {
-            f"{own}_rad": (f"reading of {own} [degrees]", angles_deg),
-            f"{own}_temperature_c": (f"temperature of {own} [°C]", own_c),
-            f"{own}_speed_rad_s": (
-                f"speed of {own} [rad/s]",
-                None if speeds is None else speeds[:, joint],
-            ),
-            f"{own}_approach": (
-                f"sense of the last motion of {own}",
-                None if approaches is None else approaches[:, joint],
-            ),
-        }
-    label, values = table.get(name, (name, None))
-    return label, np.full(len(poses), np.nan) if values is None else values
+    if name in columns:
+        label, values = columns[name]
+        return label, unknown if values is None else values
+    is_warm_known = poses.temperature_c is not None or (
+        poses.joint_temperatures_c is not None
+    )
+    warm_c = campaign.block().temperatures_c(slice(None)).T if is_warm_known else None
+    for end, label, table in (
+        ("_temperature_c", "temperature of {} [°C]", warm_c),
+        ("_speed_rad_s", "speed of {} [rad/s]", poses.speeds_rad_s),
+        ("_approach", "sense of the last motion of {}", poses.approaches),
+        ("_rad", "reading of {} [degrees]", np.degrees(poses.angles_rad)),
+    ):
+        joint = name.removesuffix(end)
+        if name != joint and joint in campaign.joint_names:
+            column = campaign.joint_names.index(joint)
+            return label.format(joint), unknown if table is None else table[:, column]
+    return name, unknown
 
 
 def time_label(campaign: Campaign) -> str:

@@ -99,13 +99,11 @@ def diagnose_stream(
             best.candidate, np.array(best.amplitudes_rad), rows
         )
         given = found.arm.effects[: len(arm.effects) + len(added)]
-        added.append((best, *_rivals(best, harmonics)))
-        found = diagnose(
-            poses,
-            arm.model_copy(update={"effects": (*given, effect)}),
-            options,
-            progress,
-        )
+        rivals = (one for one in harmonics if one is not best)
+        likely = (one for one in rivals if best.log_p - one.log_p > -_SET)
+        added.append((best, *likely))
+        with_it = arm.model_copy(update={"effects": (*given, effect)})
+        found = diagnose(poses, with_it, options, progress)
     if added:
         rows = equations_of(found.all_terms)
         together = _together(first, found, rows, added)
@@ -180,14 +178,6 @@ def _term(
             for other in others
         ),
         accepted=accepted,
-    )
-
-
-def _rivals(
-    best: HarmonicFinding, harmonics: Sequence[HarmonicFinding]
-) -> tuple[HarmonicFinding, ...]:
-    return tuple(
-        one for one in harmonics if one is not best and best.log_p - one.log_p > -_SET
     )
 
 

@@ -17,9 +17,8 @@ from tests.lab.alignment.aligned import (
 from traverse.kinematics.helmert.adjustment import HelmertError
 from traverse.lab.alignment.best_fit import best_fit_alignment
 from traverse.lab.alignment.chained_alignment import chained_values
-from traverse.lab.alignment.files import transformation_of
+from traverse.lab.alignment.files import WORDS, alignment_lines, transformation_of
 from traverse.lab.alignment.nominal import fixed_volume
-from traverse.lab.alignment.page import WORDS, alignment_lines
 from traverse.lab.alignment.result import global_test
 from traverse.lab.alignment.touches import CommonPoints, Place
 
@@ -57,10 +56,10 @@ def test_three_points_are_called_blind_across_their_plane():
     normal = np.cross(WIDE[1] - WIDE[0], WIDE[2] - WIDE[0])
     normal /= np.linalg.norm(normal)
     for point in found.points:
-        assert point.detectable_mm[1] is None
+        assert point.detectable_mm.worst is None
         assert abs(point.worst_direction @ normal) == pytest.approx(1.0)
-        assert point.hidden_mm is None
-        assert point.hidden_ratio > 0.3
+        assert point.hidden_in_volume_mm is None
+        assert point.hidden_in_volume_per_mm > 0.3
 
 
 def test_a_mirrored_system_is_refused():
@@ -137,7 +136,7 @@ def test_a_wrong_point_fails_the_test_and_is_named():
 def test_an_error_of_the_detectable_size_is_found_four_times_out_of_five():
     found = fitted(WIDE)
     point = found.points[1]
-    size_mm, way = point.detectable_mm[1], point.worst_direction
+    size_mm, way = point.detectable_mm.worst, point.worst_direction
     n, hits = 300, 0
     off = size_mm * transformation().rotation.T @ way
     for seed in range(n):

@@ -149,7 +149,7 @@ def test_a_plane_touched_along_a_line_is_flagged_or_refused():
 
 def test_touches_that_nothing_checks_are_blind():
     found = aligned(touches(drawn(), top=TOP[:3]))
-    assert [p.detectable_mm[0] is None for p in found.points] == [
+    assert [p.detectable_mm.best is None for p in found.points] == [
         *([True] * 3),
         *([False] * 3),
         True,

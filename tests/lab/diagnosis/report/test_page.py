@@ -84,7 +84,13 @@ def test_figures_are_those_of_the_result(page):
     assert line in page.cells
     assert f"Seed {found.seed}" in page.text
     assert "encoder eccentricity [µrad]" in page.cells
-    assert "J1 is vertical: gravity does not twist it" in page.text
+    at = page.cells.index("drift of the base")
+    assert page.cells[at + 1 : at + 3] == ["10 nm/s", "3 µm"]
+    (told,) = (words for words in page.words if words.startswith("Not detectable"))
+    assert told == (
+        "Not detectable. J1 is vertical: gravity does not twist it: torsion under "
+        "gravity, joint J1."
+    )
 
 
 def test_clean_has_a_page_too():

@@ -13,10 +13,8 @@ from traverse.lab.diagnosis.report.names import (
     candidate_label,
     detectable_lines,
     joint_rows,
-    reasons,
     term_size,
     term_size_text,
-    whole_arm_rows,
 )
 from traverse.lab.diagnosis.report.page import WORDS, summary_lines
 from traverse.lab.diagnosis.report.pictures import conditions
@@ -255,13 +253,9 @@ def test_detectable_sizes_stand_in_a_table_of_joints():
         ["encoder eccentricity [µrad]", "7", "9", ""],
         ["torsion under gravity [rad/(N m)]", "—", "", ""],
     ]
-    assert whole_arm_rows(DETECTABLE) == [["drift of the base", "10 nm/s", "3 µm"]]
 
 
 def test_what_cannot_be_seen_has_a_reason():
-    assert reasons(DETECTABLE) == [
-        "J1 is vertical: gravity does not twist it: torsion under gravity, joint J1"
-    ]
     lines = detectable_lines(DETECTABLE)
     assert len(lines) == 4
     assert lines[0].endswith("from 7 µrad on (2 µm at the probe)")
