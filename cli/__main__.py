@@ -30,6 +30,7 @@ from traverse.cli.fleet import fleet
 from traverse.cli.gateway.command import gateway
 from traverse.cli.identify.command import identify
 from traverse.cli.microscribe.command import microscribe
+from traverse.cli.options import CommandGroup
 from traverse.cli.page import page
 from traverse.cli.points.command import points
 from traverse.cli.predict import predict
@@ -77,7 +78,7 @@ class Commands(TyperGroup):
         return " ".join(filter(None, (group, ctx.invoked_subcommand)))
 
 
-app = typer.Typer(
+app = CommandGroup(
     name="traverse",
     cls=Commands,
     help="Measurement daemon of an articulated-arm coordinate measuring machine.",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.cli.options import Json, Yes, with_options
+from traverse.cli.options import CommandGroup, Json, Yes
 from traverse.cli.refusals import device_errors, print_report, refuse
 from traverse.plurals import counted
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 ADDRESSES = range(4, 253, 4)
 TRIES = 3  # for each address of a scan
 
-amt21 = typer.Typer(
+amt21 = CommandGroup(
     help="AMT21 encoders on an RS-485 line: scan, zero, reset. "
     "The daemon must not be using the port.",
     no_args_is_help=True,
@@ -32,16 +32,17 @@ Address = Annotated[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineOptions:
-    """Which line, in the order of `--help`."""
+    """Which line, in the order of `--help`.
 
-    port: Annotated[str, typer.Option(help="Serial port of the adapter.")]
-    baud_rate: Annotated[
-        int, typer.Option(min=9600, max=2_000_000, help="Baud rate of the line.")
-    ] = 2_000_000
-    timeout: Annotated[
-        float,
-        typer.Option(min=0.001, max=1.0, help="Time limit of a reply in seconds."),
-    ] = 0.01
+    Attributes:
+        port: Serial port of the adapter.
+        baud_rate: Baud rate of the line.
+        timeout: Time limit of a reply in seconds.
+    """
+
+    port: str
+    baud_rate: Annotated[int, typer.Option(min=9600, max=2_000_000)] = 2_000_000
+    timeout: Annotated[float, typer.Option(min=0.001, max=1.0)] = 0.01
 
     @contextmanager
     def opened(self) -> Iterator["Amt21Line"]:
@@ -62,7 +63,6 @@ class LineOptions:
 
 
 @amt21.command()
-@with_options("line", LineOptions)
 def scan(*, line: LineOptions, as_json: Json = False) -> None:
     """List the addresses that answer, with position and, where they have it, turns.
 
@@ -83,7 +83,6 @@ def scan(*, line: LineOptions, as_json: Json = False) -> None:
 
 
 @amt21.command()
-@with_options("line", LineOptions)
 def zero(
     *, line: LineOptions, address: Address, yes: Yes = False, as_json: Json = False
 ) -> None:
@@ -98,7 +97,6 @@ def zero(
 
 
 @amt21.command()
-@with_options("line", LineOptions)
 def reset(
     *, line: LineOptions, address: Address, yes: Yes = False, as_json: Json = False
 ) -> None:

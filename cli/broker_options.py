@@ -3,11 +3,8 @@
 import asyncio
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from traverse.cli.options import with_options
 from traverse.cli.refusals import REFUSED, UNREACHABLE, end, refusals
 
 if TYPE_CHECKING:
@@ -16,27 +13,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BrokerOptions:
-    """The options, in the order of `--help`; `with_broker` adds them to a command."""
+    """The options, in the order of `--help`.
 
-    broker: Annotated[
-        str, typer.Option(help="MQTT broker: host, host:port or mqtts://host:port.")
-    ] = "localhost"
-    username: Annotated[str | None, typer.Option(help="User name at the broker.")] = (
-        None
-    )
-    password_file: Annotated[
-        Path | None, typer.Option(help="File with the broker's password.")
-    ] = None
-    ca_file: Annotated[
-        Path | None,
-        typer.Option(help="CA certificates that signed the broker's certificate."),
-    ] = None
-    client_certificate: Annotated[
-        Path | None, typer.Option(help="Client certificate, PEM.")
-    ] = None
-    client_key: Annotated[
-        Path | None, typer.Option(help="Key of that certificate, PEM.")
-    ] = None
+    Attributes:
+        broker: MQTT broker: host, host:port or mqtts://host:port.
+        username: User name at the broker.
+        password_file: File with the broker's password.
+        ca_file: CA certificates that signed the broker's certificate.
+        client_certificate: Client certificate, PEM.
+        client_key: Key of that certificate, PEM.
+    """
+
+    broker: str = "localhost"
+    username: str | None = None
+    password_file: Path | None = None
+    ca_file: Path | None = None
+    client_certificate: Path | None = None
+    client_key: Path | None = None
 
     def address(self) -> "BrokerAddress":
         """Their values; ends the command where they or their files are bad."""
@@ -75,6 +68,3 @@ def only_arm(broker: "BrokerAddress", seconds: float) -> str:
         status = REFUSED if arms else UNREACHABLE
         end(status, f"which arm? {told} on {broker}; name it with --arm")
     return arms[0]
-
-
-with_broker = with_options("broker", BrokerOptions)

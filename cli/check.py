@@ -5,7 +5,6 @@ import json
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -13,9 +12,7 @@ from traverse.cli.options import Json
 
 
 def check(
-    file: Annotated[
-        Path, typer.Argument(help="An arm file, a configuration, a campaign, ...")
-    ],
+    file: Path,
     as_json: Json = False,
 ) -> None:
     """Check the files of an arm, a daemon or a campaign.
@@ -26,6 +23,9 @@ def check(
     A campaign is given by its folder or its campaign.toml; its poses are checked too,
     and with a configuration the arm file and the probe library that it names.
     Reports all mistakes at once. Exit status 2 if there are any.
+
+    Args:
+        file: An arm file, a configuration, a campaign, ...
     """
     from traverse.daemon.inputs import StartupError  # noqa: PLC0415 - keeps --help quick
     from traverse.strict_toml.problems import FileError, Problem  # noqa: PLC0415

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, only_arm, with_broker
+from traverse.cli.broker_options import BrokerOptions, only_arm
 from traverse.cli.options import Json
 from traverse.cli.refusals import client_errors, refuse
 
@@ -26,16 +26,11 @@ ArmName = Annotated[
 ]
 
 
-@with_broker
 def point(
     *,
     arm: ArmName = None,
-    samples: Annotated[
-        int | None, typer.Option(min=1, help="Average so many samples.")
-    ] = None,
-    seconds: Annotated[
-        float | None, typer.Option(min=0.001, help="Average all samples of this time.")
-    ] = None,
+    samples: Annotated[int | None, typer.Option(min=1)] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.001)] = None,
     as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
@@ -43,6 +38,10 @@ def point(
 
     Exit status 1: it was taken, and its quality is in doubt; 2: the arm refuses; 3: arm
     or broker cannot be reached.
+
+    Args:
+        samples: Average so many samples.
+        seconds: Average all samples of this time.
     """
     if samples is not None and seconds is not None:
         refuse("--samples or --seconds, not both")
@@ -51,7 +50,6 @@ def point(
     raise typer.Exit(0 if taken.quality.ok else 1)
 
 
-@with_broker
 def undo(*, arm: ArmName = None, as_json: Json = False, broker: BrokerOptions) -> None:
     """Take the last point back.
 
@@ -60,24 +58,23 @@ def undo(*, arm: ArmName = None, as_json: Json = False, broker: BrokerOptions) -
     _show_point(send_command(arm, broker, lambda it: it.undo()), as_json=as_json)
 
 
-@with_broker
 def scan(
-    action: Annotated[Literal["start", "stop"], typer.Argument(help="What to do.")],
+    action: Literal["start", "stop"],
     *,
     arm: ArmName = None,
-    rate_hz: Annotated[
-        float | None, typer.Option(min=0.001, help="Points a second [Hz].")
-    ] = None,
-    spacing_mm: Annotated[
-        float | None,
-        typer.Option(min=1e-6, help="A point after each such distance [mm] instead."),
-    ] = None,
+    rate_hz: Annotated[float | None, typer.Option(min=0.001)] = None,
+    spacing_mm: Annotated[float | None, typer.Option(min=1e-6)] = None,
     as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
     """Start a scan, or stop the running one.
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
+
+    Args:
+        action: What to do.
+        rate_hz: Points a second [Hz].
+        spacing_mm: A point after each such distance [mm] instead.
     """
     if rate_hz is not None and spacing_mm is not None:
         refuse("--rate-hz or --spacing-mm, not both")
@@ -96,14 +93,9 @@ def scan(
         )
 
 
-@with_broker
 def label(
-    artefact: Annotated[
-        str | None, typer.Argument(help="Touched artefact; without it the label ends.")
-    ] = None,
-    feature: Annotated[
-        str | None, typer.Argument(help="Touched feature of it.")
-    ] = None,
+    artefact: str | None = None,
+    feature: str | None = None,
     *,
     arm: ArmName = None,
     as_json: Json = False,
@@ -112,6 +104,10 @@ def label(
     """Set the label of the next points.
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
+
+    Args:
+        artefact: Touched artefact; without it the label ends.
+        feature: Touched feature of it.
     """
     send_command(arm, broker, lambda it: it.label(artefact, feature))
     names = " ".join(filter(None, (artefact, feature)))
@@ -119,25 +115,26 @@ def label(
     _show({"artefact": artefact, "feature": feature}, told, as_json=as_json)
 
 
-@with_broker
 def session(
     *,
     arm: ArmName = None,
-    note: Annotated[str | None, typer.Option(help="Note for the session.")] = None,
+    note: str | None = None,
     as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
     """Begin a new session: points are numbered from 0 again.
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
+
+    Args:
+        note: Note for the session.
     """
     begun = send_command(arm, broker, lambda it: it.new_session(note))
     _show({"session": begun}, begun, as_json=as_json)
 
 
-@with_broker
 def use_probe(
-    name: Annotated[str, typer.Argument(help="Name in the arm's probe library.")],
+    name: str,
     *,
     arm: ArmName = None,
     as_json: Json = False,
@@ -146,13 +143,15 @@ def use_probe(
     """Measure with another probe of the library.
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
+
+    Args:
+        name: Name in the arm's probe library.
     """
     model = send_command(arm, broker, lambda it: it.probe(name))
     told = f"probe {name}, model {model[:12]}"
     _show({"probe": name, "model": model}, told, as_json=as_json)
 
 
-@with_broker
 def reload(
     *, arm: ArmName = None, as_json: Json = False, broker: BrokerOptions
 ) -> None:
@@ -164,17 +163,11 @@ def reload(
     _show({"model": model}, f"model {model[:12]}", as_json=as_json)
 
 
-@with_broker
 def confirm(
     *,
     arm: ArmName = None,
-    at: Annotated[
-        str | None,
-        typer.Option(help="x,y,z [mm] where the probe is now, refused if it is not."),
-    ] = None,
-    tolerance_mm: Annotated[
-        float, typer.Option(min=1e-6, help="How far from there it may be [mm].")
-    ] = 1.0,
+    at: str | None = None,
+    tolerance_mm: Annotated[float, typer.Option(min=1e-6)] = 1.0,
     as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
@@ -184,6 +177,10 @@ def confirm(
     verify that the encoders still count from there. With --at the daemon compares.
 
     Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
+
+    Args:
+        at: x,y,z [mm] where the probe is now, refused if it is not.
+        tolerance_mm: How far from there it may be [mm].
     """
     known_mm = None if at is None else _place(at)
     devices = send_command(

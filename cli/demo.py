@@ -39,24 +39,11 @@ class DemoError(Exception):
 
 def demo(
     *,
-    once: Annotated[
-        bool, typer.Option("--once", help="End after one round of measurements.")
-    ] = False,
-    for_s: Annotated[
-        float | None, typer.Option("--for", min=1.0, help="End after so many seconds.")
-    ] = None,
-    broker: Annotated[
-        str | None,
-        typer.Option(help="MQTT broker, host or host:port; without it one is started."),
-    ] = None,
-    rate_hz: Annotated[
-        float,
-        typer.Option("--rate", min=1.0, max=10_000.0, help="Rate of the scan in Hz."),
-    ] = 1000.0,
-    page: Annotated[
-        bool,
-        typer.Option(help="Open the page in a browser too, if its extra is installed."),
-    ] = True,
+    once: bool = False,
+    for_s: Annotated[float | None, typer.Option("--for", min=1.0)] = None,
+    broker: str | None = None,
+    rate_hz: Annotated[float, typer.Option("--rate", min=1.0, max=10_000.0)] = 1000.0,
+    page: bool = True,
 ) -> None:
     """Watch a simulated arm measure a bar, a sphere and a cone.
 
@@ -64,6 +51,13 @@ def demo(
     certificates; without --once the operator's page shows the arm in a browser. Ends
     on Ctrl-C, after --for seconds, or after one round with --once.
     Exit status 3: the simulated arm or the broker did not start.
+
+    Args:
+        once: End after one round of measurements.
+        for_s: End after so many seconds.
+        broker: MQTT broker, host or host:port; without it one is started.
+        rate_hz: Rate of the scan in Hz.
+        page: Open the page in a browser too, if its extra is installed.
     """
     try:
         _look_for_extra(with_broker=broker is None)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.options import Json
 from traverse.cli.refusals import client_errors
 from traverse.plurals import counted
@@ -16,22 +16,25 @@ if TYPE_CHECKING:
     from traverse.broker.address import BrokerAddress
 
 
-@with_broker
 def record(
-    name: Annotated[str, typer.Argument(help="New name for the recording.")],
+    name: str,
     *,
-    arm: Annotated[str, typer.Option(help="Name of the arm.")],
+    arm: str,
     broker: BrokerOptions,
-    seconds: Annotated[
-        float | None, typer.Option(min=0.1, help="Duration; else until Ctrl-C.")
-    ] = None,
-    note: Annotated[str, typer.Option(help="Note for the recording.")] = "",
+    seconds: Annotated[float | None, typer.Option(min=0.1)] = None,
+    note: str = "",
     as_json: Json = False,
 ) -> None:
     """Record what an arm does, as an MCAP file on the daemon's disk.
 
     The file begins some seconds before the command, where the flight recorder is on.
     Exit status 2: the daemon refuses; 3: it or the broker could not be reached.
+
+    Args:
+        name: New name for the recording.
+        arm: Name of the arm.
+        seconds: Duration; else until Ctrl-C.
+        note: Note for the recording.
     """
     address = broker.address()
     with client_errors():

@@ -5,48 +5,38 @@ from typing import Annotated
 
 import typer
 
-from traverse.cli.align.options import AlignmentOptions, with_alignment
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.align.options import AlignmentOptions
+from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.control import send_command
 from traverse.cli.options import Json
 from traverse.cli.refusals import FAILED, print_report, refusals, refuse
 
 
-@with_broker
-@with_alignment
 def align(
-    points: Annotated[
-        Path | None,
-        typer.Argument(
-            help="Points (JSON lines, CSV, recording, outbox), a campaign's folder; or "
-            "an alignment.json to send."
-        ),
-    ] = None,
+    points: Path | None = None,
     *,
     options: AlignmentOptions,
-    strict: Annotated[
-        bool, typer.Option("--strict", help="Exit status 1 where anything is flagged.")
-    ] = False,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Folder for alignment.json and .html."),
-    ] = None,
+    strict: bool = False,
+    out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
     as_json: Json = False,
-    send: Annotated[
-        bool, typer.Option("--send", help="Have the daemon use it from now on.")
-    ] = False,
-    clear: Annotated[
-        bool, typer.Option("--clear", help="Have the daemon use none from now on.")
-    ] = False,
-    arm_name: Annotated[
-        str | None, typer.Option(help="To which arm to send; else that of the points.")
-    ] = None,
+    send: bool = False,
+    clear: bool = False,
+    arm_name: str | None = None,
     broker: BrokerOptions,
 ) -> None:
     """Compute where the part is, and how well that is known.
 
     Exit status 1: a test failed, nothing is sent then; 2: refused, among others where
     the points do not determine it; 3: daemon or broker could not be reached.
+
+    Args:
+        points: Points (JSON lines, CSV, recording, outbox), a campaign's folder; or an
+            alignment.json to send.
+        strict: Exit status 1 where anything is flagged.
+        out: Folder for alignment.json and .html.
+        send: Have the daemon use it from now on.
+        clear: Have the daemon use none from now on.
+        arm_name: To which arm to send; else that of the points.
     """
     if clear:
         send_command(arm_name, broker, lambda arm: arm.clear_alignment())

@@ -2,53 +2,39 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-import typer
-
-from traverse.cli.options import Operator, with_options
+from traverse.cli.options import Operator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlignmentOptions:
-    """The options, in the order of `--help`; `with_alignment` gives them to `align`."""
+    """The options, in the order of `--help`.
 
-    nominal: Annotated[
-        Path | None,
-        typer.Option(
-            help="Where they should be, CSV or TOML; the first station's points with "
-            "leapfrog."
-        ),
-    ] = None
-    method: Annotated[
-        Literal["best-fit", "3-2-1", "leapfrog"], typer.Option(help="What is fitted.")
-    ] = "best-fit"
-    scale: Annotated[bool, typer.Option("--scale", help="Adjust a scale, too.")] = False
-    std: Annotated[
-        float | None,
-        typer.Option(help="Standard deviation of a coordinate [mm]; else the points'."),
-    ] = None
-    coordinates: Annotated[
-        Literal["centre", "surface"],
-        typer.Option(help="Of the ball, or of the touched surface."),
-    ] = "centre"
-    spheres: Annotated[
-        bool, typer.Option("--spheres", help="Names are spheres; their centres count.")
-    ] = False
-    arm: Annotated[
-        Path | None, typer.Option(help="The arm file, of a campaign or for its reach.")
-    ] = None
-    volume: Annotated[
-        str | None,
-        typer.Option(help="x,y,z,x,y,z (box), x,y,z,r (ball), mm in the part; reach."),
-    ] = None
-    onto: Annotated[
-        Path | None,
-        typer.Option(
-            help="Alignment of the first station, to be joined to a leapfrog."
-        ),
-    ] = None
-    name: Annotated[str | None, typer.Option(help="Name of the alignment.")] = None
+    Attributes:
+        nominal: Where they should be, CSV or TOML; the first station's points with
+            leapfrog.
+        method: What is fitted.
+        scale: Adjust a scale, too.
+        std: Standard deviation of a coordinate [mm]; else the points'.
+        coordinates: Of the ball, or of the touched surface.
+        spheres: Names are spheres; their centres count.
+        arm: The arm file, of a campaign or for its reach.
+        volume: x,y,z,x,y,z (box), x,y,z,r (ball), mm in the part; reach.
+        onto: Alignment of the first station, to be joined to a leapfrog.
+        name: Name of the alignment.
+    """
+
+    nominal: Path | None = None
+    method: Literal["best-fit", "3-2-1", "leapfrog"] = "best-fit"
+    scale: bool = False
+    std: float | None = None
+    coordinates: Literal["centre", "surface"] = "centre"
+    spheres: bool = False
+    arm: Path | None = None
+    volume: str | None = None
+    onto: Path | None = None
+    name: str | None = None
     operator: Operator = None
 
     @property
@@ -61,6 +47,3 @@ class AlignmentOptions:
         if self.onto is not None and self.method != "leapfrog":
             return "--onto needs --method leapfrog"
         return None
-
-
-with_alignment = with_options("options", AlignmentOptions)

@@ -6,27 +6,17 @@ from typing import Annotated
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.options import Json
 from traverse.cli.refusals import FAILED, refusals, refuse
 
 
-@with_broker
 def collect(
-    campaign: Annotated[
-        Path,
-        typer.Argument(
-            help="The campaign.toml, or its folder; poses are put beside it."
-        ),
-    ],
+    campaign: Path,
     *,
-    arm: Annotated[Path, typer.Option(help="The arm file that the daemon uses.")],
-    each: Annotated[
-        int, typer.Option(min=1, max=100_000, help="Touches of every feature.")
-    ] = 25,
-    allow: Annotated[
-        str, typer.Option(help="Quality flags that a point may have, with commas.")
-    ] = "surface_unknown,empirical",
+    arm: Path,
+    each: Annotated[int, typer.Option(min=1, max=100_000)] = 25,
+    allow: str = "surface_unknown,empirical",
     broker: BrokerOptions,
     as_json: Json = False,
 ) -> None:
@@ -44,6 +34,12 @@ def collect(
 
     Exit status 1: ended before everything was touched; 2: a file was refused; 3: the
     broker could not be reached.
+
+    Args:
+        campaign: The campaign.toml, or its folder; poses are put beside it.
+        arm: The arm file that the daemon uses.
+        each: Touches of every feature.
+        allow: Quality flags that a point may have, with commas.
     """
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.options import Json
 from traverse.cli.refusals import (
     FAILED,
@@ -29,43 +29,18 @@ ALLOWED = frozenset({"surface_unknown", "empirical"})
 LIBRARIES = ("scipy", "matplotlib", "jinja2", "mcap")  # that figures and charts need
 
 
-@with_broker
 def daily_check(
     *,
-    arm: Annotated[Path, typer.Option(help="The arm file that the daemon uses.")],
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            help="The daemon's configuration: its state folder has the history."
-        ),
-    ] = None,
-    history: Annotated[
-        Path | None, typer.Option(help="The history instead, a file (SQLite).")
-    ] = None,
-    radius: Annotated[
-        float | None,
-        typer.Option(help="Calibrated radius of the sphere in mm; else as last time."),
-    ] = None,
-    campaign: Annotated[
-        Path | None,
-        typer.Option(help="Folder of a check that has been collected already."),
-    ] = None,
-    show: Annotated[
-        bool, typer.Option("--show", help="Check nothing; show the history.")
-    ] = False,
-    new_base: Annotated[
-        str | None,
-        typer.Option(help="Start new charts with this check, for this reason."),
-    ] = None,
-    acceptance: Annotated[
-        Path | None, typer.Option(help="certificate.json of the last acceptance.")
-    ] = None,
-    limits: Annotated[
-        Path | None, typer.Option(help="Permitted errors, as for `verify`.")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder for chart.png, .html.")
-    ] = None,
+    arm: Path,
+    config: Path | None = None,
+    history: Path | None = None,
+    radius: float | None = None,
+    campaign: Path | None = None,
+    show: bool = False,
+    new_base: str | None = None,
+    acceptance: Path | None = None,
+    limits: Path | None = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
     broker: BrokerOptions,
     as_json: Json = False,
 ) -> None:
@@ -80,6 +55,18 @@ def daily_check(
     Exit status 1: out of control, beyond a limit, not plausible, or not everything was
     touched; 2: a file was refused, or nothing could be computed; 3: the broker could
     not be reached.
+
+    Args:
+        arm: The arm file that the daemon uses.
+        config: The daemon's configuration: its state folder has the history.
+        history: The history instead, a file (SQLite).
+        radius: Calibrated radius of the sphere in mm; else as last time.
+        campaign: Folder of a check that has been collected already.
+        show: Check nothing; show the history.
+        new_base: Start new charts with this check, for this reason.
+        acceptance: certificate.json of the last acceptance.
+        limits: Permitted errors, as for `verify`.
+        out: Folder for chart.png, .html.
     """
     import sqlite3  # noqa: PLC0415 - keeps --help quick
 

@@ -2,36 +2,21 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from traverse.cli.export.options import Wanted, with_wanted
+from traverse.cli.export.options import Wanted
 from traverse.cli.options import Force, Json
 from traverse.cli.refusals import check_target, refusals, refuse
 
 
-@with_wanted
 def export(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            help="A recording (.mcap), an outbox (.db), or points (.jsonl)."
-        ),
-    ],
+    source: Path,
     *,
     wanted: Wanted,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="File to write (campaign: folder); else SOURCE's name."),
-    ] = None,
-    arm: Annotated[
-        Path | None, typer.Option(help="With --to campaign: the arm file.")
-    ] = None,
-    campaign: Annotated[
-        Path | None,
-        typer.Option(help="With --to campaign: a campaign.toml, or its folder."),
-    ] = None,
+    out: Path | None = None,
+    arm: Path | None = None,
+    campaign: Path | None = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -40,6 +25,12 @@ def export(
     Retracted points are left out unless --retracted is given. The file
     appears whole or not at all, and replaces another with --force only.
     Exit status 2: a file or an option was refused.
+
+    Args:
+        source: A recording (.mcap), an outbox (.db), or points (.jsonl).
+        out: File to write (campaign: folder); else SOURCE's name.
+        arm: With --to campaign: the arm file.
+        campaign: With --to campaign: a campaign.toml, or its folder.
     """
     from traverse.cli.export import campaign as labelled  # noqa: PLC0415
     from traverse.cli.export.file import file_words, write_file  # noqa: PLC0415

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.gateway.ippdme import ippdme
 from traverse.cli.gateway.keys import keys
 from traverse.cli.gateway.live import live
@@ -20,12 +20,13 @@ from traverse.cli.gateway.running import (
     send,
     until_signal,
 )
+from traverse.cli.options import CommandGroup
 from traverse.cli.refusals import client_errors, refusals, refuse
 
 if TYPE_CHECKING:
     from traverse.client.gateways.outlets import Outlet
 
-gateway = typer.Typer(
+gateway = CommandGroup(
     help="Points for programs that do not speak MQTT.", no_args_is_help=True
 )
 gateway.command("ippdme")(ippdme)
@@ -34,59 +35,47 @@ gateway.command("live")(live)
 
 
 @gateway.command("lines")
-@with_broker
 def lines(
     *,
-    arm: Annotated[str, typer.Option(help="Name of the arm.")],
+    arm: str,
     broker: BrokerOptions,
-    tcp: Annotated[
-        str | None,
-        typer.Option(help="Serve who connects: PORT on this machine, or HOST:PORT."),
-    ] = None,
-    udp: Annotated[
-        str | None, typer.Option(help="A datagram a line to HOST:PORT.")
-    ] = None,
-    serial: Annotated[
-        str | None, typer.Option(help="Write to this serial port.")
-    ] = None,
-    baud: Annotated[int, typer.Option(min=50, help="Of the serial port [baud].")] = (
-        9600
-    ),
-    file: Annotated[Path | None, typer.Option(help="Append to this file.")] = None,
-    template: Annotated[
-        str,
-        typer.Option(help="pcdmis, linuxcnc, spreadsheet, or a text with {names}."),
-    ] = "pcdmis",
-    undo: Annotated[
-        str | None, typer.Option(help="Line for a point that was taken back.")
-    ] = None,
-    kind: Annotated[Kind, typer.Option(help="What is sent.")] = "points",
-    coordinates: Annotated[
-        Literal["centre", "surface", "part"], typer.Option(help="Of x, y and z.")
-    ] = "centre",
-    unit: Annotated[Literal["mm", "inch"], typer.Option(help="Of x, y and z.")] = "mm",
-    decimal: Annotated[Literal[".", ","], typer.Option(help="Decimal sign.")] = ".",
-    send_doubtful: Annotated[
-        bool,
-        typer.Option(
-            "--send-doubtful",
-            help="Send points in doubt even where their line does not say so.",
-        ),
-    ] = False,
-    since: Annotated[
-        Literal["now", "session", "beginning"],
-        typer.Option(help="Where points begin without a cursor."),
-    ] = "now",
-    cursor_file: Annotated[
-        Path | None,
-        typer.Option(help="File that keeps the place over restarts."),
-    ] = None,
+    tcp: str | None = None,
+    udp: str | None = None,
+    serial: str | None = None,
+    baud: Annotated[int, typer.Option(min=50)] = 9600,
+    file: Path | None = None,
+    template: str = "pcdmis",
+    undo: str | None = None,
+    kind: Kind = "points",
+    coordinates: Literal["centre", "surface", "part"] = "centre",
+    unit: Literal["mm", "inch"] = "mm",
+    decimal: Literal[".", ","] = ".",
+    send_doubtful: bool = False,
+    since: Literal["now", "session", "beginning"] = "now",
+    cursor_file: Path | None = None,
 ) -> None:
     """Send points as lines of text: over TCP or UDP, to a serial port or into a file.
 
     While nothing takes lines, points wait at the arm. What is not sent, and why, is
     reported on standard error. Ends on Ctrl-C or SIGTERM with a line of sums. Exit
     status 2: an option was refused; 3: the broker could not be reached.
+
+    Args:
+        arm: Name of the arm.
+        tcp: Serve who connects: PORT on this machine, or HOST:PORT.
+        udp: A datagram a line to HOST:PORT.
+        serial: Write to this serial port.
+        baud: Of the serial port [baud].
+        file: Append to this file.
+        template: pcdmis, linuxcnc, spreadsheet, or a text with {names}.
+        undo: Line for a point that was taken back.
+        kind: What is sent.
+        coordinates: Of x, y and z.
+        unit: Of x, y and z.
+        decimal: Decimal sign.
+        send_doubtful: Send points in doubt even where their line does not say so.
+        since: Where points begin without a cursor.
+        cursor_file: File that keeps the place over restarts.
     """
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
     from traverse.client.gateways.lines import LineForm, LineGateway  # noqa: PLC0415
@@ -113,26 +102,24 @@ def lines(
 
 
 @gateway.command("home-assistant")
-@with_broker
 def home_assistant(
     *,
-    arm: Annotated[str, typer.Option(help="Name of the arm.")],
+    arm: str,
     broker: BrokerOptions,
-    prefix: Annotated[
-        str, typer.Option(help="Topic of Home Assistant's discovery.")
-    ] = "homeassistant",
-    history: Annotated[
-        Path | None,
-        typer.Option(help="File of daily checks, interim.db: shows the last one."),
-    ] = None,
-    remove: Annotated[
-        bool, typer.Option("--remove", help="Take the arm out again, and end.")
-    ] = False,
+    prefix: str = "homeassistant",
+    history: Path | None = None,
+    remove: bool = False,
 ) -> None:
     """Show an arm's state in Home Assistant, by MQTT discovery.
 
     Ends on Ctrl-C or SIGTERM; the arm is then shown as unavailable. Exit status 2: an
     option was refused; 3: the broker could not be reached.
+
+    Args:
+        arm: Name of the arm.
+        prefix: Topic of Home Assistant's discovery.
+        history: File of daily checks, interim.db: shows the last one.
+        remove: Take the arm out again, and end.
     """
     from traverse.client.gateways.home_assistant import HomeAssistantGateway  # noqa: PLC0415 - keeps --help quick
     from traverse.lab.daily_check.history import HistoryRefusedError, checks_of  # noqa: PLC0415

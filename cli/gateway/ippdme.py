@@ -6,42 +6,33 @@ from typing import Annotated, Any
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.gateway.running import host_port, report, run, until_signal
 from traverse.cli.refusals import refusals
 
 
-@with_broker
 def ippdme(
     *,
-    arm: Annotated[str, typer.Option(help="Name of the arm.")],
+    arm: str,
     broker: BrokerOptions,
-    listen: Annotated[
-        str, typer.Option(help="PORT on this machine, or HOST:PORT.")
-    ] = "1294",
-    near_mm: Annotated[
-        float,
-        typer.Option(
-            "--near", min=0.0, help="So far from its target a PtMeas may be [mm]."
-        ),
-    ] = 10.0,
-    probes: Annotated[
-        Path | None,
-        typer.Option(help="Probe library, for the radii of tools that are not active."),
-    ] = None,
-    key: Annotated[
-        list[str] | None,
-        typer.Option(help="INPUT=NAME: a button as KeyPress, such as base/1=Done."),
-    ] = None,
-    quote_class: Annotated[
-        bool,
-        typer.Option("--quote-class", help='GetMachineClass answers "CartCMM".'),
-    ] = False,
+    listen: str = "1294",
+    near_mm: Annotated[float, typer.Option("--near", min=0.0)] = 10.0,
+    probes: Path | None = None,
+    key: list[str] | None = None,
+    quote_class: bool = False,
 ) -> None:
     """Serve the arm to a client of I++ DME 1.4.3, one at a time.
 
     What happens is reported on standard error. Ends on Ctrl-C or SIGTERM. Exit status
     2: an option was refused; 3: the broker could not be reached.
+
+    Args:
+        arm: Name of the arm.
+        listen: PORT on this machine, or HOST:PORT.
+        near_mm: So far from its target a PtMeas may be [mm].
+        probes: Probe library, for the radii of tools that are not active.
+        key: INPUT=NAME: a button as KeyPress, such as base/1=Done.
+        quote_class: GetMachineClass answers "CartCMM".
     """
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
     from traverse.client.gateways.ippdme.server import IppServer  # noqa: PLC0415

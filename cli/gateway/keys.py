@@ -1,39 +1,24 @@
 """`traverse gateway keys`: points typed into the program that has the keyboard."""
 
 from collections.abc import Coroutine
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-import typer
-
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.gateway.running import report, run, send
 from traverse.cli.refusals import refusals
 
 
-@with_broker
 def keys(
     *,
-    arm: Annotated[str, typer.Option(help="Name of the arm.")],
+    arm: str,
     broker: BrokerOptions,
-    through: Annotated[
-        Literal["desktop", "uinput"], typer.Option(help="What types.")
-    ] = "desktop",
-    separator: Annotated[
-        Literal["tab", "enter", "space", "comma", "semicolon"],
-        typer.Option(help="Between x, y and z."),
-    ] = "tab",
-    after: Annotated[
-        Literal["enter", "tab", "space"], typer.Option(help="Key after a point.")
-    ] = "enter",
-    coordinates: Annotated[
-        Literal["centre", "surface", "part"], typer.Option(help="Of x, y and z.")
-    ] = "centre",
-    unit: Annotated[Literal["mm", "inch"], typer.Option(help="Of x, y and z.")] = "mm",
-    decimal: Annotated[Literal[".", ","], typer.Option(help="Decimal sign.")] = ".",
-    stop_key: Annotated[
-        Literal["f7", "f8", "f9", "f10", "f11", "f12", "pause", "esc"],
-        typer.Option(help="Stops typing; pressed again, lets it go on."),
-    ] = "f9",
+    through: Literal["desktop", "uinput"] = "desktop",
+    separator: Literal["tab", "enter", "space", "comma", "semicolon"] = "tab",
+    after: Literal["enter", "tab", "space"] = "enter",
+    coordinates: Literal["centre", "surface", "part"] = "centre",
+    unit: Literal["mm", "inch"] = "mm",
+    decimal: Literal[".", ","] = ".",
+    stop_key: Literal["f7", "f8", "f9", "f10", "f11", "f12", "pause", "esc"] = "f9",
 ) -> None:
     """Type points into the program that has the keyboard.
 
@@ -41,6 +26,16 @@ def keys(
     pressed; none of these is typed later. Ends on Ctrl-C or SIGTERM with a line of
     sums. Exit status 2: an option was refused, or nothing can be typed here; 3: the
     broker could not be reached.
+
+    Args:
+        arm: Name of the arm.
+        through: What types.
+        separator: Between x, y and z.
+        after: Key after a point.
+        coordinates: Of x, y and z.
+        unit: Of x, y and z.
+        decimal: Decimal sign.
+        stop_key: Stops typing; pressed again, lets it go on.
     """
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
     from traverse.client.gateways import keys as typing_keys  # noqa: PLC0415

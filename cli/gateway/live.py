@@ -5,33 +5,30 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.gateway.running import host_port, report, run, until_signal
 from traverse.cli.refusals import refusals
 from traverse.plurals import counted
 
 
-@with_broker
 def live(
     *,
-    arm: Annotated[str, typer.Option(help="Name of the arm.")],
+    arm: str,
     broker: BrokerOptions,
-    listen: Annotated[
-        str, typer.Option(help="PORT on this machine, or HOST:PORT.")
-    ] = "8765",
-    magnify: Annotated[
-        float,
-        typer.Option(min=1.0, max=1e6, help="Ellipsoids are so many times as large."),
-    ] = 1.0,
-    since: Annotated[
-        Literal["now", "session", "beginning"],
-        typer.Option(help="From where on points are shown."),
-    ] = "session",
+    listen: str = "8765",
+    magnify: Annotated[float, typer.Option(min=1.0, max=1e6)] = 1.0,
+    since: Literal["now", "session", "beginning"] = "session",
 ) -> None:
     """Show the arm, its points, scans and state in Foxglove, while it measures.
 
     Ends on Ctrl-C or SIGTERM. Exit status 2: an option was refused, the port is taken,
     or the extra is not installed; 3: the broker could not be reached.
+
+    Args:
+        arm: Name of the arm.
+        listen: PORT on this machine, or HOST:PORT.
+        magnify: Ellipsoids are so many times as large.
+        since: From where on points are shown.
     """
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
     from traverse.client.gateways.live import LiveServer  # noqa: PLC0415

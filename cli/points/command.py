@@ -8,7 +8,7 @@ from typing import IO, TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.options import Force
+from traverse.cli.options import CommandGroup, Force
 from traverse.cli.points.options import ConfigOption, DbOption, outbox_of
 from traverse.cli.points.resend import LAST, FromOption, ToOption, resend
 from traverse.cli.points.signing import key, verify
@@ -18,7 +18,7 @@ from traverse.plurals import counted
 if TYPE_CHECKING:
     from sqlite3 import Connection
 
-points = typer.Typer(help="Points on a daemon's disk.", no_args_is_help=True)
+points = CommandGroup(help="Points on a daemon's disk.", no_args_is_help=True)
 points.command("resend")(resend)
 points.command("key")(key)
 points.command("verify")(verify)
@@ -29,16 +29,18 @@ def list_points(
     *,
     db: DbOption = None,
     config: ConfigOption = None,
-    session: Annotated[
-        str | None, typer.Option(help="List its points, not the sessions.")
-    ] = None,
+    session: str | None = None,
     from_seq: FromOption = 0,
     to_seq: ToOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One object a line.")] = False,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """List sessions, or the points of one; beside a running daemon or without one.
 
     Exit status 2: the file cannot be read, or has no such session.
+
+    Args:
+        session: List its points, not the sessions.
+        as_json: One object a line.
     """
     from traverse.cli.points import outbox  # noqa: PLC0415
     from traverse.daemon.store import queries  # noqa: PLC0415
@@ -63,25 +65,23 @@ def export(
     *,
     db: DbOption = None,
     config: ConfigOption = None,
-    session: Annotated[
-        str | None, typer.Option(help="Only this one; else all, oldest first.")
-    ] = None,
+    session: str | None = None,
     from_seq: FromOption = 0,
     to_seq: ToOption = None,
-    as_format: Annotated[
-        str, typer.Option("--format", help="csv, or jsonl: one message a line.")
-    ] = "csv",
-    out: Annotated[
-        Path | None, typer.Option(help="File to write; else standard output.")
-    ] = None,
+    as_format: Annotated[str, typer.Option("--format")] = "csv",
+    out: Path | None = None,
     force: Force = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="With --out: report as JSON.")
-    ] = False,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """Write points with all their values; retractions are rows too.
 
     Exit status 1: some could not be read; 2: the file cannot be read or written.
+
+    Args:
+        session: Only this one; else all, oldest first.
+        as_format: csv, or jsonl: one message a line.
+        out: File to write; else standard output.
+        as_json: With --out: report as JSON.
     """
     from traverse.cli.points import outbox  # noqa: PLC0415
     from traverse.daemon.store import queries  # noqa: PLC0415

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.control import send_command
 from traverse.cli.options import Json
 from traverse.cli.refusals import FAILED, refuse
@@ -20,17 +20,11 @@ ToOption = Annotated[
 ]
 
 
-@with_broker
 def resend(
-    session: Annotated[
-        str | None,
-        typer.Argument(help="Session of the points; without it, list sessions."),
-    ] = None,
+    session: str | None = None,
     *,
-    scan: Annotated[
-        str | None, typer.Option(help="Blocks of this scan instead of points.")
-    ] = None,
-    arm: Annotated[str, typer.Option(help="Name of the arm.")],
+    scan: str | None = None,
+    arm: str,
     broker: BrokerOptions,
     from_seq: FromOption = 0,
     to_seq: ToOption = None,
@@ -42,6 +36,11 @@ def resend(
 
     Exit status 1: it has none of them; 2: refused; 3: daemon or broker could
     not be reached.
+
+    Args:
+        session: Session of the points; without it, list sessions.
+        scan: Blocks of this scan instead of points.
+        arm: Name of the arm.
     """
     from traverse.protocol.messages import ResendArgs  # noqa: PLC0415
 

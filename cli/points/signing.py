@@ -24,12 +24,16 @@ if TYPE_CHECKING:
 
 
 def key(
-    out: Annotated[Path, typer.Option(help="File of the private key; new.")],
+    *,
+    out: Path,
     as_json: Json = False,
 ) -> None:
     """Make the key by which a daemon signs points, and beside it the public one.
 
     The private key stays on the arm's computer; `key` of [signing] names it.
+
+    Args:
+        out: File of the private key; new.
     """
     from base64 import b64encode  # noqa: PLC0415
     from os import O_CREAT, O_EXCL, O_WRONLY, fdopen, open  # noqa: PLC0415
@@ -59,14 +63,9 @@ def key(
 
 
 def verify(
-    file: Annotated[
-        Path | None, typer.Argument(help="Points as JSON lines; else --db or --config.")
-    ] = None,
+    file: Path | None = None,
     *,
-    public: Annotated[
-        Path,
-        typer.Option("--key", help="The arm's public key, that its owner gave you."),
-    ],
+    public: Annotated[Path, typer.Option("--key")],
     db: DbOption = None,
     config: ConfigOption = None,
     as_json: Json = False,
@@ -74,6 +73,10 @@ def verify(
     """Check signed points: none removed, altered, inserted or moved.
 
     Exit status 1: something is wrong, line by line.
+
+    Args:
+        file: Points as JSON lines; else --db or --config.
+        public: The arm's public key, that its owner gave you.
     """
     from traverse.cli.points.outbox import opened_outbox, point_of  # noqa: PLC0415
     from traverse.daemon.store.queries import iter_messages, read_sessions  # noqa: PLC0415

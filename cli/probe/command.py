@@ -7,50 +7,43 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.control import use_probe
-from traverse.cli.options import Json, campaign_folder
+from traverse.cli.options import CommandGroup, Json, campaign_folder
 from traverse.cli.refusals import FAILED, print_report, refusals, refuse
 
 if TYPE_CHECKING:
     from traverse.daemon.pose.probe_library import LibraryProbe, ProbeLibrary
 
 
-probe = typer.Typer(help="Probes of the library.", no_args_is_help=True)
+probe = CommandGroup(help="Probes of the library.", no_args_is_help=True)
 probe.command("use")(use_probe)
 
 
 @probe.command("pivot")
 def pivot(
-    campaign: Annotated[
-        Path,
-        typer.Argument(help="Folder with campaign.toml.", callback=campaign_folder),
-    ],
-    arm: Annotated[Path, typer.Option("--arm", help="Arm file, identified.")],
+    campaign: Annotated[Path, typer.Argument(callback=campaign_folder)],
     *,
-    library: Annotated[
-        Path | None, typer.Option("--library", help="Probe library to compare with.")
-    ] = None,
-    name: Annotated[
-        str | None, typer.Option("--name", help="Which probe of the library it is.")
-    ] = None,
-    cone: Annotated[
-        str | None, typer.Option("--cone", help="Artefact, where there are several.")
-    ] = None,
-    limit_mm: Annotated[
-        float,
-        typer.Option("--limit-mm", min=0.0, help="A larger change needs confirmation."),
-    ] = 0.05,
-    write: Annotated[
-        bool, typer.Option("--write", help="Write the result into the library.")
-    ] = False,
-    yes: Annotated[
-        bool,
-        typer.Option("--yes", help="Do not ask for confirmation beyond the limit."),
-    ] = False,
+    arm: Path,
+    library: Path | None = None,
+    name: str | None = None,
+    cone: str | None = None,
+    limit_mm: Annotated[float, typer.Option(min=0.0)] = 0.05,
+    write: bool = False,
+    yes: bool = False,
     as_json: Json = False,
 ) -> None:
     """Find a probe's vector from poses with its ball in a cone.
 
     Exit status 1 where it is beyond the limit and not confirmed.
+
+    Args:
+        campaign: Folder with campaign.toml.
+        arm: Arm file, identified.
+        library: Probe library to compare with.
+        name: Which probe of the library it is.
+        cone: Artefact, where there are several.
+        limit_mm: A larger change needs confirmation.
+        write: Write the result into the library.
+        yes: Do not ask for confirmation beyond the limit.
     """
     with refusals():
         from traverse.cli.probe.pivot import pivoted, write_vector  # noqa: PLC0415

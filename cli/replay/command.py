@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.options import Force, Json
 from traverse.cli.refusals import (
     FAILED,
@@ -28,25 +28,12 @@ if TYPE_CHECKING:
     from traverse.recording.run_reader import RunReader
 
 
-@with_broker
 def replay(
-    file: Annotated[Path, typer.Argument(help="A recording of the daemon (MCAP).")],
+    file: Path,
     *,
-    out: Annotated[
-        Path | None, typer.Option(help="Points are written here, one JSON a line.")
-    ] = None,
-    block: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=100_000,
-            help="Samples of a block; without it, blocks are as they were.",
-        ),
-    ] = None,
-    publish: Annotated[
-        bool,
-        typer.Option("--publish", help="Publish the points, in their own session."),
-    ] = False,
+    out: Path | None = None,
+    block: Annotated[int | None, typer.Option(min=1, max=100_000)] = None,
+    publish: bool = False,
     broker: BrokerOptions,
     force: Force = False,
     as_json: Json = False,
@@ -57,6 +44,12 @@ def replay(
     is the same to the last bit; with another one, coordinates are within 4 ulp of the
     arm's reach. Exit status 1: they are not, or points are missing; 2: the file was
     refused; 3: the broker could not be reached.
+
+    Args:
+        file: A recording of the daemon (MCAP).
+        out: Points are written here, one JSON a line.
+        block: Samples of a block; without it, blocks are as they were.
+        publish: Publish the points, in their own session.
     """
     from traverse.cli.replay.report import report_of, report_text  # noqa: PLC0415
     from traverse.recording.run_reader import RunReader  # noqa: PLC0415 - quick help

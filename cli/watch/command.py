@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, arms_at, with_broker
+from traverse.cli.broker_options import BrokerOptions, arms_at
 from traverse.cli.refusals import UNREACHABLE
 
 if TYPE_CHECKING:
@@ -18,26 +18,26 @@ DISPLAY_S = 0.1
 KINDS = ("status", "point", "scan", "event", "health", "live")
 
 
-@with_broker
 def watch(
     *,
     broker: BrokerOptions,
-    arm: Annotated[str, typer.Option(help="Name of the arm; + for all.")] = "+",
+    arm: str = "+",
     kinds: Annotated[
         str, typer.Option(help=f"What to show, of: {', '.join(KINDS)}.")
     ] = "status,point,scan,event,health",
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON message a line.")
-    ] = False,
-    lines: Annotated[
-        bool, typer.Option("--lines", help="Lines on a terminal, too.")
-    ] = False,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
+    lines: bool = False,
 ) -> None:
     """Follow an arm: a live display, or a line a message.
 
     The display is of one arm: the one of --arm, or the only one on the broker; of
     several there are lines. Reconnects after an outage of the broker. Ends
     on Ctrl-C. Exit status 3: the broker could not be reached at the start.
+
+    Args:
+        arm: Name of the arm; + for all.
+        as_json: One JSON message a line.
+        lines: Lines on a terminal, too.
     """
     wanted = [kind.strip() for kind in kinds.split(",") if kind.strip()]
     unknown = [kind for kind in wanted if kind not in KINDS]
