@@ -82,6 +82,8 @@ app = CommandGroup(
     name="traverse",
     cls=Commands,
     help="Measurement daemon of an articulated-arm coordinate measuring machine.",
+    epilog="Exit status: 0 done; 1 the answer is no; 2 a file or an option was refused;"
+    " 3 a device or the broker could not be reached.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # brackets are units here

@@ -64,10 +64,7 @@ class LineOptions:
 
 @amt21.command()
 def scan(*, line: LineOptions, as_json: Json = False) -> None:
-    """List the addresses that answer, with position and, where they have it, turns.
-
-    Exit status 3 if the port cannot be opened or nothing answers.
-    """
+    """List the addresses that answer, with position and, where they have it, turns."""
     with line.opened() as opened:
         found = _answering(opened, ADDRESSES)
     lines = []

@@ -19,7 +19,7 @@ class BrokerOptions:
         broker: MQTT broker: host, host:port or mqtts://host:port.
         username: User name at the broker.
         password_file: File with the broker's password.
-        ca_file: CA certificates that signed the broker's certificate.
+        ca_file: CA certificates of the broker's; else the system's.
         client_certificate: Client certificate, PEM.
         client_key: Key of that certificate, PEM.
     """

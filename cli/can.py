@@ -28,7 +28,7 @@ class BusOptions:
     Attributes:
         channel: Channel of the interface: can0, /dev/ttyACM0, ...
         interface: Of python-can: socketcan, slcan, ...
-        bitrate: Bit rate of the bus.
+        bitrate: Of the bus; SocketCAN has its own.
         timeout: Time limit of an answer in seconds.
     """
 
@@ -40,11 +40,7 @@ class BusOptions:
 
 @can.command()
 def scan(*, bus: BusOptions, as_json: Json = False) -> None:
-    """List the nodes that answer: identity, profile, resolution, alarms.
-
-    It reads and changes nothing. Exit status 3 if the bus cannot be opened or nothing
-    answers.
-    """
+    """List the nodes that answer: identity, profile, resolution, alarms."""
     with _opened(bus) as tool:
         found = [_report(one) for one in tool.scan()]
         name = tool.name
@@ -65,8 +61,7 @@ def preset(
     """Make the present position of an encoder a number; the shaft must rest.
 
     An arm file and an identification made before no longer fit: their zero_rad belongs
-    to the old numbers. Exit status 2 if the number is beyond the encoder's range, 3 if
-    it does not answer.
+    to the old numbers. Exit status 3: also if the encoder refuses.
 
     Args:
         node: Number of the encoder.

@@ -40,7 +40,7 @@ def certify(
     Args:
         results: Folder of `traverse verify` or `identify`.
         laboratory: Who certifies, for whom, TOML.
-        campaign: Of an identification: what it was made from.
+        campaign: Of an identification, the first time: what it was made from.
         arm: Of an identification: the arm file that it began with.
         key: Private key to sign with, PEM.
         certificate: X.509 certificate of the key, PEM.

@@ -36,8 +36,7 @@ def point(
 ) -> None:
     """Take a point now.
 
-    Exit status 1: it was taken, and its quality is in doubt; 2: the arm refuses; 3: arm
-    or broker cannot be reached.
+    Exit status 1: it was taken, and its quality is in doubt.
 
     Args:
         samples: Average so many samples.
@@ -51,10 +50,7 @@ def point(
 
 
 def undo(*, arm: ArmName = None, as_json: Json = False, broker: BrokerOptions) -> None:
-    """Take the last point back.
-
-    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
-    """
+    """Take the last point back."""
     _show_point(send_command(arm, broker, lambda it: it.undo()), as_json=as_json)
 
 
@@ -69,11 +65,9 @@ def scan(
 ) -> None:
     """Start a scan, or stop the running one.
 
-    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
-
     Args:
         action: What to do.
-        rate_hz: Points a second [Hz].
+        rate_hz: Points a second [Hz]; else as configured.
         spacing_mm: A point after each such distance [mm] instead.
     """
     if rate_hz is not None and spacing_mm is not None:
@@ -103,8 +97,6 @@ def label(
 ) -> None:
     """Set the label of the next points.
 
-    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
-
     Args:
         artefact: Touched artefact; without it the label ends.
         feature: Touched feature of it.
@@ -124,10 +116,8 @@ def session(
 ) -> None:
     """Begin a new session: points are numbered from 0 again.
 
-    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
-
     Args:
-        note: Note for the session.
+        note: Text that is stored with the session.
     """
     begun = send_command(arm, broker, lambda it: it.new_session(note))
     _show({"session": begun}, begun, as_json=as_json)
@@ -142,8 +132,6 @@ def use_probe(
 ) -> None:
     """Measure with another probe of the library.
 
-    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
-
     Args:
         name: Name in the arm's probe library.
     """
@@ -155,10 +143,7 @@ def use_probe(
 def reload(
     *, arm: ArmName = None, as_json: Json = False, broker: BrokerOptions
 ) -> None:
-    """Have the daemon read arm file and configuration again.
-
-    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
-    """
+    """Have the daemon read arm file and configuration again."""
     model = send_command(arm, broker, lambda it: it.reload())
     _show({"model": model}, f"model {model[:12]}", as_json=as_json)
 
@@ -175,8 +160,6 @@ def confirm(
 
     Before, bring the arm to its reference and touch a point that you know: only you can
     verify that the encoders still count from there. With --at the daemon compares.
-
-    Exit status 2: the arm refuses; 3: arm or broker cannot be reached.
 
     Args:
         at: x,y,z [mm] where the probe is now, refused if it is not.

@@ -50,14 +50,14 @@ def demo(
     Prints the points as they arrive, then length, form and spread beside the
     certificates; without --once the operator's page shows the arm in a browser. Ends
     on Ctrl-C, after --for seconds, or after one round with --once.
-    Exit status 3: the simulated arm or the broker did not start.
+    Exit status 3: a program did not start, or the daemon ended.
 
     Args:
-        once: End after one round of measurements.
+        once: End after one round, half a minute.
         for_s: End after so many seconds.
-        broker: MQTT broker, host or host:port; without it one is started.
+        broker: Existing broker, host or host:port; else one is started.
         rate_hz: Rate of the scan in Hz.
-        page: Open the page in a browser too, if its extra is installed.
+        page: Open the page, if its extra is installed; not with --once.
     """
     try:
         _look_for_extra(with_broker=broker is None)

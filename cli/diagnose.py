@@ -55,7 +55,7 @@ def diagnose(
         arm: Arm file: the design, or an identified arm.
         out: Folder for the results; not with --plan.
         seed: Seed of the held-out split and of the thresholds.
-        accept: Write the adapted arm to ARM itself.
+        accept: Write the adapted arm to ARM itself, too.
         accept_tentative: Tentative terms enter the adapted arm too.
         max_terms: Terms to add at most.
         strict: Exit status 1 if anything is missing.

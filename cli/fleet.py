@@ -108,8 +108,8 @@ class RunOptions:
     Attributes:
         out: Folder for the results, NAME/ each.
         processes: Processes of this computer; default one a core.
-        scheduler: Dask scheduler, tcp://HOST:PORT, instead of processes.
-        rest: Leave out what has results already.
+        scheduler: Dask scheduler, tcp://HOST:PORT or tls://, instead.
+        rest: Leave out what has results; else refused.
     """
 
     out: Annotated[Path, typer.Option("--out", "-o")]

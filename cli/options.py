@@ -16,7 +16,7 @@ Json = Annotated[
     bool, typer.Option("--json", help="Report as JSON on standard output.")
 ]
 Yes = Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")]
-Force = Annotated[bool, typer.Option("--force", help="Replace a file that exists.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 Operator = Annotated[
     str | None,
     typer.Option(
@@ -25,7 +25,7 @@ Operator = Annotated[
 ]
 HoldoutBy = Annotated[
     Literal["time", "artefact"],
-    typer.Option(help="What is kept aside: groups of poses in time, or artefacts."),
+    typer.Option(help="Keep aside groups of poses in time, or whole artefacts."),
 ]
 Command = Callable[..., None]
 _ENTRY = re.compile(r"^    (\w+): (.+(?:\n {8}.+)*)", re.MULTILINE)

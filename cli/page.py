@@ -38,7 +38,7 @@ def page(
         arm: Name of the arm; without it the only one on the broker.
         host: Address to listen on; beyond this machine see below.
         port: Port to listen on.
-        token_file: File with the token for access.
+        token_file: File with the token, 16 characters or more.
         certificate: Certificate of this page, PEM.
         key: Its key, PEM.
         show: Open a browser.

@@ -34,7 +34,7 @@ def predict(
     Args:
         campaign: Folder with campaign.toml.
         arm: The arm file, which is held.
-        fit_on: Campaign that says where the artefacts stand.
+        fit_on: Campaign with the same artefacts in place.
         fit_tool: Find the probe's vector, too.
         out: CSV file, a line for each pose.
     """

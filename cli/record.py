@@ -28,13 +28,12 @@ def record(
     """Record what an arm does, as an MCAP file on the daemon's disk.
 
     The file begins some seconds before the command, where the flight recorder is on.
-    Exit status 2: the daemon refuses; 3: it or the broker could not be reached.
 
     Args:
         name: New name for the recording.
         arm: Name of the arm.
         seconds: Duration; else until Ctrl-C.
-        note: Note for the recording.
+        note: Text that is stored in the recording.
     """
     address = broker.address()
     with client_errors():

@@ -26,7 +26,7 @@ def run(
     Args:
         config: The daemon's configuration, TOML.
         embedded_broker: Start an own MQTT broker on loopback (extra `demo`).
-        embedded_port: Port of the embedded broker; 0 takes a free one.
+        embedded_port: Port of the embedded broker; 0: a free one, logged.
         keep_trying: Start also without a device or broker that cannot be reached,
             report it, and keep trying; for a service.
         log_format: How the log is written; auto: to the journal under systemd, else

@@ -39,12 +39,12 @@ def store(
     Points, events and states go into a database, scans into Parquet by arm and day. A
     message is acknowledged once it is stored; each counts once; what is missing is
     asked for again. Many members may run at once. Ends on Ctrl-C or SIGTERM with a
-    line of sums. Exit status 2: refused, among others by the database; 3: no database.
+    line of sums. Exit status 3: also if there is no database within 30 s.
 
     Args:
-        database: File of SQLite, or postgresql://user@host/database; its password in
-            PGPASSFILE or PGPASSWORD.
-        scans: Folder of scans, or a URI such as s3://bucket/scans.
+        database: File of SQLite, or postgresql://user@host:port/database; its password
+            in PGPASSFILE or PGPASSWORD.
+        scans: Folder, or a URI of pyarrow such as s3://bucket/scans.
         group: Name of the group whose members share the messages.
         member: Name in the group, the same each time; else the host's.
         gap_s: Ask for numbers that are missing so long [s].

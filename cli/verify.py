@@ -42,10 +42,10 @@ def verify(
         limits: Maximum permissible errors and how to decide, TOML.
         out: Folder for the certificate.
         plan: Write what to touch for a standard into --out instead.
-        bidirectional: With --plan: plan E_BI too.
-        check: Check a certificate instead.
+        bidirectional: With --plan iso10360-12: E_BI too.
+        check: Check a certificate, or its folder.
         trust: With --check: X.509 certificate of a signer, or of who vouches for it,
-            PEM. Repeatable.
+            PEM. Repeatable; else the signer is shown, not judged.
     """
     with refusals():
         if check is not None:

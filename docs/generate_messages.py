@@ -37,24 +37,22 @@ HEAD = """\
 # MQTT messages
 
 Made from `protocol/messages` by `make schemas` (do not edit), like the [JSON
-Schemas](schemas/README.md) and the [AsyncAPI 3 document](asyncapi.json). How to read
-points: [in your program](../how-to/read-points-in-your-program.md).
+Schemas](schemas/README.md) and the [AsyncAPI 3 document](asyncapi.json). Programs to
+copy: [read points](../how-to/read-points-in-your-program.md).
 """
 RULES = f"""\
 - **Encoding.** A payload is one MessagePack map, or one JSON object (first byte: a
   brace) with `encoding = "json"` in the daemon's configuration. A command may use
   either. The content type of MQTT 5 is `application/msgpack` or `application/json`.
-- **Examples** are in JSON; beside them, in MessagePack: [a
-  point]({GOLDEN_FOLDER}/point.msgpack.hex), and so on. Also [a
-  retraction]({GOLDEN_FOLDER}/point-retraction.json), [the last
-  will]({GOLDEN_FOLDER}/status-offline.json), [a
+- **Examples** are linked, also [a retraction]({GOLDEN_FOLDER}/point-retraction.json),
+  [the last will]({GOLDEN_FOLDER}/status-offline.json) and [a
   refusal]({GOLDEN_FOLDER}/reply-error.json).
-- **Left out of the tables:** `schema`, the name beside the topic (another number at its
-  end means another layout), and `arm`, which all but commands and replies have.
+- **Left out of the tables:** `schema`, the name above them (another number at its end
+  means another layout), and `arm`, which all but commands and replies have.
 - **Keys** are always present, null where the type says so. Those with a default may
-  be left out.
+  be left out. Units are in their names.
 - **Numbers** are finite; integers have at most 53 bits, and one is accepted where a
-  number is expected. Units are in the names of the fields.
+  number is expected.
 - A **time** is nanoseconds since 1970 in UTC, which needs 61 bits: an integer in
   MessagePack (in JavaScript decode with `useBigInt64: true`), a **string** of digits
   in JSON.
@@ -129,7 +127,7 @@ def reference_page() -> str:
     for message in MESSAGES:
         lines += _message_section(message, described)
         if name(message) == "point":
-            lines += [DELIVERY]
+            lines += ["```json", _golden("point.json"), "```", "", DELIVERY]
         if name(message) == "command":
             lines += _command_sections()
     lines += [
@@ -161,9 +159,10 @@ def _delivery(key: str) -> tuple[str, str]:
 def _message_section(message: type[Message], described: set[str]) -> list[str]:
     schema, key = json_schema(message), name(message)
     lines = [f"## {message.__name__}", "", inspect.getdoc(message) or "", ""]
-    lines += [f"`{_delivery(key)[0]}`; `schema`: `{schema['$id']}`", ""]
-    lines += [*field_table(schema), "", *_inner_tables(schema, described)]
-    return lines if key == "command" else lines + _example(key)
+    example = f"{GOLDEN_FOLDER}/{'command-point' if key == 'command' else key}"
+    shown = f"[JSON]({example}.json) and [MessagePack]({example}.msgpack.hex)"
+    lines += [f"Schema `{schema['$id']}`; example in {shown}.", ""]
+    return [*lines, *field_table(schema), "", *_inner_tables(schema, described)]
 
 
 def _inner_tables(schema: Schema, described: set[str]) -> list[str]:
@@ -182,17 +181,9 @@ def _command_sections() -> list[str]:
     for command, args in COMMANDS.items():
         lines += [f"### cmd/{command}", "", inspect.getdoc(args) or "", ""]
         lines += [*field_table(json_schema(args)), ""]
-        if command == next(iter(COMMANDS)):
-            lines += _example(f"command-{command}")
-        else:
-            shown = json.loads(_golden(f"command-{command}.json"))["args"]
-            lines += [f"Example: `{json.dumps(shown)}`", ""]
+        shown = json.loads(_golden(f"command-{command}.json"))["args"]
+        lines += [f"Example: `{json.dumps(shown)}`", ""]
     return lines
-
-
-def _example(key: str) -> list[str]:
-    """A golden example in JSON."""
-    return ["```json", _golden(f"{key}.json"), "```", ""]
 
 
 def _golden(file: str) -> str:

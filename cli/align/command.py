@@ -34,7 +34,7 @@ def align(
             alignment.json to send.
         strict: Exit status 1 where anything is flagged.
         out: Folder for alignment.json and .html.
-        send: Have the daemon use it from now on.
+        send: Have the daemon use it; not if a test failed.
         clear: Have the daemon use none from now on.
         arm_name: To which arm to send; else that of the points.
     """

@@ -15,14 +15,14 @@ class AlignmentOptions:
         nominal: Where they should be, CSV or TOML; the first station's points with
             leapfrog.
         method: What is fitted.
-        scale: Adjust a scale, too.
-        std: Standard deviation of a coordinate [mm]; else the points'.
-        coordinates: Of the ball, or of the touched surface.
+        scale: Adjust a scale too.
+        std: Standard deviation of a touch [mm]; else the points' own.
+        coordinates: Of the ball, or of the surface of compensated points.
         spheres: Names are spheres; their centres count.
         arm: The arm file, of a campaign or for its reach.
         volume: x,y,z,x,y,z (box), x,y,z,r (ball), mm in the part; reach.
-        onto: Alignment of the first station, to be joined to a leapfrog.
-        name: Name of the alignment.
+        onto: With leapfrog: the first station's alignment, to be joined.
+        name: Its name; else the nominal file's.
     """
 
     nominal: Path | None = None

@@ -22,23 +22,19 @@ def collect(
 ) -> None:
     """Collect the poses of a campaign, guided.
 
-    Shows what to touch, and how often.
-
-    Where a plan.toml lies beside the campaign (`traverse verify --plan` writes one) it
-    is followed step by step, and --each does not count.
+    Shows what to touch, and how often. Where a plan.toml lies beside the campaign
+    (`traverse verify --plan` writes one) it is followed step by step.
 
     Points that the daemon captures count for the artefact that is shown, or for the
     one in their label. Each is on the disk before it counts, and a collection that
     was ended continues where it was. Keys, or lines on standard input: n (next),
-    p (previous), u (undo), q (quit).
-
-    Exit status 1: ended before everything was touched; 2: a file was refused; 3: the
-    broker could not be reached.
+    p (previous), u (undo), q (quit); after a question y (the touch is right), b (begin
+    with it). Exit status 1: ended before everything was touched.
 
     Args:
         campaign: The campaign.toml, or its folder; poses are put beside it.
         arm: The arm file that the daemon uses.
-        each: Touches of every feature.
+        each: Touches of every feature; not with a plan.
         allow: Quality flags that a point may have, with commas.
     """
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick

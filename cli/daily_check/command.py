@@ -53,15 +53,14 @@ def daily_check(
     is kept, and --campaign computes it later, here or on another computer.
 
     Exit status 1: out of control, beyond a limit, not plausible, or not everything was
-    touched; 2: a file was refused, or nothing could be computed; 3: the broker could
-    not be reached.
+    touched; 2: also if nothing could be computed.
 
     Args:
         arm: The arm file that the daemon uses.
         config: The daemon's configuration: its state folder has the history.
         history: The history instead, a file (SQLite).
         radius: Calibrated radius of the sphere in mm; else as last time.
-        campaign: Folder of a check that has been collected already.
+        campaign: Folder of a check that was collected; counts once.
         show: Check nothing; show the history.
         new_base: Start new charts with this check, for this reason.
         acceptance: certificate.json of the last acceptance.

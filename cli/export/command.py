@@ -24,7 +24,6 @@ def export(
 
     Retracted points are left out unless --retracted is given. The file
     appears whole or not at all, and replaces another with --force only.
-    Exit status 2: a file or an option was refused.
 
     Args:
         source: A recording (.mcap), an outbox (.db), or points (.jsonl).

@@ -57,8 +57,7 @@ def lines(
     """Send points as lines of text: over TCP or UDP, to a serial port or into a file.
 
     While nothing takes lines, points wait at the arm. What is not sent, and why, is
-    reported on standard error. Ends on Ctrl-C or SIGTERM with a line of sums. Exit
-    status 2: an option was refused; 3: the broker could not be reached.
+    reported on standard error. Ends on Ctrl-C or SIGTERM with a line of sums.
 
     Args:
         arm: Name of the arm.
@@ -68,7 +67,7 @@ def lines(
         baud: Of the serial port [baud].
         file: Append to this file.
         template: pcdmis, linuxcnc, spreadsheet, or a text with {names}.
-        undo: Line for a point that was taken back.
+        undo: Template for points taken back; else none.
         kind: What is sent.
         coordinates: Of x, y and z.
         unit: Of x, y and z.
@@ -112,8 +111,7 @@ def home_assistant(
 ) -> None:
     """Show an arm's state in Home Assistant, by MQTT discovery.
 
-    Ends on Ctrl-C or SIGTERM; the arm is then shown as unavailable. Exit status 2: an
-    option was refused; 3: the broker could not be reached.
+    Ends on Ctrl-C or SIGTERM; the arm is then shown as unavailable.
 
     Args:
         arm: Name of the arm.

@@ -23,16 +23,15 @@ def ippdme(
 ) -> None:
     """Serve the arm to a client of I++ DME 1.4.3, one at a time.
 
-    What happens is reported on standard error. Ends on Ctrl-C or SIGTERM. Exit status
-    2: an option was refused; 3: the broker could not be reached.
+    What happens is reported on standard error. Ends on Ctrl-C or SIGTERM.
 
     Args:
         arm: Name of the arm.
         listen: PORT on this machine, or HOST:PORT.
         near_mm: So far from its target a PtMeas may be [mm].
         probes: Probe library, for the radii of tools that are not active.
-        key: INPUT=NAME: a button as KeyPress, such as base/1=Done.
-        quote_class: GetMachineClass answers "CartCMM".
+        key: INPUT=NAME: a button as KeyPress, as base/1=Done. Repeatable.
+        quote_class: GetMachineClass answers in quotes.
     """
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
     from traverse.client.gateways.ippdme.server import IppServer  # noqa: PLC0415

@@ -24,8 +24,7 @@ def keys(
 
     A point in doubt is not typed, nor any while the arm is in alarm or the stop key was
     pressed; none of these is typed later. Ends on Ctrl-C or SIGTERM with a line of
-    sums. Exit status 2: an option was refused, or nothing can be typed here; 3: the
-    broker could not be reached.
+    sums.
 
     Args:
         arm: Name of the arm.

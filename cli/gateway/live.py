@@ -21,8 +21,7 @@ def live(
 ) -> None:
     """Show the arm, its points, scans and state in Foxglove, while it measures.
 
-    Ends on Ctrl-C or SIGTERM. Exit status 2: an option was refused, the port is taken,
-    or the extra is not installed; 3: the broker could not be reached.
+    Ends on Ctrl-C or SIGTERM.
 
     Args:
         arm: Name of the arm.

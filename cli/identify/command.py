@@ -56,7 +56,7 @@ def identify(
         campaign: Folder with campaign.toml.
         arm: Arm file: the design, or an earlier result.
         out: Folder for the results.
-        hold: Hold parameters at their values, e.g. 'J7.*'. Repeatable.
+        hold: Hold parameters, e.g. 'J7.*'. Repeatable; before --free.
         free: Free parameters, e.g. 'probe.vector.*'. Repeatable.
         masks: File with patterns to hold and to free, TOML.
         holdout: Part of the poses to keep aside and predict, e.g. 0.3.

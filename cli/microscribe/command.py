@@ -62,8 +62,7 @@ def arm_file(
 ) -> None:
     """Write an arm file and, beside it, `traverse.toml` to measure with at once.
 
-    The arm must be in its home position while it is switched on. Exit status 2 if what
-    it reports makes no arm file, or a file exists already; 3 if it does not answer.
+    The arm must be in its home position while it is switched on.
 
     Args:
         port: Serial port of the arm.
@@ -71,7 +70,7 @@ def arm_file(
         baud_rate: Try this one only; default all.
         name: Name of the arm; default the one that it reports.
         device: Its id in the daemon's configuration.
-        radius_mm: Radius of the ball; 0 for a point.
+        radius_mm: Radius of the ball; 0 for a pointed stylus.
     """
     from traverse.cli.microscribe.arm_values import arm_from_microscribe  # noqa: PLC0415
     from traverse.cli.microscribe.inquiry import query_microscribe  # noqa: PLC0415

@@ -36,8 +36,6 @@ def list_points(
 ) -> None:
     """List sessions, or the points of one; beside a running daemon or without one.
 
-    Exit status 2: the file cannot be read, or has no such session.
-
     Args:
         session: List its points, not the sessions.
         as_json: One object a line.
@@ -75,7 +73,7 @@ def export(
 ) -> None:
     """Write points with all their values; retractions are rows too.
 
-    Exit status 1: some could not be read; 2: the file cannot be read or written.
+    Exit status 1: some could not be read.
 
     Args:
         session: Only this one; else all, oldest first.

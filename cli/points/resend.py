@@ -34,8 +34,7 @@ def resend(
 
     Or, with --scan, the blocks of a scan that points from --from to --to are in.
 
-    Exit status 1: it has none of them; 2: refused; 3: daemon or broker could
-    not be reached.
+    Exit status 1: it has none of them.
 
     Args:
         session: Session of the points; without it, list sessions.

@@ -42,8 +42,7 @@ def replay(
 
     With the kernel of the recording (environment variable TRAVERSE_KERNEL) every number
     is the same to the last bit; with another one, coordinates are within 4 ulp of the
-    arm's reach. Exit status 1: they are not, or points are missing; 2: the file was
-    refused; 3: the broker could not be reached.
+    arm's reach. Exit status 1: they are not, or points are missing.
 
     Args:
         file: A recording of the daemon (MCAP).

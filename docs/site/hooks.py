@@ -1,27 +1,38 @@
-"""What the site has beyond its pages: navigation, and files of the checkout.
+"""What the site has beyond its pages: navigation, options, files of the checkout.
 
 The navigation is the map in index.md: its headings and the links in its lists. Pages
 link to files beside docs/ (the changelog, examples to copy) by their place in the
-checkout; the site has those in checkout/, and links are turned there.
+checkout; the site has those in checkout/, and links are turned there. Each section of a
+command in reference/commands.md ends with the options that its --help lists.
 """
 
+import html
 import os
 import re
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import typer.main
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
+from traverse.cli.__main__ import app
+from traverse.cli.broker_options import BrokerOptions
+
 DOCS = Path(__file__).resolve().parent.parent
 CHECKOUT = DOCS.parent
 OUTSIDE = "checkout"
+BROKER = {field.name for field in fields(BrokerOptions)}
 
 _CODE = re.compile(r"(^ *```.*?^ *```$|`[^`\n]*`)", re.DOTALL | re.MULTILINE)
 _LINK = re.compile(r"(?<=\]\()(?P<path>[^)\s#:]+)(?P<anchor>#[^)\s]*)?(?=\))")
 _HEADING = re.compile(r"^(?P<level>##+) (?P<text>.*)$")
+_COMMAND = re.compile(
+    r"^## `traverse(?P<words>[^`]*)`$.*?(?=^## |\Z)", re.DOTALL | re.M
+)
 _ITEM = re.compile(r"\[(?P<title>[^\]]+)\]\((?P<path>[^)\s#:]+)\)")
 
 
@@ -91,7 +102,10 @@ def links_outside(page: Path) -> Iterator[Path]:
 def on_page_markdown(
     markdown: str, page: Page, config: MkDocsConfig, files: Files
 ) -> str:
-    """Turn a page's links to where the site has their targets."""
+    """Add options of commands; turn links to where the site has their targets."""
+    markdown = _COMMAND.sub(
+        lambda found: f"{found[0]}\n{options_table(found['words'].split())}", markdown
+    )
     source = Path(str(page.file.abs_src_path)).parent
     place = Path(page.file.src_uri).parent
 
@@ -105,3 +119,22 @@ def on_page_markdown(
     parts = _CODE.split(markdown)
     parts[::2] = [_LINK.sub(turned, part) for part in parts[::2]]
     return "".join(parts)
+
+
+def options_table(words: list[str]) -> str:
+    """Arguments and options of a command, as --help lists them, in Markdown.
+
+    Args:
+        words: the command's name after `traverse`.
+    """
+    command: Any = typer.main.get_command(app)
+    for word in words:
+        command = command.commands[word]
+    left_out = BROKER if {one.name for one in command.params} >= BROKER else set()
+    rows = ["| option | meaning |", "|---|---|"]
+    for one in command.params:
+        if one.name not in left_out:
+            name, meaning = one.get_help_record(typer.Context(command))
+            rows.append(f"| `{name}` | {html.escape(meaning)} |")
+    rows += ["| [broker options](#brokers) | |"] if left_out else []
+    return "\n".join(rows) + "\n\n" if len(rows) > 2 else ""

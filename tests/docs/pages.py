@@ -2,6 +2,11 @@
 
 import re
 from pathlib import Path
+from typing import Any
+
+import typer.main
+
+from traverse.cli.__main__ import app
 
 CHECKOUT = Path(__file__).parents[2]
 PAGES = sorted(
@@ -15,6 +20,18 @@ _EXAMPLE = re.compile(
 _CODE = re.compile(r"^```.*?^```$|`[^`\n]*`", re.DOTALL | re.MULTILINE)
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
 _HEADING = re.compile(r"^(?P<level>#+) (?P<text>.*)$", re.MULTILINE)
+
+
+def _subcommands(command: Any, name: str) -> dict[str, Any]:
+    """A command and all below it by their full names, groups first; no old names."""
+    found = {name: command}
+    for word, inner in getattr(command, "commands", {}).items():
+        if not inner.hidden:
+            found |= _subcommands(inner, f"{name} {word}")
+    return found
+
+
+COMMANDS = _subcommands(typer.main.get_command(app), "traverse")
 
 
 def name_of(page: Path) -> str:

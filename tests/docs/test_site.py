@@ -1,10 +1,12 @@
 """The documentation as a site: built without a warning, whole, and good off-line."""
 
+import html
 import os
 import re
 import shutil
 import subprocess
 import sys
+from dataclasses import fields
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import urldefrag
@@ -12,7 +14,8 @@ from urllib.parse import urldefrag
 import pytest
 from playwright.async_api import async_playwright, expect
 
-from tests.docs.pages import CHECKOUT, PAGES
+from tests.docs.pages import CHECKOUT, COMMANDS, PAGES
+from traverse.cli.broker_options import BrokerOptions
 
 END_S = 100.0
 
@@ -88,6 +91,27 @@ def test_lists_have_become_lists(site: Path) -> None:
         for paragraph in re.findall(r"<p>(.*?)</p>", text, re.DOTALL):
             assert not re.search(r"^ *([-*]|\d+\.) ", paragraph, re.M), page
             assert "```" not in paragraph, page
+
+
+def test_every_command_is_followed_by_the_options_of_its_help(site: Path) -> None:
+    page = (site / "reference" / "commands.html").read_text("utf-8")
+    _, *parts = re.split(r"<h2 id=\S+?><code>(traverse.*?)</code>", page)
+    sections = dict(zip(parts[::2], parts[1::2], strict=True))
+    assert set(sections) == set(COMMANDS)
+    for name, command in COMMANDS.items():
+        rows = re.findall(r"<td>(.*?)</td>\n<td>", sections[name])
+        words = html.unescape(" ".join(re.findall(r"<code>(.*?)</code>", str(rows))))
+        shown = set(re.findall(r"(?<!\S)--?[a-z][a-z-]*", words))
+        if any('href="#brokers"' in row for row in rows):
+            shown |= {
+                f"--{one.name.replace('_', '-')}" for one in fields(BrokerOptions)
+            }
+        assert shown == {
+            option
+            for parameter in command.params
+            if parameter.param_type_name == "option"
+            for option in (*parameter.opts, *parameter.secondary_opts)
+        } - {"--help", "-h"}, name
 
 
 @pytest.mark.needs("chromium")
