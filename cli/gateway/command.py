@@ -2,16 +2,12 @@
 
 import asyncio
 import sqlite3
-from collections.abc import Coroutine
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from traverse.cli.broker_options import BrokerOptions
-from traverse.cli.gateway.ippdme import ippdme
-from traverse.cli.gateway.keys import keys
-from traverse.cli.gateway.live import live
 from traverse.cli.gateway.running import (
     Kind,
     host_port,
@@ -22,6 +18,7 @@ from traverse.cli.gateway.running import (
 )
 from traverse.cli.options import CommandGroup
 from traverse.cli.refusals import client_errors, refusals, refuse
+from traverse.plurals import counted
 
 if TYPE_CHECKING:
     from traverse.client.gateways.outlets import Outlet
@@ -29,9 +26,148 @@ if TYPE_CHECKING:
 gateway = CommandGroup(
     help="Points for programs that do not speak MQTT.", no_args_is_help=True
 )
-gateway.command("ippdme")(ippdme)
-gateway.command("keys")(keys)
-gateway.command("live")(live)
+
+
+@gateway.command("ippdme")
+def ippdme(
+    *,
+    arm: str,
+    broker: BrokerOptions,
+    listen: str = "1294",
+    near_mm: Annotated[float, typer.Option("--near", min=0.0)] = 10.0,
+    probes: Path | None = None,
+    key: list[str] | None = None,
+    quote_class: bool = False,
+) -> None:
+    """Serve the arm to a client of I++ DME 1.4.3, one at a time.
+
+    What happens is reported on standard error. Ends on Ctrl-C or SIGTERM.
+
+    Args:
+        arm: Name of the arm.
+        listen: PORT on this machine, or HOST:PORT.
+        near_mm: So far from its target a PtMeas may be [mm].
+        probes: Probe library, for the radii of tools that are not active.
+        key: INPUT=NAME: a button as KeyPress, as base/1=Done. Repeatable.
+        quote_class: GetMachineClass answers in quotes.
+    """
+    from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.client.gateways.ippdme.server import IppServer  # noqa: PLC0415
+    from traverse.client.gateways.ippdme.session import Options  # noqa: PLC0415
+    from traverse.daemon.pose.probe_library import read_probes  # noqa: PLC0415
+
+    with refusals(ValueError):
+        host, port = host_port(listen, "--listen", "127.0.0.1")
+        keys = dict(_key(text) for text in key or ())
+        library = () if probes is None else read_probes(probes).probes
+    options = Options(
+        near_mm,
+        {probe.name: probe.radius_mm for probe in library},
+        keys,
+        '"CartCMM"' if quote_class else "CartCMM",
+    )
+    address = broker.address()
+
+    async def work() -> None:
+        there = Arm(arm, address)
+        server = IppServer(there, host, port, report, options)
+        async with there:
+            await server.serve(
+                lambda: report(f"I++ DME server of {arm} on {server.address}")
+            )
+
+    run(f"tcp {host}:{port}", until_signal(work()))
+
+
+@gateway.command("keys")
+def keys(
+    *,
+    arm: str,
+    broker: BrokerOptions,
+    through: Literal["desktop", "uinput"] = "desktop",
+    separator: Literal["tab", "enter", "space", "comma", "semicolon"] = "tab",
+    after: Literal["enter", "tab", "space"] = "enter",
+    coordinates: Literal["centre", "surface", "part"] = "centre",
+    unit: Literal["mm", "inch"] = "mm",
+    decimal: Literal[".", ","] = ".",
+    stop_key: Literal["f7", "f8", "f9", "f10", "f11", "f12", "pause", "esc"] = "f9",
+) -> None:
+    """Type points into the program that has the keyboard.
+
+    A point in doubt is not typed, nor any while the arm is in alarm or the stop key was
+    pressed; none of these is typed later. Ends on Ctrl-C or SIGTERM with a line of
+    sums.
+
+    Args:
+        arm: Name of the arm.
+        through: What types.
+        separator: Between x, y and z.
+        after: Key after a point.
+        coordinates: Of x, y and z.
+        unit: Of x, y and z.
+        decimal: Decimal sign.
+        stop_key: Stops typing; pressed again, lets it go on.
+    """
+    from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.client.gateways import keys as typing_keys  # noqa: PLC0415
+    from traverse.client.gateways.lines import LineForm, LineGateway  # noqa: PLC0415
+
+    with refusals(ValueError):
+        typing_keys.check_typable(through, separator)
+        form = LineForm(
+            typing_keys.keys_template(separator, after),
+            None,
+            coordinates,
+            unit,
+            decimal,
+            sends_doubtful=False,
+        )
+    address = broker.address()
+
+    async def work() -> None:
+        there = Arm(arm, address)
+        outlet = typing_keys.KeysOutlet(there, through, stop_key, report)
+        await send(there, "points", LineGateway(form, outlet, report))
+
+    run("the keyboard", work())
+
+
+@gateway.command("live")
+def live(
+    *,
+    arm: str,
+    broker: BrokerOptions,
+    listen: str = "8765",
+    magnify: Annotated[float, typer.Option(min=1.0, max=1e6)] = 1.0,
+    since: Literal["now", "session", "beginning"] = "session",
+) -> None:
+    """Show the arm, its points, scans and state in Foxglove, while it measures.
+
+    Ends on Ctrl-C or SIGTERM.
+
+    Args:
+        arm: Name of the arm.
+        listen: PORT on this machine, or HOST:PORT.
+        magnify: Ellipsoids are so many times as large.
+        since: From where on points are shown.
+    """
+    from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.client.gateways.live import LiveServer  # noqa: PLC0415
+
+    with refusals(ValueError):
+        host, port = host_port(listen, "--listen", "127.0.0.1")
+    address = broker.address()
+
+    async def work() -> None:
+        there = Arm(arm, address, since=since)
+        server = LiveServer(there, host, port, magnify, report)
+        async with server, there:
+            where = f"{arm} at {server.address}"
+            report(f"{where}: open it in Foxglove as a connection")
+            await until_signal(server.serve())
+        report(f"{counted(server.points, 'point')} shown")
+
+    run(f"ws://{host}:{port}", work())
 
 
 @gateway.command("lines")
@@ -93,11 +229,11 @@ def lines(
         outlet = _outlet(tcp, udp, serial, baud, file)
     address = broker.address()
 
-    def work() -> Coroutine[Any, Any, None]:
+    async def work() -> None:
         there = Arm(arm, address, since=since, cursor_file=cursor_file)
-        return send(there, kind, LineGateway(form, outlet, report))
+        await send(there, kind, LineGateway(form, outlet, report))
 
-    run(lambda: outlet.name, work)
+    run(outlet.name, work())
 
 
 @gateway.command("home-assistant")
@@ -161,3 +297,10 @@ def _outlet(
     if path.is_dir() or not path.parent.is_dir():
         raise ValueError(f"--file {path}: name a file in a folder that is there")
     return outlets.FileOutlet(path, report)
+
+
+def _key(text: str) -> tuple[str, str]:
+    source, _, name = text.partition("=")
+    if not (source and name.isascii() and name.isalnum()):
+        raise ValueError(f"--key {text}: expected INPUT=NAME, such as base/1=Done")
+    return source, name
