@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from traverse.cli.options import Json
-from traverse.cli.points.signing import read_public_key_file
+from traverse.cli.points.command import read_public_key_file
 from traverse.cli.refusals import FAILED, print_report, refusals
 
 

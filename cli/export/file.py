@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from traverse.cli.export.options import Wanted
+from traverse.cli.export.command import Wanted
 from traverse.cli.export.sources import PIECE, points_of, scans_of, tear_of
 from traverse.cli.qif_check import check_schema, schema_words
 from traverse.client.exports.formats import FORMATS
