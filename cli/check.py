@@ -9,6 +9,7 @@ from pathlib import Path
 import typer
 
 from traverse.cli.options import Json
+from traverse.cli.refusals import REFUSED
 
 
 def check(
@@ -33,29 +34,31 @@ def check(
     if (file / "campaign.toml").is_file():
         file /= "campaign.toml"
     kind, read = _reader(file)
+    wrong: list[FileError] | None = None
     try:
         if file.is_file() and not file.stat().st_size:
             what = "is empty; expected an arm file, a configuration, a campaign, ..."
             raise FileError(str(file), [Problem("", what)])
         read(file)
-    except (FileError, StartupError) as error:
-        wrong = error.files if isinstance(error, StartupError) else [error]
-        if as_json:
-            problems = [
-                {"file": one.source, "where": p.where, "message": p.message}
-                for one in wrong
-                for p in one.problems
-            ]
-            report = {"file": str(file), "kind": kind, "problems": problems}
-            typer.echo(json.dumps(report, indent=1))
-        else:
-            typer.echo("\n".join(str(one) for one in wrong), err=True)
-        raise typer.Exit(2) from error
+    except StartupError as error:
+        wrong = error.files
+    except FileError as error:
+        wrong = [error]
     if as_json:
-        typer.echo(json.dumps({"file": str(file), "kind": kind, "problems": []}))
+        problems = [
+            {"file": one.source, "where": p.where, "message": p.message}
+            for one in wrong or ()
+            for p in one.problems
+        ]
+        report = {"file": str(file), "kind": kind, "problems": problems}
+        typer.echo(json.dumps(report, indent=None if wrong is None else 1))
+    elif wrong is not None:
+        typer.echo("\n".join(map(str, wrong)), err=True)
     else:
         name = kind.replace("'s", "")
         typer.echo(f"{file}: valid {name}")
+    if wrong is not None:
+        raise typer.Exit(REFUSED)
 
 
 def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:

@@ -42,10 +42,8 @@ def collect(
     flags = frozenset(flag.strip() for flag in allow.split(",") if flag.strip())
     address = broker.address()
     with refusals():
-        from traverse.cli.collect.session import run_collection  # noqa: PLC0415
+        from traverse.cli.collect.session import collection_of, run_collection  # noqa: PLC0415
         from traverse.lab.campaign import campaign_file  # noqa: PLC0415
-        from traverse.lab.collection import plan as plans  # noqa: PLC0415
-        from traverse.lab.collection.collection import Collection  # noqa: PLC0415
         from traverse.lab.collection.report import collection_report  # noqa: PLC0415
         from traverse.protocol.messages.quality import FLAG_MEANINGS  # noqa: PLC0415
 
@@ -72,17 +70,7 @@ def collect(
                     "no point has; make the table of its poses otherwise"
                 )
         model = read_arm(arm)
-        beside = campaign.parent / plans.PLAN
-        plan = plans.read_plan(beside) if beside.is_file() else None
-        collection = Collection(
-            file,
-            campaign.parent,
-            [joint.name for joint in model.joints],
-            plans.targets_of(file, each)
-            if plan is None
-            else plans.planned_targets(plan, file, str(beside)),
-            plan,
-        )
+        collection = collection_of(file, campaign.parent, model, each)
         collection.resume()
         run_collection(collection, model.name, address, flags, quiet=as_json)
     if as_json:

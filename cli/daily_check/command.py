@@ -162,11 +162,9 @@ def _collected(
 
     `again` is the command that computes a folder later.
     """
-    from traverse.cli.collect.session import run_collection  # noqa: PLC0415
+    from traverse.cli.collect.session import collection_of, run_collection  # noqa: PLC0415
     from traverse.lab.acceptance.plan import CAMPAIGN  # noqa: PLC0415
     from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
-    from traverse.lab.collection import plan as plans  # noqa: PLC0415
-    from traverse.lab.collection.collection import Collection  # noqa: PLC0415
     from traverse.lab.daily_check.figures import write_check  # noqa: PLC0415
 
     if not radius_mm > 0.0:
@@ -175,14 +173,7 @@ def _collected(
     folder = path.parent / "interim" / f"{now:%Y%m%dT%H%M%S.%fZ}"
     write_check(folder, arm, radius_mm, now)
     file = read_campaign_file(folder / CAMPAIGN)
-    plan = plans.read_plan(folder / plans.PLAN)
-    collection = Collection(
-        file,
-        folder,
-        [joint.name for joint in arm.joints],
-        plans.planned_targets(plan, file, str(folder / plans.PLAN)),
-        plan,
-    )
+    collection = collection_of(file, folder, arm)
     run_collection(collection, arm.name, broker, ALLOWED, quiet=quiet)
     if unfinished := collection.unfinished():
         end(

@@ -38,8 +38,7 @@ class CheckPanel:
                 ui.space()
                 for name, kind, wanted in CHECKS:
                     begin = self._beginning(kind, wanted)
-                    button = ui.button(name, on_click=begin, color=None)
-                    button.props("outline dense")
+                    ui.button(name, on_click=begin, color=None).props("outline dense")
                 self._limit = ui.button("Limit", on_click=self._set_limit, color=None)
                 self._limit.props("outline dense")
                 self._close = ui.button("Close", on_click=self._end, color=None)
@@ -49,8 +48,7 @@ class CheckPanel:
             with ui.element("div").classes("bar") as self._answers:
                 for name, act in ANSWERS:
                     answer = self._answering(act)
-                    button = ui.button(name, on_click=answer, color=None)
-                    button.props("outline dense")
+                    ui.button(name, on_click=answer, color=None).props("outline dense")
             self._results = ui.html("", sanitize=False)
             with ui.element("div") as self._coverage:
                 self._title = ui.html("", sanitize=False)
@@ -60,7 +58,7 @@ class CheckPanel:
     def show_coverage(self, sight: ArmSight) -> None:
         """Show where the joints have been."""
         old = sight.is_stale
-        self._coverage.classes(add="old" if old else "", remove="" if old else "old")
+        self._coverage.classes("old" if old else "", remove="old")
         when = ": not of now" if old and sight.live else ""
         self._title.set_content(f"<h2>Where the joints have been{when}</h2>")
         self._bars.set_content(coverage_bars(sight))
@@ -80,8 +78,7 @@ class CheckPanel:
             self._limit.set_text(f"Limit: {limit}")
             level, words = check.verdict
             self._verdict.set_text(words)
-            others = {"good", "busy", "warning", "bad"} - {level}
-            self._verdict.classes(add=level, remove=" ".join(others))
+            self._verdict.classes(level, remove="good busy warning bad")
         self._results.set_content(
             '<table class="plain wrap"><tbody>'
             + "".join(

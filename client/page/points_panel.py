@@ -73,4 +73,4 @@ class PointsPanel:
     def show_age(self, sight: ArmSight) -> None:
         """Disable it where points may be missing here."""
         old = not sight.is_online
-        self._panel.classes(add="old" if old else "", remove="" if old else "old")
+        self._panel.classes("old" if old else "", remove="old")
