@@ -79,33 +79,18 @@ class Commands(TyperGroup):
 
 
 app = CommandGroup(
-    name="traverse",
+    "traverse",
     cls=Commands,
     help="Measurement daemon of an articulated-arm coordinate measuring machine.",
     epilog="Exit status: 0 done; 1 the answer is no; 2 a file or an option was refused;"
     " 3 a device or the broker could not be reached.",
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # brackets are units here
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 COMMANDS: tuple[Callable[..., None], ...] = (
-    *(
-        demo,
-        run,
-        simulate,
-        watch,
-        page,
-        check,
-        artefact,
-        collect,
-        identify,
-        predict,
-        diagnose,
-        verify,
-        certify,
-        trace,
-    ),
+    *(demo, run, simulate, watch, page, check, artefact, collect),
+    *(identify, predict, diagnose, verify, certify, trace),
     *(daily_check, align, record, replay, export, store),
     *(point, undo, scan, label, session, reload, confirm),
 )
@@ -113,18 +98,8 @@ for command in COMMANDS:
     app.command()(command)
 # The old name of `daily-check`, kept for one release.
 app.command("interim", hidden=True)(daily_check)
-GROUPS = {
-    "arm": arm,
-    "amt21": amt21,
-    "can": can,
-    "fleet": fleet,
-    "gateway": gateway,
-    "microscribe": microscribe,
-    "points": points,
-    "probe": probe,
-}
-for name, group in GROUPS.items():
-    app.add_typer(group, name=name, cls=Commands)
+for group in (arm, amt21, can, fleet, gateway, microscribe, points, probe):
+    app.add_typer(group, cls=Commands)
 
 
 def _show_version(wanted: bool) -> None:

@@ -20,9 +20,9 @@ ADDRESSES = range(4, 253, 4)
 TRIES = 3  # for each address of a scan
 
 amt21 = CommandGroup(
+    "amt21",
     help="AMT21 encoders on an RS-485 line: scan, zero, reset. "
     "The daemon must not be using the port.",
-    no_args_is_help=True,
 )
 
 Address = Annotated[

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from traverse.drivers.canopen.commissioning import Commissioning, FoundNode
 
 can = CommandGroup(
+    "can",
     help="CANopen encoders on a CAN bus: scan, preset. "
     "The daemon must not be using the bus.",
-    no_args_is_help=True,
 )
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from traverse.lab.diagnosis.model.result import DiagnosisOptions
     from traverse.lab.identification.identify import Options
 
-fleet = CommandGroup(help="All arms of a store.", no_args_is_help=True)
+fleet = CommandGroup("fleet", help="All arms of a store.")
 
 DatabaseOption = Annotated[
     str, typer.Option(help="As of `traverse store`: a file, or postgresql://...")

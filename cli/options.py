@@ -46,6 +46,9 @@ class CommandGroup(typer.Typer):
     with their help in the section `Attributes` of the class.
     """
 
+    def __init__(self, name: str, **settings: Any) -> None:  # noqa: ANN401 - of typer
+        super().__init__(name=name, no_args_is_help=True, **settings)
+
     def command(
         self,
         name: str | None = None,

@@ -48,7 +48,7 @@ class ArmOptions:
 
 
 arm = CommandGroup(
-    help="Arm files: show one, or make one of a DH table or URDF.", no_args_is_help=True
+    "arm", help="Arm files: show one, or make one of a DH table or URDF."
 )
 
 Postures = Annotated[

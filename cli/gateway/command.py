@@ -23,9 +23,7 @@ from traverse.plurals import counted
 if TYPE_CHECKING:
     from traverse.client.gateways.outlets import Outlet
 
-gateway = CommandGroup(
-    help="Points for programs that do not speak MQTT.", no_args_is_help=True
-)
+gateway = CommandGroup("gateway", help="Points for programs that do not speak MQTT.")
 
 
 @gateway.command("ippdme")

@@ -42,9 +42,9 @@ inputs = [
 """
 
 microscribe = CommandGroup(
+    "microscribe",
     help="MicroScribe arms: an arm file from the geometry that the arm stores. "
     "The daemon must not be using the port.",
-    no_args_is_help=True,
 )
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from traverse.protocol.messages import Point
 
 
-points = CommandGroup(help="Points on a daemon's disk.", no_args_is_help=True)
+points = CommandGroup("points", help="Points on a daemon's disk.")
 
 LAST = 2**53 - 1
 

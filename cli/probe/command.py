@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from traverse.daemon.pose.probe_library import LibraryProbe, ProbeLibrary
 
 
-probe = CommandGroup(help="Probes of the library.", no_args_is_help=True)
+probe = CommandGroup("probe", help="Probes of the library.")
 probe.command("use")(use_probe)
 
 
