@@ -8,6 +8,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from traverse.strict_toml.problems import problem_from_error
+
 try:  # before everything else that computes
     from traverse.kinematics.model.kernel_choice import KERNEL
 except ValueError as error:
@@ -59,8 +61,6 @@ class Commands(TyperGroup):
         except typer.BadParameter as error:
             found = getattr(error.__cause__, "errors", None)  # pydantic's
             if found is not None:
-                from traverse.strict_toml.problems import problem_from_error  # noqa: PLC0415
-
                 error.message = problem_from_error(found()[0], ()).message
             raise
         except RefusalError as error:

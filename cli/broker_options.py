@@ -3,12 +3,9 @@
 import asyncio
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from traverse.broker.address import BrokerAddress
 from traverse.cli.refusals import REFUSED, UNREACHABLE, end, refusals
-
-if TYPE_CHECKING:
-    from traverse.broker.address import BrokerAddress
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,9 +28,8 @@ class BrokerOptions:
     client_certificate: Path | None = None
     client_key: Path | None = None
 
-    def address(self) -> "BrokerAddress":
+    def address(self) -> BrokerAddress:
         """Their values; ends the command where they or their files are bad."""
-        from traverse.broker.address import BrokerAddress  # noqa: PLC0415
         from traverse.broker.credentials import CredentialsError, read_credentials  # noqa: PLC0415
 
         with refusals(CredentialsError, ValueError):
@@ -49,7 +45,7 @@ class BrokerOptions:
         return address
 
 
-def arms_at(broker: "BrokerAddress", seconds: float) -> list[str]:
+def arms_at(broker: BrokerAddress, seconds: float) -> list[str]:
     """Names of all arms with a status at a broker; ends the command without one."""
     from traverse.client.errors import BrokerUnreachableError  # noqa: PLC0415
     from traverse.client.mqtt.discovery import find_arms  # noqa: PLC0415
@@ -60,7 +56,7 @@ def arms_at(broker: "BrokerAddress", seconds: float) -> list[str]:
         end(UNREACHABLE, str(error))
 
 
-def only_arm(broker: "BrokerAddress", seconds: float) -> str:
+def only_arm(broker: BrokerAddress, seconds: float) -> str:
     """Name of the one arm at a broker; ends the command where there is another."""
     arms = arms_at(broker, seconds)
     if len(arms) != 1:

@@ -10,6 +10,7 @@ import typer
 
 from traverse.cli.options import Json
 from traverse.cli.refusals import REFUSED
+from traverse.strict_toml.problems import FileError, Problem, toml_table, toml_text
 
 
 def check(
@@ -29,7 +30,6 @@ def check(
         file: An arm file, a configuration, a campaign, ...
     """
     from traverse.daemon.inputs import StartupError  # noqa: PLC0415 - keeps --help quick
-    from traverse.strict_toml.problems import FileError, Problem  # noqa: PLC0415
 
     if (file / "campaign.toml").is_file():
         file /= "campaign.toml"
@@ -64,7 +64,6 @@ def check(
 def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
     """The kind of the file, by its schema or its tables, and its reader."""
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
-    from traverse.strict_toml.problems import FileError, toml_table, toml_text  # noqa: PLC0415
 
     try:
         tables = toml_table(toml_text(file), str(file))
@@ -112,7 +111,6 @@ def _read_campaign(path: Path) -> object:
     from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
     from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
     from traverse.lab.campaign.csv_rows import csv_rows  # noqa: PLC0415
-    from traverse.strict_toml.problems import FileError  # noqa: PLC0415
 
     poses = path.parent / read_campaign_file(path).poses
     joints: list[str] = []

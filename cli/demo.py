@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.broker.address import BrokerAddress
 from traverse.cli.refusals import UNREACHABLE, end
 from traverse.installation import missing
 
 if TYPE_CHECKING:
     import aiomqtt
 
-    from traverse.broker.address import BrokerAddress
     from traverse.cli.demo_round import Round
 
 READY_S = 30.0
@@ -86,7 +86,6 @@ async def _demonstrate(
     *,
     with_page: bool,
 ) -> None:
-    from traverse.broker.address import BrokerAddress  # noqa: PLC0415 - quick --help
     from traverse.cli.demo_round import Round, write_files  # noqa: PLC0415
     from traverse.client.cancel_tasks import cancel_tasks  # noqa: PLC0415
     from traverse.daemon.mqtt.embedded_broker import HOST, free_port  # noqa: PLC0415
@@ -191,7 +190,7 @@ def _said_in(log: Path) -> str:
 
 
 async def _follow(
-    broker: "BrokerAddress", measured: "Round", once: bool, rate_hz: float
+    broker: BrokerAddress, measured: "Round", once: bool, rate_hz: float
 ) -> None:
     """Print and note the arm's messages, until a round is complete."""
     from traverse.cli.message_lines import line  # noqa: PLC0415
@@ -225,7 +224,7 @@ async def _follow(
 
 @contextlib.asynccontextmanager
 async def _patient_connection(
-    broker: "BrokerAddress",
+    broker: BrokerAddress,
 ) -> "AsyncIterator[aiomqtt.Client]":
     """A connection to a broker that may still be starting."""
     import aiomqtt  # noqa: PLC0415

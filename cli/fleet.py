@@ -11,14 +11,23 @@ import typer
 from traverse.cli.campaign_inputs import Family, PriorPatterns, check_prior
 from traverse.cli.options import CommandGroup, HoldoutBy, Json, Operator
 from traverse.cli.refusals import FAILED, print_report, refusals, refuse
+from traverse.fleet.database import (
+    BadValueError,
+    Database,
+    StoreAwayError,
+    StoreRefusedError,
+    open_database,
+)
+from traverse.fleet.tables import migrate
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
-    from traverse.fleet.database import Database
     from traverse.lab.diagnosis.model.result import DiagnosisOptions
     from traverse.lab.identification.identify import Options
 
 fleet = CommandGroup("fleet", help="All arms of a store.")
+
+STORE_ERRORS = StoreRefusedError, StoreAwayError, BadValueError
 
 DatabaseOption = Annotated[
     str, typer.Option(help="As of `traverse store`: a file, or postgresql://...")
@@ -43,7 +52,7 @@ def add(
     from traverse.fleet.evidence import add_evidence  # noqa: PLC0415 - keeps --help quick
     from traverse.lab.daily_check.history import HistoryRefusedError  # noqa: PLC0415
 
-    with refusals(*_store_errors(), HistoryRefusedError):
+    with refusals(*STORE_ERRORS, HistoryRefusedError):
         store = _opened(database)
         found = [
             {"file": str(path), "holds": add_evidence(store, path)} for path in files
@@ -72,7 +81,7 @@ def overview(
     from traverse.fleet.overview import overview_page, overview_values  # noqa: PLC0415 - keeps --help quick
     from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
 
-    with refusals(*_store_errors()):
+    with refusals(*STORE_ERRORS):
         if "://" not in database and not Path(database).is_file():
             refuse(f"{database}: no such file; `traverse store` makes one")
         store = _opened(database)
@@ -254,15 +263,7 @@ def family(
         raise typer.Exit(FAILED)
 
 
-def _store_errors() -> tuple[type[Exception], ...]:
-    from traverse.fleet.database import BadValueError, StoreAwayError, StoreRefusedError  # noqa: PLC0415
-
-    return StoreRefusedError, StoreAwayError, BadValueError
-
-
-def _opened(database: str) -> "Database":
-    from traverse.fleet.database import open_database  # noqa: PLC0415
-    from traverse.fleet.tables import migrate  # noqa: PLC0415
+def _opened(database: str) -> Database:
 
     store = open_database(database)
     migrate(store)

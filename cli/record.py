@@ -3,17 +3,15 @@
 import asyncio
 import json
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from traverse.broker.address import BrokerAddress
 from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.options import Json
 from traverse.cli.refusals import client_errors
 from traverse.plurals import counted
-
-if TYPE_CHECKING:
-    from traverse.broker.address import BrokerAddress
 
 
 def record(
@@ -46,7 +44,7 @@ def record(
 async def _record(
     name: str,
     arm: str,
-    broker: "BrokerAddress",
+    broker: BrokerAddress,
     seconds: float | None,
     note: str,
     *,

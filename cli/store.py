@@ -17,6 +17,13 @@ from traverse.cli.refusals import (
     refusals,
     refuse,
 )
+from traverse.fleet.database import (
+    BadValueError,
+    StoreAwayError,
+    StoreRefusedError,
+    open_database,
+)
+from traverse.fleet.tables import migrate
 from traverse.plurals import counted
 
 PATIENCE_S = 30.0
@@ -51,16 +58,9 @@ def store(
         list_s: Ask each arm so often what it has [s].
         keep_s: The broker keeps messages for an absent member [s].
     """
-    from traverse.fleet.database import (  # noqa: PLC0415 - keeps --help quick
-        BadValueError,
-        StoreAwayError,
-        StoreRefusedError,
-        open_database,
-    )
     from traverse.fleet.member import Member, MemberSettings, NameTakenError  # noqa: PLC0415
     from traverse.fleet.scan_files import ScanFiles  # noqa: PLC0415
     from traverse.fleet.store import Store  # noqa: PLC0415
-    from traverse.fleet.tables import migrate  # noqa: PLC0415
 
     name = re.sub(r"[^A-Za-z0-9_.-]", "-", member or socket.gethostname())[:40]
     for option, text in (("--group", group), ("--member", member or name)):

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from traverse.broker.address import BrokerAddress
 from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.options import Json
 from traverse.cli.refusals import (
@@ -19,7 +20,6 @@ from traverse.cli.refusals import (
 from traverse.installation import missing
 
 if TYPE_CHECKING:
-    from traverse.broker.address import BrokerAddress
     from traverse.kinematics.arm_file.arm import Arm
     from traverse.lab.daily_check.history import Check
     from traverse.lab.daily_check.report import DailyCheckReport
@@ -153,7 +153,7 @@ def _collected(
     path: Path,
     arm: "Arm",
     radius_mm: float,
-    broker: "BrokerAddress",
+    broker: BrokerAddress,
     again: str,
     *,
     quiet: bool,

@@ -20,6 +20,7 @@ from traverse.cli.refusals import (
     refuse,
 )
 from traverse.plurals import counted
+from traverse.strict_toml.files import table_lines, text_of
 
 if TYPE_CHECKING:
     from sqlite3 import Connection
@@ -169,7 +170,6 @@ def verify(
         checked_points,
         points_of_lines,
     )
-    from traverse.strict_toml.files import table_lines  # noqa: PLC0415
 
     public_key = read_public_key_file(public)
     with refusals(ValueError), ExitStack() as stack:
@@ -200,7 +200,6 @@ def verify(
 def read_public_key_file(path: Path) -> bytes:
     """Read a public key; refuse what is none."""
     from traverse.protocol.signed_points import read_public_key  # noqa: PLC0415
-    from traverse.strict_toml.files import text_of  # noqa: PLC0415
 
     try:
         with refusals():

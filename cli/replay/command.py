@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.broker.address import BrokerAddress
 from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.options import Force, Json
 from traverse.cli.refusals import (
@@ -22,7 +23,6 @@ from traverse.plurals import counted
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from traverse.broker.address import BrokerAddress
     from traverse.daemon.replay.compare import ReplayResult
     from traverse.protocol.messages import Point
     from traverse.recording.run_reader import RunReader
@@ -90,7 +90,7 @@ async def _replayed(
         log.setLevel(level)
 
 
-def _publish(points: "list[Point]", broker: "BrokerAddress") -> None:
+def _publish(points: "list[Point]", broker: BrokerAddress) -> None:
     from traverse.cli.replay.publishing import published  # noqa: PLC0415 - quick help
 
     try:

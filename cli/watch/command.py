@@ -3,15 +3,13 @@
 import asyncio
 import contextlib
 import sys
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from traverse.broker.address import BrokerAddress
 from traverse.cli.broker_options import BrokerOptions, arms_at
 from traverse.cli.refusals import UNREACHABLE
-
-if TYPE_CHECKING:
-    from traverse.broker.address import BrokerAddress
 
 FIND_S = 2.0
 DISPLAY_S = 0.1
@@ -58,7 +56,7 @@ def watch(
         raise typer.Exit(0) from None
 
 
-async def _display(broker: "BrokerAddress", arm: str) -> None:
+async def _display(broker: BrokerAddress, arm: str) -> None:
     from rich.live import Live  # noqa: PLC0415 - keeps --help quick
 
     from traverse.cli.watch.view import picture  # noqa: PLC0415
@@ -74,7 +72,7 @@ async def _display(broker: "BrokerAddress", arm: str) -> None:
 
 
 async def _follow(
-    broker: "BrokerAddress", arm: str, kinds: list[str], as_json: bool
+    broker: BrokerAddress, arm: str, kinds: list[str], as_json: bool
 ) -> None:
     heard = asyncio.Event()
     await asyncio.gather(
@@ -83,7 +81,7 @@ async def _follow(
 
 
 async def _notify_absence(
-    broker: "BrokerAddress", arm: str, heard: asyncio.Event
+    broker: BrokerAddress, arm: str, heard: asyncio.Event
 ) -> None:
     from traverse.client.errors import ClientError  # noqa: PLC0415 - keeps --help quick
     from traverse.client.mqtt.discovery import absence_of  # noqa: PLC0415
@@ -95,7 +93,7 @@ async def _notify_absence(
 
 
 async def _write(
-    broker: "BrokerAddress",
+    broker: BrokerAddress,
     arm: str,
     kinds: list[str],
     as_json: bool,
