@@ -116,11 +116,10 @@ def _report(found: "FoundNode") -> dict[str, Any]:
         "revision": revision,
         "serial": serial,
         "version": None if facts is None else facts.profile,
-        "counts_per_turn": None if facts is None else facts.counts_per_turn,
-        "modulus": None if facts is None else facts.modulus,
-        "position": None if facts is None else facts.position,
-        "alarms": None if facts is None else facts.alarms,
-        "warnings": None if facts is None else facts.warnings,
+        **{
+            name: getattr(facts, name, None)
+            for name in ("counts_per_turn", "modulus", "position", "alarms", "warnings")
+        },
         "emergencies": heard.emergencies,
         "problem": found.problem or None,
     }

@@ -103,19 +103,20 @@ async def _demonstrate(
     with tempfile.TemporaryDirectory(prefix="traverse-demo-") as name:
         folder = Path(name)
         write_files(folder, address.host, address.tcp_port)
-        simulator = ["simulate", "--config", str(folder / "simulator.toml")]
-        daemon = ["run", "--config", str(folder / "daemon.toml"), *own]
-        async with (
-            _program(folder / "simulator.log", *simulator) as hardware,
-            _programs_line(hardware, b"ready", folder / "simulator.log"),
-            _program(folder / "daemon.log", *daemon) as service,
-            contextlib.AsyncExitStack() as stack,
-        ):
+        async with contextlib.AsyncExitStack() as programs:
+
+            async def start(log: str, *words: str) -> asyncio.subprocess.Process:
+                program = _program(folder / log, *words)
+                return await programs.enter_async_context(program)
+
+            simulated = ("simulate", "--config", str(folder / "simulator.toml"))
+            await _be_ready(await start("simulator.log", *simulated), folder)
+            daemon = ("run", "--config", str(folder / "daemon.toml"), *own)
+            service = await start("daemon.log", *daemon)
             if with_page:
                 shown = PAGE_PORT if _is_free(PAGE_PORT) else free_port()
                 where = ("--arm", ARM, "--broker", str(address))
-                options = ("page", *where, "--port", str(shown))
-                await stack.enter_async_context(_program(folder / "page.log", *options))
+                await start("page.log", "page", *where, "--port", str(shown))
                 typer.echo(f"The operator's page: http://127.0.0.1:{shown}")
             following = asyncio.create_task(_follow(address, measured, once, rate_hz))
             ended = asyncio.create_task(service.wait())
@@ -126,8 +127,8 @@ async def _demonstrate(
                     return_when=asyncio.FIRST_COMPLETED,
                 )
                 if ended.done():
-                    log = folder / "daemon.log"
-                    raise DemoError(f"the daemon ended:\n{_said_in(log)}")
+                    said = _said_in(folder / "daemon.log")
+                    raise DemoError(f"the daemon ended:\n{said}")
                 if following.done():
                     following.result()
             except asyncio.CancelledError:
@@ -170,19 +171,16 @@ async def _program(
             await process.communicate()
 
 
-@contextlib.asynccontextmanager
-async def _programs_line(
-    process: asyncio.subprocess.Process, beginning: bytes, log: Path
-) -> AsyncIterator[None]:
-    """Wait until the program has printed a line with this beginning."""
+async def _be_ready(simulator: asyncio.subprocess.Process, folder: Path) -> None:
+    """Wait until the simulator has printed that it is ready."""
     line = b""
-    if process.stdout is not None:
+    if simulator.stdout is not None:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(READY_S):
-                line = await process.stdout.readline()
-    if not line.startswith(beginning):
-        raise DemoError(f"the simulated arm did not start:\n{_said_in(log)}")
-    yield
+                line = await simulator.stdout.readline()
+    if not line.startswith(b"ready"):
+        said = _said_in(folder / "simulator.log")
+        raise DemoError(f"the simulated arm did not start:\n{said}")
 
 
 def _said_in(log: Path) -> str:

@@ -98,11 +98,8 @@ def arm_file(
         "configuration": str(config),
         "arm": arm.name,
         "says": {
-            "box": said.box,
-            "product": said.product,
-            "model": said.model,
-            "serial": said.serial,
-            "version": said.version,
+            name: getattr(said, name)
+            for name in ("box", "product", "model", "serial", "version")
         },
         "protocol": said.framing.name,
         "baud_rate": said.baud_rate,
