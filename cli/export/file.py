@@ -22,6 +22,9 @@ from traverse.protocol.messages import Point
 from traverse.strict_toml.reader import StrictModel, read_strict
 from traverse.strict_toml.writing import replacing
 
+FILTERED = ("seq", "time_ns", "xyz_mm", "ijk", "quality")
+"""Columns that filters see, and hand on."""
+
 
 class FiltersFile(StrictModel):
     """A file of filters."""
@@ -124,17 +127,9 @@ def _passing(points: Sequence[Point], chain: FilterChain) -> list[Point]:
 
 def _applied(chain: FilterChain, table: PointTable) -> PointBlock:
     none = np.zeros((len(table), 0))
-    return chain.apply(
-        PointBlock(
-            table.seq,
-            table.time_ns,
-            table.xyz_mm,
-            table.ijk,
-            none,
-            none.astype(np.int64),
-            table.quality,
-        )
-    )
+    columns = {name: getattr(table, name) for name in FILTERED}
+    counts = none.astype(np.int64)
+    return chain.apply(PointBlock(**columns, angles_rad=none, counts=counts))
 
 
 def _write_scans(
@@ -148,12 +143,5 @@ def _write_scans(
 
 def _filtered(table: PointTable, chain: FilterChain) -> PointTable:
     passed = _applied(chain, table)
-    return replace(
-        table,
-        seq=passed.seq,
-        time_ns=passed.time_ns,
-        xyz_mm=passed.xyz_mm,
-        ijk=passed.ijk,
-        quality=passed.quality,
-        std_mm=np.full((len(passed), 3), np.nan),
-    )
+    columns = {name: getattr(passed, name) for name in FILTERED}
+    return PointTable(**columns, std_mm=np.full((len(passed), 3), np.nan))
