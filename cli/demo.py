@@ -87,7 +87,7 @@ async def _demonstrate(
     with_page: bool,
 ) -> None:
     from traverse.cli.demo_round import Round, write_files  # noqa: PLC0415
-    from traverse.client.cancel_tasks import cancel_tasks  # noqa: PLC0415
+    from traverse.client.cancel_tasks import run_until_first  # noqa: PLC0415
     from traverse.daemon.mqtt.embedded_broker import HOST, free_port  # noqa: PLC0415
 
     # A terminal that is closed and `kill` end it as Ctrl-C does: else its programs,
@@ -118,23 +118,13 @@ async def _demonstrate(
                 where = ("--arm", ARM, "--broker", str(address))
                 await start("page.log", "page", *where, "--port", str(shown))
                 typer.echo(f"The operator's page: http://127.0.0.1:{shown}")
-            following = asyncio.create_task(_follow(address, measured, once, rate_hz))
-            ended = asyncio.create_task(service.wait())
-            try:
-                await asyncio.wait(
-                    (following, ended),
-                    timeout=for_s,
-                    return_when=asyncio.FIRST_COMPLETED,
-                )
-                if ended.done():
-                    said = _said_in(folder / "daemon.log")
-                    raise DemoError(f"the daemon ended:\n{said}")
-                if following.done():
-                    following.result()
-            except asyncio.CancelledError:
-                pass  # Ctrl-C: what was measured is still worth telling
-            finally:
-                await cancel_tasks((following, ended))
+            # Ctrl-C: what was measured is still worth telling.
+            with contextlib.suppress(TimeoutError, asyncio.CancelledError):
+                async with asyncio.timeout(for_s):
+                    await run_until_first(
+                        _follow(address, measured, once, rate_hz),
+                        _fail_with(service, folder),
+                    )
     typer.echo("")
     for text in measured.summary():
         typer.echo(text)
@@ -169,6 +159,12 @@ async def _program(
         except TimeoutError:
             process.kill()
             await process.communicate()
+
+
+async def _fail_with(daemon: asyncio.subprocess.Process, folder: Path) -> None:
+    """Wait for the daemon's end, which nobody has asked for."""
+    await daemon.wait()
+    raise DemoError(f"the daemon ended:\n{_said_in(folder / 'daemon.log')}")
 
 
 async def _be_ready(simulator: asyncio.subprocess.Process, folder: Path) -> None:

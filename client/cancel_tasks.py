@@ -16,6 +16,17 @@ async def run_together(*work: Coroutine[Any, Any, None]) -> None:
         await cancel_tasks(tasks)
 
 
+async def run_until_first(*work: Coroutine[Any, Any, None]) -> None:
+    """Run all until one of them ends, or fails; none of them runs any more then."""
+    tasks = [asyncio.create_task(one) for one in work]
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+    finally:
+        await cancel_tasks(tasks)
+
+
 async def cancel_tasks(tasks: Iterable[asyncio.Task[Any]]) -> None:
     """Cancel tasks and wait for their end.
 

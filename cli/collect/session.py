@@ -19,7 +19,7 @@ from rich.live import Live as LivePicture
 from traverse.broker.address import BrokerAddress
 from traverse.cli.collect.view import instruction, shown, summary
 from traverse.cli.refusals import UNREACHABLE
-from traverse.client.cancel_tasks import cancel_tasks
+from traverse.client.cancel_tasks import run_until_first
 from traverse.client.mqtt.subscription import connection, received, subscribe
 from traverse.daemon.pose.joint_motion import JointMotionTracker
 from traverse.kinematics.arm_file.arm import Arm
@@ -74,15 +74,7 @@ async def _collected(
 ) -> bool:
     session = _Session(collection, allowed)
     with session.picture():
-        listening = asyncio.ensure_future(session.listen(arm, broker))
-        operating = asyncio.ensure_future(session.operate())
-        done, _ = await asyncio.wait(
-            (listening, operating), return_when=asyncio.FIRST_COMPLETED
-        )
-        await cancel_tasks((listening, operating))
-        for task in done:
-            if task.exception() is not None:
-                raise task.exception() or RuntimeError
+        await run_until_first(session.listen(arm, broker), session.operate())
     for line in summary(collection):
         typer.echo(line)
     return session.reached
