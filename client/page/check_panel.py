@@ -1,6 +1,7 @@
 """Guided checks; while there is none, where the joints have been."""
 
 from collections.abc import Callable
+from functools import partial
 
 from nicegui import ui
 
@@ -37,7 +38,7 @@ class CheckPanel:
                 ui.html("<h2>Guided checks</h2>", sanitize=False)
                 ui.space()
                 for name, kind, wanted in CHECKS:
-                    begin = self._beginning(kind, wanted)
+                    begin = partial(self._begin, kind, wanted)
                     ui.button(name, on_click=begin, color=None).props("outline dense")
                 self._limit = ui.button("Limit", on_click=self._set_limit, color=None)
                 self._limit.props("outline dense")
@@ -47,7 +48,7 @@ class CheckPanel:
             self._instruction = ui.label().classes("instruction")
             with ui.element("div").classes("bar") as self._answers:
                 for name, act in ANSWERS:
-                    answer = self._answering(act)
+                    answer = partial(self._answer, act)
                     ui.button(name, on_click=answer, color=None).props("outline dense")
             self._results = ui.html("", sanitize=False)
             with ui.element("div") as self._coverage:
@@ -89,20 +90,14 @@ class CheckPanel:
             + "</tbody></table>"
         )
 
-    def _beginning(self, kind: str, wanted: int) -> Callable[[], object]:
-        async def begin() -> None:
-            self._desk.begin(kind, wanted)
-            self.show()
-            await self._follower.do(lambda arm: arm.label("check", kind))
+    async def _begin(self, kind: str, wanted: int) -> None:
+        self._desk.begin(kind, wanted)
+        self.show()
+        await self._follower.do(lambda arm: arm.label("check", kind))
 
-        return begin
-
-    def _answering(self, act: Callable[[GuidedCheck], None]) -> Callable[[], None]:
-        def answer() -> None:
-            self._desk.answer(act)
-            self.show()
-
-        return answer
+    def _answer(self, act: Callable[[GuidedCheck], None]) -> None:
+        self._desk.answer(act)
+        self.show()
 
     async def _set_limit(self) -> None:
         check = self._desk.check
