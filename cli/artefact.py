@@ -26,7 +26,7 @@ def artefact(
         out: Folder for gauge.stl, campaign.toml.
         distance_mm: Between the balls' centres [mm].
         ball_mm: Diameter of the ball [mm].
-        clearance_mm: Gap below the ball [mm], under a fifth of it.
+        clearance_mm: Gap below the ball [mm].
         distance_std_mm: Uncertainty of the distance [mm].
         places: Places in which it is touched.
     """

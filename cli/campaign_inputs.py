@@ -7,12 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.cli.options import campaign_folder
 from traverse.cli.refusals import FAILED, end, refusals, refuse
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
     from traverse.lab.campaign.campaign import Campaign
 
+CampaignFolder = Annotated[
+    Path, typer.Argument(help="Folder with campaign.toml.", callback=campaign_folder)
+]
 Family = Annotated[
     Path | None,
     typer.Option(

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.campaign_inputs import (
+    CampaignFolder,
     Family,
     PriorPatterns,
     adjustment_errors,
     read_noted,
 )
-from traverse.cli.options import HoldoutBy, Json, Operator, campaign_folder
+from traverse.cli.options import HoldoutBy, Json, Operator
 from traverse.cli.refusals import (
     FAILED,
     check_results,
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def diagnose(
-    campaign: Annotated[Path, typer.Argument(callback=campaign_folder)],
+    campaign: CampaignFolder,
     *,
     arm: Path,
     out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
@@ -51,7 +52,6 @@ def diagnose(
     something is missing, or the adjustment broke down.
 
     Args:
-        campaign: Folder with campaign.toml.
         arm: Arm file: the design, or an identified arm.
         out: Folder for the results; not with --plan.
         seed: Seed of the held-out split and of the thresholds.

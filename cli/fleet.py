@@ -171,7 +171,7 @@ def diagnose(
     A folder of results each, as of `traverse diagnose`. Exit status 1: one failed.
 
     Args:
-        arm: Arm file of the design, or a folder of results, NAME/ each.
+        arm: Arm file of the design, or folder of results, NAME/ each.
         seed: As of `traverse diagnose`.
     """
     from traverse.lab.diagnosis.model.result import DiagnosisOptions  # noqa: PLC0415 - keeps --help quick

@@ -31,7 +31,7 @@ def record(
         name: New name for the recording.
         arm: Name of the arm.
         seconds: Duration; else until Ctrl-C.
-        note: Text that is stored in the recording.
+        note: Text stored in the recording.
     """
     address = broker.address()
     with client_errors():

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 import asyncapi
-from message_schemas import Schema, field_table, json_schema, json_schemas, name
+from message_schemas import field_table, json_schema, json_schemas, name
 
 from traverse.protocol import arrays
 from traverse.protocol.encoding import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS
@@ -65,9 +65,11 @@ RULES = f"""\
   keys.
 """
 SCHEMAS = """\
-Generated from `protocol/messages` by `make schemas`; do not edit. One file for every
-[message](../mqtt-messages.md) and every command, in JSON Schema 2020-12, for payloads
-in JSON.
+# JSON Schemas
+
+Made from `protocol/messages` by `make schemas` (do not edit): one file for every
+[message](../mqtt-messages.md) and every command, `point.schema.json` or
+`command-scan.schema.json`, in JSON Schema 2020-12, for payloads in JSON.
 """
 DELIVERY = """\
 A point is delivered at least once. Within a `session`, `seq` has no gaps, retractions
@@ -92,7 +94,7 @@ def main() -> int:
         REFERENCE / "schemas" / f"{key}.schema.json": json.dumps(schema, indent=2)
         for key, schema in json_schemas().items()
     }
-    files[REFERENCE / "schemas" / "README.md"] = schemas_page()
+    files[REFERENCE / "schemas" / "README.md"] = SCHEMAS.rstrip()
     files[REFERENCE / "mqtt-messages.md"] = reference_page()
     files[REFERENCE / "asyncapi.json"] = asyncapi.text()
     old = set((REFERENCE / "schemas").glob("*.json")) - set(files)
@@ -106,15 +108,6 @@ def main() -> int:
     return 0
 
 
-def schemas_page() -> str:
-    """What the folder of schemas holds, in Markdown."""
-    lines = ["# JSON Schemas", "", SCHEMAS, "| file | payload |", "|---|---|"]
-    for key, schema in json_schemas().items():
-        file, what = f"{key}.schema.json", schema["description"].splitlines()[0]
-        lines.append(f"| [{file}]({file}) | {what} |")
-    return "\n".join(lines)
-
-
 def reference_page() -> str:
     """The page, in Markdown."""
     lines = [HEAD, "| topic | payload | QoS |", "|---|---|---|"]
@@ -123,9 +116,8 @@ def reference_page() -> str:
         link = f"[{message.__name__}](#{name(message)})"
         lines.append(f"| `{topic}` | {link} | {quality} |")
     lines += ["", RULES]
-    described: set[str] = set()
     for message in MESSAGES:
-        lines += _message_section(message, described)
+        lines += _message_section(message)
         if name(message) == "point":
             lines += ["```json", _golden("point.json"), "```", "", DELIVERY]
         if name(message) == "command":
@@ -156,24 +148,14 @@ def _delivery(key: str) -> tuple[str, str]:
     return f"traverse/<arm>/{topic}{level}", f"{channel.qos}{retained}"
 
 
-def _message_section(message: type[Message], described: set[str]) -> list[str]:
+def _message_section(message: type[Message]) -> list[str]:
     schema, key = json_schema(message), name(message)
     lines = [f"## {message.__name__}", "", inspect.getdoc(message) or "", ""]
     example = f"{GOLDEN_FOLDER}/{'command-point' if key == 'command' else key}"
     shown = f"[JSON]({example}.json) and [MessagePack]({example}.msgpack.hex)"
-    lines += [f"Schema `{schema['$id']}`; example in {shown}.", ""]
-    return [*lines, *field_table(schema), "", *_inner_tables(schema, described)]
-
-
-def _inner_tables(schema: Schema, described: set[str]) -> list[str]:
-    """Tables of inner structures, each at the first message that has it."""
-    lines: list[str] = []
-    for key, inner in schema.get("$defs", {}).items():
-        if key in described:
-            continue
-        described.add(key)
-        lines += [f"### {key}", "", inner["description"], "", *field_table(inner), ""]
-    return lines
+    linked = f"[`{schema['$id']}`](schemas/{key}.schema.json)"
+    lines += [f"Schema {linked}; example in {shown}.", ""]
+    return [*lines, *field_table(schema), ""]
 
 
 def _command_sections() -> list[str]:
@@ -182,7 +164,8 @@ def _command_sections() -> list[str]:
         lines += [f"### cmd/{command}", "", inspect.getdoc(args) or "", ""]
         lines += [*field_table(json_schema(args)), ""]
         shown = json.loads(_golden(f"command-{command}.json"))["args"]
-        lines += [f"Example: `{json.dumps(shown)}`", ""]
+        link = f"[Schema](schemas/command-{command}.schema.json)"
+        lines += [f"{link}; example: `{json.dumps(shown)}`", ""]
     return lines
 
 

@@ -1,6 +1,7 @@
 """JSON Schemas (2020-12) of the MQTT messages, and tables of their fields."""
 
 import json
+from collections.abc import Iterator
 from typing import Any
 
 from traverse.protocol.messages import COMMANDS, MESSAGES, Args, Command, Value
@@ -51,17 +52,31 @@ USUAL_LENGTH = 2000
 
 
 def field_table(schema: Schema) -> list[str]:
-    """A Markdown table of the properties of an object; not of its schema and arm."""
-    rows = ["| field | type | meaning |", "|---|---|---|"]
+    """A Markdown table of the fields of an object; not of its schema and arm.
+
+    Fields of an inner structure follow it: `outer.field`, `list[].field`.
+    """
+    rows = list(_field_rows(schema, schema.get("$defs", {}), ""))
+    head = ["| field | type | meaning |", "|---|---|---|"]
+    return [*head, *rows] if rows else ["No fields."]
+
+
+def _field_rows(schema: Schema, inner: Schema, path: str) -> Iterator[str]:
     for key, field in schema.get("properties", {}).items():
-        if key in ("schema", "arm"):
+        if not path and key in ("schema", "arm"):
             continue
         meaning = " ".join(str(field.get("description", "")).split())
         kind = type_text(field)
         if "default" in field:
             kind += f", default {json.dumps(field['default'])}"
-        rows.append(f"| `{key}` | {kind} | {meaning} |")
-    return rows if len(rows) > 2 else ["No fields."]
+        yield f"| `{path}{key}` | {kind} | {meaning} |"
+        for one in field.get("anyOf", [field]):
+            named = one.get("patternProperties", {}).values()
+            parts = [("", one), ("[]", one.get("items", {}))]
+            for mark, part in [*parts, *((".<name>", each) for each in named)]:
+                if "$ref" in part:
+                    target = inner[part["$ref"].rsplit("/", 1)[-1]]
+                    yield from _field_rows(target, inner, f"{path}{key}{mark}.")
 
 
 def type_text(schema: Schema) -> str:
@@ -69,8 +84,7 @@ def type_text(schema: Schema) -> str:
     if "anyOf" in schema:
         return " or ".join(type_text(one) for one in schema["anyOf"])
     if "$ref" in schema:
-        target = schema["$ref"].rsplit("/", 1)[-1]
-        return f"[{target}](#{target.lower()})"
+        return "map"
     if "const" in schema:
         return f'`"{schema["const"]}"`'
     if "enum" in schema:

@@ -19,13 +19,13 @@ class AlignmentOptions:
     Attributes:
         nominal: Where they should be, CSV or TOML; the first station's points with
             leapfrog.
-        method: What is fitted.
+        method: Named points; plane, line, point; points of two stations.
         scale: Adjust a scale too.
         std: Standard deviation of a touch [mm]; else the points' own.
         coordinates: Of the ball, or of the surface of compensated points.
         spheres: Names are spheres; their centres count.
-        arm: The arm file, of a campaign or for its reach.
-        volume: x,y,z,x,y,z (box), x,y,z,r (ball), mm in the part; reach.
+        arm: Arm file: of a campaign, for shared errors, for its reach.
+        volume: Where it is used: x,y,z,x,y,z or x,y,z,r [mm]; or reach.
         onto: With leapfrog: the first station's alignment, to be joined.
         name: Its name; else the nominal file's.
     """
@@ -76,7 +76,7 @@ def align(
             alignment.json to send.
         strict: Exit status 1 where anything is flagged.
         out: Folder for alignment.json and .html.
-        send: Have the daemon use it; not if a test failed.
+        send: Have the daemon use it, if no test failed.
         clear: Have the daemon use none from now on.
         arm_name: To which arm to send; else that of the points.
     """

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
 
 
-Out = Annotated[Path, typer.Option("--out", "-o", help="The arm file to write.")]
+Out = Annotated[Path, typer.Option("--out", "-o", help="The file to write.")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -46,7 +46,7 @@ def ippdme(
         listen: PORT on this machine, or HOST:PORT.
         near_mm: So far from its target a PtMeas may be [mm].
         probes: Probe library, for the radii of tools that are not active.
-        key: INPUT=NAME: a button as KeyPress, as base/1=Done. Repeatable.
+        key: INPUT=NAME: button as KeyPress, as base/1=Done. Repeatable.
         quote_class: GetMachineClass answers in quotes.
     """
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.cli.campaign_inputs import CampaignFolder
 from traverse.cli.control import use_probe
-from traverse.cli.options import CommandGroup, Json, campaign_folder
+from traverse.cli.options import CommandGroup, Json
 from traverse.cli.refusals import FAILED, print_report, refusals, refuse
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ probe.command("use")(use_probe)
 
 @probe.command("pivot")
 def pivot(
-    campaign: Annotated[Path, typer.Argument(callback=campaign_folder)],
+    campaign: CampaignFolder,
     *,
     arm: Path,
     library: Path | None = None,
@@ -36,7 +37,6 @@ def pivot(
     Exit status 1 where it is beyond the limit and not confirmed.
 
     Args:
-        campaign: Folder with campaign.toml.
         arm: Arm file, identified.
         library: Probe library to compare with.
         name: Which probe of the library it is.
