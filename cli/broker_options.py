@@ -48,7 +48,7 @@ class BrokerOptions:
 def arms_at(broker: BrokerAddress, seconds: float) -> list[str]:
     """Names of all arms with a status at a broker; ends the command without one."""
     from traverse.client.errors import BrokerUnreachableError  # noqa: PLC0415
-    from traverse.client.mqtt.discovery import find_arms  # noqa: PLC0415
+    from traverse.client.mqtt.subscription import find_arms  # noqa: PLC0415
 
     try:
         return asyncio.run(find_arms(broker, seconds))

@@ -84,7 +84,7 @@ def page(
 
 def _check_pair(certificate: Path, key: Path | None) -> None:
     """Try a certificate; OSError where it is none, or the key another one's."""
-    from traverse.broker.tls import load_pair  # noqa: PLC0415 - quick help
+    from traverse.broker.credentials import load_pair  # noqa: PLC0415 - quick help
 
     try:
         load_pair(ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), certificate, key)

@@ -13,8 +13,7 @@ from traverse.cli.export.command import Wanted
 from traverse.cli.export.sources import PIECE, points_of, scans_of, tear_of
 from traverse.cli.qif_check import check_schema, schema_words
 from traverse.client.exports.formats import FORMATS
-from traverse.client.exports.point_table import PointTable, table_of
-from traverse.client.exports.sink import Sink
+from traverse.client.exports.point_table import PointTable, Sink, table_of
 from traverse.daemon.config.filters import AnyFilter, filter_chain
 from traverse.kinematics.filters import FilterChain, PointBlock
 from traverse.plurals import counted

@@ -281,12 +281,11 @@ def _outlet(
 ) -> "Outlet":
     """The one that is named; raises ValueError."""
     from traverse.client.gateways import outlets  # noqa: PLC0415
-    from traverse.client.gateways.tcp_outlet import TcpOutlet  # noqa: PLC0415
 
     if sum(one is not None for one in (tcp, udp, serial, file)) != 1:
         raise ValueError("give one of --tcp, --udp, --serial and --file")
     if tcp is not None:
-        return TcpOutlet(*host_port(tcp, "--tcp", "127.0.0.1"), report)
+        return outlets.TcpOutlet(*host_port(tcp, "--tcp", "127.0.0.1"), report)
     if udp is not None:
         return outlets.UdpOutlet(*host_port(udp, "--udp", None), report)
     if serial is not None:

@@ -84,7 +84,7 @@ async def _notify_absence(
     broker: BrokerAddress, arm: str, heard: asyncio.Event
 ) -> None:
     from traverse.client.errors import ClientError  # noqa: PLC0415 - keeps --help quick
-    from traverse.client.mqtt.discovery import absence_of  # noqa: PLC0415
+    from traverse.client.mqtt.subscription import absence_of  # noqa: PLC0415
 
     await asyncio.sleep(FIND_S)
     with contextlib.suppress(ClientError):  # no broker, which is reported elsewhere

@@ -12,8 +12,14 @@ import pytest
 
 from tests.client.reading import until
 from traverse.client.gateways import tcp_outlet
-from traverse.client.gateways.outlets import FileOutlet, Outlet, SerialOutlet, UdpOutlet
-from traverse.client.gateways.tcp_outlet import MAX_RECEIVERS, TcpOutlet
+from traverse.client.gateways.outlets import (
+    MAX_RECEIVERS,
+    FileOutlet,
+    Outlet,
+    SerialOutlet,
+    TcpOutlet,
+    UdpOutlet,
+)
 
 PATIENCE_S = 30.0
 
