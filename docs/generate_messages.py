@@ -125,15 +125,15 @@ def reference_page() -> str:
     lines += [
         "## Quality flags",
         "",
-        "The bits of `quality` in a scan, and their names in other messages.",
+        "The bits of `quality` in a scan, and their names in other messages. All but "
+        "remarks make `ok` false.",
         "",
-        "| bit | name | ok | meaning |",
-        "|---|---|---|---|",
+        "| bit | name | meaning |",
+        "|---|---|---|",
     ]
     for flag, meaning in FLAG_MEANINGS.items():
-        verdict = "stays" if flag & REMARKS else "false"
-        bit, word = flag.bit_length() - 1, str(flag.name).lower()
-        lines.append(f"| {bit} | `{word}` | {verdict} | {meaning} |")
+        bit, remark = flag.bit_length() - 1, "remark: " if flag & REMARKS else ""
+        lines.append(f"| {bit} | `{str(flag.name).lower()}` | {remark}{meaning} |")
     lines += _word_table("Counters", COUNTERS) + _word_table("Latencies", LATENCIES)
     lines += ["", "## Arrays", "", inspect.getdoc(arrays) or ""]
     return "\n".join(lines)

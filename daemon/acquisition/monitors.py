@@ -126,7 +126,7 @@ CONDITIONS = {
     LATE: (
         "readings of {device} arrive too late for the samples of {clock}",
         "readings of {device} arrive in time again",
-        "lower the rate, use a faster line, or raise resampler.wait_s",
+        "lower the rate, use a faster line, or raise assembly.wait_s",
     ),
     INCOMPLETE: (
         "samples lack readings of {device}",

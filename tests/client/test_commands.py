@@ -16,6 +16,7 @@ from traverse.protocol.messages import (
     PointArgs,
     ProbeArgs,
     ReloadArgs,
+    ResendArgs,
     ScanArgs,
 )
 
@@ -66,7 +67,9 @@ async def test_every_command_is_carried_out(
             AlignArgs(action="clear"),
             ScanArgs(action="stop"),
         ]
-        assert virtual.commands[-6:] == expected
+        # It asks once by itself for what it has missed, whenever it is connected.
+        given = [one for one in virtual.commands if not isinstance(one, ResendArgs)]
+        assert given == expected
         first, second = virtual.session, await arm.new_session("after lunch")
         assert second == virtual.session != first
         held = await arm.sessions()

@@ -1,75 +1,12 @@
 """`traverse store` as a user runs it: beside another, and with an arm that forgets."""
 
-import asyncio
-import signal
-import sqlite3
-import sys
-import time
-
 import pytest
 
 from tests.client.virtual_daemon import VirtualDaemon
+from tests.fleet.running import becomes, rows, started
 from tests.protocol.message_examples import SCAN
-from traverse.client.cancel_tasks import cancel_tasks
 
 pytestmark = pytest.mark.needs("mosquitto")
-PATIENCE_S = 30.0
-
-
-class Running:
-    """A member in a folder, with what it says."""
-
-    def __init__(self, process):
-        self.process = process
-        self.said = []
-        self._reading = asyncio.create_task(self._read())
-
-    async def _read(self):
-        async for line in self.process.stderr:
-            self.said.append(line.decode().rstrip())
-
-    async def says(self, text):
-        until_s = time.monotonic() + PATIENCE_S
-        while not any(text in line for line in self.said):
-            assert time.monotonic() < until_s, self.said
-            await asyncio.sleep(0.05)
-
-    async def ended(self):
-        status = await asyncio.wait_for(self.process.wait(), PATIENCE_S)
-        await self._reading
-        return status
-
-    async def stop(self):
-        if self.process.returncode is None:
-            self.process.send_signal(signal.SIGTERM)
-        status = await self.ended()
-        await cancel_tasks([self._reading])
-        return status
-
-
-async def started(folder, broker, *words):
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "traverse", "store"),
-        *("--broker", f"{broker.host}:{broker.port}", "--gap-s", "1", "--list-s", "1"),
-        *words,
-        cwd=folder,
-        stderr=asyncio.subprocess.PIPE,
-    )
-    return Running(process)
-
-
-def rows(folder, statement):
-    with sqlite3.connect(folder / "traverse-store.db") as connection:
-        found = connection.execute(statement).fetchall()
-    connection.close()
-    return found
-
-
-async def becomes(folder, statement, wanted):
-    until_s = time.monotonic() + PATIENCE_S
-    while (found := rows(folder, statement)) != wanted:
-        assert time.monotonic() < until_s, found
-        await asyncio.sleep(0.1)
 
 
 async def test_the_first_command_works_without_a_server(mosquitto, tmp_path):
