@@ -46,13 +46,11 @@ class CommandGroup(typer.Typer):
     with their help in the section `Attributes` of the class.
     """
 
-    def __init__(self, name: str, **settings: Any) -> None:  # noqa: ANN401 - of typer
+    def __init__(self, name: str, **settings: Any) -> None:
         super().__init__(name=name, no_args_is_help=True, **settings)
 
     def command(
-        self,
-        name: str | None = None,
-        **settings: Any,  # noqa: ANN401 - of typer
+        self, name: str | None = None, **settings: Any
     ) -> Callable[[CommandFunctionType], CommandFunctionType]:
         """Register a command; what is decorated stays as it is."""
         register = super().command(name, **settings)
@@ -76,7 +74,7 @@ def _with_help(command: Command) -> Command:
     ]
 
     @functools.wraps(command)
-    def called(**given: Any) -> None:  # noqa: ANN401 - options of all kinds
+    def called(**given: Any) -> None:
         for name, options in groups.items():
             values = {option.name: given.pop(option.name) for option in options}
             given[name] = own[name].annotation(**values)
