@@ -12,6 +12,7 @@ import typer
 from traverse.cli.options import CommandGroup, Json, Yes
 from traverse.cli.refusals import device_errors, print_report, refuse
 from traverse.plurals import counted
+from traverse.protocol import amt21 as wire
 
 if TYPE_CHECKING:
     from traverse.drivers.amt21.line import Amt21Line
@@ -88,8 +89,6 @@ def zero(
     An arm file and an identification made before no longer fit: their zero_rad belongs
     to the old 0.
     """
-    from traverse.protocol import amt21 as wire  # noqa: PLC0415
-
     _command("zero", wire.zero_request, line, address, yes=yes, as_json=as_json)
 
 
@@ -98,8 +97,6 @@ def reset(
     *, line: LineOptions, address: Address, yes: Yes = False, as_json: Json = False
 ) -> None:
     """Restart an encoder, as after power-up; the shaft must rest."""
-    from traverse.protocol import amt21 as wire  # noqa: PLC0415
-
     _command("reset", wire.reset_request, line, address, yes=yes, as_json=as_json)
 
 
@@ -113,8 +110,6 @@ def _command(
     as_json: bool,
 ) -> None:
     """Show an encoder's position, do something to it, and show it again."""
-    from traverse.protocol import amt21 as wire  # noqa: PLC0415
-
     number = _address(address)
     with where.opened() as line:
         (before,) = _answering(line, [number])
@@ -131,8 +126,6 @@ def _command(
 
 
 def _address(text: str) -> int:
-    from traverse.protocol import amt21 as wire  # noqa: PLC0415
-
     try:
         number = int(text, 0)
     except ValueError:
@@ -150,7 +143,6 @@ def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, An
     """
     from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
     from traverse.drivers.polling.channel import EncoderReading  # noqa: PLC0415
-    from traverse.protocol import amt21 as wire  # noqa: PLC0415
 
     line.find_echo(addresses)
     found = []
