@@ -120,9 +120,9 @@ def _described(
         if info.help is not None:
             return parameter
         info = copy.copy(info)
-        info.help = entries[name]
+        info.help = entries.get(name)
         return parameter.replace(annotation=Annotated[kind, info])
     of_typer = typer.Option if is_option else typer.Argument
     flag = [f"--{name.replace('_', '-')}"] if kind is bool and not default else []
     given = ... if default is parameter.empty else default
-    return parameter.replace(default=of_typer(given, *flag, help=entries[name]))
+    return parameter.replace(default=of_typer(given, *flag, help=entries.get(name)))

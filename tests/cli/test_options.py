@@ -1,12 +1,15 @@
 """Commands as plain functions: what their docstrings and signatures become."""
 
+import subprocess
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
-import pytest
 import typer
 from typer.testing import CliRunner
 
+from tests.cli.test_json_everywhere import commands
 from traverse.cli.options import CommandGroup, Json
 
 
@@ -66,9 +69,17 @@ def test_a_group_arrives_as_one_value() -> None:
     assert run("b") == "b False True 3 Place(x_mm=1.5) False\n"
 
 
-def test_an_option_without_help_is_a_mistake() -> None:
-    def silent(*, loud: bool = False) -> None:
-        """Say nothing."""
+def test_every_option_of_every_command_has_help() -> None:
+    silent = [
+        (name, option.name)
+        for name, command in commands()
+        for option in command.params
+        if not option.help
+    ]
+    assert silent == []
 
-    with pytest.raises(KeyError, match="loud"):
-        CommandGroup("app").command()(silent)
+
+def test_commands_work_without_docstrings(tmp_path: Path) -> None:
+    words = (sys.executable, "-OO", "-m", "traverse", "check", "--help")
+    said = subprocess.run(words, check=True, cwd=tmp_path, capture_output=True).stdout
+    assert b"--json" in said
