@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.peers.installed import check_agreement, installed_peers
 from benchmarks.peers.peer import Peer
-from benchmarks.tools.rounds import Table, Task, load, one_core, timed, write
+from benchmarks.tools.rounds import Table, Task, report, timed
 from traverse.arrays import Floats
 from traverse.kinematics.model.derivatives import numpy_derivatives
 from traverse.kinematics.model.forward import numpy_centre, numpy_pose
@@ -168,15 +168,7 @@ def main(path: Path | None) -> None:
     """Print the tables, and keep them in a file where one is named."""
     if not COMPILED:
         sys.exit("the kernel in C is not built, so there is nothing to compare")
-    one_core()
-    print(load())
-    found = []
-    for table in tables():
-        print("\n".join(table.lines()), flush=True)
-        found.append(table)
-    print(load())
-    if path is not None:
-        write(found, path)
+    report(tables(), path)
 
 
 if __name__ == "__main__":

@@ -37,13 +37,6 @@ class KindTable(StrictModel):
         kind = table.get("kind", default) if isinstance(table, Mapping) else None
         return cls.class_of(str(kind)) if str(kind) in cls.KINDS else _unknown(cls)
 
-    @classmethod
-    def from_table(cls, table: object) -> Self:
-        """Make a table of the class for its kind."""
-        if isinstance(table, cls):
-            return table
-        return cls.variant(table).model_validate(table)
-
 
 class _UnknownKind(KindTable):
     """A table of unknown kind: only the kind is an error, not the other keys."""

@@ -14,8 +14,8 @@ from traverse.simulator.devices.device import DeviceContext, make_device
 from traverse.simulator.motions import ReplayMotion
 from traverse.simulator.pacing import MonotonicClock, live_fast, live_real
 from traverse.simulator.scenario.faults import of_device
+from traverse.simulator.scenario.truth_log import TruthLog
 from traverse.simulator.scenario.wiring import ScriptClock
-from traverse.simulator.truth_log import TruthLog
 from traverse.simulator.virtual_arm import (
     build_arm,
     build_course,

@@ -160,8 +160,15 @@ def rows(lines: Sequence[Line]) -> Iterator[Row]:
             yield from row(
                 f"{what} at {size}", [of], _score(key), at_least=least, rival=rival
             )
-    yield from row("truth in the set", _ALL_SIZES, _if_found("in_set"), at_least=0.97)
-    yield from row("single name right", _ALL_SIZES, _if_single("exact"), at_least=0.99)
+    yield from row(
+        "truth in the set",
+        _ALL_SIZES,
+        _score_where("detected", "in_set"),
+        at_least=0.97,
+    )
+    yield from row(
+        "single name right", _ALL_SIZES, _score_where("single", "exact"), at_least=0.99
+    )
     for size, least in {6: 0.65, 8: 0.80, 10: 0.85, 14: 0.90}.items():
         of = f"two at {size}"
         yield from row(
@@ -198,19 +205,11 @@ def _score(key: str) -> Question:
     return lambda line: bool(line["score"][key]) if line.get("score") else False
 
 
-def _if_found(key: str) -> Question:
-    """Ask only where anything was detected."""
+def _score_where(condition: str, key: str) -> Question:
+    """Ask only where another part of the score is true."""
     return lambda line: (
         bool(line["score"][key])
-        if line.get("score") and line["score"]["detected"]
-        else None
-    )
-
-
-def _if_single(key: str) -> Question:
-    return lambda line: (
-        bool(line["score"][key])
-        if line.get("score") and line["score"]["single"]
+        if line.get("score") and line["score"][condition]
         else None
     )
 

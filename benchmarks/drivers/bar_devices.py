@@ -23,8 +23,8 @@ from traverse.simulator.devices.device import (
 from traverse.simulator.pacing import MonotonicClock, live_real
 from traverse.simulator.scenario.course import ClimateTable, Course
 from traverse.simulator.scenario.script import Script
+from traverse.simulator.scenario.truth_log import TruthLog
 from traverse.simulator.scenario.wiring import ScriptedCounts
-from traverse.simulator.truth_log import TruthLog
 from traverse.simulator.virtual_arm import (
     VirtualArm,
     build_arm,

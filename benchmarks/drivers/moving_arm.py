@@ -34,8 +34,8 @@ from traverse.simulator.pacing import MonotonicClock, live_real
 from traverse.simulator.scenario.course import ClimateTable, Course
 from traverse.simulator.scenario.faults import Fault
 from traverse.simulator.scenario.script import Script
+from traverse.simulator.scenario.truth_log import TruthLog
 from traverse.simulator.scenario.wiring import ScriptClock, ScriptedCounts
-from traverse.simulator.truth_log import TruthLog
 from traverse.simulator.virtual_arm import build_arm
 
 ARM = Path(__file__).parent.parent.parent / "cli" / "demo_data" / "arm.toml"

@@ -17,7 +17,7 @@ from benchmarks.path.whole import (
     whole,
 )
 from benchmarks.tools.rig import ARM
-from benchmarks.tools.rounds import Table, Task, load, one_core, timed, write
+from benchmarks.tools.rounds import Table, Task, report, timed
 from traverse.daemon.pose.arm_model import read_model
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Scan
@@ -72,15 +72,7 @@ def tables(
 
 def main(path: Path | None) -> None:
     """Print the tables, and keep them in a file where one is named."""
-    one_core()
-    print(load())
-    found = []
-    for table in tables():
-        print("\n".join(table.lines()), flush=True)
-        found.append(table)
-    print(load())
-    if path is not None:
-        write(found, path)
+    report(tables(), path)
 
 
 if __name__ == "__main__":

@@ -57,24 +57,15 @@ def bars(axes: Axes, names: dict[str, tuple[list[float], bool]], title: str) -> 
     axes.tick_params(labelsize=8)
 
 
-def kernel(found: Tables, path: Path) -> None:
-    """The kernel beside other libraries."""
+def stacked(found: Tables, path: Path, height: float, of: str, key: str = "") -> None:
+    """Tables below each other: times of a pose, or of a sample."""
     figure, places = plt.subplots(
-        len(found), 1, figsize=(7.5, 9.5), layout="constrained"
+        len(found), 1, figsize=(7.5, height), layout="constrained"
     )
     for axes, (title, names) in zip(places, found.items(), strict=True):
-        bars(axes, names, f"{title}: ns a pose")
-    figure.suptitle("blue: Traverse; ochre: others; lines: 10 to 90 %", fontsize=9)
-    figure.savefig(path, dpi=110)
-
-
-def stages(found: Tables, path: Path) -> None:
-    """Time of each stage from bytes to payload."""
-    figure, places = plt.subplots(
-        len(found), 1, figsize=(7.5, 8.0), layout="constrained"
-    )
-    for axes, (title, names) in zip(places, found.items(), strict=True):
-        bars(axes, names, f"{title}: ns a sample")
+        bars(axes, names, f"{title}: ns a {of}")
+    if key:
+        figure.suptitle(key, fontsize=9)
     figure.savefig(path, dpi=110)
 
 
@@ -119,8 +110,10 @@ def press(found: dict[str, list[dict[str, float]]], path: Path) -> None:
 
 def main(folder: Path) -> None:
     """Draw all that there is."""
-    kernel(tables(folder / "kinematics.json"), DOCS / "performance-kernel.png")
-    stages(tables(folder / "path.json"), DOCS / "performance-path.png")
+    key = "blue: Traverse; ochre: others; lines: 10 to 90 %"
+    poses, samples = tables(folder / "kinematics.json"), tables(folder / "path.json")
+    stacked(poses, DOCS / "performance-kernel.png", 9.5, "pose", key)
+    stacked(samples, DOCS / "performance-path.png", 8.0, "sample")
     measured = json.loads((folder / "latency.json").read_text("utf-8"))
     latency(measured, DOCS / "performance-latency.png")
     stages_of_one = json.loads((folder / "press.json").read_text("utf-8"))

@@ -14,7 +14,7 @@ import json
 import os
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -131,6 +131,19 @@ def write_json(path: Path | None, values: object) -> None:
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(values, indent=1) + "\n", "utf-8")
+
+
+def report(tables: Iterable[Table], path: Path | None) -> None:
+    """Time on one core and print; keep the tables in a file where one is named."""
+    one_core()
+    print(load())
+    found = []
+    for table in tables:
+        print("\n".join(table.lines()), flush=True)
+        found.append(table)
+    print(load())
+    if path is not None:
+        write(found, path)
 
 
 def write(tables: Sequence[Table], path: Path) -> None:

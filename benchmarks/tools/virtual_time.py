@@ -163,9 +163,7 @@ class HostEnd:
 class DeviceEnd:
     """The end of a cable that takes the place of the simulator's `PtyPort`."""
 
-    backlog = False
     host_speed = termios.B115200  # what most ask for
-    wake_descriptor = descriptor = -1
 
     def __init__(self, cable: Cable) -> None:
         self._cable = cable

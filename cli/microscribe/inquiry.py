@@ -60,18 +60,18 @@ def _session(
 ) -> Iterator[tuple[MicroscribeLine, MicroscribeIdentification]]:
     """A session with the arm; ends with the block."""
     wake_read, wake_write = os.pipe2(os.O_NONBLOCK)
+
+    def open_line(rate: int) -> MicroscribeLine:
+        serial_port = SerialPort(port, rate, wake_read)
+        return MicroscribeLine(serial_port, rate, time.monotonic_ns, lambda: False)
+
     try:
-        line, box, rate = sign_on_at_any_rate(
-            lambda rate: SerialPort(port, rate, wake_read),
-            rates,
-            time.monotonic_ns,
-            lambda: False,
-        )
-        try:
-            yield line, read_identification(line, box, rate)
-        finally:
-            line.end()
-            line.port.close()
+        line, box = sign_on_at_any_rate(open_line, rates)
+        with line:
+            try:
+                yield line, read_identification(line, box)
+            finally:
+                line.end()
     finally:
         os.close(wake_read)
         os.close(wake_write)

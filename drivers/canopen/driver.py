@@ -20,10 +20,13 @@ from traverse.drivers.canopen.discovery import (
     bus_identity,
     set_up_nodes,
 )
-from traverse.drivers.canopen.node_watch import Conditions, NodeMonitor
 from traverse.drivers.canopen.options import CanOpenOptions
 from traverse.drivers.canopen.sdo import NodeSdo
-from traverse.drivers.canopen.supervisor import NodeSupervisor
+from traverse.drivers.canopen.supervisor import (
+    Conditions,
+    NodeSupervisor,
+    SupervisedNode,
+)
 from traverse.drivers.canopen.sync_cycles import SyncCycleAssembler
 from traverse.drivers.canopen.sync_source import SyncScheduler
 from traverse.drivers.io.can_bus import FRAMES_LOST, MOST_AT_ONCE, CanBus
@@ -106,16 +109,12 @@ class CanOpenDriver(Driver):
         for node in options.nodes:
             bus.send(wire.NMT, wire.nmt_command(wire.START, node))
         now_ns = self._now_ns()
-        watch = NodeMonitor(
-            options.nodes, options.heartbeat_ms, self._conditions, now_ns
-        )
-        self._supervisor = NodeSupervisor(
+        found = zip(sdos.values(), facts, strict=True)
+        supervisor = self._supervisor = NodeSupervisor(
             bus,
-            list(sdos.values()),
-            facts,
+            [SupervisedNode(sdo, fact, now_ns, now_ns) for sdo, fact in found],
             cycles,
             SyncScheduler(bus, options.sync, self._fault, self._now_ns),
-            watch,
             self._conditions,
             options,
             self._now_ns,
@@ -127,9 +126,9 @@ class CanOpenDriver(Driver):
         self._deliver_state(DeviceUp(self.device, identity, restarted))
         self._first = False
         for channel, fact in enumerate(facts):
-            watch.complaints(channel, fact.alarms, fact.warnings)
+            supervisor.complaints(channel, fact.alarms, fact.warnings)
             if fact.node in discovery.duplicates:
-                watch.duplicate(channel, now_ns, "two answers to one question")
+                supervisor.duplicate(channel, now_ns, "two answers to one question")
 
     def _serve(self) -> None:
         supervisor = self._supervisor
@@ -236,9 +235,9 @@ class CanOpenDriver(Driver):
                 self._sdos[message.node].take(message.data)
         if supervisor is None:
             return
-        supervisor.watch.seen(channel, time_ns)
+        supervisor.seen(channel, time_ns)
         if isinstance(message, wire.Heartbeat):
-            supervisor.watch.heartbeat(channel, message.state, time_ns)
+            supervisor.heartbeat(channel, message.state, time_ns)
         elif isinstance(message, wire.Emergency):
             supervisor.emergency(channel, message)
 

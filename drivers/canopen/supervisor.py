@@ -1,4 +1,7 @@
-"""Supervision besides positions: restarted nodes, emergencies, state of the bus.
+"""Supervision of nodes and bus: who lives, who has restarted, who complains.
+
+A node is alive while anything of it is received; its heartbeat ensures that without
+SYNCs. Lasting conditions are reported as alarms that begin and end.
 
 Called between two reads of the bus. Its questions to a node read the bus meanwhile, so
 no position waits for them; only one node is dealt with at a time.
@@ -6,11 +9,11 @@ no position waits for them; only one node is dealt with at a time.
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from traverse.drivers.base.values import DeviceError
+from traverse.drivers.base.alarms import Alarms
+from traverse.drivers.base.values import STATUS_ERROR, STATUS_WARNING, DeviceError
 from traverse.drivers.canopen.node import NodeFacts, read_facts, set_up_node
-from traverse.drivers.canopen.node_watch import Conditions, NodeMonitor
 from traverse.drivers.canopen.options import CanOpenOptions
 from traverse.drivers.canopen.sdo import NodeError, NodeSdo
 from traverse.drivers.canopen.sync_cycles import SyncCycleAssembler
@@ -25,6 +28,10 @@ LOOK_NS = 50_000_000
 SET_UP_AGAIN_NS = 500_000_000
 AMBIGUOUS_NS = 500_000_000
 BACK_ON_BUS_NS = 200_000_000
+HEARTBEATS_MISSED = 3.5  # in a row, before a node counts as lost
+TWO_BOOT_UPS_NS = 100_000_000  # closer together than one node can boot twice
+DUPLICATE_LASTS_NS = 5_000_000_000  # after the last sign of it
+
 COUNTED = {
     "delivered": "samples_received",
     "complete": "samples_complete",
@@ -34,20 +41,74 @@ COUNTED = {
 }
 """Counts of the cycles, and under which names they are counted for `health`."""
 
+REMEDIES = {
+    "node_lost": "check power and cable of this encoder; the arm measures on with its "
+    "last angle, and points are flagged incomplete",
+    "duplicate_node": "two encoders have this number, or one sends unasked: take them "
+    "off one by one, and give each its own number",
+    "emergency": "see the encoder's manual; if it persists, replace the encoder",
+    "encoder_alarm": "its position is not valid: check mounting, magnet or disc, then "
+    "replace it",
+    "encoder_warning": "the position is still valid; see the encoder's manual for when "
+    "to service it",
+    "bus_off": "check the termination (120 ohm at both ends), the bit rate of all "
+    "nodes and the cable; the bus recovers by itself if its interface has restart-ms",
+    "bus_passive": "many frames are broken: check termination, cable and bit rate",
+}
+
+
+class Conditions(Alarms):
+    """Conditions of the nodes and of the bus, each with its remedy."""
+
+    def report(self, channel: int | None, code: str, text: str, value: int = 0) -> None:
+        """Raise an alarm, or change its text."""
+        self.begin(channel, code, text, REMEDIES[code], value)
+
+
+@dataclass(slots=True)
+class SupervisedNode:
+    """One node of a connection.
+
+    Attributes:
+        last_seen_ns: when anything of it was received last.
+        started_ns: when it was commanded to be operational.
+        boot_ns: its last boot-up; 0 for none.
+        duplicate_ns: when it last seemed to be two.
+        wants_set_up: it has restarted and lost its settings.
+        idle: it lives, but is not operational.
+        alarms, warnings: of its objects 6503 and 6505.
+        emergencies: codes that have begun.
+    """
+
+    sdo: NodeSdo
+    facts: NodeFacts
+    last_seen_ns: int
+    started_ns: int
+    boot_ns: int = 0
+    duplicate_ns: int = 0
+    wants_set_up: bool = False
+    idle: bool = False
+    alarms: int = 0
+    warnings: int = 0
+    emergencies: set[int] = field(default_factory=set)
+
+    @property
+    def number(self) -> int:
+        """Of the node on its bus."""
+        return self.facts.node
+
 
 @dataclass(slots=True)
 class NodeSupervisor:
-    """Looks after the nodes of one connection.
+    """Looks after the nodes of one connection, by channel.
 
     ``report_fault`` takes code, text, remedy, and how often.
     """
 
     bus: CanBus
-    sdos: Sequence[NodeSdo]
-    facts: Sequence[NodeFacts]
+    nodes: Sequence[SupervisedNode]
     cycles: SyncCycleAssembler
     scheduler: SyncScheduler
-    watch: NodeMonitor
     conditions: Conditions
     options: CanOpenOptions
     now_ns: Callable[[], int]
@@ -62,47 +123,60 @@ class NodeSupervisor:
     _certain_ns: int = 0
     _dropped: int = 0
 
-    def observe(self) -> None:
-        """Note which nodes live and what was lost; sends no request, so it never waits.
+    def __post_init__(self) -> None:
+        for channel in range(len(self.nodes)):
+            for code in ("node_lost", "duplicate_node", "emergency"):
+                self.conditions.end(channel, code)
 
-        Raises:
-            DeviceError: all nodes are lost.
-        """
-        now_ns = self.now_ns()
-        if now_ns < self._look_due_ns:
-            return
-        self._look_due_ns = now_ns + LOOK_NS
-        self._note_answers(now_ns)
-        self._report_losses()
-        self._restarted = self.watch.look(now_ns) or self._long_ambiguous(now_ns)
-        for channel in range(len(self.sdos)):
-            self.cycles.status[channel] = self.watch.status(channel)
-        if self.watch.all_lost(now_ns):
-            raise DeviceError(
-                f"all nodes on {self.bus.name} are silent",
-                "check the power of the encoders and the cable of the bus",
-            )
+    @property
+    def _patience_ns(self) -> int:
+        return int(HEARTBEATS_MISSED * self.options.heartbeat_ms * 1e6)
 
-    def act(self) -> None:
-        """Check one node, if one is due; `observe` continues meanwhile.
+    # -- what is received ------------------------------------------------------
 
-        Raises:
-            DeviceError: all nodes are lost, or one has changed.
-        """
-        now_ns = self.now_ns()
-        if self._restarted and now_ns >= self._set_up_due_ns:
-            self._set_up_again(self._restarted[0])
-            self._set_up_due_ns = self.now_ns() + SET_UP_AGAIN_NS
-        elif self.options.status_period_s and now_ns >= self._status_due_ns:
-            period_s = self.options.status_period_s / len(self.sdos)
-            self._status_due_ns = now_ns + int(period_s * 1e9)
-            self._request_alarms(self._status_turn)
-            self._status_turn = (self._status_turn + 1) % len(self.sdos)
+    def seen(self, channel: int, now_ns: int) -> None:
+        """Something of a node was received."""
+        self.nodes[channel].last_seen_ns = now_ns
+
+    def heartbeat(self, channel: int, state: int, now_ns: int) -> None:
+        """A node reports its state, or that it has just started."""
+        node = self.nodes[channel]
+        if state == wire.BOOT_UP:
+            if node.boot_ns and now_ns - node.boot_ns < TWO_BOOT_UPS_NS:
+                self.duplicate(channel, now_ns, "two boot-ups at once")
+            node.boot_ns = now_ns
+            node.wants_set_up = True
+        # Its first word after the start may still be of the state before.
+        node.idle = (
+            state in (wire.STATE_STOPPED, wire.STATE_PRE_OPERATIONAL)
+            and now_ns - node.started_ns > self._patience_ns // 2
+        )
 
     def emergency(self, channel: int, message: wire.Emergency) -> None:
-        """An emergency was received: check that node next."""
-        self.watch.emergency(channel, message)
+        """An error of a node begins, or all are over: check that node next."""
         self._status_turn, self._status_due_ns = channel, 0
+        node = self.nodes[channel]
+        if message.code & 0xFF00 == 0:
+            node.emergencies.clear()
+            self.conditions.end(channel, "emergency")
+            return
+        node.emergencies.add(message.code)
+        text = objects.emergency_text(message.code)
+        self.conditions.report(
+            channel,
+            "emergency",
+            f"node {node.number}: {text} (code {message.code:04X}, error register "
+            f"{message.register:02X}, maker's bytes {message.detail.hex()})",
+            message.code,
+        )
+
+    def duplicate(self, channel: int, now_ns: int, sign: str) -> None:
+        """Two nodes seem to have the same number."""
+        node = self.nodes[channel]
+        node.duplicate_ns = now_ns
+        if not self.conditions.is_raised(channel, "duplicate_node"):
+            text = f"node {node.number} seems to be two: {sign}"
+            self.conditions.report(channel, "duplicate_node", text)
 
     def error_frame(self, can_id: int, data: bytes | bytearray, at_ns: int) -> None:
         """The controller has reported the state of its bus."""
@@ -122,6 +196,81 @@ class NodeSupervisor:
             self.cycles.note_lost_frames()
             self._report_overflow(1)
 
+    # -- between two reads of the bus ------------------------------------------
+
+    def observe(self) -> None:
+        """Note which nodes live and what was lost; sends no request, so it never waits.
+
+        Raises:
+            DeviceError: all nodes are lost.
+        """
+        now_ns = self.now_ns()
+        if now_ns < self._look_due_ns:
+            return
+        self._look_due_ns = now_ns + LOOK_NS
+        self._note_answers(now_ns)
+        self._report_losses()
+        self._restarted = self._look(now_ns) or self._long_ambiguous(now_ns)
+        for channel in range(len(self.nodes)):
+            self.cycles.status[channel] = self._status(channel)
+        last_ns = max(node.last_seen_ns for node in self.nodes)
+        if now_ns - last_ns > self._patience_ns:
+            raise DeviceError(
+                f"all nodes on {self.bus.name} are silent",
+                "check the power of the encoders and the cable of the bus",
+            )
+
+    def act(self) -> None:
+        """Check one node, if one is due; `observe` continues meanwhile.
+
+        Raises:
+            DeviceError: all nodes are lost, or one has changed.
+        """
+        now_ns = self.now_ns()
+        if self._restarted and now_ns >= self._set_up_due_ns:
+            self._set_up_again(self._restarted[0])
+            self._set_up_due_ns = self.now_ns() + SET_UP_AGAIN_NS
+        elif self.options.status_period_s and now_ns >= self._status_due_ns:
+            period_s = self.options.status_period_s / len(self.nodes)
+            self._status_due_ns = now_ns + int(period_s * 1e9)
+            self._request_alarms(self._status_turn)
+            self._status_turn = (self._status_turn + 1) % len(self.nodes)
+
+    def _look(self, now_ns: int) -> list[int]:
+        """See who is lost or back; the channels that are to be set up again."""
+        for channel, node in enumerate(self.nodes):
+            if now_ns - node.last_seen_ns > self._patience_ns:
+                silent_s = (now_ns - node.last_seen_ns) * 1e-9
+                if not self.conditions.is_raised(channel, "node_lost"):
+                    text = f"node {node.number} has been silent for {silent_s:.1f} s"
+                    self.conditions.report(channel, "node_lost", text)
+            elif not (node.wants_set_up or node.idle):
+                self.conditions.end(channel, "node_lost")
+            if now_ns - node.duplicate_ns > DUPLICATE_LASTS_NS:
+                self.conditions.end(channel, "duplicate_node")
+        return [c for c, n in enumerate(self.nodes) if n.wants_set_up or n.idle]
+
+    def _status(self, channel: int) -> int:
+        """Status bits of the samples of a node."""
+        node = self.nodes[channel]
+        both = self.conditions.is_raised(channel, "duplicate_node")
+        doubtful = STATUS_WARNING * bool(node.warnings or node.emergencies)
+        return STATUS_ERROR * (both or bool(node.alarms)) | doubtful
+
+    def complaints(self, channel: int, alarms: int, warnings: int) -> None:
+        """Alarms of a node's objects 6503 and 6505."""
+        node = self.nodes[channel]
+        node.alarms, node.warnings = alarms, warnings
+        for code, bits, words in (
+            ("encoder_alarm", alarms, objects.alarm_text),
+            ("encoder_warning", warnings, objects.warning_text),
+        ):
+            if bits:
+                text = f"node {node.number}: {words(bits)} ({bits:04X})"
+                self.conditions.report(channel, code, text, bits)
+            else:
+                self.conditions.end(channel, code)
+
     def _long_ambiguous(self, now_ns: int) -> list[int]:
         """Channels to restart with another master's SYNCs, which cannot be paused."""
         ambiguous = self.cycles.ambiguous
@@ -129,35 +278,33 @@ class NodeSupervisor:
             self._certain_ns = now_ns
         if now_ns - self._certain_ns < AMBIGUOUS_NS:
             return []
-        return [
-            channel for channel in range(len(self.sdos)) if ambiguous >> channel & 1
-        ]
+        return [c for c in range(len(self.nodes)) if ambiguous >> c & 1]
 
     def _note_answers(self, now_ns: int) -> None:
         cycles = self.cycles
         seen, cycles.seen = cycles.seen, 0
-        for channel in range(len(self.sdos)):
-            if seen >> channel & 1:
-                self.watch.seen(channel, now_ns)
         if seen and now_ns - self._bus_off_ns > BACK_ON_BUS_NS:
             self.conditions.end(None, "bus_off")
-        for channel, n in cycles.duplicates.items():
-            sign = f"{n} second answers to one SYNC"
-            self.watch.duplicate(channel, now_ns, sign)
-            self.report_fault(
-                "duplicate_answers",
-                f"node {self.facts[channel].node}: {sign}",
-                "see the alarm duplicate_node",
-                n,
-            )
+        for channel, node in enumerate(self.nodes):
+            if seen >> channel & 1:
+                self.seen(channel, now_ns)
+            if n := cycles.duplicates[channel]:
+                sign = f"{n} second answers to one SYNC"
+                self.duplicate(channel, now_ns, sign)
+                self.report_fault(
+                    "duplicate_answers",
+                    f"node {node.number}: {sign}",
+                    "see the alarm duplicate_node",
+                    n,
+                )
+            if node.sdo.surplus:
+                node.sdo.surplus = 0
+                self.duplicate(channel, now_ns, "two answers to one question")
         cycles.duplicates.clear()
-        for channel, sdo in enumerate(self.sdos):
-            if sdo.surplus:
-                sdo.surplus = 0
-                self.watch.duplicate(channel, now_ns, "two answers to one question")
 
     def _set_up_again(self, channel: int) -> None:
-        sdo, known = self.sdos[channel], self.facts[channel]
+        node = self.nodes[channel]
+        sdo, known = node.sdo, node.facts
         try:
             self.bus.send(wire.NMT, wire.nmt_command(wire.PRE_OPERATIONAL, known.node))
             found = read_facts(sdo, known.node)
@@ -174,11 +321,14 @@ class NodeSupervisor:
         except NodeError:
             return  # it stays lost; it is tried again
         self.bus.send(wire.NMT, wire.nmt_command(wire.START, known.node))
-        self.watch.mark_set_up(channel, self.now_ns())
+        node.wants_set_up = node.idle = False
+        node.emergencies.clear()
+        node.last_seen_ns = node.started_ns = self.now_ns()
+        self.conditions.end(channel, "emergency")
         if self.options.sync == "external":
             self.cycles.reset_attribution(1 << channel)
         self._restarted = ()
-        self.watch.complaints(channel, found.alarms, found.warnings)
+        self.complaints(channel, found.alarms, found.warnings)
         if forgotten:
             self.report_fault(
                 "node_restarted",
@@ -188,7 +338,7 @@ class NodeSupervisor:
             )
 
     def _request_alarms(self, channel: int) -> None:
-        sdo = self.sdos[channel]
+        sdo = self.nodes[channel].sdo
         if self.conditions.is_raised(channel, "node_lost"):
             return
         try:
@@ -196,7 +346,7 @@ class NodeSupervisor:
             warnings = sdo.find_number(objects.WARNINGS) or 0
         except NodeError:
             return  # its heartbeat shows whether it is lost
-        self.watch.complaints(channel, alarms, warnings)
+        self.complaints(channel, alarms, warnings)
 
     def _report_losses(self) -> None:
         """Report what was lost since the last time, and count it for `health`."""
@@ -214,7 +364,7 @@ class NodeSupervisor:
                 lost,
             )
         for channel, n in cycles.missing.items():
-            self.counters[f"missing_node_{self.options.nodes[channel]}"] += n
+            self.counters[f"missing_node_{self.nodes[channel].number}"] += n
         self._report_by_node(
             cycles.missing,
             "readings_missing",
@@ -247,7 +397,7 @@ class NodeSupervisor:
         if not counts:
             return
         who = ", ".join(
-            f"node {self.options.nodes[channel]}: {n}"
+            f"node {self.nodes[channel].number}: {n}"
             for channel, n in sorted(counts.items())
         )
         self.report_fault(code, f"{what}: {who}", remedy, counts.total())

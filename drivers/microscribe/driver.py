@@ -17,7 +17,7 @@ from traverse.drivers.base.driver import Driver, DriverOptions
 from traverse.drivers.base.pending_edges import PendingEdges
 from traverse.drivers.base.values import DeviceError, DeviceUp
 from traverse.drivers.io.serial_port import SerialPort
-from traverse.drivers.microscribe.line import TimedPacket
+from traverse.drivers.microscribe.line import MicroscribeLine, TimedPacket
 from traverse.drivers.microscribe.session import (
     MicroscribeIdentification,
     MicroscribeSession,
@@ -81,13 +81,7 @@ class MicroscribeDriver(Driver):
 
     def _connect(self) -> None:
         before, options = self._arm, self.options
-        line, arm, resumed = connect(
-            lambda rate: SerialPort(self._path, rate, self._wake_read),
-            options.baud_rate,
-            before,
-            self._now_ns,
-            lambda: self._stopping,
-        )
+        line, arm, resumed = connect(self._open_line, options.baud_rate, before)
         self._port = line.port
         self._session = session = MicroscribeSession(
             line, arm, options.timer_rate_hz, options.max_speed_rad_s, self._now_ns
@@ -108,6 +102,10 @@ class MicroscribeDriver(Driver):
         self._streams_begun = 0  # the requested stream is to be started again
         self._answered_ns = self._now_ns()
         self._old_before = session.line.old
+
+    def _open_line(self, baud_rate: int) -> MicroscribeLine:
+        port = SerialPort(self._path, baud_rate, self._wake_read)
+        return MicroscribeLine(port, baud_rate, self._now_ns, lambda: self._stopping)
 
     def _serve(self) -> None:
         session = self._session

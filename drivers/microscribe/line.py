@@ -7,7 +7,7 @@ what an earlier program left behind at another rate is ended there first.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Self, TypeVar
 
 from traverse.drivers.base.values import DeviceError, DeviceRefusedError
 from traverse.drivers.io.serial_port import SerialPort
@@ -47,7 +47,7 @@ class TimedPacket:
 class MicroscribeLine:
     """One connection to an arm.
 
-    The port is closed by its owner; ``stopping`` ends waits.
+    As a context manager it closes its port; ``stopping`` ends waits.
 
     Attributes:
         stray: bytes without a request.
@@ -63,11 +63,18 @@ class MicroscribeLine:
         stopping: Callable[[], bool],
     ) -> None:
         self.port = port
+        self.baud_rate = baud_rate
         self._byte_ns = 1e10 / baud_rate
         self._now_ns = monotonic_ns
         self._stopping = stopping
         self.unrequested_bytes = self.old = 0
         self.patience_s = PACKET_S
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self.port.close()
 
     def sign_on(self, patience_s: float = SIGN_ON_S) -> str | None:
         """Begin a session; the kind of interface box, None without an answer."""

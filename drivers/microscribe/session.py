@@ -11,7 +11,6 @@ from traverse.drivers.base.values import (
     Identity,
     PolledSample,
 )
-from traverse.drivers.io.serial_port import SerialPort
 from traverse.drivers.microscribe.line import PACKET_S, MicroscribeLine, TimedPacket
 from traverse.drivers.microscribe.packets import PacketClock, timer_runs
 from traverse.drivers.polling.channel import IMPLAUSIBLE, EncoderReading, PolledChannel
@@ -37,7 +36,7 @@ TRIES = 3
 QUIET_NS = 250_000_000
 CONFIRM_NS = 15_000_000  # the same while a pedal's change waits to be confirmed
 
-OpenPort = Callable[[int], SerialPort]
+OpenLine = Callable[[int], MicroscribeLine]  # at a baud rate
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,9 +79,7 @@ class MicroscribeIdentification:
         return PacketDecoder(self.framing, timer=True)
 
 
-def read_identification(
-    line: MicroscribeLine, box: str, baud_rate: int
-) -> MicroscribeIdentification:
+def read_identification(line: MicroscribeLine, box: str) -> MicroscribeIdentification:
     """Read the identity of an arm.
 
     Raises:
@@ -96,16 +93,12 @@ def read_identification(
         serial=line.text("serial"),
         version=line.text("version"),
         maxes=maxes,
-        baud_rate=baud_rate,
+        baud_rate=line.baud_rate,
     )
 
 
 def connect(
-    open_port: OpenPort,
-    baud_rate: int,
-    known: MicroscribeIdentification | None,
-    monotonic_ns: Callable[[], int],
-    stopping: Callable[[], bool],
+    open_line: OpenLine, baud_rate: int, known: MicroscribeIdentification | None
 ) -> tuple[MicroscribeLine, MicroscribeIdentification, bool]:
     """Sign on, or continue the earlier session if the arm still holds it.
 
@@ -117,34 +110,27 @@ def connect(
     """
     if known is not None:
         with ExitStack() as closing:
-            port = open_port(baud_rate)
-            closing.callback(port.close)
-            line = MicroscribeLine(port, baud_rate, monotonic_ns, stopping)
+            line = closing.enter_context(open_line(baud_rate))
             line.still()
             decoder = known.decoder()
             if any(line.packet(decoder) for _ in range(TRIES)):
                 closing.pop_all()
                 return line, known, True
-    line, box, rate = sign_on_at_any_rate(
-        open_port, [baud_rate], monotonic_ns, stopping
-    )
+    line, box = sign_on_at_any_rate(open_line, [baud_rate])
     with ExitStack() as closing:
-        closing.callback(line.port.close)
-        arm = read_identification(line, box, rate)
+        closing.enter_context(line)
+        arm = read_identification(line, box)
         closing.pop_all()
     return line, arm, False
 
 
 def sign_on_at_any_rate(
-    open_port: OpenPort,
-    rates: Sequence[int],
-    monotonic_ns: Callable[[], int],
-    stopping: Callable[[], bool],
-) -> tuple[MicroscribeLine, str, int]:
+    open_line: OpenLine, rates: Sequence[int]
+) -> tuple[MicroscribeLine, str]:
     """Open a port and begin a session at the first rate that the arm follows.
 
     Returns:
-        The line, the arm's identity, and the rate.
+        The line, and the arm's identity.
 
     Raises:
         DeviceError: no answer at any of them.
@@ -153,16 +139,14 @@ def sign_on_at_any_rate(
     others = [rate for rate in BAUD_RATES if rate not in rates]
     for rate in [*rates, *others, *rates[:1]]:
         with ExitStack() as closing:
-            port = open_port(rate)
-            closing.callback(port.close)
-            path = port.path
-            line = MicroscribeLine(port, rate, monotonic_ns, stopping)
+            line = closing.enter_context(open_line(rate))
+            path = line.port.path
             if rate not in rates:  # a session left there receives nothing but this
                 line.end()
                 line.read_until_quiet()
             elif (said := line.sign_on()) is not None:
                 closing.pop_all()
-                return line, said, rate
+                return line, said
     raise DeviceError(
         f"no MicroScribe answers on {path} at {', '.join(map(str, rates))} baud",
         "switch the arm on in its home position, check cable and port",

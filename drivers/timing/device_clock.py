@@ -74,11 +74,6 @@ class DeviceClock:
         """Apply the current estimate at once: one delay is known to be small."""
         self._tied, self._jump_ns = True, 0.0
 
-    @property
-    def rate_error_ppm(self) -> float:
-        """How much faster than nominal the device's counter runs."""
-        return -self._slope * 1e6
-
     def unwrap(self, ticks: NDArray[np.uint32]) -> Integers:
         """Ticks without wraps, (n,) int64, relative to the last ones."""
         unwrapped = ticks.astype(np.int64)

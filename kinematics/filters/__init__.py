@@ -3,5 +3,3 @@
 from traverse.kinematics.filters.chain import FILTERS, FilterChain
 from traverse.kinematics.filters.point_filter import PointFilter
 from traverse.kinematics.filters.points import PointBlock
-
-__all__ = ["FILTERS", "FilterChain", "PointBlock", "PointFilter"]

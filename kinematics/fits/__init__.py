@@ -14,24 +14,3 @@ from traverse.kinematics.fits.plane import Line, Plane, fit_line, fit_plane
 from traverse.kinematics.fits.plausible import PLAUSIBLE_MM, off_seat, off_sphere
 from traverse.kinematics.fits.round import Circle, Cylinder, fit_circle, fit_cylinder
 from traverse.kinematics.fits.sphere import Sphere, fit_sphere, fit_sphere_of_radius
-
-__all__ = [
-    "PLAUSIBLE_MM",
-    "Circle",
-    "Cylinder",
-    "EnclosingSphere",
-    "Line",
-    "Plane",
-    "Sphere",
-    "Spread",
-    "enclosing_sphere",
-    "fit_circle",
-    "fit_cylinder",
-    "fit_line",
-    "fit_plane",
-    "fit_sphere",
-    "fit_sphere_of_radius",
-    "off_seat",
-    "off_sphere",
-    "spread_about_mean",
-]

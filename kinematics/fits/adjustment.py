@@ -74,7 +74,7 @@ Moved = Callable[[State, Floats], State]
 
 def adjusted(
     state: State, linearised: Linearised[State], moved: Moved[State], shape: str
-) -> State:
+) -> tuple[State, Floats, Floats]:
     """Go to the least sum of squares.
 
     Args:
@@ -82,6 +82,9 @@ def adjusted(
         linearised: Gives the distances, (n,), and their derivatives, (n, n_steps).
         moved: Applies a step, (n_steps,).
         shape: What to call it in errors.
+
+    Returns:
+        Where it is, and what `linearised` gives there.
 
     Raises:
         ValueError: Points do not determine the shape, or there is no convergence.
@@ -106,7 +109,7 @@ def adjusted(
             break
     if not size < _SMALL_ENOUGH:
         raise ValueError(_astray(shape, size))
-    return state
+    return state, distances, design
 
 
 def _astray(shape: str, size: float) -> str:
@@ -169,16 +172,17 @@ class Cloud:
             )
 
     def quality(
-        self, shape: str, design: Floats, known: Floats, squares_mm2: float
+        self, shape: str, distances: Floats, design: Floats, known: Floats
     ) -> tuple[float, Precision]:
         """Return the root mean square for each point, and the precision.
 
         Args:
             shape: What it is called.
-            design: (n_distances, n_freedoms).
+            distances: In the unit of the points, (n_distances,).
+            design: Their derivatives, (n_distances, n_freedoms).
             known: Changes of the shape's parameters with its freedoms.
-            squares_mm2: Sum over the distances.
         """
+        squares_mm2 = self.extent_mm**2 * float(distances @ distances)
         cofactors = known @ inverse_normal(design, shape) @ known.T
         redundancy = design.shape[0] - design.shape[1]
         precision = Precision(cofactors, redundancy, squares_mm2)

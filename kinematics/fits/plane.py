@@ -55,8 +55,7 @@ def fit_plane(points_mm: Floats) -> Plane:
     known = np.zeros((6, 3))
     known[:3, 0] = normal
     known[3:, 1], known[3:, 2] = first / cloud.extent_mm, second / cloud.extent_mm
-    distances_mm = cloud.extent_mm * (points @ normal)
-    quality = cloud.quality("plane", design, known, float(distances_mm @ distances_mm))
+    quality = cloud.quality("plane", points @ normal, design, known)
     return Plane(cloud.mean_mm, normal, *quality)
 
 
@@ -103,6 +102,6 @@ def fit_line(points_mm: Floats) -> Line:
     known = np.zeros((6, 4))
     known[:3, 0], known[:3, 1] = first, second
     known[3:, 2], known[3:, 3] = first / cloud.extent_mm, second / cloud.extent_mm
-    away_mm = cloud.extent_mm * np.concatenate([points @ first, points @ second])
-    quality = cloud.quality("line", design, known, float(away_mm @ away_mm))
+    away = np.concatenate([points @ first, points @ second])
+    quality = cloud.quality("line", away, design, known)
     return Line(cloud.mean_mm, direction, *quality)

@@ -95,22 +95,20 @@ def fit_circle(points_mm: Floats) -> Circle:
             np.concatenate([in_plane, out_of_plane]),
         )
 
-    state = adjusted(
+    state, distances, design = adjusted(
         _circle_start(points, cloud.axes), linearised, _circle_moved, "circle"
     )
-    distances, design = linearised(state)
     normal = turned_positive(state.axis)
     known = np.zeros((7, 6))
     known[:3, :3], known[6, 5] = np.eye(3), 1.0
     # Of the state's normal: turned round, its changes are too.
     turned = np.sign(normal @ state.axis) / cloud.extent_mm
     known[3:6, 3:5] = turned * np.column_stack(across(state.axis))
-    squares_mm2 = cloud.extent_mm**2 * float(distances @ distances)
     return Circle(
         cloud.mean_mm + cloud.extent_mm * state.point,
         normal,
         cloud.extent_mm * state.radius,
-        *cloud.quality("circle", design, known, squares_mm2),
+        *cloud.quality("circle", distances, design, known),
     )
 
 
@@ -181,20 +179,17 @@ def fit_cylinder(points_mm: Floats) -> Cylinder:
         )
         return lengths - state.radius, design
 
-    best: tuple[float, _State] | None = None
+    ends: list[tuple[_State, Floats, Floats]] = []
     reasons: list[str] = []
     for start in _cylinder_starts(cloud):
         try:
-            state = adjusted(start, linearised, _cylinder_moved, "cylinder")
+            ends.append(adjusted(start, linearised, _cylinder_moved, "cylinder"))
         except ValueError as error:
             reasons.append(str(error))
-            continue
-        squares = float(np.sum(np.square(linearised(state)[0])))
-        if state.radius < _LONGEST_RADIUS and (best is None or squares < best[0]):
-            best = squares, state
-    if best is None:
+    ends = [end for end in ends if end[0].radius < _LONGEST_RADIUS]
+    if not ends:
         raise ValueError((reasons or ["the points fit a plane, not a cylinder"])[0])
-    return _cylinder(cloud, best[1], *linearised(best[1]))
+    return _cylinder(cloud, *min(ends, key=lambda end: float(end[1] @ end[1])))
 
 
 def _cylinder_starts(cloud: Cloud) -> list[_State]:
@@ -253,10 +248,9 @@ def _cylinder(
     known[:3, 0], known[:3, 1], known[6, 4] = first, second, 1.0
     turned = np.sign(axis @ state.axis) / cloud.extent_mm
     known[3:6, 2], known[3:6, 3] = turned * first, turned * second
-    squares_mm2 = cloud.extent_mm**2 * float(distances @ distances)
     return Cylinder(
         cloud.mean_mm + cloud.extent_mm * state.point,
         axis,
         cloud.extent_mm * state.radius,
-        *cloud.quality("cylinder", design, known, squares_mm2),
+        *cloud.quality("cylinder", distances, design, known),
     )

@@ -84,13 +84,11 @@ def _fit(points_mm: Floats, radius_mm: float | None) -> Sphere:
     centre, radius = _algebraic(points)
     if radius_mm is not None:
         radius = radius_mm / cloud.extent_mm
-    state = adjusted((centre, radius), linearised, moved, "sphere")
-    distances, design = linearised(state)
-    squares_mm2 = cloud.extent_mm**2 * float(distances @ distances)
+    state, distances, design = adjusted((centre, radius), linearised, moved, "sphere")
     return Sphere(
         cloud.mean_mm + cloud.extent_mm * state[0],
         cloud.extent_mm * state[1],
-        *cloud.quality("sphere", design, np.eye(design.shape[1]), squares_mm2),
+        *cloud.quality("sphere", distances, design, np.eye(design.shape[1])),
     )
 
 

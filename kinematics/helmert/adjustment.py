@@ -102,9 +102,8 @@ class AdjustedHelmert:
         from_corrections_mm: v_from, (n, 3).
         to_corrections_mm: v_to, (n, 3).
         misclosure_covariance: S as stated.
+        weighted_per_mm: S^-1 w, (n, 3).
         design: J, (n, 3, p).
-        sum_of_squares: Of w' S^-1 w.
-        steps: How many it took.
     """
 
     transformation: Helmert
@@ -113,10 +112,14 @@ class AdjustedHelmert:
     misclosures_mm: Floats
     from_corrections_mm: Floats
     to_corrections_mm: Floats
-    misclosure_covariance: "MisclosureCovariance"
+    misclosure_covariance: MisclosureCovariance
+    weighted_per_mm: Floats
     design: Floats
-    sum_of_squares: float
-    steps: int
+
+    @property
+    def sum_of_squares(self) -> float:
+        """Compute w' S^-1 w."""
+        return float(np.sum(self.weighted_per_mm * self.misclosures_mm))
 
     @property
     def redundancy(self) -> int:
@@ -129,16 +132,6 @@ class AdjustedHelmert:
         if self.redundancy <= 0:
             return None
         return float(np.sqrt(self.sum_of_squares / self.redundancy))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _State:
-    transformation: Helmert
-    misclosures_mm: Floats
-    covariance: MisclosureCovariance
-    weighted: Floats  # S^-1 w
-    from_corrections_mm: Floats
-    design: Floats
 
 
 def adjusted_helmert(
@@ -187,7 +180,7 @@ def adjusted_helmert(
     units = np.ones(n_parameters)
     units[3:] = 1.0 / extent_mm
 
-    def at(transformation: Helmert) -> _State:
+    def at(transformation: Helmert) -> AdjustedHelmert:
         turn = transformation.scale * transformation.rotation
         covariance = MisclosureCovariance(
             to_own + turn @ from_own @ turn.T, to_shared - turn @ from_shared
@@ -202,47 +195,38 @@ def adjusted_helmert(
             ) from error
         weighted = covariance.solve(misclosures_mm[:, :, np.newaxis])[..., 0]
         common = np.einsum("nir,ni->r", covariance.shared_mm, weighted)
-        corrections_mm: Floats = np.einsum("nij,nj->ni", from_own, weighted @ turn)
-        corrections_mm -= from_shared @ common
-        corrected_mm = transformation.places_mm(from_mm + corrections_mm)
-        return _State(
-            transformation,
-            misclosures_mm,
-            covariance,
-            weighted,
-            corrections_mm,
-            motions(corrected_mm - centre_mm, n_parameters),
+        from_corrections_mm: Floats = np.einsum("nij,nj->ni", from_own, weighted @ turn)
+        from_corrections_mm -= from_shared @ common
+        corrected_mm = transformation.places_mm(from_mm + from_corrections_mm)
+        design = motions(corrected_mm - centre_mm, n_parameters)
+        return AdjustedHelmert(
+            transformation=transformation,
+            centre_mm=centre_mm,
+            cofactors=_cofactors(design, covariance, units),
+            misclosures_mm=misclosures_mm,
+            from_corrections_mm=from_corrections_mm,
+            to_corrections_mm=-np.einsum("nij,nj->ni", to_own, weighted)
+            - to_shared @ common,
+            misclosure_covariance=covariance,
+            weighted_per_mm=weighted,
+            design=design,
         )
 
     start = closed_helmert(from_mm, to_mm, weights, with_scale=with_scale)
-    state, size, steps = at(start), np.inf, 0
-    while steps < _MOST_STEPS:
-        steps += 1
-        cofactors = _cofactors(state, units)
-        change = cofactors @ np.einsum("nip,ni->p", state.design, state.weighted)
+    adjusted, size = at(start), np.inf
+    for _ in range(_MOST_STEPS):
+        change = adjusted.cofactors @ np.einsum(
+            "nip,ni->p", adjusted.design, adjusted.weighted_per_mm
+        )
         before, size = size, float(np.max(np.abs(change / units))) / extent_mm
         if not size < _ASTRAY:
             break
-        state = at(_moved(state.transformation, centre_mm, change))
+        adjusted = at(_moved(adjusted.transformation, centre_mm, change))
         if size < _SMALL_STEP or (size < _SMALL_ENOUGH and size > 0.5 * before):
             break
     if not size < _SMALL_ENOUGH:
         raise HelmertError(_astray(shape_of(to_mm), size))
-    common = np.einsum("nir,ni->r", state.covariance.shared_mm, state.weighted)
-    to_corrections_mm = np.einsum("nij,nj->ni", to_own, state.weighted)
-    to_corrections_mm += to_shared @ common
-    return AdjustedHelmert(
-        transformation=state.transformation,
-        centre_mm=centre_mm,
-        cofactors=_cofactors(state, units),
-        misclosures_mm=state.misclosures_mm,
-        from_corrections_mm=state.from_corrections_mm,
-        to_corrections_mm=-to_corrections_mm,
-        misclosure_covariance=state.covariance,
-        design=state.design,
-        sum_of_squares=float(np.sum(state.weighted * state.misclosures_mm)),
-        steps=steps,
-    )
+    return adjusted
 
 
 def _astray(shape: Shape, size: float) -> str:
@@ -259,10 +243,12 @@ def _astray(shape: Shape, size: float) -> str:
     return f"{text}; look at the names, and measure points farther apart"
 
 
-def _cofactors(state: _State, units: Floats) -> Floats:
+def _cofactors(
+    design: Floats, covariance: MisclosureCovariance, units: Floats
+) -> Floats:
     """Compute (J' S^-1 J)^-1, in units in which its parts are alike."""
-    design = state.design * units
-    normal = np.einsum("nip,niq->pq", design, state.covariance.solve(design))
+    design = design * units
+    normal = np.einsum("nip,niq->pq", design, covariance.solve(design))
     try:
         inverse = np.linalg.inv(normal)
     except np.linalg.LinAlgError as error:
@@ -331,10 +317,7 @@ def point_statistics(adjusted: AdjustedHelmert, found: Reliability) -> Floats:
     Returns:
         (n,), with as many degrees of freedom as `seen_per_mm2` has values above 0.
     """
-    weighted = adjusted.misclosure_covariance.solve(
-        adjusted.misclosures_mm[:, :, np.newaxis]
-    )[..., 0]
-    parts = np.einsum("nki,ni->nk", found.directions, weighted)
+    parts = np.einsum("nki,ni->nk", found.directions, adjusted.weighted_per_mm)
     seen = found.seen_per_mm2
     squares = np.divide(parts**2, seen, out=np.zeros_like(seen), where=seen > 0.0)
     total: Floats = squares.sum(axis=1)

@@ -341,25 +341,16 @@ def dh_values(
 def _rows(
     table: DHTable, names: Sequence[str], base_rad: Sequence[float]
 ) -> list[dict[str, Any]]:
-    return [
-        {
-            "name": names[k],
-            "a_mm": a_mm,
-            "d_mm": d_mm,
-            "alpha_rad": alpha_rad,
-            "theta_rad": theta_rad,
-            "base_rad": float(base_rad[k]),
-        }
-        for k, (a_mm, d_mm, alpha_rad, theta_rad) in enumerate(
-            zip(
-                rounded(table.a_mm, MM_DECIMALS),
-                rounded(table.d_mm, MM_DECIMALS),
-                rounded(table.alpha_rad, RAD_DECIMALS),
-                rounded(table.theta_rad, RAD_DECIMALS),
-                strict=True,
-            )
-        )
-    ]
+    columns = {
+        "name": names,
+        "a_mm": rounded(table.a_mm, MM_DECIMALS),
+        "d_mm": rounded(table.d_mm, MM_DECIMALS),
+        "alpha_rad": rounded(table.alpha_rad, RAD_DECIMALS),
+        "theta_rad": rounded(table.theta_rad, RAD_DECIMALS),
+        "base_rad": [float(angle_rad) for angle_rad in base_rad],
+    }
+    rows = zip(*columns.values(), strict=True)
+    return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
 def _placement(transform: Floats) -> dict[str, Any]:

@@ -8,8 +8,7 @@ bus; the other bits of the identifier are classes of errors, the data explain th
 from dataclasses import dataclass
 
 ERROR_FLAG = 0x2000_0000
-_TX_TIMEOUT, _CONTROLLER, _NO_ACKNOWLEDGE = 0x01, 0x04, 0x20
-_BUS_OFF, _BUS_ERROR, _RESTARTED = 0x40, 0x80, 0x100
+_CONTROLLER, _BUS_OFF, _RESTARTED = 0x04, 0x40, 0x100
 _OVERFLOW, _PASSIVE, _ACTIVE = 0x01 | 0x02, 0x10 | 0x20, 0x40
 
 
@@ -23,8 +22,6 @@ class BusCondition:
         passive: error passive: many errors lately.
         active: error active again.
         overflow: frames were lost in the controller.
-        unacknowledged: no other node on the bus acknowledges what is sent.
-        bus_error: a frame was broken.
     """
 
     bus_off: bool = False
@@ -32,8 +29,6 @@ class BusCondition:
     passive: bool = False
     active: bool = False
     overflow: bool = False
-    unacknowledged: bool = False
-    bus_error: bool = False
 
 
 def decode_error(can_id: int, data: bytes | bytearray) -> BusCondition:
@@ -48,6 +43,4 @@ def decode_error(can_id: int, data: bytes | bytearray) -> BusCondition:
         passive=bool(state & _PASSIVE),
         active=bool(state & _ACTIVE),
         overflow=bool(state & _OVERFLOW),
-        unacknowledged=bool(can_id & (_NO_ACKNOWLEDGE | _TX_TIMEOUT)),
-        bus_error=bool(can_id & _BUS_ERROR),
     )

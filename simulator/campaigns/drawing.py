@@ -4,6 +4,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.simulator.arm.inverse import shifted_postures
 from traverse.simulator.campaigns.artefacts.artefact import Table
 from traverse.simulator.campaigns.artefacts.seats import DrawWire
 from traverse.simulator.campaigns.campaign import (
@@ -22,7 +23,6 @@ from traverse.simulator.campaigns.noise import (
 )
 from traverse.simulator.campaigns.pose_set import PoseSet
 from traverse.simulator.campaigns.poses import make_poses
-from traverse.simulator.campaigns.postures import shifted_postures
 from traverse.simulator.campaigns.spec import CampaignSpec, NoiseTable
 
 
@@ -46,7 +46,8 @@ def draw_noise(
     n_joints = poses.truth.mechanism.n_joints
     spoilt = spoilt_poses(poses, noise, stream(seed, "blunders"))
     touch = serial_noise(stream(seed, "touch"), poses.n_poses, 3, noise)
-    shifts_mm = contact_shifts(poses, touch, contact_stds(noise, poses))
+    shifts_mm = contact_shifts(poses.around.towards, touch)
+    shifts_mm = contact_stds(noise, poses)[:, None] * shifts_mm
     shifts_mm = shifts_mm + spoilt.shifts_mm
     turns_rad = poses.turns_rad
     if np.any(shifts_mm):
@@ -56,7 +57,7 @@ def draw_noise(
     readings_rad = poses.faulty.readings_rad(turns_rad, poses.around) + errors_rad
     if noise.quantised:
         readings_rad = _whole_counts(readings_rad, poses.arm)
-    conditions, columns = poses.conditions, poses.spec.conditions.columns
+    around, columns = poses.around, poses.spec.conditions.columns
     encoder_rad, contact_mm = _stated_stds(noise, n_joints)
     start_utc = poses.spec.conditions.start_utc
     campaign = Campaign(
@@ -65,21 +66,19 @@ def draw_noise(
         encoder_rad=encoder_rad,
         contact_mm=contact_mm,
         start_utc=None if start_utc is None else start_utc.isoformat(),
-        time_s=conditions.time_s.copy(),
+        time_s=around.time_s.copy(),
         artefact=spoilt.artefact,
         feature=spoilt.feature,
         readings_rad=readings_rad,
-        temperature_c=(
-            conditions.temperature_c.copy() if "temperature" in columns else None
-        ),
-        approach=conditions.approach.copy() if "approach" in columns else None,
-        speed_rad_s=conditions.speed_rad_s.copy() if "speed" in columns else None,
+        temperature_c=around.temperature_c.copy() if "temperature" in columns else None,
+        approach=around.approach.astype(np.int8) if "approach" in columns else None,
+        speed_rad_s=around.speed_rad_s.copy() if "speed" in columns else None,
         direction=(
-            _stated_directions(poses.towards, noise, seed)
+            _stated_directions(around.towards, noise, seed)
             if "direction" in columns
             else None
         ),
-        force_n=conditions.force_n.copy() if "force" in columns else None,
+        force_n=around.force_n.copy() if "force" in columns else None,
         length_mm=_read_lengths(poses),
     )
     truth = Truth(

@@ -140,7 +140,7 @@ class _Disturbance:
         mechanism = poses.truth.mechanism
         one: Indices = np.array([row])
         self._levers_mm = probe_rates(mechanism, poses.turns_rad[one])[2][0]
-        self._towards = poses.towards[row]
+        self._towards = poses.around.towards[row]
         self._contact_mm = float(contact_stds(noise, poses)[row])
         self._stds_rad = encoder_stds(noise, mechanism.n_joints)
         self._sigma = noise.blunder_sigma
@@ -213,12 +213,10 @@ def serial_noise(
     return mixed
 
 
-def contact_shifts(poses: PoseSet, standard: Floats, stds_mm: Floats) -> Floats:
+def contact_shifts(towards: Floats, standard: Floats) -> Floats:
     """Displacements (n, 3): along the normal, in a seat in all directions.
 
     Of (n, 3) standard normal numbers the first serves along the normal.
     """
-    seated = np.isnan(poses.towards[:, :1])
-    along = standard[:, :1] * np.nan_to_num(poses.towards)
-    shifts: Floats = stds_mm[:, None] * np.where(seated, standard, along)
-    return shifts
+    along = standard[:, :1] * np.nan_to_num(towards)
+    return np.where(np.isnan(towards[:, :1]), standard, along)

@@ -4,14 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from traverse.arrays import Floats, Indices
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.simulator.arm.truth import TrueArm
 from traverse.simulator.campaigns.artefacts import Artefact
 from traverse.simulator.campaigns.artefacts.artefact import Placement
-from traverse.simulator.campaigns.conditions import Conditions
 from traverse.simulator.campaigns.spec import CampaignSpec
 from traverse.simulator.effects import (
     Fault,
@@ -54,8 +51,7 @@ class PoseSet:
         rigid_turns_rad: (n, n_joints) from the base posture, with which an arm
             without effects touches.
         turns_rad: (n, n_joints) with which the arm as it is touches.
-        towards: (n, 3) from the ball towards the material; NaN in seats.
-        conditions: Of every contact.
+        around: Conditions of every contact, and directions towards the material.
         effects: Of the arm as it is, and of standards.
         faults: What else is wrong with it, which no arm file can name.
         faulty: The arm as it is.
@@ -71,8 +67,7 @@ class PoseSet:
     contacts_mm: Floats
     rigid_turns_rad: Floats
     turns_rad: Floats
-    towards: Floats
-    conditions: Conditions
+    around: Surroundings
     effects: tuple[Effect, ...]
     faults: tuple[Fault, ...]
     faulty: FaultyArm
@@ -81,21 +76,6 @@ class PoseSet:
     def n_poses(self) -> int:
         """Number of contacts."""
         return len(self.turns_rad)
-
-    @property
-    def around(self) -> Surroundings:
-        """Surroundings of the contacts."""
-        conditions, start_utc = self.conditions, self.spec.conditions.start_utc
-        start_s = None if start_utc is None else start_utc.timestamp()
-        return Surroundings(
-            time_s=conditions.time_s,
-            utc_s=None if start_s is None else start_s + conditions.time_s,
-            temperature_c=conditions.temperature_c,
-            speed_rad_s=conditions.speed_rad_s,
-            approach=conditions.approach.astype(np.float64),
-            towards=self.towards,
-            force_n=conditions.force_n,
-        )
 
     @property
     def readings_rad(self) -> Floats:

@@ -1,6 +1,6 @@
 """Contacts as they truly are, before any noise."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from traverse.simulator.campaigns.artefacts.artefact import (
     Contacts,
     Touches,
 )
-from traverse.simulator.campaigns.conditions import Conditions, drawn_conditions, stream
+from traverse.simulator.campaigns.conditions import drawn_conditions, stream
 from traverse.simulator.campaigns.pose_set import (
     PlacedArtefact,
     PoseSet,
@@ -24,14 +24,12 @@ from traverse.simulator.campaigns.pose_set import (
 from traverse.simulator.campaigns.postures import Workspace, workspace_of
 from traverse.simulator.campaigns.siting import (
     UnreachableError,
-    misfits,
     place_artefacts,
+    refuse_misfits,
     spec_artefacts,
 )
 from traverse.simulator.campaigns.spec import CampaignSpec
-from traverse.strict_toml.problems import FileError
-
-__all__ = ["PlacedArtefact", "PoseSet", "make_poses"]
+from traverse.simulator.effects import Surroundings
 
 N_REDRAWS = 12  # of contacts that are out of reach
 
@@ -49,9 +47,7 @@ def make_poses(
             effects of the arm that cannot be played.
         UnreachableError: What the arm cannot reach.
     """
-    problems = list(misfits(spec, arm))
-    if problems:
-        raise FileError("campaign specification", problems)
+    refuse_misfits(spec, arm)
     if truth is None:
         truth = true_arm(arm, spec.deviations, seed)
     workspace = workspace_of(truth.mechanism, spec.travel, spec.limits_rad)
@@ -60,17 +56,14 @@ def make_poses(
         artefacts, workspace, truth.radius_mm, stream(seed, "placement")
     )
     artefact_index, feature_index = _touched(artefacts, spec.conditions.visits)
-    conditions = drawn_conditions(
+    around = drawn_conditions(
         spec.conditions,
         len(artefact_index),
         truth.mechanism.n_joints,
         stream(seed, "conditions"),
     )
-    placed = tuple(
-        PlacedArtefact(artefact, placement)
-        for artefact, placement in zip(artefacts, placements, strict=True)
-    )
-    touching = _Touching(placed, artefact_index, feature_index, conditions, truth)
+    placed = tuple(map(PlacedArtefact, artefacts, placements))
+    touching = _Touching(placed, artefact_index, feature_index, around, truth)
     turns_rad, towards = touching.postures(workspace, stream(seed, "contacts"))
     rigid = PoseSet(
         spec=spec,
@@ -79,8 +72,7 @@ def make_poses(
         artefact_index=artefact_index,
         feature_index=feature_index,
         contacts_mm=probe_pose(truth.mechanism, turns_rad)[0],
-        towards=towards,
-        conditions=conditions,
+        around=replace(around, towards=towards),
         **rigid_fields(arm, truth, turns_rad),
     )
     return with_effects(rigid, arm.effects) if arm.effects else rigid
@@ -108,7 +100,7 @@ class _Touching:
     artefacts: tuple[PlacedArtefact, ...]
     artefact_index: Indices
     feature_index: Indices
-    conditions: Conditions
+    around: Surroundings
     truth: TrueArm
 
     def postures(
@@ -134,7 +126,7 @@ class _Touching:
         centres_mm, towards = np.empty((len(rows), 3)), np.empty((len(rows), 3))
         for number, placed in enumerate(self.artefacts):
             here = np.flatnonzero(self.artefact_index[rows] == number)
-            warmer_c = self.conditions.temperature_c[rows[here]] - REFERENCE_C
+            warmer_c = self.around.temperature_c[rows[here]] - REFERENCE_C
             contacts = placed.artefact.contacts(
                 Touches(
                     rng,

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Booleans, Floats
+from traverse.simulator.arm.inverse import CHUNK, TOLERANCE_MM, damped_steps
 from traverse.simulator.arm.physics import Mechanism, probe_pose, probe_rates
 
 # Largest turns of rolls and of hinges, in degrees.
@@ -46,14 +47,12 @@ def _rolls(mechanism: Mechanism) -> Booleans:
     return rolls
 
 
-TOLERANCE_MM = 3e-10
 N_STEPS = 14  # a new start then costs less than more of them
 N_CHOICES = 24  # random starts from which each target takes the nearest;
 MOST_CHOICES = 512  # twice as many in every round
 LONGEST_STEP_RAD = 0.6
 DAMPING_SHARE = 0.02  # of the miss: the step tends to Newton's as the miss vanishes
 LEAST_DAMPING_MM = 1e-4
-CHUNK = 2048  # poses whose matrices fit into the cache
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +135,7 @@ class Workspace:
             rows, misses_mm, rates = rows[away], misses_mm[away], rates[away]
             rates = np.where(stopped[rows][:, None], 0.0, rates)
             damping_mm = np.maximum(DAMPING_SHARE * lengths_mm[away], LEAST_DAMPING_MM)
-            steps = _damped_steps(rates, misses_mm, damping_mm)
+            steps = damped_steps(rates, misses_mm, damping_mm)
             longest = np.max(np.abs(steps), axis=1, keepdims=True)
             steps *= np.minimum(1.0, LONGEST_STEP_RAD / np.maximum(longest, 1e-12))
             wanted_rad = turns_rad[rows] + steps
@@ -154,47 +153,3 @@ def workspace_of(
     if limits_rad is None:
         return Workspace(mechanism, travel_limits(mechanism, travel))
     return Workspace(mechanism, np.array(limits_rad, dtype=np.float64))
-
-
-def shifted_postures(
-    mechanism: Mechanism, turns_rad: Floats, shifts_mm: Floats
-) -> Floats:
-    """Turns (n, n_joints) with the ball displaced by shifts (n, 3), least motion."""
-    moved = np.array(turns_rad)
-    for first in range(0, len(moved), CHUNK):
-        rows = slice(first, first + CHUNK)
-        centres_mm, _ = probe_pose(mechanism, moved[rows])
-        targets_mm = centres_mm + shifts_mm[rows]
-        for _ in range(4):
-            centres_mm, _, rates, _ = probe_rates(mechanism, moved[rows])
-            misses_mm = targets_mm - centres_mm
-            if np.max(np.abs(misses_mm)) < TOLERANCE_MM:
-                break
-            moved[rows] += _damped_steps(rates, misses_mm, np.full(len(misses_mm), 0.0))
-    return moved
-
-
-def _damped_steps(rates: Floats, misses_mm: Floats, damping_mm: Floats) -> Floats:
-    """Least turns (n, n_joints) that make up for misses (n, 3), damped by (n,) mm.
-
-    J' (J J' + damping^2)^-1 miss, with the 3x3 system solved by Cramer's rule.
-    """
-    normal = rates @ rates.transpose(0, 2, 1)
-    normal[:, (0, 1, 2), (0, 1, 2)] += damping_mm[:, None] ** 2
-    first, second, third = normal[:, 0], normal[:, 1], normal[:, 2]
-    crossed = np.stack(
-        [_cross(second, third), _cross(third, first), _cross(first, second)], axis=1
-    )
-    volumes = np.einsum("mi,mi->m", first, crossed[:, 0])
-    solved = np.einsum("mij,mi->mj", crossed, misses_mm)
-    solved /= np.maximum(volumes, np.finfo(np.float64).tiny)[:, None]
-    steps: Floats = np.einsum("mij,mi->mj", rates, solved)
-    return steps
-
-
-def _cross(a: Floats, b: Floats) -> Floats:
-    """Cross products of (n, 3); a third of the time of numpy's general one."""
-    out = np.empty_like(a)
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        out[:, i] = a[:, j] * b[:, k] - a[:, k] * b[:, j]
-    return out

@@ -17,7 +17,7 @@ from traverse.simulator.campaigns.artefacts.artefact import (
 from traverse.simulator.campaigns.conditions import stream
 from traverse.simulator.campaigns.postures import Workspace
 from traverse.simulator.campaigns.spec import CampaignSpec, mix_artefacts, spec_problems
-from traverse.strict_toml.problems import Problem
+from traverse.strict_toml.problems import FileError, Problem
 
 N_LOOKS = 1000  # postures that determine the width of the working volume
 
@@ -45,8 +45,17 @@ def _width_mm(workspace: Workspace, rng: np.random.Generator) -> float:
     return float(min(3.0 * np.sqrt(max(thinnest_mm2, 0.0)), reach_mm))
 
 
-def misfits(spec: CampaignSpec, arm: Arm) -> Iterator[Problem]:
-    """Find everything that does not fit."""
+def refuse_misfits(spec: CampaignSpec, arm: Arm, *others: Problem) -> None:
+    """Refuse a specification that does not fit an arm, or has other problems.
+
+    Raises:
+        FileError: With all of them, if there are any.
+    """
+    if problems := [*_misfits(spec, arm), *others]:
+        raise FileError("campaign specification", problems)
+
+
+def _misfits(spec: CampaignSpec, arm: Arm) -> Iterator[Problem]:
     yield from spec_problems(spec.model_dump(exclude_unset=True))
     joints = [joint.name for joint in arm.joints]
     for key, given in (

@@ -6,75 +6,20 @@ a descriptor is ready or `next_due_s` is reached and then calls `live` of every 
 with the time of the simulation, which never runs backwards.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from traverse.simulator.arm.truth import EncoderSet
+from traverse.simulator.devices.serial_line import DisturbedLine
 from traverse.simulator.devices.table import KINDS, DeviceTable, class_named
 from traverse.simulator.scenario.course import ClimateTable
 from traverse.simulator.scenario.faults import EncoderFault, Fault
-from traverse.simulator.scenario.script import Script, ScriptEvent
-from traverse.simulator.scenario.signals import LatchedEdge
+from traverse.simulator.scenario.script import Script
+from traverse.simulator.scenario.truth_log import TruthLog
 from traverse.simulator.scenario.wiring import CountSource, ScriptClock, Wiring
-
-
-class SimulatedDevice(Protocol):
-    """A device of whatever kind.
-
-    Attributes:
-        id: Of its table.
-        where: Where hosts find it, printed in its line "ready <id> <where>".
-    """
-
-    id: str
-    where: str
-
-    @property
-    def streaming(self) -> bool:
-        """It sends samples by itself; fast time may run ahead."""
-
-    @property
-    def ahead(self) -> bool:
-        """The host is still busy with what it was sent; fast time waits."""
-
-    def live(self, now_s: float) -> None:
-        """Do all that is due until now, and answer the host."""
-
-    def next_due_s(self, block_s: float) -> float:
-        """When to call `live` next; samples of a stream may be gathered so long."""
-
-    def readers(self) -> list[int]:
-        """Descriptors to wait for until they can be read."""
-
-    def writers(self) -> list[int]:
-        """Descriptors to wait for until they can be written."""
-
-    def totals(self) -> dict[str, Any]:
-        """Final counters, for the last line of the truth log."""
-
-    def close(self) -> None:
-        """Take away what hosts find; may be called again."""
-
-
-class DeviceObserver(Protocol):
-    """Takes what a device did, for the truth log."""
-
-    def edge(
-        self, device: str, seq: int, edge: LatchedEdge, event: ScriptEvent | None
-    ) -> None:
-        """A device reported the change of an input."""
-
-    def reading(
-        self, device: str, channel: int, time_s: float, count: int, status: int
-    ) -> None:
-        """An encoder was latched alone, at a time of the simulation."""
-
-    def dropped(
-        self, device: str, n_samples: int, time_s: float, stood_s: float
-    ) -> None:
-        """Samples found no room; the simulator itself had not run for so long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +46,7 @@ class DeviceContext:
     clock: ScriptClock
     faults: tuple[Fault, ...]
     seed: tuple[int, int]
-    notes: DeviceObserver
+    notes: TruthLog
     climate: ClimateTable
 
     @property
@@ -143,6 +88,92 @@ class DeviceContext:
         """Whether a fault of a kind lasts, for a channel or the device as a whole."""
         script_s = self.clock.script_s(at_s)
         return any(f.kind == kind and f.strikes(script_s, channel) for f in self.faults)
+
+
+class SimulatedDevice(ABC):
+    """A device of whatever kind, which faults take away and bring back.
+
+    Attributes:
+        id: Of its table.
+        where: Where hosts find it, printed in its line "ready <id> <where>".
+        mounting: What it is connected to.
+        disturbed: Plays the faults of its line.
+        wiring: Of its encoders and inputs since the last power-up.
+        n_power_ups: So often it was switched on.
+    """
+
+    where: str
+    wiring: Wiring
+
+    def __init__(
+        self,
+        table: DeviceTable,
+        mounting: DeviceContext,
+        inputs: Sequence[str] = (),
+    ) -> None:
+        self.id = table.id
+        self.mounting = mounting
+        self.disturbed = DisturbedLine(mounting.line_faults, mounting.seed[0])
+        self.n_power_ups = 0
+        self._inputs = inputs
+
+    @property
+    @abstractmethod
+    def is_on(self) -> bool:
+        """It has power, and hosts find it."""
+
+    @property
+    def streaming(self) -> bool:
+        """It sends samples by itself; fast time may run ahead."""
+        return False
+
+    @property
+    def ahead(self) -> bool:
+        """The host is still busy with what it was sent; fast time waits."""
+        return False
+
+    @abstractmethod
+    def live(self, now_s: float) -> None:
+        """Do all that is due until now, and answer the host."""
+
+    @abstractmethod
+    def next_due_s(self, block_s: float) -> float:
+        """When to call `live` next; samples of a stream may be gathered so long."""
+
+    @abstractmethod
+    def readers(self) -> list[int]:
+        """Descriptors to wait for until they can be read."""
+
+    @abstractmethod
+    def writers(self) -> list[int]:
+        """Descriptors to wait for until they can be written."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Take away what hosts find; may be called again."""
+
+    def switch_on(self, now_s: float) -> None:
+        """Get power; a child also makes what hosts find.
+
+        Raises:
+            OSError: That cannot be made.
+        """
+        self.n_power_ups += 1
+        self.wiring = self.mounting.wiring(self._inputs, self.n_power_ups, now_s)
+
+    def is_there(self, now_s: float) -> bool:
+        """Disappear and return by the faults; whether it is there now."""
+        away = self.mounting.away(now_s)
+        if away and self.is_on:
+            self.close()
+        elif not away and not self.is_on:
+            self.switch_on(now_s)
+        return not away
+
+    def totals(self) -> dict[str, Any]:
+        """Final counters over all power-ups, for the last line of the truth log."""
+        counts = asdict(self.disturbed.counts)
+        return {"power_ups": self.n_power_ups, "faults": counts}
 
 
 def make_device(table: DeviceTable, mounting: DeviceContext) -> SimulatedDevice:

@@ -68,10 +68,13 @@ class PtyPort:
         """Whether a host had the other end open at the last check."""
         return self._held
 
-    @property
-    def wake_descriptor(self) -> int:
+    def readers(self) -> list[int]:
         """Descriptors to wait for until the host writes, leaves, or arrives."""
-        return self.descriptor if self._held else self._changes.fileno()
+        return [self.descriptor if self._held else self._changes.fileno()]
+
+    def writers(self) -> list[int]:
+        """Descriptors to wait for until the host takes what waits; none if nothing."""
+        return [self.descriptor] if self._waiting else []
 
     @property
     def host_speed(self) -> int:

@@ -6,9 +6,8 @@ with `latch` and answers with `say`; faults of the line, of the power and of sin
 encoders are played here.
 """
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -17,8 +16,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from traverse.plurals import counted
-from traverse.simulator.devices.device import DeviceContext
-from traverse.simulator.devices.serial_line import DisturbedLine, SerialLine
+from traverse.simulator.devices.device import DeviceContext, SimulatedDevice
+from traverse.simulator.devices.serial_line import SerialLine
 from traverse.simulator.devices.table import DeviceTable
 from traverse.simulator.scenario.signals import InputChange, LatchedEdge
 
@@ -92,7 +91,7 @@ def checked_addresses(
     return addresses
 
 
-class SerialDevice(ABC):
+class SerialDevice(SimulatedDevice):
     """A device on one or more lines."""
 
     def __init__(
@@ -103,20 +102,17 @@ class SerialDevice(ABC):
         inputs: Sequence[str] | None = None,
         bits_per_byte: int = 10,
     ) -> None:
-        self.id = table.id
-        self.mounting = mounting
-        self.disturbed = DisturbedLine(mounting.line_faults, mounting.seed[0])
+        super().__init__(table, mounting, inputs or ())
         self.n_readings = 0
         self.n_rejected = 0
-        self.n_power_ups = 0
         self._paths: list[Path] = [mounting.folder / port for port in ports]
         self.where = " ".join(map(str, self._paths))
         self._serial, self._bits_per_byte = table, bits_per_byte
-        self._inputs = inputs
+        self._has_inputs = inputs is not None
         self.levels = self._n_edges = 0
         self._lines: list[SerialLine] = []
         self._n_dropped = 0
-        self._switch_on(0.0)
+        self.switch_on(0.0)
 
     @abstractmethod
     def power_up(self, now_s: float) -> None:
@@ -139,9 +135,9 @@ class SerialDevice(ABC):
         del line  # most devices have nothing to drop
 
     @property
-    def streaming(self) -> bool:
-        """It sends by itself."""
-        return False
+    def is_on(self) -> bool:
+        """It has its ports."""
+        return bool(self._lines)
 
     def latch(self, channel: int, at_s: float) -> tuple[int, int]:
         """Read an encoder at an instant: its count, and status bits as a board's."""
@@ -182,9 +178,9 @@ class SerialDevice(ABC):
                 continue
             number, level = change.input_number, change.level
             self.levels = self.levels & ~(1 << number) | level << number
-            edge = LatchedEdge(at_s, number, level, self.levels, ticks, counts, status)
-            event = self.wiring.event_at(change.time_s, number)
-            self.mounting.notes.edge(self.id, self._n_edges, edge, event)
+            latched = ticks, counts, status
+            edge = LatchedEdge(at_s, number, level, self.levels, *latched, change.event)
+            self.mounting.notes.edge(self.id, self._n_edges, edge)
             self._n_edges += 1
 
     @property
@@ -194,20 +190,16 @@ class SerialDevice(ABC):
 
     def readers(self) -> list[int]:
         """Its ports."""
-        return [line.reader for line in self._lines]
+        return [number for line in self._lines for number in line.port.readers()]
 
     def writers(self) -> list[int]:
         """Its ports on which bytes wait."""
-        writers = (line.writer for line in self._lines)
-        return [number for number in writers if number is not None]
+        return [number for line in self._lines for number in line.port.writers()]
 
     def live(self, now_s: float) -> None:
         """Receive, do and answer all that is due, in order of time."""
-        away = self.mounting.away(now_s)
-        if away and self._lines:
-            self.close()
-        elif not away and not self._lines:
-            self._switch_on(now_s)
+        if not self.is_there(now_s):
+            return
         for number, line in enumerate(self._lines):
             if line.listen(now_s):
                 self.lose_host(number)
@@ -226,7 +218,9 @@ class SerialDevice(ABC):
     def next_due_s(self, block_s: float) -> float:
         """When to call `live` next."""
         del block_s  # nothing is gathered: a host waits for each answer
-        due_s = min((line.next_due_s() for line in self._lines), default=float("inf"))
+        if not self._lines:
+            return float("inf")
+        due_s = min(line.next_due_s() for line in self._lines)
         return min(due_s, self.own_due_s())
 
     def totals(self) -> dict[str, Any]:
@@ -236,21 +230,20 @@ class SerialDevice(ABC):
             "samples": self.n_readings,
             "tx_dropped": n_dropped,
             "rx_rejected": self.n_rejected,
-            "power_ups": self.n_power_ups,
-            "faults": asdict(self.disturbed.counts),
-            **({} if self._inputs is None else {"edges": self._n_edges}),
+            **super().totals(),
+            **({"edges": self._n_edges} if self._has_inputs else {}),
         }
 
     def close(self) -> None:
         """Take the ports away."""
         for line in self._lines:
             self._n_dropped += line.n_dropped
-            line.close()
+            line.port.close()
         self._lines = []
 
-    def _switch_on(self, now_s: float) -> None:
-        self.n_power_ups += 1
-        self.wiring = self.mounting.wiring(self._inputs or (), self.n_power_ups, now_s)
+    def switch_on(self, now_s: float) -> None:
+        """Make the ports, and begin anew."""
+        super().switch_on(now_s)
         try:
             for path in self._paths:
                 self._lines.append(SerialLine(path, self._serial, self._bits_per_byte))

@@ -129,40 +129,25 @@ BUFFER_BYTES = 65_536
 
 
 class SerialLine:
-    """The device's end of a line."""
+    """The device's end of a line; its owner closes the port."""
 
     def __init__(self, path: Path, table: "SerialTable", bits_per_byte: int) -> None:
         self._table = table
         self._byte_s = bits_per_byte / table.baud_rate if table.baud_rate else 0.0
         self.n_dropped = 0
-        self._port = PtyPort(path, BUFFER_BYTES)
+        self.port = PtyPort(path, BUFFER_BYTES)
         self._coming: deque[tuple[float, int]] = deque()
         self._going: deque[tuple[float, bytes]] = deque()
         self._heard_until_s = 0.0
         self._said_until_s = 0.0
 
-    @property
-    def reader(self) -> int:
-        """Descriptor to wait for until the host writes."""
-        return self._port.wake_descriptor
-
-    @property
-    def writer(self) -> int | None:
-        """Descriptor to wait for until the host reads, if bytes wait for that."""
-        return self._port.descriptor if self._port.backlog else None
-
-    @property
-    def host_speed(self) -> int:
-        """At which the host has set its end, as a constant of termios."""
-        return self._port.host_speed
-
     def listen(self, now_s: float) -> bool:
         """Read what the host has sent; True if the host opened or closed the line."""
-        changed = self._port.host_changed()
+        changed = self.port.host_changed()
         if changed:
             self._coming.clear()
             self._going.clear()
-        received = self._port.read()
+        received = self.port.read()
         start_s = max(self._heard_until_s, now_s + self._table.request_delay_s)
         for number, byte in enumerate(received, start=1):
             at_s = start_s + number * self._byte_s
@@ -189,9 +174,9 @@ class SerialLine:
         while self._going and self._going[0][0] <= now_s:
             frames.append(OutgoingFrame(True, self._going.popleft()[1]))
         if frames:
-            self.n_dropped += self._port.write(frames)
+            self.n_dropped += self.port.write(frames)
         else:
-            self._port.flush()
+            self.port.flush()
 
     def next_due_s(self) -> float:
         """When a byte has arrived or an answer is to be passed on."""
@@ -199,7 +184,3 @@ class SerialLine:
             self._coming[0][0] if self._coming else float("inf"),
             self._going[0][0] if self._going else float("inf"),
         )
-
-    def close(self) -> None:
-        """Take the port away."""
-        self._port.close()

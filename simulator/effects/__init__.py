@@ -21,22 +21,3 @@ from traverse.simulator.effects.reading_faults import (
     Sawtooth,
     SquareOfTemperature,
 )
-
-__all__ = [
-    "BodyFault",
-    "Bump",
-    "CrossCoupling",
-    "CubicError",
-    "Fault",
-    "FaultyArm",
-    "JumpInAngle",
-    "MissedContactError",
-    "ReadingFault",
-    "Sawtooth",
-    "SquareOfTemperature",
-    "Surroundings",
-    "TouchFault",
-    "effect_problems",
-    "faults_from_effects",
-    "on_true_axes",
-]

@@ -9,8 +9,6 @@ from traverse.simulator.motions.motion import (
 )
 from traverse.simulator.motions.surfaces import BallBar, Plane, Sphere, Sweep
 
-__all__ = ["AnyMotion", "Motion", "ReplayMotion"]
-
 Motion.KINDS.update(
     {
         "rest": RestMotion,

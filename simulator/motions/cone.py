@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from traverse.arrays import Floats
-from traverse.simulator.arm.inverse import TOLERANCE_MM
+from traverse.simulator.arm.inverse import REACHED_MM
 from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.arm.trajectory import spline_pieces
 from traverse.simulator.motions.motion import Direction, Motion, Vector
@@ -48,17 +48,22 @@ class Cone(Motion):
         targets = seats_mm + approach.distances_mm[:, None, None] * axis
         entries = stage.reach.along(seated, targets[::-1])[::-1]
         times_s = stage.operator.move_s * np.linspace(0.0, 1.0, N_KNOTS)
+
+        def leave() -> None:
+            way_rad = stage.reach.path(stage.posture_rad, targets[::-1, 0])
+            stage.follow(way_rad, approach.times_s)
+
         for number in range(self.postures):
             path = _articulation(stage, seats_mm[0], -axis) if number else None
             if path is not None:
                 stage.follow(path, times_s)
             else:  # in from outside, as at the beginning
                 if number:
-                    stage.follow(_way_out(stage, targets[:, 0]), approach.times_s)
+                    leave()
                 stage.move(entries[0, number], stage.operator.move_s)
                 stage.follow(entries[:, number], approach.times_s)
             stage.press(partial(ScriptEvent, artefact=self.artefact))
-        stage.follow(_way_out(stage, targets[:, 0]), approach.times_s)
+        leave()
 
 
 def _articulation(
@@ -79,7 +84,7 @@ def _articulation(
     wishes = starts + fractions[:, None, None] * (pull * (wished - starts))
     ways = reach.nearest(starts, wishes, np.tile(seat_mm, (N_TRIES, 1)))
     centres_mm, shanks = probe_pose(reach.mechanism, ways[-1])
-    good = np.linalg.norm(centres_mm - seat_mm, axis=1) < TOLERANCE_MM
+    good = np.linalg.norm(centres_mm - seat_mm, axis=1) < REACHED_MM
     good &= shanks @ shank >= np.cos(stage.operator.tilt_rad)
     good &= np.all((ways >= low) & (ways <= high), axis=(0, 2))
     good &= np.max(np.abs(np.diff(ways, axis=0)), axis=(0, 2)) < LONGEST_STEP_RAD
@@ -99,8 +104,3 @@ def _stays_seated(stage: CourseBuilder, way_rad: Floats, seat_mm: Floats) -> boo
     centres_mm, _ = probe_pose(stage.reach.mechanism, between)
     off_mm = np.linalg.norm(centres_mm - seat_mm, axis=1)
     return bool(np.max(off_mm) < MOST_PLAY_MM)
-
-
-def _way_out(stage: CourseBuilder, targets_mm: Floats) -> Floats:
-    """Postures (n_knots, n_joints) from the seat back along the approach."""
-    return stage.reach.along(stage.posture_rad[None, :], targets_mm[::-1, None])[:, 0]

@@ -163,11 +163,11 @@ class Sweep(Motion):
         centres_mm = surfaces_mm + stage.radius_mm * normals
         contact = Contact(self.artefact, "", surfaces_mm[0], normals[0])
         posture = solve_contacts(stage, [contact])
-        swept = stage.reach.along(posture, centres_mm[:, None])[:, 0]
+        swept = stage.reach.path(posture[0], centres_mm)
         approach = hard_approach(stage)
         away_mm = approach.distances_mm[::-1, None]
-        come = _along(stage, swept[0], centres_mm[0] + away_mm * normals[0])[::-1]
-        leave = _along(stage, swept[-1], centres_mm[-1] + away_mm * normals[-1])
+        come = stage.reach.path(swept[0], centres_mm[0] + away_mm * normals[0])[::-1]
+        leave = stage.reach.path(swept[-1], centres_mm[-1] + away_mm * normals[-1])
         stage.move(come[0], stage.operator.move_s)
         stage.follow(come, approach.times_s)
         stage.events.append(contact.change(stage.time_s, "button", 1))
@@ -188,7 +188,3 @@ class Sweep(Motion):
         polar = (self.opening_rad * fractions)[:, None]
         normals = np.cos(polar) * pole + np.sin(polar) * outward
         return centre_mm + self.radius_mm * normals, normals
-
-
-def _along(stage: CourseBuilder, posture_rad: Floats, targets_mm: Floats) -> Floats:
-    return stage.reach.along(posture_rad[None, :], targets_mm[:, None])[:, 0]

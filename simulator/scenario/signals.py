@@ -1,21 +1,21 @@
-"""Values that cross the board's border: what it is wired to, what it sends."""
+"""Values that cross a device's border: what it is wired to, what it sends."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.arrays import Floats
+from traverse.simulator.scenario.script import ScriptEvent
 
 
 @dataclass(frozen=True, slots=True)
 class InputChange:
-    """An input takes a new level (1 active, 0 not)."""
+    """An input takes a new level (1 active, 0 not), by an event of the script."""
 
     time_s: float
     input_number: int
     level: int
+    event: ScriptEvent | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +26,7 @@ class LatchedEdge:
         inputs: Levels of all inputs right after it, as bits.
         counts: (n_channels,)
         status: (n_channels,)
+        event: Of the script that caused it.
     """
 
     time_s: float
@@ -35,6 +36,7 @@ class LatchedEdge:
     ticks: int
     counts: NDArray[np.uint32]
     status: NDArray[np.uint8]
+    event: ScriptEvent | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,21 +48,6 @@ class AlarmChange:
     state: int
     code: int
     value: int
-
-
-class LatchSource(Protocol):
-    """Signals that the board is wired to."""
-
-    def latch(
-        self, times_s: Floats, edge: bool
-    ) -> tuple[NDArray[np.uint32], NDArray[np.uint8]]:
-        """Counts and status (n, n_channels) at times (n,)."""
-
-    def peek_change(self) -> InputChange | AlarmChange | None:
-        """The next change, if any is known yet."""
-
-    def take_change(self) -> None:
-        """Advance to the one after it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from traverse.arrays import Booleans, Floats, Integers
 from traverse.simulator.arm.truth import EncoderSet
 from traverse.simulator.scenario.course import Course
 from traverse.simulator.scenario.faults import EncoderFault, JumpFault, StatusFault
-from traverse.simulator.scenario.script import Script, ScriptEvent
+from traverse.simulator.scenario.script import Script
 from traverse.simulator.scenario.signals import AlarmChange, InputChange
 
 
@@ -83,11 +83,8 @@ class Wiring:
         self._edge_noise = np.random.default_rng([*seed, 2])
         self._next_event = 0
         self._alarms = sorted(_alarm_changes(faults), key=lambda a: a.time_s)
-        while self._alarms and self._alarms[0].time_s < from_script_s:
-            self._alarms.pop(0)
-        if from_script_s > 0.0:
-            while (entry := self._upcoming()) and entry[0] < from_script_s:
-                self._next_event += 1
+        while (change := self._next()) is not None and change.time_s < from_script_s:
+            self.take_change()
 
     def latch(
         self, times_s: Floats, edge: bool
@@ -110,44 +107,35 @@ class Wiring:
     def peek_change(self) -> InputChange | AlarmChange | None:
         """The next change, if any is known yet."""
         begin_s = self._clock.begin_s
-        if begin_s is None:
+        change = None if begin_s is None else self._next()
+        if begin_s is None or change is None:
             return None
-        entry = self._upcoming()
-        if self._alarms and (entry is None or self._alarms[0].time_s <= entry[0]):
-            alarm = self._alarms[0]
-            return replace(alarm, time_s=begin_s + alarm.time_s)
-        if entry is None:
-            return None
-        script_s, event = entry
-        number = self._inputs.index(event.input_name)
-        return InputChange(begin_s + script_s, number, event.level)
+        return replace(change, time_s=begin_s + change.time_s)
 
     def take_change(self) -> None:
         """Advance to the one after it."""
-        entry = self._upcoming()
-        if self._alarms and (entry is None or self._alarms[0].time_s <= entry[0]):
+        if isinstance(self._next(), AlarmChange):
             self._alarms.pop(0)
         else:
             self._next_event += 1
 
-    def event_at(self, time_s: float, input_number: int) -> ScriptEvent | None:
-        """The recent event behind a change of an input."""
-        wanted = time_s - (self._clock.begin_s or 0.0)
-        name = self._inputs[input_number]
-        for number in range(self._next_event, max(-1, self._next_event - 64), -1):
-            entry = self._script.event(number)
-            if entry and entry[1].input_name == name and abs(entry[0] - wanted) < 1e-6:
-                return entry[1]
-        return None
+    def _next(self) -> InputChange | AlarmChange | None:
+        """The next change, at a time of the script."""
+        change = self._next_of_inputs()
+        if self._alarms and (change is None or self._alarms[0].time_s <= change.time_s):
+            return self._alarms[0]
+        return change
 
-    def _upcoming(self) -> tuple[float, ScriptEvent] | None:
-        """The next event of an input that this board has."""
+    def _next_of_inputs(self) -> InputChange | None:
+        """The next change of an input that this board has."""
         names = {event.input_name for event in self._script.events}
         if names.isdisjoint(self._inputs):
             return None
         while entry := self._script.event(self._next_event):
-            if entry[1].input_name in self._inputs:
-                return entry
+            time_s, event = entry
+            if event.input_name in self._inputs:
+                number = self._inputs.index(event.input_name)
+                return InputChange(time_s, number, event.level, event)
             self._next_event += 1
         return None
 

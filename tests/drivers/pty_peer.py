@@ -1,5 +1,6 @@
-"""The device's end of a pty: a cable that tests plug in and out."""
+"""Devices that tests plug in and out, and a driver on the port of one."""
 
+import asyncio
 import os
 import threading
 import tty
@@ -7,26 +8,23 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Self
 
+import pytest
 
-class PtyPeer(ABC):
-    """A peer that lives in a thread of its own while it is plugged in.
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.driver import Driver
 
-    Args:
-        link: where the host finds the port; it keeps its name when plugged again.
-    """
 
-    def __init__(self, link: Path) -> None:
-        self.link = link
+class Peer(ABC):
+    """A device that lives in a thread of its own while it is plugged in."""
+
+    def __init__(self) -> None:
         self._thread: threading.Thread | None = None
         self._plugged = False
 
     def plug(self) -> None:
-        self._master, slave = os.openpty()
-        tty.setraw(slave)
-        self.link.unlink(missing_ok=True)
-        self.link.symlink_to(os.ttyname(slave))
-        os.close(slave)
-        os.set_blocking(self._master, False)
+        if self._plugged:
+            return
+        self._open()
         self._plugged = True
         self._thread = threading.Thread(target=self._live, name=type(self).__name__)
         self._thread.start()
@@ -36,8 +34,7 @@ class PtyPeer(ABC):
             self._plugged = False
             self._thread.join()
             self._thread = None
-            self.link.unlink(missing_ok=True)
-            os.close(self._master)
+            self._close()
 
     def __enter__(self) -> Self:
         self.plug()
@@ -47,5 +44,68 @@ class PtyPeer(ABC):
         self.unplug()
 
     @abstractmethod
+    def _open(self) -> None:
+        """Be there for a host."""
+
+    @abstractmethod
+    def _close(self) -> None:
+        """Be gone."""
+
+    @abstractmethod
     def _live(self) -> None:
         """Answer until it is no longer plugged in."""
+
+
+class PtyPeer(Peer):
+    """The device's end of a pty.
+
+    Args:
+        link: where the host finds the port; it keeps its name when plugged again.
+    """
+
+    def __init__(self, link: Path) -> None:
+        super().__init__()
+        self.link = link
+
+    def _open(self) -> None:
+        self._master, slave = os.openpty()
+        tty.setraw(slave)
+        self.link.unlink(missing_ok=True)
+        self.link.symlink_to(os.ttyname(slave))
+        os.close(slave)
+        os.set_blocking(self._master, False)
+
+    def _close(self) -> None:
+        self.link.unlink(missing_ok=True)
+        os.close(self._master)
+
+
+class PeerRig:
+    """A driver on the port of a peer that answers or sends by itself."""
+
+    def __init__(self, peer: Peer, make: type[Driver], **options: object) -> None:
+        self.peer = peer
+        self.port = str(peer.link)
+        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
+        if "ports" not in options:
+            options["port"] = self.port
+        valid = make.options_class(**options)
+        self.driver = make("device", valid, self.delivery_queue)
+        self.plug, self.unplug = peer.plug, peer.unplug
+
+    def emit(self, n: int) -> None:
+        """Nothing to do."""
+
+
+def rig_fixture(make):
+    """A fixture that makes a rig in a folder, and takes it down."""
+
+    @pytest.fixture
+    async def rig(tmp_path):
+        rig = make(tmp_path)
+        rig.plug()
+        yield rig
+        rig.driver.close()
+        rig.unplug()
+
+    return rig

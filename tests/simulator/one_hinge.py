@@ -36,8 +36,8 @@ class Notebook:
         self.edges = []
         self.drops = []
 
-    def edge(self, device, seq, edge, event) -> None:
-        self.edges.append((device, seq, edge, event))
+    def edge(self, device, seq, edge) -> None:
+        self.edges.append((device, seq, edge))
 
     def reading(self, device, channel, time_s, count, status) -> None:
         self.readings.append((device, channel, time_s, count, status))

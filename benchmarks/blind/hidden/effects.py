@@ -66,7 +66,7 @@ class _Draw:
 
     @property
     def span_s(self) -> float:
-        return float(np.ptp(self.poses.conditions.time_s))
+        return float(np.ptp(self.poses.around.time_s))
 
     def amplitudes(self, size: float) -> tuple[float, float]:
         """A cosine and a sine of a phase that may be anything."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.simulator.arm.inverse import shifted_postures
 from traverse.simulator.arm.physics import Mechanism, probe_pose
 from traverse.simulator.arm.truth import Deviations, TrueArm, true_arm
 from traverse.simulator.campaigns.acceptance.layout import PlacedStandard, layout_of
@@ -19,11 +20,7 @@ from traverse.simulator.campaigns.campaign import SimulatedCampaign, StatedArtef
 from traverse.simulator.campaigns.conditions import drawn_conditions, stream
 from traverse.simulator.campaigns.drawing import draw_noise
 from traverse.simulator.campaigns.pose_set import PlacedArtefact, PoseSet, rigid_fields
-from traverse.simulator.campaigns.postures import (
-    Workspace,
-    shifted_postures,
-    workspace_of,
-)
+from traverse.simulator.campaigns.postures import Workspace, workspace_of
 from traverse.simulator.campaigns.siting import UnreachableError
 from traverse.simulator.campaigns.spec import CampaignSpec, ConditionTable, NoiseTable
 
@@ -62,6 +59,13 @@ def acceptance_poses(
         turns.append(turns_rad)
     turns_rad = np.concatenate(turns)
     table = conditions or ConditionTable()
+    around = drawn_conditions(
+        table, len(turns_rad), truth.mechanism.n_joints, stream(seed, "conditions")
+    )
+    towards = [
+        entry.placement.directions(standing.towards)
+        for entry, standing in zip(placed, standings, strict=True)
+    ]
     spec = CampaignSpec(
         artefacts=tuple(standing.artefact for standing in standings),
         noise=noise or NoiseTable(),
@@ -81,15 +85,7 @@ def acceptance_poses(
             ]
         ).astype(np.intp),
         contacts_mm=probe_pose(truth.mechanism, turns_rad)[0],
-        towards=np.concatenate(
-            [
-                entry.placement.directions(standing.towards)
-                for entry, standing in zip(placed, standings, strict=True)
-            ]
-        ),
-        conditions=drawn_conditions(
-            table, len(turns_rad), truth.mechanism.n_joints, stream(seed, "conditions")
-        ),
+        around=replace(around, towards=np.concatenate(towards)),
         **rigid_fields(arm, truth, turns_rad),
     )
 

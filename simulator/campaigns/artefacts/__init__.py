@@ -9,19 +9,6 @@ from traverse.simulator.campaigns.artefacts.surfaces import (
     Sphere,
 )
 
-__all__ = [
-    "AnyArtefact",
-    "Artefact",
-    "BallBar",
-    "Cone",
-    "DrawWire",
-    "ParallelPlanes",
-    "Plane",
-    "Points",
-    "Seats",
-    "Sphere",
-]
-
 Artefact.KINDS.update(
     {
         "cone": Cone,

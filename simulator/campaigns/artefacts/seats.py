@@ -19,29 +19,42 @@ from traverse.simulator.campaigns.artefacts.artefact import (
 )
 
 
-class Cone(Artefact):
-    """A seat for the ball."""
+class Seated(Artefact):
+    """Seats for the ball, which expand about their origin."""
 
     IS_FIXED: ClassVar[bool] = True
 
-    kind: Literal["cone"] = "cone"
+    @property
+    def seats_mm(self) -> Floats:
+        """The seated ball's centre at every feature, (n_features, 3)."""
+        return np.zeros((1, 3))
 
     def contacts(self, touches: Touches) -> Contacts:
-        """The seat, as often as requested."""
-        return Contacts(np.zeros((touches.n, 3)), no_directions(touches.n))
+        """The seats, as often as requested."""
+        centres_mm = self.seats_mm[touches.features] * touches.growths[:, None]
+        return Contacts(centres_mm, no_directions(touches.n))
+
+    def true_table(self, placement: Placement) -> Table:
+        """The seats in the arm's system, by name."""
+        true_mm = placement.points_mm(self.seats_mm)
+        return {"points_mm": dict(zip(self.features, true_mm.tolist(), strict=True))}
+
+
+class Cone(Seated):
+    """A seat for the ball."""
+
+    kind: Literal["cone"] = "cone"
 
     def true_table(self, placement: Placement) -> Table:
         """Where the seated ball's centre is."""
         return {"point_mm": placement.position_mm.tolist()}
 
 
-class Seats(Standard):
+class Seats(Seated, Standard):
     """A bar with cones: seats in a row, which expand about its middle.
 
     The standard deviation is that of the stated distances.
     """
-
-    IS_FIXED: ClassVar[bool] = True
 
     kind: Literal["seats"] = "seats"
     n_seats: int = Field(default=2, ge=2)
@@ -54,17 +67,12 @@ class Seats(Standard):
         return tuple(str(number + 1) for number in range(self.n_seats))
 
     @property
-    def own_mm(self) -> Floats:
+    def seats_mm(self) -> Floats:
         """The seats (n_seats, 3) along the third axis, about their middle."""
         places_mm = np.zeros((self.n_seats, 3))
         steps = np.arange(self.n_seats) - 0.5 * (self.n_seats - 1)
         places_mm[:, 2] = self.distance_mm * steps
         return places_mm
-
-    def contacts(self, touches: Touches) -> Contacts:
-        """The seats."""
-        centres_mm = self.own_mm[touches.features] * touches.growths[:, None]
-        return Contacts(centres_mm, no_directions(touches.n))
 
     def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
         """The distances from the first seat, as the certificate has them."""
@@ -81,16 +89,11 @@ class Seats(Standard):
         ]
         return {**self.stated_expansion, "distances": named}
 
-    def true_table(self, placement: Placement) -> Table:
-        """The seats in the arm's system."""
-        true_mm = placement.points_mm(self.own_mm)
-        return {"points_mm": dict(zip(self.features, true_mm.tolist(), strict=True))}
-
 
 PLASTIC = 1.2207440846057596  # root of x^4 = x + 1: its powers spread points evenly
 
 
-class Points(Standard):
+class Points(Seated, Standard):
     """Seats for the ball, spread over a cube; they expand about its middle.
 
     Attributes:
@@ -100,8 +103,6 @@ class Points(Standard):
         scale: Length in the arm's system over length in their own.
         points_std_mm: Of each coordinate that the campaign states.
     """
-
-    IS_FIXED: ClassVar[bool] = True
 
     kind: Literal["points"] = "points"
     n_points: int = Field(default=8, ge=1)
@@ -123,6 +124,11 @@ class Points(Standard):
         spread: Floats = self.size_mm / self.scale * (shares - 0.5)
         return spread
 
+    @property
+    def seats_mm(self) -> Floats:
+        """The points in the arm's system but for their place."""
+        return self.scale * self.own_mm
+
     def size_problem(self, ball_mm: float) -> str | None:
         """A scale or an expansion needs a system of its own."""
         if self.expansion_per_c and self.frame == "arm":
@@ -136,13 +142,6 @@ class Points(Standard):
                 "'own_scaled' has a scale"
             )
         return None
-
-    def contacts(self, touches: Touches) -> Contacts:
-        """The seats."""
-        centres_mm = (
-            self.scale * self.own_mm[touches.features] * touches.growths[:, None]
-        )
-        return Contacts(centres_mm, no_directions(touches.n))
 
     def stated(self, rng: np.random.Generator, placement: Placement) -> Table:
         """Their coordinates, as the certificate has them."""
@@ -159,12 +158,11 @@ class Points(Standard):
 
     def true_table(self, placement: Placement) -> Table:
         """The parameters of x = t + s R x_own; the points in the arm's system."""
-        true_mm = placement.points_mm(self.scale * self.own_mm)
         return {
             "rotation": placement.rotation.tolist(),
             "translation_mm": placement.position_mm.tolist(),
             "scale": self.scale,
-            "points_mm": dict(zip(self.features, true_mm.tolist(), strict=True)),
+            **super().true_table(placement),
         }
 
 

@@ -35,7 +35,7 @@ def _made(folder: Path, arm: Arm, file: DenseFile, seed: int) -> list[str]:
     touching = int(np.count_nonzero(scan.touched != NOTHING))
     names = ", ".join(f"{a.id} ({a.kind})" for a in scan.artefacts)
     return [
-        f"samples {len(scan.time_s)}, {touching} of them touching",
+        f"samples {len(scan.touched)}, {touching} of them touching",
         f"artefacts {len(scan.artefacts)}: {names}",
     ]
 

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.simulator.arm.inverse import shifted_postures
 from traverse.simulator.arm.physics import probe_pose
 from traverse.simulator.campaigns.artefacts import Cone, Sphere
 from traverse.simulator.campaigns.artefacts.artefact import Placement
 from traverse.simulator.campaigns.dense.spec import ScanTable
-from traverse.simulator.campaigns.postures import Workspace, shifted_postures
+from traverse.simulator.campaigns.postures import Workspace
 from traverse.simulator.campaigns.siting import UnreachableError
-from traverse.strict_toml.problems import FileError, Problem
 
 KNOT_S = 0.05
 PULL = 0.05  # of what a posture is away from the wished one, per knot
@@ -204,13 +204,3 @@ def _between(knots: Floats, places: Floats) -> Floats:
         rates[at] + u * (3.0 * rise - 2.0 * rates[at] - rates[at + 1] + u * bend)
     )
     return turns
-
-
-def refused(problems: list[Problem]) -> None:
-    """Refuse a specification that has problems.
-
-    Raises:
-        FileError: With all of them, if there are any.
-    """
-    if problems:
-        raise FileError("campaign specification", problems)

@@ -8,20 +8,24 @@ from numpy.typing import NDArray
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.simulator.arm.inverse import shifted_postures
 from traverse.simulator.arm.truth import TrueArm, true_arm
 from traverse.simulator.campaigns.artefacts import Cone, Sphere
 from traverse.simulator.campaigns.campaign import StatedArtefact
-from traverse.simulator.campaigns.conditions import stream
+from traverse.simulator.campaigns.conditions import stream, temperatures_c
 from traverse.simulator.campaigns.dense.motion import (
     Drag,
     Dragging,
     moved_between,
-    refused,
 )
 from traverse.simulator.campaigns.dense.spec import DenseFile, dense_misfits
-from traverse.simulator.campaigns.noise import encoder_stds, serial_noise
-from traverse.simulator.campaigns.postures import shifted_postures, workspace_of
-from traverse.simulator.campaigns.siting import misfits, place_artefacts
+from traverse.simulator.campaigns.noise import (
+    contact_shifts,
+    encoder_stds,
+    serial_noise,
+)
+from traverse.simulator.campaigns.postures import workspace_of
+from traverse.simulator.campaigns.siting import place_artefacts, refuse_misfits
 from traverse.simulator.effects import (
     FaultyArm,
     Surroundings,
@@ -29,7 +33,6 @@ from traverse.simulator.effects import (
     on_true_axes,
 )
 from traverse.simulator.effects.faulty_arm import faulty_arm
-from traverse.strict_toml.problems import Problem
 
 START = datetime(2026, 11, 20, 9, tzinfo=UTC)
 CHUNK = 20_000
@@ -45,28 +48,22 @@ class DenseScan:
         artefacts: As the campaign states them.
         file: The specification.
         start_utc: Of the first sample.
-        time_s: (n,) since then.
+        around: Of n samples.
         counts: (n, n_joints) raw.
         touched: (n,) index of the artefact, -1 for none.
-        temperature_c: (n,)
-        force_n: (n,)
         truth: The true arm.
         readings_rad: (n, n_joints) before they became counts.
-        speeds_rad_s: (n, n_joints) true.
     """
 
     arm: Arm
     artefacts: tuple[StatedArtefact, ...]
     file: DenseFile
     start_utc: datetime
-    time_s: Floats
+    around: Surroundings
     counts: NDArray[np.uint32]
     touched: Integers
-    temperature_c: Floats
-    force_n: Floats
     truth: TrueArm
     readings_rad: Floats
-    speeds_rad_s: Floats
 
 
 def simulate_scan(arm: Arm, file: DenseFile, seed: int) -> DenseScan:
@@ -76,9 +73,7 @@ def simulate_scan(arm: Arm, file: DenseFile, seed: int) -> DenseScan:
         FileError: What does not fit arm or scan, or effects that cannot be played.
         UnreachableError: What the arm cannot reach or follow.
     """
-    bare = [joint.name for joint in arm.joints if joint.encoder is None]
-    missing = Problem("arm", f"no encoder of {', '.join(bare)}; a scan needs counts")
-    refused([*misfits(file, arm), *dense_misfits(file), *([missing] if bare else [])])
+    refuse_misfits(file, arm, *dense_misfits(file, arm))
     truth = true_arm(arm, file.deviations, seed)
     workspace = workspace_of(truth.mechanism, file.travel, file.limits_rad)
     placements = place_artefacts(
@@ -110,14 +105,11 @@ def simulate_scan(arm: Arm, file: DenseFile, seed: int) -> DenseScan:
         ),
         file=file,
         start_utc=file.conditions.start_utc or START,
-        time_s=around.time_s,
+        around=around,
         counts=_counts(readings_rad, arm),
         touched=touched,
-        temperature_c=around.temperature_c,
-        force_n=around.force_n,
         truth=truth,
         readings_rad=readings_rad,
-        speeds_rad_s=around.speed_rad_s,
     )
 
 
@@ -152,10 +144,7 @@ def _surroundings(
     table, rate_hz = file.conditions, file.scan.rate_hz
     rng = stream(seed, "conditions")
     time_s = np.arange(len(speed_rad_s)) / rate_hz
-    progress = time_s / time_s[-1]
-    swing = np.sin(2.0 * np.pi * (rng.uniform(0.5, 1.5) * progress + rng.uniform()))
-    temperature_c = table.temperature_c + table.swing_c * swing
-    temperature_c = temperature_c + table.drift_c * (progress - 0.5)
+    temperature_c = temperatures_c(table, time_s / time_s[-1], rng)
     forces = np.exp(table.force_spread * rng.standard_normal(len(drags) + 1))
     towards = np.full((len(speed_rad_s), 3), np.nan)
     towards[drag_of != NOTHING] = np.concatenate([drag.towards for drag in drags])
@@ -198,14 +187,10 @@ def _readings(
     turns_rad, drag_of = motion
     n_samples, n_joints = turns_rad.shape
     touching = drag_of != NOTHING
-    shifts_mm = np.zeros((n_samples, 3))
     contacts_mm = np.zeros((n_samples, 3))
     contacts_mm[touching] = np.concatenate([drag.contacts_mm for drag in drags])
     shaken = serial_noise(stream(seed, "touch"), n_samples, 3, file.noise)
-    towards = around.towards
-    seated = np.isnan(towards[:, :1])
-    along = shaken[:, :1] * np.nan_to_num(towards)
-    shifts_mm = file.noise.contact_mm * np.where(seated, shaken, along)
+    shifts_mm = file.noise.contact_mm * contact_shifts(around.towards, shaken)
     errors = serial_noise(stream(seed, "encoders"), n_samples, n_joints, file.noise)
     errors *= encoder_stds(file.noise, n_joints)
     readings_rad = np.empty_like(turns_rad)

@@ -5,6 +5,7 @@ from typing import Any
 
 from pydantic import Field
 
+from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.campaigns.artefacts import Cone, Sphere
 from traverse.simulator.campaigns.spec import CampaignFile, spec_problems
 from traverse.strict_toml.problems import Problem
@@ -44,7 +45,7 @@ def dense_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
         yield Problem("mix", "a scan names its artefacts; give [[artefacts]] instead")
 
 
-def dense_misfits(file: DenseFile) -> Iterator[Problem]:
+def dense_misfits(file: DenseFile, arm: Arm) -> Iterator[Problem]:
     """Find what a scan cannot do."""
     for number, artefact in enumerate(file.artefacts):
         if not isinstance(artefact, Cone | Sphere):
@@ -52,3 +53,5 @@ def dense_misfits(file: DenseFile) -> Iterator[Problem]:
             yield Problem(f"artefacts[{number}].kind", message)
     if file.noise.blunder_share > 0.0:
         yield Problem("noise.blunder_share", "a scan has no blunders; expected 0")
+    if bare := [joint.name for joint in arm.joints if joint.encoder is None]:
+        yield Problem("arm", f"no encoder of {', '.join(bare)}; a scan needs counts")

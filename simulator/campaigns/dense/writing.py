@@ -63,7 +63,7 @@ def _write_stream(writer: Writer, scan: DenseScan, seed: int) -> None:
     touching = writer.register_channel("touching", "json", 0)
     conditions = writer.register_channel("conditions", "json", 0)
     rng = stream(seed, "directions")
-    since_ns = np.rint(1e9 * scan.time_s).astype(np.int64)
+    since_ns = np.rint(1e9 * scan.around.time_s).astype(np.int64)
     host_ns = HOST_NS + since_ns
     start_ns = int(scan.start_utc.timestamp()) * 1_000_000_000
     late_s = 1e-4 + scan.file.scan.latch_jitter_s * np.abs(
@@ -91,8 +91,8 @@ def _write_stream(writer: Writer, scan: DenseScan, seed: int) -> None:
             if row in changes or row % every == 0:
                 moment = {
                     "sample_time_ns": at_ns,
-                    "temperature_c": float(scan.temperature_c[row]),
-                    "force_n": float(scan.force_n[row]),
+                    "temperature_c": float(scan.around.temperature_c[row]),
+                    "force_n": float(scan.around.force_n[row]),
                 }
                 writer.add_message(
                     conditions, log_ns, json.dumps(moment).encode(), log_ns

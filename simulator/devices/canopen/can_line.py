@@ -1,8 +1,8 @@
 """Lines of simulated CANopen nodes: a bus of python-can, or an adapter of ours."""
 
 import contextlib
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Protocol
 
 import can
 from canopen.network import Network
@@ -68,7 +68,7 @@ class LoopNetwork(Network):
 BLIND_POLL_S = 0.0005  # of a bus that has no descriptor to wait for
 
 
-class CanLine(Protocol):
+class CanLine(ABC):
     """The nodes' end of a bus.
 
     Attributes:
@@ -79,52 +79,57 @@ class CanLine(Protocol):
         n_rejected: Received but not understood.
     """
 
-    where: str
-    poll_s: float | None
-    bus_off: bool
-    n_dropped: int
-    n_rejected: int
+    poll_s: float | None = None
 
+    def __init__(self, where: str) -> None:
+        self.where = where
+        self.bus_off = False
+        self.n_dropped = self.n_rejected = 0
+
+    @abstractmethod
     def receive(self) -> list[tuple[int, bytes]]:
         """Received frames: identifier and data."""
 
+    @abstractmethod
     def send(self, can_id: int, data: bytes) -> None:
         """Put a frame on the bus."""
 
-    def send_error(self, classes: int) -> None:
+    def send_error(self, classes: int) -> None:  # noqa: B027 - some report on request
         """Report an error to the hosts, as their own controllers would."""
 
-    def flush(self) -> None:
+    def flush(self) -> None:  # noqa: B027 - on most nothing waits
         """Send what waits."""
 
+    @abstractmethod
     def readers(self) -> list[int]:
         """Descriptors to wait for until frames arrive."""
 
     def writers(self) -> list[int]:
         """Descriptors to wait for until frames can go."""
+        return []
 
+    @abstractmethod
     def close(self) -> None:
         """Take it away."""
 
 
-class LibraryLine:
+class LibraryLine(CanLine):
     """A bus of python-can: `virtual`, `udp_multicast`, `socketcan`.
+
+    What its socket does not take is dropped.
 
     Raises:
         OSError: It cannot be opened.
     """
 
     def __init__(self, interface: str, channel: str) -> None:
-        self.where = f"{interface}:{channel}"
-        self.bus_off = False
-        self.n_dropped = self.n_rejected = 0
+        super().__init__(f"{interface}:{channel}")
         try:
             self._bus = can.Bus(channel, interface, ignore_config=True)
         except (can.CanError, ValueError, ImportError) as error:
             raise OSError(f"cannot open the bus {self.where}: {error}") from error
         try:
             self._descriptors = [self._bus.fileno()]
-            self.poll_s: float | None = None
         except NotImplementedError:
             self._descriptors, self.poll_s = [], BLIND_POLL_S
 
@@ -160,16 +165,9 @@ class LibraryLine:
             )
         )
 
-    def flush(self) -> None:
-        """Nothing waits here."""
-
     def readers(self) -> list[int]:
         """Its socket, if it has one."""
         return self._descriptors
-
-    def writers(self) -> list[int]:
-        """None: what a socket does not take is dropped."""
-        return []
 
     def close(self) -> None:
         """Leave the bus."""

@@ -1,7 +1,6 @@
 """Encoders on a CAN bus that speak CANopen, one node for each channel."""
 
 from collections import deque
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,7 @@ from traverse.simulator.devices.canopen.can_line import (
 from traverse.simulator.devices.canopen.node import CanOpenEncoder, EncoderData
 from traverse.simulator.devices.canopen.slcan_adapter import SlcanAdapter
 from traverse.simulator.devices.canopen.table import CanOpenTable
-from traverse.simulator.devices.device import DeviceContext
-from traverse.simulator.devices.serial_line import DisturbedLine
+from traverse.simulator.devices.device import DeviceContext, SimulatedDevice
 from traverse.simulator.scenario.faults import EmcyFault
 
 NMT, SYNC, LSS = 0x000, 0x080, 0x7E5
@@ -25,16 +23,12 @@ ERROR, WARNING = 1, 2  # of a count's status
 POSITION_ALARM, LIGHT_WARNING = 1, 2
 
 
-class CanOpenBus:
+class CanOpenBus(SimulatedDevice):
     """All encoders on one bus."""
 
-    streaming = False
-    ahead = False
-
     def __init__(self, table: CanOpenTable, mounting: DeviceContext) -> None:
-        self.id = table.id
-        self._table, self._mounting = table, mounting
-        self._disturbed = DisturbedLine(mounting.line_faults, mounting.seed[0])
+        super().__init__(table, mounting)
+        self._table = table
         self._now_s = 0.0
         self._network = LoopNetwork(self._say)
         told = table.told_counts_per_turn or tuple(
@@ -58,20 +52,19 @@ class CanOpenBus:
         self._channels = {number: channel for channel, number in enumerate(numbers)}
         self._held: deque[tuple[float, int, bytes]] = deque()
         self._reported: set[int] = set()
-        self._n_power_ups = self._n_syncs = 0
+        self._n_syncs = 0
         self._line: CanLine | None = None
-        self.where = self._switch_on(0.0)
+        self.switch_on(0.0)
+
+    @property
+    def is_on(self) -> bool:
+        """It is on the bus."""
+        return self._line is not None
 
     def live(self, now_s: float) -> None:
         """Do all that is due, and answer the host."""
         self._now_s = now_s
-        away = self._mounting.away(now_s)
-        if away and self._line is not None:
-            self.close()
-        elif not away and self._line is None:
-            self._switch_on(now_s)
-        line = self._line
-        if line is None:
+        if not self.is_there(now_s) or (line := self._line) is None:
             return
         self._play_faults(line, now_s)
         for can_id, data in line.receive():
@@ -114,8 +107,7 @@ class CanOpenBus:
             "samples": self._n_syncs,
             "tx_dropped": 0 if line is None else line.n_dropped,
             "rx_rejected": 0 if line is None else line.n_rejected,
-            "power_ups": self._n_power_ups,
-            "faults": asdict(self._disturbed.counts),
+            **super().totals(),
         }
 
     def close(self) -> None:
@@ -151,27 +143,27 @@ class CanOpenBus:
         return self._encoders[channel].takes_questions()
 
     def _sync(self) -> None:
-        self._mounting.clock.begin(self._now_s)
+        self.mounting.clock.begin(self._now_s)
         self._measure()
         self._n_syncs += 1
         for channel, encoder in enumerate(self._encoders):
             content = encoder.sync()
             if content is not None:
-                self._mounting.notes.reading(
+                self.mounting.notes.reading(
                     self.id, channel, self._now_s, encoder.count, encoder.alarms
                 )
                 self._say(TPDO1 + encoder.data.number, content)
 
     def _measure(self) -> None:
         """All discs at this instant."""
-        counts, status = self._wiring.latch(np.array([self._now_s]), False)
-        script_s = self._mounting.clock.script_s(self._now_s)
+        counts, status = self.wiring.latch(np.array([self._now_s]), False)
+        script_s = self.mounting.clock.script_s(self._now_s)
         for channel, encoder in enumerate(self._encoders):
             encoder.count = int(counts[0, channel])
             bits = int(status[0, channel])
             encoder.alarms = POSITION_ALARM if bits & ERROR else 0
             encoder.warnings = LIGHT_WARNING if bits & WARNING else 0
-            for fault in self._mounting.faults:
+            for fault in self.mounting.faults:
                 if (
                     isinstance(fault, EmcyFault)
                     and fault.channel == channel
@@ -185,13 +177,13 @@ class CanOpenBus:
         line, channel = self._line, self._channels.get(can_id & 0x7F)
         if line is None:
             return
-        script_s = self._mounting.clock.script_s(self._now_s)
-        content = self._disturbed.disturb(data, script_s, channel)
+        script_s = self.mounting.clock.script_s(self._now_s)
+        content = self.disturbed.disturb(data, script_s, channel)
         n_times = len(content) // max(1, len(data))
-        begun = self._mounting.clock.begin_s is not None
-        doubled = begun and self._mounting.struck("duplicate", self._now_s, channel)
+        begun = self.mounting.clock.begin_s is not None
+        doubled = begun and self.mounting.struck("duplicate", self._now_s, channel)
         n_times *= 2 if doubled else 1
-        late_s = self._disturbed.delay_s(script_s, channel)
+        late_s = self.disturbed.delay_s(script_s, channel)
         for _ in range(n_times):
             if late_s:
                 self._held.append((self._now_s + late_s, can_id, data))
@@ -200,23 +192,23 @@ class CanOpenBus:
 
     # -- faults ------------------------------------------------------------------
 
-    def _switch_on(self, now_s: float) -> str:
-        table, mounting = self._table, self._mounting
-        self._n_power_ups += 1
-        self._wiring = mounting.wiring((), self._n_power_ups, now_s)
+    def switch_on(self, now_s: float) -> None:
+        """Join the bus; all encoders begin as delivered."""
+        super().switch_on(now_s)
+        table = self._table
         if table.port is not None:
-            self._line = SlcanAdapter(mounting.folder / table.port)
+            self._line = SlcanAdapter(self.mounting.folder / table.port)
         else:
             self._line = LibraryLine(table.interface, str(table.channel))
+        self.where = self._line.where
         for encoder in self._encoders:
             encoder.power_up()
-        return self._line.where
 
     def _play_faults(self, line: CanLine, now_s: float) -> None:
-        if self._mounting.clock.begin_s is None:
+        if self.mounting.clock.begin_s is None:
             return
-        script_s = self._mounting.clock.script_s(now_s)
-        for number, fault in enumerate(self._mounting.faults):
+        script_s = self.mounting.clock.script_s(now_s)
+        for number, fault in enumerate(self.mounting.faults):
             lasts = fault.lasts(script_s)
             if lasts == (number in self._reported):
                 continue

@@ -12,6 +12,7 @@ length, the data in hexadecimal. Only what 11-bit classic CAN needs is played.
 
 from pathlib import Path
 
+from traverse.simulator.devices.canopen.can_line import CanLine
 from traverse.simulator.devices.pty_port import PtyPort
 from traverse.simulator.scenario.signals import OutgoingFrame
 
@@ -21,22 +22,14 @@ LONGEST_COMMAND = 32
 IGNORED = b"YMmZWXsQ"  # filters, stamps, timings: taken, without meaning here
 
 
-class SlcanAdapter:
-    """The adapter's side of a pty.
-
-    Its attributes are those of `CanLine`; rejected commands are answered with a
-    bell.
-    """
-
-    poll_s: float | None = None
+class SlcanAdapter(CanLine):
+    """The adapter's side of a pty; rejected commands are answered with a bell."""
 
     def __init__(self, path: Path) -> None:
-        self.where = str(path)
+        super().__init__(str(path))
         self._port = PtyPort(path, BUFFER_BYTES)
         self._pending = bytearray()
         self._open = self._listens = False
-        self.n_rejected = self.n_dropped = 0
-        self.bus_off = False
 
     def receive(self) -> list[tuple[int, bytes]]:
         """Answer the host's commands; the frames that it sends."""
@@ -60,21 +53,17 @@ class SlcanAdapter:
             text = f"t{can_id:03X}{len(data)}{data.hex().upper()}\r"
             self.n_dropped += self._port.write([OutgoingFrame(True, text.encode())])
 
-    def send_error(self, classes: int) -> None:
-        """Such adapters report errors only on request."""
-        del classes
-
     def flush(self) -> None:
         """Send what waits."""
         self._port.flush()
 
     def readers(self) -> list[int]:
         """Its port."""
-        return [self._port.wake_descriptor]
+        return self._port.readers()
 
     def writers(self) -> list[int]:
         """Its port, when bytes wait."""
-        return [self._port.descriptor] if self._port.backlog else []
+        return self._port.writers()
 
     def close(self) -> None:
         """Take the port away."""

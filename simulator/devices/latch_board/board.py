@@ -18,9 +18,9 @@ from traverse.simulator.scenario.signals import (
     AlarmChange,
     InputChange,
     LatchedEdge,
-    LatchSource,
     OutgoingFrame,
 )
+from traverse.simulator.scenario.wiring import Wiring
 
 AGAIN_AFTER_S = 0.050
 MOST_WAITING = 16
@@ -182,7 +182,7 @@ class Board:
         self,
         identity: wire.Identity,
         ticks: TickCounter,
-        latched: LatchSource,
+        latched: Wiring,
         *,
         temperatures_c: Sequence[float | None],
         power_up_s: float,

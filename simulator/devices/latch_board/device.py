@@ -2,27 +2,27 @@
 
 import secrets
 from collections import Counter
-from dataclasses import asdict
+from functools import partial
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
-from traverse.simulator.devices.device import DeviceContext, DeviceObserver
+from traverse.simulator.devices.device import DeviceContext, SimulatedDevice
 from traverse.simulator.devices.latch_board import wire
 from traverse.simulator.devices.latch_board.board import Board
 from traverse.simulator.devices.latch_board.sampler import TickCounter
 from traverse.simulator.devices.pty_port import PtyPort
 from traverse.simulator.devices.serial_device import SerialTable
-from traverse.simulator.devices.serial_line import DisturbedLine
 from traverse.simulator.devices.table import DeviceTable
-from traverse.simulator.scenario.signals import LatchedEdge, OutgoingFrame
+from traverse.simulator.scenario.signals import OutgoingFrame
+from traverse.simulator.scenario.truth_log import TruthLog
 
 
 class DropCounter:
     """Notes each time that samples are dropped, from the first to the last in a row."""
 
-    def __init__(self, device: str, notes: DeviceObserver) -> None:
+    def __init__(self, device: str, notes: TruthLog) -> None:
         self._device, self._notes = device, notes
         self._lived_s = self._stood_s = 0.0
         self._begun_s = self._cause_s = 0.0
@@ -67,27 +67,31 @@ class LatchBoardTable(DeviceTable):
     transmit_buffer_bytes: int = Field(default=65_536, ge=1024, le=16_777_216)
 
 
-class SimulatedLatchBoard:
+class SimulatedLatchBoard(SimulatedDevice):
     """A board on a pty."""
 
     def __init__(self, table: LatchBoardTable, mounting: DeviceContext) -> None:
-        self.id = table.id
+        super().__init__(table, mounting, table.inputs)
         self.path = mounting.folder / table.port
         self.where = str(self.path)
-        self.line = DisturbedLine(mounting.line_faults, mounting.seed[0])
-        self._table, self._mounting = table, mounting
-        self._clock = mounting.clock
-        self._sent_before: Counter[str] = Counter()
-        self.n_power_ups = 0
+        self._table, self._clock = table, mounting.clock
+        self._sent: Counter[str] = Counter()  # until the last loss of power
         self._drops = DropCounter(table.id, mounting.notes)
         self._lived_s = 0.0
         self.port: PtyPort | None = None
-        self._power_up(0.0)
+        self.switch_on(0.0)
 
     def close(self) -> None:
         """Take the port away."""
         if self.port is not None:
             self.port.close()
+            self.port = None
+            self._sent.update(self._counted())
+
+    @property
+    def is_on(self) -> bool:
+        """It has its port."""
+        return self.port is not None
 
     @property
     def streaming(self) -> bool:
@@ -103,18 +107,17 @@ class SimulatedLatchBoard:
 
     def readers(self) -> list[int]:
         """Its port."""
-        return [] if self.port is None else [self.port.wake_descriptor]
+        return [] if self.port is None else self.port.readers()
 
     def writers(self) -> list[int]:
         """Its port, when bytes wait."""
-        waits = self.port is not None and self.port.backlog
-        return [self.port.descriptor] if self.port is not None and waits else []
+        return [] if self.port is None else self.port.writers()
 
     def live(self, now_s: float) -> None:
         """Do all that is due, and answer the host."""
         self._drops.live(now_s)
         late_s, self._lived_s = self._lived_s, now_s
-        if self._switch_power(now_s) or self.port is None:
+        if not self.is_there(now_s) or self.port is None:
             return
         # A board does not stop where its program does: what it would have sent
         # meanwhile is sent piece by piece, so that the host can receive it.
@@ -143,14 +146,10 @@ class SimulatedLatchBoard:
 
     def totals(self) -> dict[str, Any]:
         """Final counters, over all power-ups."""
-        here = self._counted()
         self._drops.finish()
-        totals = {key: here[key] + self._sent_before[key] for key in here}
-        return {
-            **totals,
-            "power_ups": self.n_power_ups,
-            "faults": asdict(self.line.counts),
-        }
+        counted = Counter(self._sent)
+        counted.update(self._counted() if self.is_on else {})
+        return {**counted, **super().totals()}
 
     def _counted(self) -> dict[str, int]:
         return {
@@ -163,10 +162,10 @@ class SimulatedLatchBoard:
     def _send(self, frames: list[OutgoingFrame], now_s: float) -> None:
         if self.port is None:
             return
-        if self.line.faults:
-            script_s = self._clock.script_s(now_s)
+        if self.disturbed.faults:
+            script_s, disturb = self._clock.script_s(now_s), self.disturbed.disturb
             frames = [
-                OutgoingFrame(frame.is_sample, self.line.disturb(frame.data, script_s))
+                OutgoingFrame(frame.is_sample, disturb(frame.data, script_s))
                 for frame in frames
             ]
         n_dropped = self.port.write(frames)
@@ -175,22 +174,11 @@ class SimulatedLatchBoard:
         if n_dropped:
             self.port.write(self.board.count_dropped(n_dropped))
 
-    def _switch_power(self, now_s: float) -> bool:
-        """Disappear and return by the faults; True while away."""
-        away = self._mounting.away(now_s)
-        if away and self.port is not None:
-            self.port.close()
-            self.port = None
-        elif not away and self.port is None:
-            self._sent_before.update(self._counted())
-            self._power_up(now_s)
-        return away
-
-    def _power_up(self, now_s: float) -> None:
-        table, mounting = self._table, self._mounting
+    def switch_on(self, now_s: float) -> None:
+        """Make the port, and begin as after power-up."""
+        super().switch_on(now_s)
+        table, mounting = self._table, self.mounting
         moduli = mounting.encoders.moduli
-        self.n_power_ups += 1
-        self.wiring = mounting.wiring(table.inputs, self.n_power_ups, now_s)
         identity = wire.Identity(
             board_id=b"SIM"
             + bytes(5)
@@ -215,15 +203,11 @@ class SimulatedLatchBoard:
             self.wiring,
             temperatures_c=table.temperatures_c,
             power_up_s=now_s,
-            on_edge=self._note_edge,
+            on_edge=partial(mounting.notes.edge, self.id),
             warming_c=self._warming_c,
         )
         self.port = PtyPort(self.path, table.transmit_buffer_bytes)
 
     def _warming_c(self, now_s: float) -> float:
         script_s = np.array(self._clock.script_s(now_s))
-        return float(self._mounting.climate.change_c(script_s))
-
-    def _note_edge(self, seq: int, edge: LatchedEdge) -> None:
-        event = self.wiring.event_at(edge.time_s, edge.input_number)
-        self._mounting.notes.edge(self.id, seq, edge, event)
+        return float(self.mounting.climate.change_c(script_s))

@@ -10,9 +10,9 @@ from traverse.simulator.devices.latch_board import wire
 from traverse.simulator.scenario.signals import (
     InputChange,
     LatchedEdge,
-    LatchSource,
     OutgoingFrame,
 )
+from traverse.simulator.scenario.wiring import Wiring
 
 ROUNDING = 1e-6  # of a tick: `at` of `time_s` must be the same tick again
 
@@ -144,7 +144,7 @@ class Sampler:
         self,
         tick_rate_hz: int,
         ticks: TickCounter,
-        latched: LatchSource,
+        latched: Wiring,
         inputs: InputLevels,
     ) -> None:
         self.next_seq = 0
@@ -204,6 +204,7 @@ class Sampler:
             self._ticks.shown(self._ticks.at(change.time_s)),
             counts[0],
             status[0],
+            change.event,
         )
 
     def _frames(

@@ -159,7 +159,7 @@ class SimulatedMicroscribe(SerialDevice):
         if self.mounting.struck("reset", at_s):
             return
         before = self._box.report
-        baud_rate = BAUD_RATES.get(self._lines[0].host_speed, 0)
+        baud_rate = BAUD_RATES.get(self._lines[0].port.host_speed, 0)
         answer = self._box.receive_byte(byte, at_s, baud_rate)
         if self._box.report is not before:
             self._sent = None

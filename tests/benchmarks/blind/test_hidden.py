@@ -71,7 +71,7 @@ def test_latency_is_of_one_joint_or_of_all(poses):
 
 
 def test_steps_come_while_it_is_measured(poses):
-    times_s = poses.conditions.time_s
+    times_s = poses.around.time_s
     for seed in range(20):
         at_s = drawn_effect(rng(seed), poses, "count_slip").fixed["at_s"]
         assert times_s[10] < at_s < times_s[-10]
@@ -115,9 +115,9 @@ def test_masses_of_the_file_are_kept():
 
 def test_poses_tell_everything_that_effects_depend_on(poses):
     assert 450 <= poses.n_poses <= 520
-    assert np.ptp(poses.conditions.temperature_c) > 1.0
-    assert set(np.unique(poses.conditions.approach)) == {-1, 1}
-    assert np.std(poses.conditions.speed_rad_s) == pytest.approx(0.3, rel=0.1)
+    assert np.ptp(poses.around.temperature_c) > 1.0
+    assert set(np.unique(poses.around.approach)) == {-1, 1}
+    assert np.std(poses.around.speed_rad_s) == pytest.approx(0.3, rel=0.1)
     assert poses.spec.conditions.start_utc is not None
 
 

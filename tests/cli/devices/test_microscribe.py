@@ -5,11 +5,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from tests.drivers.microscribe.fake_arm import TABLE, FakeMicroscribe
+from tests.drivers.microscribe.fake_arm import TABLE, TEXTS, FakeMicroscribe
 from traverse.cli.__main__ import app
 from traverse.cli.microscribe.inquiry import topic_name
 from traverse.daemon.config.schema import read_configuration
 from traverse.kinematics.arm_file.arm import read_arm
+from traverse.simulator.devices.microscribe import box
 
 
 def asked(folder: Path, *options: str) -> Result:
@@ -25,7 +26,7 @@ def arm(tmp_path):
 
 
 def test_both_files_are_written_and_good(arm, tmp_path):
-    arm.home = [2000, 0, 0, 0, 0, 0]
+    arm.rewrite(home=(2000, 0, 0, 0, 0, 0))
     result = asked(tmp_path, "--radius-mm", "1.5")
     assert result.exit_code == 0, result.output
     assert "MicroScribe 3D 3DX 12345, HCI2 at 115200 baud" in result.output
@@ -43,12 +44,12 @@ def test_both_files_are_written_and_good(arm, tmp_path):
         "microscribe/0",
         "microscribe/1",
     ]
-    assert arm.session_baud is None  # the session is ended
+    assert arm.box.baud_rate is None  # the session is ended
 
 
 def test_the_report_says_what_the_arm_says(arm, tmp_path):
-    arm.texts[0xCC] = b"repaired, Beta"
-    arm.table = TABLE + b"\x00\x20"
+    texts = TEXTS | {box.COMMENT: b"repaired, Beta"}
+    arm.rewrite(texts=texts, geometry=TABLE + b"\x00\x20")
     options = ["--json", "--name", "old", "--device", "ms", "--baud-rate", "9600"]
     result = asked(tmp_path, *options)
     assert result.exit_code == 0, result.output
@@ -89,12 +90,12 @@ def test_bad_options_are_refused(arm, tmp_path, options, what):
 
 
 def test_an_arm_with_another_table_is_refused(arm, tmp_path):
-    arm.texts[0xCD] = b"Format DH0.6"
+    arm.rewrite(texts=TEXTS | {box.FORMAT: b"Format DH0.6"})
     result = asked(tmp_path)
     assert result.exit_code == 2
     assert "'Format DH0.6', expected 'Format DH0.5'" in result.output
     assert "from-dh" in result.output
-    arm.texts[0xCD], arm.table = b"Format DH0.5", TABLE[:20]
+    arm.rewrite(texts=TEXTS, geometry=TABLE[:20])
     result = asked(tmp_path)
     assert result.exit_code == 2
     assert "20 bytes, expected 36" in result.output

@@ -1,6 +1,7 @@
 """AMT21 encoders: the common suites, what is read and when."""
 
 import asyncio
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from pydantic import ValidationError
 from tests.drivers.amt21.fake_encoders import PtyEncoders
 from tests.drivers.amt21.virtual_run import ADDRESSES, Played, line
 from tests.drivers.driver_contract import DriverContract, StreamContract
+from tests.drivers.pty_peer import PeerRig, rig_fixture
 from traverse.drivers.amt21.driver import Amt21Driver, Amt21Options
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
@@ -136,46 +138,24 @@ def test_options_are_strict(bad):
         Amt21Options(port="p", **bad)
 
 
-class Amt21Rig:
+class Amt21Rig(PeerRig):
     """Real bytes through a pty; the count of each encoder rises with its requests."""
 
-    def __init__(self, encoders: PtyEncoders) -> None:
-        self.encoders = encoders
-        self.port = str(encoders.link)
-        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-        self.driver = Amt21Driver(
-            "base",
-            Amt21Options(
-                port=self.port, addresses=ADDRESSES, echo="no", answer_timeout_s=0.25
-            ),
-            self.delivery_queue,
-        )
-
-    def emit(self, n):
-        """Encoders that answer when polled."""
+    def __init__(self, folder: Path) -> None:
+        encoders = PtyEncoders(line(step=1), folder / "line")
+        options = {"addresses": ADDRESSES, "echo": "no", "answer_timeout_s": 0.25}
+        super().__init__(encoders, Amt21Driver, **options)
 
     def lose(self, n):
-        self.encoders.line.encoders[0x58].garbled = n
+        self.peer.line.encoders[0x58].garbled = n
 
-    def unplug(self):
-        self.encoders.unplug()
 
-    def plug(self):
-        self.encoders.plug()
+rig = rig_fixture(Amt21Rig)
 
 
 class TestContract(DriverContract, StreamContract):
     rate_hz = 200.0
     parts = (1, 7, 40)
-
-    @pytest.fixture
-    async def rig(self, tmp_path):
-        encoders = PtyEncoders(line(step=1), tmp_path / "line")
-        encoders.plug()
-        rig = Amt21Rig(encoders)
-        yield rig
-        rig.driver.close()
-        encoders.unplug()
 
 
 async def test_it_cannot_latch_at_a_moment_of_its_own(tmp_path):

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 
 import can
 
+from tests.drivers.pty_peer import Peer
+
 TURN_S = 0.001
 ABORT_NO_OBJECT, ABORT_READ_ONLY = 0x0602_0000, 0x0601_0002
 
@@ -124,7 +126,7 @@ class FakeNode:
         return b"\x60" + request[1:4] + bytes(4)
 
 
-class FakeNodes:
+class FakeNodes(Peer):
     """Encoders on a virtual bus; all counts go up by one from SYNC to SYNC.
 
     Attributes:
@@ -135,6 +137,7 @@ class FakeNodes:
     """
 
     def __init__(self, channel: str, numbers: tuple[int, ...] = (5, 9)) -> None:
+        super().__init__()
         self.channel = channel
         self.nodes = {n: FakeNode(n, 1000 + 7 * k) for k, n in enumerate(numbers)}
         self.answers_sync = False
@@ -149,32 +152,12 @@ class FakeNodes:
         self._due_s: dict[int, float] = {}
         self._n_late = 0
         self._realtime_ahead_ns = realtime_ahead_ns()
-        self._plugged = False
-        self._thread: threading.Thread | None = None
 
-    # -- the cable ------------------------------------------------------------
-
-    def plug(self) -> None:
-        if self._plugged:
-            return
+    def _open(self) -> None:
         self._bus = can.Bus(self.channel, "virtual", ignore_config=True)
-        self._plugged = True
-        self._thread = threading.Thread(target=self._live, name="fake-canopen")
-        self._thread.start()
 
-    def unplug(self) -> None:
-        if self._thread is not None:
-            self._plugged = False
-            self._thread.join()
-            self._thread = None
-            self._bus.shutdown()
-
-    def __enter__(self) -> "FakeNodes":
-        self.plug()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.unplug()
+    def _close(self) -> None:
+        self._bus.shutdown()
 
     # -- what tests do --------------------------------------------------------
 

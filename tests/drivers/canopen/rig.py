@@ -33,19 +33,14 @@ class CanRig:
             "status_period_s": 0.0,
         } | options
         self.driver = CanOpenDriver("arm", CanOpenOptions(**given), delivery_queue)
-        self.nodes.plug()
+        self.plug, self.unplug = self.nodes.plug, self.nodes.unplug
+        self.plug()
 
     def emit(self, n: int) -> None:
         self.nodes.sync(n)
 
     def lose(self, n: int) -> None:
         self.nodes.sync(n, lost=True)
-
-    def unplug(self) -> None:
-        self.nodes.unplug()
-
-    def plug(self) -> None:
-        self.nodes.plug()
 
     def close(self) -> None:
         self.driver.close()

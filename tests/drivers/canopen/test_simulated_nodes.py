@@ -87,7 +87,7 @@ async def test_samples_are_what_the_encoders_latched(tmp_path, interface):
     ):
         taken = await streaming(Rig(delivery_queue, driver), 100.0)
         await taken.until(lambda: len(taken.seqs()) >= 40, "40 samples")
-        noted = list(device._mounting.notes.readings)
+        noted = list(device.mounting.notes.readings)
     identity = taken.of(DeviceUp)[0].identity
     assert identity.counts_per_turn == (65536, 65536)
     latched = {}

@@ -10,8 +10,8 @@ from tests.drivers.driver_contract import (
     up,
 )
 from tests.drivers.microscribe.fake_arm import FakeMicroscribe
+from tests.drivers.pty_peer import PeerRig, rig_fixture
 from tests.drivers.taken import Taken, until
-from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.registry import driver_class
 from traverse.drivers.base.values import (
     STATUS_MISSING,
@@ -23,22 +23,14 @@ from traverse.drivers.base.values import (
     LatchedCounts,
     StreamStarted,
 )
-from traverse.drivers.microscribe.driver import MicroscribeDriver, MicroscribeOptions
+from traverse.drivers.microscribe.driver import MicroscribeDriver
 
 
-class MicroscribeRig:
+class MicroscribeRig(PeerRig):
     def __init__(self, arm: FakeMicroscribe, **options) -> None:
+        super().__init__(arm, MicroscribeDriver, **options)
         self.arm = arm
-        self.port = str(arm.link)
-        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-        options = {"port": self.port, **options}
-        self.driver = MicroscribeDriver(
-            "ms", MicroscribeOptions(**options), self.delivery_queue
-        )
         self._down = False
-
-    def emit(self, n):
-        pass  # it answers requests only
 
     def lose(self, n):
         self.arm.n_lost = n
@@ -48,21 +40,8 @@ class MicroscribeRig:
         self.arm.press(0, self._down)
         self.arm.serve(12)  # two packets show it, and then its bouncing is over
 
-    def unplug(self):
-        self.arm.unplug()
 
-    def plug(self):
-        self.arm.plug()
-
-
-@pytest.fixture
-async def rig(tmp_path):
-    arm = FakeMicroscribe(tmp_path / "arm")
-    arm.plug()
-    rig = MicroscribeRig(arm)
-    yield rig
-    rig.driver.close()
-    arm.unplug()
+rig = rig_fixture(lambda folder: MicroscribeRig(FakeMicroscribe(folder / "arm")))
 
 
 class TestContract(DriverContract, StreamContract, EdgeContract):
@@ -105,13 +84,13 @@ async def test_the_arm_follows_the_baud_rate(tmp_path, baud_rate):
         rig = MicroscribeRig(arm, baud_rate=baud_rate)
         with rig.driver:
             await up(rig)
-            assert arm.session_baud == baud_rate
-        await until(lambda: arm.session_baud is None, "the session ends")
+            assert arm.box.baud_rate == baud_rate
+        await until(lambda: arm.box.baud_rate is None, "the session ends")
 
 
 async def test_a_session_left_behind_at_another_rate_is_ended(tmp_path):
     with FakeMicroscribe(tmp_path / "arm") as arm:
-        arm.session_baud, arm._begun = 19200, True
+        arm.box.baud_rate = 19200
         rig = MicroscribeRig(arm)
         with rig.driver:
             await up(rig)
@@ -310,7 +289,7 @@ async def test_a_report_that_is_cut_by_its_end_is_not_broken(tmp_path):
 
 async def test_something_else_on_the_port_is_refused(tmp_path):
     with FakeMicroscribe(tmp_path / "arm") as arm:
-        arm.maxes[0] = 0
+        arm.rewrite(maxes=(0,) * 6)
         rig = MicroscribeRig(arm)
         with rig.driver:
             taken = Taken(rig.delivery_queue)

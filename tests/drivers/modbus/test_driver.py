@@ -1,16 +1,14 @@
 """Modbus encoders read in virtual time; the simulator's devices are the peers."""
 
-import asyncio
-
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from tests.drivers.driver_contract import DriverContract, StreamContract
-from tests.drivers.simulated_rig import SimulatedRig
+from tests.drivers.pty_peer import PeerRig, rig_fixture
+from tests.drivers.simulated_peer import CountsUp, SimulatedPeer
 from tests.drivers.virtual_device import told_by
 from tests.simulator.one_hinge import mounted
-from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_WARNING,
@@ -204,58 +202,33 @@ def test_frames_are_those_of_manuals_however_they_are_cut(cut):
     assert port.written == ["01 04 00 00 00 02 71 CB"]
 
 
-class CountedUp(SimulatedModbusLine):
-    """Counts go up by one from reading to reading; replies are lost on demand."""
-
-    def __init__(self, table, mounting):
-        self.to_lose = 0
-        self.counts = [0, 0]
-        super().__init__(table, mounting)
-
-    def latch(self, channel, at_s):
-        self.counts[channel] += 1
-        return self.counts[channel], 0
-
-    def say(self, line, data, at_s, channel=None):
-        if self.to_lose:
-            self.to_lose -= 1
-        else:
-            super().say(line, data, at_s, channel)
+class CountedUp(CountsUp, SimulatedModbusLine):
+    """Replies with a reading are lost on demand."""
 
 
-class ModbusRig(SimulatedRig):
+class ModbusRig(PeerRig):
     """The simulator's encoders on a real pty, in a thread."""
 
     def __init__(self, folder) -> None:
-        self.port = str(folder / "p")
-        self.table = ModbusTable(kind="modbus", id="m", port="p", addresses=(1, 2))
-        self.mounting = mounted(folder, self.table)
-        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-        self.driver = ModbusDriver(
-            "m",
-            ModbusOptions(
-                port=self.port,
-                encoders=BOTH,
-                baud_rate=115_200,
-                parity="none",
-                status_period_s=0.0,
-                answer_timeout_s=0.25,
-            ),
-            self.delivery_queue,
+        table = ModbusTable(kind="modbus", id="m", port="p", addresses=(1, 2))
+        mounting = mounted(folder, table)
+        super().__init__(
+            SimulatedPeer(folder / "p", lambda: CountedUp(table, mounting), mounting),
+            ModbusDriver,
+            encoders=BOTH,
+            baud_rate=115_200,
+            parity="none",
+            status_period_s=0.0,
+            answer_timeout_s=0.25,
         )
-        super().__init__(lambda: CountedUp(self.table, self.mounting), self.mounting)
 
     def lose(self, n):
-        self.device.to_lose = n
+        self.peer.device.to_lose[0] = n
+
+
+rig = rig_fixture(ModbusRig)
 
 
 class TestContract(DriverContract, StreamContract):
     rate_hz = 100.0
     parts = (1, 7, 20)
-
-    @pytest.fixture
-    async def rig(self, tmp_path):
-        rig = ModbusRig(tmp_path)
-        yield rig
-        rig.driver.close()
-        rig.unplug()

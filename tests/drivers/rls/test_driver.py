@@ -1,16 +1,14 @@
 """RLS encoders read in virtual time; the simulator's devices are the peers."""
 
-import asyncio
-
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from tests.drivers.driver_contract import DriverContract, StreamContract
-from tests.drivers.simulated_rig import SimulatedRig
+from tests.drivers.pty_peer import PeerRig, rig_fixture
+from tests.drivers.simulated_peer import CountsUp, SimulatedPeer
 from tests.drivers.virtual_device import told_by
 from tests.simulator.one_hinge import mounted
-from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_WARNING,
@@ -224,53 +222,29 @@ def test_options_are_strict(bad):
         RlsOptions(**bad)
 
 
-class CountedUp(SimulatedRls):
-    """Counts go up by one from reading to reading; replies are lost on demand."""
+class CountedUp(CountsUp, SimulatedRls):
+    """Replies with a reading are lost on demand."""
 
-    def __init__(self, table, mounting):
-        self.to_lose = [0, 0]
-        self.counts = [0, 0]
-        super().__init__(table, mounting)
-
-    def latch(self, channel, at_s):
-        self.counts[channel] += 1
-        return self.counts[channel], 0
-
-    def say(self, line, data, at_s, channel=None):
-        if self.to_lose[line] and data[:1] == b"d":
-            self.to_lose[line] -= 1
-        else:
-            super().say(line, data, at_s, channel)
+    reading = b"d"
 
 
-class RlsRig(SimulatedRig):
+class RlsRig(PeerRig):
     """The simulator's encoders on real ptys, in a thread."""
 
     def __init__(self, folder) -> None:
-        self.port = str(folder / "a")
-        self.table = RlsTable(kind="rls", id="wrist", ports=PORTS)
-        self.mounting = mounted(folder, self.table, per_turn=16384)
-        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-        self.driver = RlsDriver(
-            "wrist",
-            RlsOptions(
-                ports=tuple(str(folder / port) for port in PORTS), answer_timeout_s=0.25
-            ),
-            self.delivery_queue,
-        )
-        super().__init__(lambda: CountedUp(self.table, self.mounting), self.mounting)
+        table = RlsTable(kind="rls", id="wrist", ports=PORTS)
+        mounting = mounted(folder, table, per_turn=16384)
+        peer = SimulatedPeer(folder / "a", lambda: CountedUp(table, mounting), mounting)
+        ports = tuple(str(folder / port) for port in PORTS)
+        super().__init__(peer, RlsDriver, ports=ports, answer_timeout_s=0.25)
 
     def lose(self, n):
-        self.device.to_lose = [1, n - 1]
+        self.peer.device.to_lose = [1, n - 1]
+
+
+rig = rig_fixture(RlsRig)
 
 
 class TestContract(DriverContract, StreamContract):
     rate_hz = 200.0
     parts = (1, 7, 40)
-
-    @pytest.fixture
-    async def rig(self, tmp_path):
-        rig = RlsRig(tmp_path)
-        yield rig
-        rig.driver.close()
-        rig.unplug()

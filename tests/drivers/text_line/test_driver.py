@@ -1,6 +1,5 @@
 """Boards that print lines, each at the end of a pty."""
 
-import asyncio
 import contextlib
 import os
 import select
@@ -15,11 +14,10 @@ from tests.drivers.driver_contract import (
     StreamContract,
     streaming,
 )
-from tests.drivers.pty_peer import PtyPeer
-from tests.drivers.simulated_rig import SimulatedRig
+from tests.drivers.pty_peer import PeerRig, PtyPeer, rig_fixture
+from tests.drivers.simulated_peer import SimulatedPeer
 from tests.drivers.taken import Taken, until
 from tests.simulator.one_hinge import mounted
-from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     CountSamples,
     DeviceFault,
@@ -28,7 +26,6 @@ from traverse.drivers.base.values import (
     LatchedCounts,
 )
 from traverse.drivers.text_line.driver import TextLineDriver
-from traverse.drivers.text_line.options import TextLineOptions
 from traverse.simulator.devices.text_line import SimulatedTextLine, TextLineTable
 
 PERIOD_MS = 5
@@ -95,19 +92,10 @@ class FakeBoard(PtyPeer):
                 select.select([], [self._master], [], 0.01)
 
 
-class BoardRig:
+class BoardRig(PeerRig):
     def __init__(self, board, **options):
+        super().__init__(board, TextLineDriver, **(OPTIONS | options))
         self.board = board
-        self.port = str(board.link)
-        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-        self.driver = TextLineDriver(
-            "text",
-            TextLineOptions(**{"port": self.port, **OPTIONS, **options}),
-            self.delivery_queue,
-        )
-
-    def emit(self, n):
-        pass  # it prints by itself
 
     def lose(self, n):
         with self.board.lock:
@@ -121,21 +109,8 @@ class BoardRig:
         while self.board.printed < until_printed:
             time.sleep(0.002)
 
-    def unplug(self):
-        self.board.unplug()
 
-    def plug(self):
-        self.board.plug()
-
-
-@pytest.fixture
-async def rig(tmp_path):
-    board = FakeBoard(tmp_path / "board")
-    board.plug()
-    rig = BoardRig(board)
-    yield rig
-    rig.driver.close()
-    board.unplug()
+rig = rig_fixture(lambda folder: BoardRig(FakeBoard(folder / "board")))
 
 
 class TestContract(DriverContract, StreamContract, EdgeContract):
@@ -203,23 +178,6 @@ async def test_lines_of_another_form_are_shown_in_the_loss(tmp_path, monkeypatch
     assert "pattern" in taken.of(DeviceLost)[-1].remedy
 
 
-class SimulatedBoard(SimulatedRig):
-    def __init__(self, folder, table, n_channels, per_turn, options):
-        table = TextLineTable(kind="text-line", id="t", port="board", **table)
-        mounting = mounted(folder, table, n_channels=n_channels, per_turn=per_turn)
-        super().__init__(lambda: SimulatedTextLine(table, mounting), mounting)
-        self.port = str(folder / "board")
-        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-        options = {
-            "port": self.port,
-            "counts_per_turn": (per_turn,) * n_channels,
-            **options,
-        }
-        self.driver = TextLineDriver(
-            "text", TextLineOptions(**options), self.delivery_queue
-        )
-
-
 FORMS = {
     "toy-department": (
         4,
@@ -252,13 +210,16 @@ FORMS = {
 @pytest.mark.parametrize("form", FORMS)
 async def test_each_simulated_board_is_read(tmp_path, form):
     n_joints, options = FORMS[form]
-    rig = SimulatedBoard(tmp_path, {"form": form}, n_joints, 36_000, options)
-    try:
+    table = TextLineTable(kind="text-line", id="t", port="board", form=form)
+    mounting = mounted(tmp_path, table, n_channels=n_joints, per_turn=36_000)
+    with SimulatedPeer(
+        tmp_path / "board", lambda: SimulatedTextLine(table, mounting), mounting
+    ) as board:
+        counts_per_turn = (36_000,) * n_joints
+        rig = PeerRig(board, TextLineDriver, counts_per_turn=counts_per_turn, **options)
         with rig.driver:
             taken = await streaming(rig, 100.0)
             await taken.until(lambda: len(taken.seqs()) >= 20, "samples")
-    finally:
-        rig.unplug()
     for block in taken.of(CountSamples):
         assert block.counts.shape[1] == n_joints
         ahead = (block.counts[:, 1:] - block.counts[:, :-1].astype(int)) % 36_000

@@ -25,8 +25,8 @@ from traverse.simulator.devices.latch_board.device import (
 from traverse.simulator.devices.pty_port import PtyPort
 from traverse.simulator.scenario.course import Course
 from traverse.simulator.scenario.script import Script
+from traverse.simulator.scenario.truth_log import TruthLog
 from traverse.simulator.scenario.wiring import ScriptClock
-from traverse.simulator.truth_log import TruthLog
 from traverse.simulator.virtual_arm import (
     build_arm,
     build_course,

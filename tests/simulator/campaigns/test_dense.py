@@ -57,7 +57,7 @@ def plain():
 
 
 def test_the_ball_stays_on_its_artefact(plain):
-    rows = np.arange(0, len(plain.time_s), 7)
+    rows = np.arange(0, len(plain.around.time_s), 7)
     balls_mm = ball_centres_mm(plain.arm, plain.readings_rad[rows])
     touched = plain.touched[rows]
     seat_mm = balls_mm[touched == 0]
@@ -88,7 +88,7 @@ def test_latency_and_play_are_in_the_readings(plain):
     arm = seven_joint_arm().model_copy(update={"effects": effects})
     found = simulate_scan(arm, spec_file(), 3)
     errors = found.readings_rad - plain.readings_rad
-    speeds = np.gradient(plain.readings_rad, plain.time_s, axis=0)
+    speeds = np.gradient(plain.readings_rad, plain.around.time_s, axis=0)
     assert np.allclose(errors[:, 1], -1e-3 * speeds[:, 1], atol=1e-9)
     moving = np.abs(speeds[:, 3]) > 1e-3
     assert np.allclose(errors[moving, 3], 1e-4 * np.sign(speeds[moving, 3]))

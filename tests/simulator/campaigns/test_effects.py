@@ -70,7 +70,7 @@ def test_a_standard_is_longer_than_its_certificate_says():
 def test_temperature_rises_by_the_drift():
     conditions = SPEC.conditions.model_copy(update={"swing_c": 0.0, "drift_c": 3.0})
     spec = SPEC.model_copy(update={"conditions": conditions})
-    drawn = make_poses(ARM, spec, seed=3).conditions
+    drawn = make_poses(ARM, spec, seed=3).around
     share = drawn.time_s / drawn.time_s[-1]
     expected_c = 20.0 + 3.0 * (share - 0.5)
     np.testing.assert_allclose(drawn.temperature_c, expected_c, rtol=0, atol=1e-12)

@@ -227,7 +227,7 @@ def test_stated_directions_err_by_their_angle_and_seats_have_none(poses):
     assert direction is not None
     is_seat = np.isin(drawn.campaign.artefact, ["c1", "c2"])
     assert np.all(np.isnan(direction[is_seat]))
-    stated, true = direction[~is_seat], poses.towards[~is_seat]
+    stated, true = direction[~is_seat], poses.around.towards[~is_seat]
     np.testing.assert_allclose(np.linalg.norm(stated, axis=1), 1.0, rtol=1e-12)
     across = np.linalg.norm(np.cross(stated, true), axis=1)
     share = stats.chi2.cdf(np.sum(across**2) / 0.01**2, 2 * len(across))

@@ -52,7 +52,7 @@ def test_a_cone_holds_the_ball_in_one_point():
     (placed,) = poses.artefacts
     point_mm = placed.true_table()["point_mm"]
     assert_equal_mm(true_centres_mm(poses), np.tile(point_mm, (30, 1)))
-    assert np.all(np.isnan(poses.towards))
+    assert np.all(np.isnan(poses.around.towards))
 
 
 def test_encoders_of_coupled_joints_show_what_makes_the_hinges_turn():
@@ -103,7 +103,7 @@ def test_a_sphere_is_touched_at_one_ball_radius(side, sign):
     distances_mm = np.linalg.norm(offsets_mm, axis=1)
     assert_equal_mm(distances_mm, 25.0 + sign * BALL_MM)
     np.testing.assert_allclose(
-        poses.towards, -sign * offsets_mm / distances_mm[:, None], atol=1e-10
+        poses.around.towards, -sign * offsets_mm / distances_mm[:, None], atol=1e-10
     )
 
 
@@ -126,7 +126,7 @@ def test_a_plane_is_touched_from_its_outer_side():
     table = poses.artefacts[0].true_table()
     heights_mm = true_centres_mm(poses) @ table["normal"] - table["offset_mm"]
     assert_equal_mm(heights_mm, BALL_MM)
-    np.testing.assert_allclose(poses.towards @ table["normal"], -1.0, rtol=1e-12)
+    np.testing.assert_allclose(poses.around.towards @ table["normal"], -1.0, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("side", "sign"), [("outside", 1.0), ("inside", -1.0)])
@@ -142,7 +142,7 @@ def test_parallel_planes_are_touched_at_one_ball_radius(side, sign):
     is_second = poses.feature_index == 1
     assert_equal_mm(heights_mm[~is_second], first_mm - sign * BALL_MM)
     assert_equal_mm(heights_mm[is_second], second_mm + sign * BALL_MM)
-    towards = poses.towards @ table["normal"]
+    towards = poses.around.towards @ table["normal"]
     np.testing.assert_allclose(towards, np.where(is_second, -sign, sign), rtol=1e-12)
 
 
@@ -226,13 +226,13 @@ def test_every_visit_goes_round_all_artefacts():
     cones = [Cone(id=f"c{k}", n_poses=5) for k in range(2)]
     poses = touched(*cones, conditions=ConditionTable(visits=2))
     assert poses.artefact_index.tolist() == [0, 0, 1, 1, 0, 0, 0, 1, 1, 1]
-    assert np.all(np.diff(poses.conditions.time_s) > 0.0)
+    assert np.all(np.diff(poses.around.time_s) > 0.0)
 
 
 def test_the_temperature_swings_about_its_middle():
     conditions = ConditionTable(temperature_c=23.0, swing_c=2.0)
     poses = touched(Cone(id="c", n_poses=300), conditions=conditions)
-    temperature_c = poses.conditions.temperature_c
+    temperature_c = poses.around.temperature_c
     assert np.all(np.abs(temperature_c - 23.0) <= 2.0)
     assert np.ptp(temperature_c) > 2.0
 
@@ -240,8 +240,8 @@ def test_the_temperature_swings_about_its_middle():
 def test_speeds_have_the_sense_of_the_approach():
     conditions = ConditionTable(speed_rad_s=0.1)
     poses = touched(Cone(id="c", n_poses=50), conditions=conditions)
-    speed_rad_s = poses.conditions.speed_rad_s
-    assert np.all(np.sign(speed_rad_s) == poses.conditions.approach)
+    speed_rad_s = poses.around.speed_rad_s
+    assert np.all(np.sign(speed_rad_s) == poses.around.approach)
 
 
 def test_equal_seeds_give_equal_poses_and_others_other_ones():

@@ -182,14 +182,14 @@ def test_pedals_are_bits_and_edges_of_the_packet_that_shows_them(tmp_path):
         assert ask(b"\x00", 1.55) == b"\x80\x03"
         assert ask(b"\x00", 1.7) == b"\x80\x02"
     edges = device.mounting.notes.edges
-    assert [(e.time_s, e.input_number, e.level, e.inputs) for _, _, e, _ in edges] == [
+    assert [(e.time_s, e.input_number, e.level, e.inputs) for _, _, e in edges] == [
         (1.0, 1, 1, 2),
         (1.55, 0, 1, 3),
         (1.7, 0, 0, 2),
     ]
-    assert [seq for _, seq, _, _ in edges] == [0, 1, 2]
+    assert [seq for _, seq, _ in edges] == [0, 1, 2]
     assert edges[1][2].counts[0] == 1550
-    assert [event for *_, event in edges] == events
+    assert [edge.event for *_, edge in edges] == events
 
 
 def test_the_timer_wraps_at_14_bits(tmp_path):

@@ -63,9 +63,9 @@ def test_a_cubic_grows_from_the_base_posture():
 
 def test_a_square_of_temperature_is_equal_for_warm_and_cold():
     warm_c = np.array([18.0, 19.0, 20.0, 21.0, 22.0])
-    conditions = replace(RIGID.conditions, temperature_c=warm_c)
+    around = replace(RIGID.around, temperature_c=warm_c)
     poses = with_effects(
-        replace(RIGID, conditions=conditions), [], [SquareOfTemperature(SECOND, 1e-5)]
+        replace(RIGID, around=around), [], [SquareOfTemperature(SECOND, 1e-5)]
     )
     wrong_rad = poses.readings_rad - RIGID.readings_rad
     expected_rad = [4e-5, 1e-5, 0.0, 1e-5, 4e-5]

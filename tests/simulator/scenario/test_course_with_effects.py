@@ -23,8 +23,8 @@ from traverse.simulator.config import SimulatorConfig, config_problems
 from traverse.simulator.scenario.course import ClimateTable, Course, contact_directions
 from traverse.simulator.scenario.script import Script
 from traverse.simulator.scenario.signals import LatchedEdge
+from traverse.simulator.scenario.truth_log import TruthLog
 from traverse.simulator.scenario.wiring import ScriptClock, ScriptedCounts, Wiring
-from traverse.simulator.truth_log import TruthLog
 from traverse.simulator.virtual_arm import (
     VirtualArm,
     build_arm,
@@ -166,9 +166,9 @@ def test_a_board_latches_the_effect(played, tmp_path):
 def test_the_truth_log_tells_the_true_ball(played, tmp_path):
     _, _, script, course = played(example("joint_compliance"))
     event = script.events[0]
-    edge = LatchedEdge(event.time_s, 0, 1, 1, 0, np.zeros(7), np.zeros(7))
+    edge = LatchedEdge(event.time_s, 0, 1, 1, 0, np.zeros(7), np.zeros(7), event)
     with TruthLog(tmp_path / "truth.jsonl", course, ScriptClock(0.0)) as log:
-        log.edge("base", 0, edge, event)
+        log.edge("base", 0, edge)
     line = json.loads((tmp_path / "truth.jsonl").read_text())
     touching_mm = np.array(event.surface_mm) + 3.0 * np.array(event.normal)
     np.testing.assert_allclose(line["centre_mm"], touching_mm, atol=1e-6)

@@ -152,17 +152,17 @@ def test_fewer_poses_are_kept_where_more_would_be_too_many(folders):
 
 def test_speeds_and_senses_are_those_of_the_motion():
     scan = simulate_scan(seven_joint_arm(), scan_file(), 5)
-    usual = np.sqrt(np.mean(scan.speeds_rad_s**2))
-    stretches = stretches_of(scan.time_s)
+    usual = np.sqrt(np.mean(scan.around.speed_rad_s**2))
+    stretches = stretches_of(scan.around.time_s)
     assert np.all(stretches == 0)
-    speeds = speeds_of(scan.time_s, scan.readings_rad, stretches)
+    speeds = speeds_of(scan.around.time_s, scan.readings_rad, stretches)
     known = np.isfinite(speeds[:, 0])
     assert np.count_nonzero(~known) == 8
-    misses = (speeds - scan.speeds_rad_s)[known]
+    misses = (speeds - scan.around.speed_rad_s)[known]
     assert np.sqrt(np.mean(misses**2)) < 0.05 * usual
-    senses = senses_of(scan.time_s, scan.readings_rad, speeds)
-    fast = np.abs(scan.speeds_rad_s) > 0.05
-    right = (senses == np.sign(scan.speeds_rad_s))[fast & known[:, None]]
+    senses = senses_of(scan.around.time_s, scan.readings_rad, speeds)
+    fast = np.abs(scan.around.speed_rad_s) > 0.05
+    right = (senses == np.sign(scan.around.speed_rad_s))[fast & known[:, None]]
     assert np.mean(right) > 0.999
 
 

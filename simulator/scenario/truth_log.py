@@ -8,7 +8,6 @@ from typing import Any, Self
 import numpy as np
 
 from traverse.simulator.scenario.course import Course
-from traverse.simulator.scenario.script import ScriptEvent
 from traverse.simulator.scenario.signals import LatchedEdge
 from traverse.simulator.scenario.wiring import ScriptClock
 
@@ -51,9 +50,7 @@ class TruthLog:
             self._write_readings()
             self._file.close()
 
-    def edge(
-        self, device: str, seq: int, edge: LatchedEdge, event: ScriptEvent | None
-    ) -> None:
+    def edge(self, device: str, seq: int, edge: LatchedEdge) -> None:
         """Write an edge."""
         if self._file is None:
             return
@@ -79,7 +76,7 @@ class TruthLog:
             line["angles_rad"] = self._course.readings_rad(now_s)[0].tolist()
             line["centre_mm"] = np.asarray(centres[0]).tolist()
             line["shank"] = np.asarray(shanks[0]).tolist()
-        if event is not None:
+        if (event := edge.event) is not None:
             line |= {
                 "input_name": event.input_name,
                 "artefact": event.artefact,
