@@ -10,15 +10,14 @@ import os
 import re
 import ssl
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from traverse.broker.address import BrokerAddress
-from traverse.broker.tls import load_pair, tls_context
 from traverse.plurals import counted
-from traverse.strict_toml.files import open_regular
+from traverse.strict_toml.files import bytes_of, open_regular
 
 CREDENTIAL = "credential:"
 _NAME = re.compile(r"(?!\.)[A-Za-z0-9._-]{1,255}")
@@ -103,29 +102,26 @@ def read_credentials(address: BrokerAddress) -> Credentials:
     Raises:
         CredentialsError: one of them cannot be used.
     """
-    digest = hashlib.sha256()
-    for key, path in _files(address):
-        digest.update(hashlib.sha256(_content(key, path)).digest())
-    return Credentials(
-        _password(address),
-        _context(address) if address.tls else None,
-        digest.digest(),
-        tuple(_warnings(address)),
-    )
-
-
-def _files(address: BrokerAddress) -> Iterator[tuple[str, Path]]:
+    files: dict[str, Path] = {}
     for key in ("password_file", "ca_file", "certificate_file", "key_file"):
-        name = getattr(address, key)
-        if name is not None:
-            yield key, _path(key, name, address.folder)
-
-
-def _path(key: str, name: Path | str, folder: Path) -> Path:
-    try:
-        return credential_file(str(name), folder)
-    except ValueError as error:
-        raise CredentialsError(key, str(error)) from error
+        if (name := getattr(address, key)) is not None:
+            try:
+                files[key] = credential_file(str(name), address.folder)
+            except ValueError as error:
+                raise CredentialsError(key, str(error)) from error
+    contents = {key: _content(key, path) for key, path in files.items()}
+    digest = hashlib.sha256()
+    for content in contents.values():
+        digest.update(hashlib.sha256(content).digest())
+    password = address.password
+    if "password_file" in files:
+        password = _password(files["password_file"], contents["password_file"])
+    return Credentials(
+        password,
+        _context(files) if address.tls else None,
+        digest.digest(),
+        tuple(_warnings(address, files)),
+    )
 
 
 def _content(key: str, path: Path) -> bytes:
@@ -141,12 +137,8 @@ def _content(key: str, path: Path) -> bytes:
     return content
 
 
-def _password(address: BrokerAddress) -> str | None:
-    key, name = "password_file", address.password_file
-    if name is None:
-        return address.password
-    path = _path(key, name, address.folder)
-    content = _content(key, path).strip()
+def _password(path: Path, content: bytes) -> str:
+    key, content = "password_file", content.strip()
     try:
         password = content.decode("utf-8")
     except UnicodeDecodeError:
@@ -159,20 +151,17 @@ def _password(address: BrokerAddress) -> str | None:
     return password
 
 
-def _context(address: BrokerAddress) -> ssl.SSLContext:
-    key, name = "ca_file", address.ca_file
-    path = None if name is None else _path(key, name, address.folder)
+def _context(files: Mapping[str, Path]) -> ssl.SSLContext:
+    authorities = files.get("ca_file")
     try:
-        context = tls_context(path)
+        context = tls_context(authorities)
     except OSError as error:
-        text = f"{path} holds no certificate in PEM ({_why(error)})"
-        raise CredentialsError(key, text) from error
-    if address.certificate_file is None:
+        text = f"{authorities} holds no certificate in PEM ({_why(error)})"
+        raise CredentialsError("ca_file", text) from error
+    certificate = files.get("certificate_file")
+    if certificate is None:
         return context
-    certificate = _path("certificate_file", address.certificate_file, address.folder)
-    own = certificate
-    if address.key_file is not None:
-        own = _path("key_file", address.key_file, address.folder)
+    own = files.get("key_file", certificate)
 
     def refuse() -> str:
         raise CredentialsError(
@@ -199,8 +188,8 @@ def _why(error: OSError) -> str:
     return getattr(error, "reason", None) or error.strerror or type(error).__name__
 
 
-def _warnings(address: BrokerAddress) -> Iterator[str]:
-    for key, path in _files(address):
+def _warnings(address: BrokerAddress, files: Mapping[str, Path]) -> Iterator[str]:
+    for key, path in files.items():
         name = str(getattr(address, key))
         if key not in ("password_file", "key_file") or name.startswith(CREDENTIAL):
             continue  # systemd sees to its own
@@ -216,3 +205,51 @@ def _warnings(address: BrokerAddress) -> Iterator[str]:
             f"the password for broker {address} crosses the network in plain text; "
             "set tls = true in [broker]"
         )
+
+
+class _Line(ssl.SSLSocket):
+    """Closed when its handshake fails; paho would leave it open."""
+
+    def do_handshake(self, block: bool = False) -> None:
+        try:
+            super().do_handshake(block)
+        except BaseException:
+            self.close()
+            raise
+
+
+def tls_context(ca_file: Path | None) -> ssl.SSLContext:
+    """How the line to a broker is encrypted; without a certificate of our own.
+
+    Its certificate is signed by one of ``ca_file``, or by the system's.
+
+    Raises:
+        OSError: the file cannot be read, or holds no certificate.
+    """
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.sslsocket_class = _Line
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    if ca_file is None:
+        context.load_default_certs(ssl.Purpose.SERVER_AUTH)
+    else:
+        bytes_of(ca_file)  # OpenSSL would wait for a pipe
+        context.load_verify_locations(ca_file)
+    return context
+
+
+def load_pair(
+    context: ssl.SSLContext,
+    certificate: Path,
+    key: Path | None,
+    passphrase: Callable[[], str] = str,
+) -> None:
+    """Use a certificate and its key, PEM, which may be in the same file.
+
+    The passphrase is asked for an encrypted key; OpenSSL would prompt at the terminal.
+
+    Raises:
+        OSError: a file cannot be read, or they are no pair.
+    """
+    for file in (certificate, key or certificate):
+        bytes_of(file)
+    context.load_cert_chain(certificate, key, passphrase)

@@ -42,11 +42,7 @@ class _Faults(logging.Logger):
 class DiagnosingClient(aiomqtt.Client):
     """A connection to a broker; what kept it from coming about is the error's cause."""
 
-    def __init__(
-        self,
-        *arguments: Any,  # noqa: ANN401 - of aiomqtt, which has many kinds
-        **options: Any,  # noqa: ANN401 - as above
-    ) -> None:
+    def __init__(self, *arguments: Any, **options: Any) -> None:
         self._is_left = False
         self._faults = _Faults("paho", logging.ERROR)
         super().__init__(

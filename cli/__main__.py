@@ -8,6 +8,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from traverse.strict_toml.problems import problem_from_error
+
 try:  # before everything else that computes
     from traverse.kinematics.model.kernel_choice import KERNEL
 except ValueError as error:
@@ -30,6 +32,7 @@ from traverse.cli.fleet import fleet
 from traverse.cli.gateway.command import gateway
 from traverse.cli.identify.command import identify
 from traverse.cli.microscribe.command import microscribe
+from traverse.cli.options import CommandGroup
 from traverse.cli.page import page
 from traverse.cli.points.command import points
 from traverse.cli.predict import predict
@@ -58,8 +61,6 @@ class Commands(TyperGroup):
         except typer.BadParameter as error:
             found = getattr(error.__cause__, "errors", None)  # pydantic's
             if found is not None:
-                from traverse.strict_toml.problems import problem_from_error  # noqa: PLC0415
-
                 error.message = problem_from_error(found()[0], ()).message
             raise
         except RefusalError as error:
@@ -77,34 +78,19 @@ class Commands(TyperGroup):
         return " ".join(filter(None, (group, ctx.invoked_subcommand)))
 
 
-app = typer.Typer(
-    name="traverse",
+app = CommandGroup(
+    "traverse",
     cls=Commands,
     help="Measurement daemon of an articulated-arm coordinate measuring machine.",
     epilog="Exit status: 0 done; 1 the answer is no; 2 a file or an option was refused;"
     " 3 a device or the broker could not be reached.",
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # brackets are units here
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 COMMANDS: tuple[Callable[..., None], ...] = (
-    *(
-        demo,
-        run,
-        simulate,
-        watch,
-        page,
-        check,
-        artefact,
-        collect,
-        identify,
-        predict,
-        diagnose,
-        verify,
-        certify,
-        trace,
-    ),
+    *(demo, run, simulate, watch, page, check, artefact, collect),
+    *(identify, predict, diagnose, verify, certify, trace),
     *(daily_check, align, record, replay, export, store),
     *(point, undo, scan, label, session, reload, confirm),
 )
@@ -112,18 +98,8 @@ for command in COMMANDS:
     app.command()(command)
 # The old name of `daily-check`, kept for one release.
 app.command("interim", hidden=True)(daily_check)
-GROUPS = {
-    "arm": arm,
-    "amt21": amt21,
-    "can": can,
-    "fleet": fleet,
-    "gateway": gateway,
-    "microscribe": microscribe,
-    "points": points,
-    "probe": probe,
-}
-for name, group in GROUPS.items():
-    app.add_typer(group, name=name, cls=Commands)
+for group in (arm, amt21, can, fleet, gateway, microscribe, points, probe):
+    app.add_typer(group, cls=Commands)
 
 
 def _show_version(wanted: bool) -> None:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.cli.options import Json, Yes, with_options
+from traverse.cli.options import CommandGroup, Json, Yes
 from traverse.cli.refusals import device_errors, print_report, refuse
 from traverse.plurals import counted
+from traverse.protocol import amt21 as wire
 
 if TYPE_CHECKING:
     from traverse.drivers.amt21.line import Amt21Line
@@ -19,10 +20,10 @@ if TYPE_CHECKING:
 ADDRESSES = range(4, 253, 4)
 TRIES = 3  # for each address of a scan
 
-amt21 = typer.Typer(
+amt21 = CommandGroup(
+    "amt21",
     help="AMT21 encoders on an RS-485 line: scan, zero, reset. "
     "The daemon must not be using the port.",
-    no_args_is_help=True,
 )
 
 Address = Annotated[
@@ -32,16 +33,17 @@ Address = Annotated[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineOptions:
-    """Which line, in the order of `--help`."""
+    """Which line, in the order of `--help`.
 
-    port: Annotated[str, typer.Option(help="Serial port of the adapter.")]
-    baud_rate: Annotated[
-        int, typer.Option(min=9600, max=2_000_000, help="Baud rate of the line.")
-    ] = 2_000_000
-    timeout: Annotated[
-        float,
-        typer.Option(min=0.001, max=1.0, help="Time limit of a reply in seconds."),
-    ] = 0.01
+    Attributes:
+        port: Serial port of the adapter.
+        baud_rate: Baud rate of the line.
+        timeout: Time limit of a reply in seconds.
+    """
+
+    port: str
+    baud_rate: Annotated[int, typer.Option(min=9600, max=2_000_000)] = 2_000_000
+    timeout: Annotated[float, typer.Option(min=0.001, max=1.0)] = 0.01
 
     @contextmanager
     def opened(self) -> Iterator["Amt21Line"]:
@@ -62,7 +64,6 @@ class LineOptions:
 
 
 @amt21.command()
-@with_options("line", LineOptions)
 def scan(*, line: LineOptions, as_json: Json = False) -> None:
     """List the addresses that answer, with position and, where they have it, turns."""
     with line.opened() as opened:
@@ -80,7 +81,6 @@ def scan(*, line: LineOptions, as_json: Json = False) -> None:
 
 
 @amt21.command()
-@with_options("line", LineOptions)
 def zero(
     *, line: LineOptions, address: Address, yes: Yes = False, as_json: Json = False
 ) -> None:
@@ -89,19 +89,14 @@ def zero(
     An arm file and an identification made before no longer fit: their zero_rad belongs
     to the old 0.
     """
-    from traverse.protocol import amt21 as wire  # noqa: PLC0415
-
     _command("zero", wire.zero_request, line, address, yes=yes, as_json=as_json)
 
 
 @amt21.command()
-@with_options("line", LineOptions)
 def reset(
     *, line: LineOptions, address: Address, yes: Yes = False, as_json: Json = False
 ) -> None:
     """Restart an encoder, as after power-up; the shaft must rest."""
-    from traverse.protocol import amt21 as wire  # noqa: PLC0415
-
     _command("reset", wire.reset_request, line, address, yes=yes, as_json=as_json)
 
 
@@ -115,8 +110,6 @@ def _command(
     as_json: bool,
 ) -> None:
     """Show an encoder's position, do something to it, and show it again."""
-    from traverse.protocol import amt21 as wire  # noqa: PLC0415
-
     number = _address(address)
     with where.opened() as line:
         (before,) = _answering(line, [number])
@@ -133,8 +126,6 @@ def _command(
 
 
 def _address(text: str) -> int:
-    from traverse.protocol import amt21 as wire  # noqa: PLC0415
-
     try:
         number = int(text, 0)
     except ValueError:
@@ -152,7 +143,6 @@ def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, An
     """
     from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
     from traverse.drivers.polling.channel import EncoderReading  # noqa: PLC0415
-    from traverse.protocol import amt21 as wire  # noqa: PLC0415
 
     line.find_echo(addresses)
     found = []

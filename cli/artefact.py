@@ -10,29 +10,26 @@ from traverse.cli.refusals import check_target, print_report, refusals, refuse
 
 
 def artefact(
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for gauge.stl, campaign.toml.")
-    ],
+    out: Annotated[Path, typer.Option("--out", "-o")],
     *,
-    distance_mm: Annotated[
-        float, typer.Option(max=1000.0, help="Between the balls' centres [mm].")
-    ] = 50.0,
-    ball_mm: Annotated[
-        float, typer.Option(min=1.0, max=100.0, help="Diameter of the ball [mm].")
-    ] = 6.0,
-    clearance_mm: Annotated[
-        float, typer.Option(min=0.0, help="Gap below the ball [mm].")
-    ] = 0.5,
-    distance_std_mm: Annotated[
-        float | None, typer.Option(max=100.0, help="Uncertainty of the distance [mm].")
-    ] = None,
-    places: Annotated[
-        int, typer.Option(min=1, max=20, help="Places in which it is touched.")
-    ] = 4,
+    distance_mm: Annotated[float, typer.Option(max=1000.0)] = 50.0,
+    ball_mm: Annotated[float, typer.Option(min=1.0, max=100.0)] = 6.0,
+    clearance_mm: Annotated[float, typer.Option(min=0.0)] = 0.5,
+    distance_std_mm: Annotated[float | None, typer.Option(max=100.0)] = None,
+    places: Annotated[int, typer.Option(min=1, max=20)] = 4,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write a gauge with two sockets to be printed, and a campaign for it."""
+    """Write a gauge with two sockets to be printed, and a campaign for it.
+
+    Args:
+        out: Folder for gauge.stl, campaign.toml.
+        distance_mm: Between the balls' centres [mm].
+        ball_mm: Diameter of the ball [mm].
+        clearance_mm: Gap below the ball [mm].
+        distance_std_mm: Uncertainty of the distance [mm].
+        places: Places in which it is touched.
+    """
     if distance_std_mm is not None and not distance_std_mm > 0.0:
         refuse(f"--distance-std-mm {distance_std_mm:g}: expected above 0 mm")
     with refusals():

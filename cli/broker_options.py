@@ -3,44 +3,33 @@
 import asyncio
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from traverse.cli.options import with_options
+from traverse.broker.address import BrokerAddress
 from traverse.cli.refusals import REFUSED, UNREACHABLE, end, refusals
-
-if TYPE_CHECKING:
-    from traverse.broker.address import BrokerAddress
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BrokerOptions:
-    """The options, in the order of `--help`; `with_broker` adds them to a command."""
+    """The options, in the order of `--help`.
 
-    broker: Annotated[
-        str, typer.Option(help="MQTT broker: host, host:port or mqtts://host:port.")
-    ] = "localhost"
-    username: Annotated[str | None, typer.Option(help="User name at the broker.")] = (
-        None
-    )
-    password_file: Annotated[
-        Path | None, typer.Option(help="File with the broker's password.")
-    ] = None
-    ca_file: Annotated[
-        Path | None,
-        typer.Option(help="CA certificates of the broker's; else the system's."),
-    ] = None
-    client_certificate: Annotated[
-        Path | None, typer.Option(help="Client certificate, PEM.")
-    ] = None
-    client_key: Annotated[
-        Path | None, typer.Option(help="Key of that certificate, PEM.")
-    ] = None
+    Attributes:
+        broker: MQTT broker: host, host:port or mqtts://host:port.
+        username: User name at the broker.
+        password_file: File with the broker's password.
+        ca_file: CA certificates of the broker's; else the system's.
+        client_certificate: Client certificate, PEM.
+        client_key: Key of that certificate, PEM.
+    """
 
-    def address(self) -> "BrokerAddress":
+    broker: str = "localhost"
+    username: str | None = None
+    password_file: Path | None = None
+    ca_file: Path | None = None
+    client_certificate: Path | None = None
+    client_key: Path | None = None
+
+    def address(self) -> BrokerAddress:
         """Their values; ends the command where they or their files are bad."""
-        from traverse.broker.address import BrokerAddress  # noqa: PLC0415
         from traverse.broker.credentials import CredentialsError, read_credentials  # noqa: PLC0415
 
         with refusals(CredentialsError, ValueError):
@@ -56,10 +45,10 @@ class BrokerOptions:
         return address
 
 
-def arms_at(broker: "BrokerAddress", seconds: float) -> list[str]:
+def arms_at(broker: BrokerAddress, seconds: float) -> list[str]:
     """Names of all arms with a status at a broker; ends the command without one."""
     from traverse.client.errors import BrokerUnreachableError  # noqa: PLC0415
-    from traverse.client.mqtt.discovery import find_arms  # noqa: PLC0415
+    from traverse.client.mqtt.subscription import find_arms  # noqa: PLC0415
 
     try:
         return asyncio.run(find_arms(broker, seconds))
@@ -67,7 +56,7 @@ def arms_at(broker: "BrokerAddress", seconds: float) -> list[str]:
         end(UNREACHABLE, str(error))
 
 
-def only_arm(broker: "BrokerAddress", seconds: float) -> str:
+def only_arm(broker: BrokerAddress, seconds: float) -> str:
     """Name of the one arm at a broker; ends the command where there is another."""
     arms = arms_at(broker, seconds)
     if len(arms) != 1:
@@ -75,6 +64,3 @@ def only_arm(broker: "BrokerAddress", seconds: float) -> str:
         status = REFUSED if arms else UNREACHABLE
         end(status, f"which arm? {told} on {broker}; name it with --arm")
     return arms[0]
-
-
-with_broker = with_options("broker", BrokerOptions)

@@ -7,44 +7,38 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.cli.options import Json, Yes, with_options
+from traverse.cli.options import CommandGroup, Json, Yes
 from traverse.cli.refusals import device_errors, print_report, refuse
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
     from traverse.drivers.canopen.commissioning import Commissioning, FoundNode
 
-can = typer.Typer(
+can = CommandGroup(
+    "can",
     help="CANopen encoders on a CAN bus: scan, preset. "
     "The daemon must not be using the bus.",
-    no_args_is_help=True,
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusOptions:
-    """Which bus, in the order of `--help`."""
+    """Which bus, in the order of `--help`.
 
-    channel: Annotated[
-        str, typer.Option(help="Channel of the interface: can0, /dev/ttyACM0, ...")
-    ]
-    interface: Annotated[
-        str, typer.Option(help="Of python-can: socketcan, slcan, ...")
-    ] = "socketcan"
-    bitrate: Annotated[
-        int,
-        typer.Option(
-            min=10_000, max=1_000_000, help="Of the bus; SocketCAN has its own."
-        ),
-    ] = 1_000_000
-    timeout: Annotated[
-        float,
-        typer.Option(min=0.01, max=10.0, help="Time limit of an answer in seconds."),
-    ] = 0.5
+    Attributes:
+        channel: Channel of the interface: can0, /dev/ttyACM0, ...
+        interface: Of python-can: socketcan, slcan, ...
+        bitrate: Of the bus; SocketCAN has its own.
+        timeout: Time limit of an answer in seconds.
+    """
+
+    channel: str
+    interface: str = "socketcan"
+    bitrate: Annotated[int, typer.Option(min=10_000, max=1_000_000)] = 1_000_000
+    timeout: Annotated[float, typer.Option(min=0.01, max=10.0)] = 0.5
 
 
 @can.command()
-@with_options("bus", BusOptions)
 def scan(*, bus: BusOptions, as_json: Json = False) -> None:
     """List the nodes that answer: identity, profile, resolution, alarms."""
     with _opened(bus) as tool:
@@ -55,17 +49,12 @@ def scan(*, bus: BusOptions, as_json: Json = False) -> None:
 
 
 @can.command()
-@with_options("bus", BusOptions)
 def preset(
     *,
     bus: BusOptions,
-    node: Annotated[
-        int, typer.Option("--node", min=1, max=127, help="Number of the encoder.")
-    ],
-    value: Annotated[int, typer.Option("--value", min=0, help="New position, counts.")],
-    store: Annotated[
-        bool, typer.Option("--store", help="Store it in the encoder permanently.")
-    ] = False,
+    node: Annotated[int, typer.Option(min=1, max=127)],
+    value: Annotated[int, typer.Option(min=0)],
+    store: bool = False,
     yes: Yes = False,
     as_json: Json = False,
 ) -> None:
@@ -73,6 +62,11 @@ def preset(
 
     An arm file and an identification made before no longer fit: their zero_rad belongs
     to the old numbers. Exit status 3: also if the encoder refuses.
+
+    Args:
+        node: Number of the encoder.
+        value: New position, counts.
+        store: Store it in the encoder permanently.
     """
     with _opened(bus) as tool:
         facts = tool.facts(node)
@@ -122,11 +116,10 @@ def _report(found: "FoundNode") -> dict[str, Any]:
         "revision": revision,
         "serial": serial,
         "version": None if facts is None else facts.profile,
-        "counts_per_turn": None if facts is None else facts.counts_per_turn,
-        "modulus": None if facts is None else facts.modulus,
-        "position": None if facts is None else facts.position,
-        "alarms": None if facts is None else facts.alarms,
-        "warnings": None if facts is None else facts.warnings,
+        **{
+            name: getattr(facts, name, None)
+            for name in ("counts_per_turn", "modulus", "position", "alarms", "warnings")
+        },
         "emergencies": heard.emergencies,
         "problem": found.problem or None,
     }

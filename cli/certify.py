@@ -22,30 +22,13 @@ Schemas = Annotated[
 
 
 def certify(
-    results: Annotated[
-        Path, typer.Argument(help="Folder of `traverse verify` or `identify`.")
-    ],
+    results: Path,
     *,
-    laboratory: Annotated[
-        Path, typer.Option(help="Who certifies, for whom, TOML.", dir_okay=False)
-    ],
-    campaign: Annotated[
-        Path | None,
-        typer.Option(
-            help="Of an identification, the first time: what it was made from.",
-            callback=campaign_folder,
-        ),
-    ] = None,
-    arm: Annotated[
-        Path | None,
-        typer.Option(help="Of an identification: the arm file that it began with."),
-    ] = None,
-    key: Annotated[
-        Path | None, typer.Option(help="Private key to sign with, PEM.")
-    ] = None,
-    certificate: Annotated[
-        Path | None, typer.Option(help="X.509 certificate of the key, PEM.")
-    ] = None,
+    laboratory: Annotated[Path, typer.Option(dir_okay=False)],
+    campaign: Annotated[Path | None, typer.Option(callback=campaign_folder)] = None,
+    arm: Path | None = None,
+    key: Path | None = None,
+    certificate: Path | None = None,
     schemas: Schemas = None,
     as_json: Json = False,
 ) -> None:
@@ -53,6 +36,14 @@ def certify(
 
     Computes every figure again from the raw data first. Writes dcc.xml, the raw data
     of an identification, and SHA256SUMS into the folder.
+
+    Args:
+        results: Folder of `traverse verify` or `identify`.
+        laboratory: Who certifies, for whom, TOML.
+        campaign: Of an identification, the first time: what it was made from.
+        arm: Of an identification: the arm file that it began with.
+        key: Private key to sign with, PEM.
+        certificate: X.509 certificate of the key, PEM.
     """
     with refusals():
         from traverse.lab.certificates.certificate import certify as made  # noqa: PLC0415

@@ -5,17 +5,16 @@ import json
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from traverse.cli.options import Json
+from traverse.cli.refusals import REFUSED
+from traverse.strict_toml.problems import FileError, Problem, toml_table, toml_text
 
 
 def check(
-    file: Annotated[
-        Path, typer.Argument(help="An arm file, a configuration, a campaign, ...")
-    ],
+    file: Path,
     as_json: Json = False,
 ) -> None:
     """Check the files of an arm, a daemon or a campaign.
@@ -26,42 +25,45 @@ def check(
     A campaign is given by its folder or its campaign.toml; its poses are checked too,
     and with a configuration the arm file and the probe library that it names.
     Reports all mistakes at once. Exit status 2 if there are any.
+
+    Args:
+        file: An arm file, a configuration, a campaign, ...
     """
     from traverse.daemon.inputs import StartupError  # noqa: PLC0415 - keeps --help quick
-    from traverse.strict_toml.problems import FileError, Problem  # noqa: PLC0415
 
     if (file / "campaign.toml").is_file():
         file /= "campaign.toml"
     kind, read = _reader(file)
+    wrong: list[FileError] | None = None
     try:
         if file.is_file() and not file.stat().st_size:
             what = "is empty; expected an arm file, a configuration, a campaign, ..."
             raise FileError(str(file), [Problem("", what)])
         read(file)
-    except (FileError, StartupError) as error:
-        wrong = error.files if isinstance(error, StartupError) else [error]
-        if as_json:
-            problems = [
-                {"file": one.source, "where": p.where, "message": p.message}
-                for one in wrong
-                for p in one.problems
-            ]
-            report = {"file": str(file), "kind": kind, "problems": problems}
-            typer.echo(json.dumps(report, indent=1))
-        else:
-            typer.echo("\n".join(str(one) for one in wrong), err=True)
-        raise typer.Exit(2) from error
+    except StartupError as error:
+        wrong = error.files
+    except FileError as error:
+        wrong = [error]
     if as_json:
-        typer.echo(json.dumps({"file": str(file), "kind": kind, "problems": []}))
+        problems = [
+            {"file": one.source, "where": p.where, "message": p.message}
+            for one in wrong or ()
+            for p in one.problems
+        ]
+        report = {"file": str(file), "kind": kind, "problems": problems}
+        typer.echo(json.dumps(report, indent=None if wrong is None else 1))
+    elif wrong is not None:
+        typer.echo("\n".join(map(str, wrong)), err=True)
     else:
         name = kind.replace("'s", "")
         typer.echo(f"{file}: valid {name}")
+    if wrong is not None:
+        raise typer.Exit(REFUSED)
 
 
 def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
     """The kind of the file, by its schema or its tables, and its reader."""
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
-    from traverse.strict_toml.problems import FileError, toml_table, toml_text  # noqa: PLC0415
 
     try:
         tables = toml_table(toml_text(file), str(file))
@@ -109,7 +111,6 @@ def _read_campaign(path: Path) -> object:
     from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
     from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
     from traverse.lab.campaign.csv_rows import csv_rows  # noqa: PLC0415
-    from traverse.strict_toml.problems import FileError  # noqa: PLC0415
 
     poses = path.parent / read_campaign_file(path).poses
     joints: list[str] = []

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, only_arm, with_broker
+from traverse.cli.broker_options import BrokerOptions, only_arm
 from traverse.cli.options import Json
 from traverse.cli.refusals import client_errors, refuse
 
@@ -26,22 +26,21 @@ ArmName = Annotated[
 ]
 
 
-@with_broker
 def point(
     *,
     arm: ArmName = None,
-    samples: Annotated[
-        int | None, typer.Option(min=1, help="Average so many samples.")
-    ] = None,
-    seconds: Annotated[
-        float | None, typer.Option(min=0.001, help="Average all samples of this time.")
-    ] = None,
+    samples: Annotated[int | None, typer.Option(min=1)] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.001)] = None,
     as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
     """Take a point now.
 
     Exit status 1: it was taken, and its quality is in doubt.
+
+    Args:
+        samples: Average so many samples.
+        seconds: Average all samples of this time.
     """
     if samples is not None and seconds is not None:
         refuse("--samples or --seconds, not both")
@@ -50,29 +49,27 @@ def point(
     raise typer.Exit(0 if taken.quality.ok else 1)
 
 
-@with_broker
 def undo(*, arm: ArmName = None, as_json: Json = False, broker: BrokerOptions) -> None:
     """Take the last point back."""
     _show_point(send_command(arm, broker, lambda it: it.undo()), as_json=as_json)
 
 
-@with_broker
 def scan(
-    action: Annotated[Literal["start", "stop"], typer.Argument(help="What to do.")],
+    action: Literal["start", "stop"],
     *,
     arm: ArmName = None,
-    rate_hz: Annotated[
-        float | None,
-        typer.Option(min=0.001, help="Points a second [Hz]; else as configured."),
-    ] = None,
-    spacing_mm: Annotated[
-        float | None,
-        typer.Option(min=1e-6, help="A point after each such distance [mm] instead."),
-    ] = None,
+    rate_hz: Annotated[float | None, typer.Option(min=0.001)] = None,
+    spacing_mm: Annotated[float | None, typer.Option(min=1e-6)] = None,
     as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
-    """Start a scan, or stop the running one."""
+    """Start a scan, or stop the running one.
+
+    Args:
+        action: What to do.
+        rate_hz: Points a second [Hz]; else as configured.
+        spacing_mm: A point after each such distance [mm] instead.
+    """
     if rate_hz is not None and spacing_mm is not None:
         refuse("--rate-hz or --spacing-mm, not both")
     if action == "stop":
@@ -90,56 +87,59 @@ def scan(
         )
 
 
-@with_broker
 def label(
-    artefact: Annotated[
-        str | None, typer.Argument(help="Touched artefact; without it the label ends.")
-    ] = None,
-    feature: Annotated[
-        str | None, typer.Argument(help="Touched feature of it.")
-    ] = None,
+    artefact: str | None = None,
+    feature: str | None = None,
     *,
     arm: ArmName = None,
     as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
-    """Set the label of the next points."""
+    """Set the label of the next points.
+
+    Args:
+        artefact: Touched artefact; without it the label ends.
+        feature: Touched feature of it.
+    """
     send_command(arm, broker, lambda it: it.label(artefact, feature))
     names = " ".join(filter(None, (artefact, feature)))
     told = f"label: {names}" if names else "points have no label"
     _show({"artefact": artefact, "feature": feature}, told, as_json=as_json)
 
 
-@with_broker
 def session(
     *,
     arm: ArmName = None,
-    note: Annotated[
-        str | None, typer.Option(help="Text that is stored with the session.")
-    ] = None,
+    note: str | None = None,
     as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
-    """Begin a new session: points are numbered from 0 again."""
+    """Begin a new session: points are numbered from 0 again.
+
+    Args:
+        note: Text that is stored with the session.
+    """
     begun = send_command(arm, broker, lambda it: it.new_session(note))
     _show({"session": begun}, begun, as_json=as_json)
 
 
-@with_broker
 def use_probe(
-    name: Annotated[str, typer.Argument(help="Name in the arm's probe library.")],
+    name: str,
     *,
     arm: ArmName = None,
     as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
-    """Measure with another probe of the library."""
+    """Measure with another probe of the library.
+
+    Args:
+        name: Name in the arm's probe library.
+    """
     model = send_command(arm, broker, lambda it: it.probe(name))
     told = f"probe {name}, model {model[:12]}"
     _show({"probe": name, "model": model}, told, as_json=as_json)
 
 
-@with_broker
 def reload(
     *, arm: ArmName = None, as_json: Json = False, broker: BrokerOptions
 ) -> None:
@@ -148,17 +148,11 @@ def reload(
     _show({"model": model}, f"model {model[:12]}", as_json=as_json)
 
 
-@with_broker
 def confirm(
     *,
     arm: ArmName = None,
-    at: Annotated[
-        str | None,
-        typer.Option(help="x,y,z [mm] where the probe is now, refused if it is not."),
-    ] = None,
-    tolerance_mm: Annotated[
-        float, typer.Option(min=1e-6, help="How far from there it may be [mm].")
-    ] = 1.0,
+    at: str | None = None,
+    tolerance_mm: Annotated[float, typer.Option(min=1e-6)] = 1.0,
     as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
@@ -166,6 +160,10 @@ def confirm(
 
     Before, bring the arm to its reference and touch a point that you know: only you can
     verify that the encoders still count from there. With --at the daemon compares.
+
+    Args:
+        at: x,y,z [mm] where the probe is now, refused if it is not.
+        tolerance_mm: How far from there it may be [mm].
     """
     known_mm = None if at is None else _place(at)
     devices = send_command(

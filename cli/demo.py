@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from traverse.broker.address import BrokerAddress
 from traverse.cli.refusals import UNREACHABLE, end
 from traverse.installation import missing
 
 if TYPE_CHECKING:
     import aiomqtt
 
-    from traverse.broker.address import BrokerAddress
     from traverse.cli.demo_round import Round
 
 READY_S = 30.0
@@ -39,24 +39,11 @@ class DemoError(Exception):
 
 def demo(
     *,
-    once: Annotated[
-        bool, typer.Option("--once", help="End after one round, half a minute.")
-    ] = False,
-    for_s: Annotated[
-        float | None, typer.Option("--for", min=1.0, help="End after so many seconds.")
-    ] = None,
-    broker: Annotated[
-        str | None,
-        typer.Option(help="Existing broker, host or host:port; else one is started."),
-    ] = None,
-    rate_hz: Annotated[
-        float,
-        typer.Option("--rate", min=1.0, max=10_000.0, help="Rate of the scan in Hz."),
-    ] = 1000.0,
-    page: Annotated[
-        bool,
-        typer.Option(help="Open the page, if its extra is installed; not with --once."),
-    ] = True,
+    once: bool = False,
+    for_s: Annotated[float | None, typer.Option("--for", min=1.0)] = None,
+    broker: str | None = None,
+    rate_hz: Annotated[float, typer.Option("--rate", min=1.0, max=10_000.0)] = 1000.0,
+    page: bool = True,
 ) -> None:
     """Watch a simulated arm measure a bar, a sphere and a cone.
 
@@ -64,6 +51,13 @@ def demo(
     certificates; without --once the operator's page shows the arm in a browser. Ends
     on Ctrl-C, after --for seconds, or after one round with --once.
     Exit status 3: a program did not start, or the daemon ended.
+
+    Args:
+        once: End after one round, half a minute.
+        for_s: End after so many seconds.
+        broker: Existing broker, host or host:port; else one is started.
+        rate_hz: Rate of the scan in Hz.
+        page: Open the page, if its extra is installed; not with --once.
     """
     try:
         _look_for_extra(with_broker=broker is None)
@@ -92,9 +86,8 @@ async def _demonstrate(
     *,
     with_page: bool,
 ) -> None:
-    from traverse.broker.address import BrokerAddress  # noqa: PLC0415 - quick --help
     from traverse.cli.demo_round import Round, write_files  # noqa: PLC0415
-    from traverse.client.cancel_tasks import cancel_tasks  # noqa: PLC0415
+    from traverse.client.cancel_tasks import run_until_first  # noqa: PLC0415
     from traverse.daemon.mqtt.embedded_broker import HOST, free_port  # noqa: PLC0415
 
     # A terminal that is closed and `kill` end it as Ctrl-C does: else its programs,
@@ -110,37 +103,28 @@ async def _demonstrate(
     with tempfile.TemporaryDirectory(prefix="traverse-demo-") as name:
         folder = Path(name)
         write_files(folder, address.host, address.tcp_port)
-        simulator = ["simulate", "--config", str(folder / "simulator.toml")]
-        daemon = ["run", "--config", str(folder / "daemon.toml"), *own]
-        async with (
-            _program(folder / "simulator.log", *simulator) as hardware,
-            _programs_line(hardware, b"ready", folder / "simulator.log"),
-            _program(folder / "daemon.log", *daemon) as service,
-            contextlib.AsyncExitStack() as stack,
-        ):
+        async with contextlib.AsyncExitStack() as programs:
+
+            async def start(log: str, *words: str) -> asyncio.subprocess.Process:
+                program = _program(folder / log, *words)
+                return await programs.enter_async_context(program)
+
+            simulated = ("simulate", "--config", str(folder / "simulator.toml"))
+            await _be_ready(await start("simulator.log", *simulated), folder)
+            daemon = ("run", "--config", str(folder / "daemon.toml"), *own)
+            service = await start("daemon.log", *daemon)
             if with_page:
                 shown = PAGE_PORT if _is_free(PAGE_PORT) else free_port()
                 where = ("--arm", ARM, "--broker", str(address))
-                options = ("page", *where, "--port", str(shown))
-                await stack.enter_async_context(_program(folder / "page.log", *options))
+                await start("page.log", "page", *where, "--port", str(shown))
                 typer.echo(f"The operator's page: http://127.0.0.1:{shown}")
-            following = asyncio.create_task(_follow(address, measured, once, rate_hz))
-            ended = asyncio.create_task(service.wait())
-            try:
-                await asyncio.wait(
-                    (following, ended),
-                    timeout=for_s,
-                    return_when=asyncio.FIRST_COMPLETED,
-                )
-                if ended.done():
-                    log = folder / "daemon.log"
-                    raise DemoError(f"the daemon ended:\n{_said_in(log)}")
-                if following.done():
-                    following.result()
-            except asyncio.CancelledError:
-                pass  # Ctrl-C: what was measured is still worth telling
-            finally:
-                await cancel_tasks((following, ended))
+            # Ctrl-C: what was measured is still worth telling.
+            with contextlib.suppress(TimeoutError, asyncio.CancelledError):
+                async with asyncio.timeout(for_s):
+                    await run_until_first(
+                        _follow(address, measured, once, rate_hz),
+                        _fail_with(service, folder),
+                    )
     typer.echo("")
     for text in measured.summary():
         typer.echo(text)
@@ -177,19 +161,22 @@ async def _program(
             await process.communicate()
 
 
-@contextlib.asynccontextmanager
-async def _programs_line(
-    process: asyncio.subprocess.Process, beginning: bytes, log: Path
-) -> AsyncIterator[None]:
-    """Wait until the program has printed a line with this beginning."""
+async def _fail_with(daemon: asyncio.subprocess.Process, folder: Path) -> None:
+    """Wait for the daemon's end, which nobody has asked for."""
+    await daemon.wait()
+    raise DemoError(f"the daemon ended:\n{_said_in(folder / 'daemon.log')}")
+
+
+async def _be_ready(simulator: asyncio.subprocess.Process, folder: Path) -> None:
+    """Wait until the simulator has printed that it is ready."""
     line = b""
-    if process.stdout is not None:
+    if simulator.stdout is not None:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(READY_S):
-                line = await process.stdout.readline()
-    if not line.startswith(beginning):
-        raise DemoError(f"the simulated arm did not start:\n{_said_in(log)}")
-    yield
+                line = await simulator.stdout.readline()
+    if not line.startswith(b"ready"):
+        said = _said_in(folder / "simulator.log")
+        raise DemoError(f"the simulated arm did not start:\n{said}")
 
 
 def _said_in(log: Path) -> str:
@@ -197,7 +184,7 @@ def _said_in(log: Path) -> str:
 
 
 async def _follow(
-    broker: "BrokerAddress", measured: "Round", once: bool, rate_hz: float
+    broker: BrokerAddress, measured: "Round", once: bool, rate_hz: float
 ) -> None:
     """Print and note the arm's messages, until a round is complete."""
     from traverse.cli.message_lines import line  # noqa: PLC0415
@@ -231,7 +218,7 @@ async def _follow(
 
 @contextlib.asynccontextmanager
 async def _patient_connection(
-    broker: "BrokerAddress",
+    broker: BrokerAddress,
 ) -> "AsyncIterator[aiomqtt.Client]":
     """A connection to a broker that may still be starting."""
     import aiomqtt  # noqa: PLC0415

@@ -59,7 +59,6 @@ class Round:
         self._expected = expected_points()
         self._points: dict[int, Point] = {}
         self._latencies_ms: list[float] = []
-        self._blocks = 0
         self._scanned = 0
         self._next_seq = 0
         self._missing = 0

@@ -31,51 +31,36 @@ if TYPE_CHECKING:
 def diagnose(
     campaign: CampaignFolder,
     *,
-    arm: Annotated[
-        Path, typer.Option(help="Arm file: the design, or an identified arm.")
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Folder for the results; not with --plan."),
-    ] = None,
-    seed: Annotated[
-        int,
-        typer.Option(min=0, help="Seed of the held-out split and of the thresholds."),
-    ] = 1,
+    arm: Path,
+    out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
+    seed: Annotated[int, typer.Option(min=0)] = 1,
     holdout_by: HoldoutBy = "time",
-    accept: Annotated[
-        bool, typer.Option("--accept", help="Write the adapted arm to ARM itself, too.")
-    ] = False,
-    accept_tentative: Annotated[
-        bool,
-        typer.Option(
-            "--accept-tentative", help="Tentative terms enter the adapted arm too."
-        ),
-    ] = False,
-    max_terms: Annotated[
-        int, typer.Option(min=1, max=10, help="Terms to add at most.")
-    ] = 4,
-    strict: Annotated[
-        bool, typer.Option("--strict", help="Exit status 1 if anything is missing.")
-    ] = False,
+    accept: bool = False,
+    accept_tentative: bool = False,
+    max_terms: Annotated[int, typer.Option(min=1, max=10)] = 4,
+    strict: bool = False,
     family: Family = None,
     prior: PriorPatterns = None,
     operator: Operator = None,
     as_json: Json = False,
-    plan: Annotated[
-        bool,
-        typer.Option(
-            "--plan",
-            help="Only print which effects this campaign could detect, and from which "
-            "size on.",
-        ),
-    ] = False,
+    plan: bool = False,
 ) -> None:
     """Find what the model of an arm lacks, and add it.
 
     Writes arm.toml with the effects that were found, diagnosis.json,
     discrepancies.csv, report.html and its pictures. Exit status 1: --strict and
     something is missing, or the adjustment broke down.
+
+    Args:
+        arm: Arm file: the design, or an identified arm.
+        out: Folder for the results; not with --plan.
+        seed: Seed of the held-out split and of the thresholds.
+        accept: Write the adapted arm to ARM itself, too.
+        accept_tentative: Tentative terms enter the adapted arm too.
+        max_terms: Terms to add at most.
+        strict: Exit status 1 if anything is missing.
+        plan: Only print which effects this campaign could detect, and from which size
+            on.
     """
     with refusals():
         if plan:

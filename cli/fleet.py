@@ -9,16 +9,25 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.cli.campaign_inputs import Family, PriorPatterns, check_prior
-from traverse.cli.options import HoldoutBy, Json, Operator, with_options
+from traverse.cli.options import CommandGroup, HoldoutBy, Json, Operator
 from traverse.cli.refusals import FAILED, print_report, refusals, refuse
+from traverse.fleet.database import (
+    BadValueError,
+    Database,
+    StoreAwayError,
+    StoreRefusedError,
+    open_database,
+)
+from traverse.fleet.tables import migrate
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
-    from traverse.fleet.database import Database
     from traverse.lab.diagnosis.model.result import DiagnosisOptions
     from traverse.lab.identification.identify import Options
 
-fleet = typer.Typer(help="All arms of a store.", no_args_is_help=True)
+fleet = CommandGroup("fleet", help="All arms of a store.")
+
+STORE_ERRORS = StoreRefusedError, StoreAwayError, BadValueError
 
 DatabaseOption = Annotated[
     str, typer.Option(help="As of `traverse store`: a file, or postgresql://...")
@@ -27,12 +36,7 @@ DatabaseOption = Annotated[
 
 @fleet.command("add")
 def add(
-    files: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Folders of verifications, or histories of daily checks (interim.db)."
-        ),
-    ],
+    files: list[Path],
     *,
     database: DatabaseOption = "traverse-store.db",
     as_json: Json = False,
@@ -41,11 +45,14 @@ def add(
 
     A verification is checked first: its digests, and its figures from its data. Exit
     status 2: a file was refused; those before it are stored.
+
+    Args:
+        files: Folders of verifications, or histories of daily checks (interim.db).
     """
     from traverse.fleet.evidence import add_evidence  # noqa: PLC0415 - keeps --help quick
     from traverse.lab.daily_check.history import HistoryRefusedError  # noqa: PLC0415
 
-    with refusals(*_store_errors(), HistoryRefusedError):
+    with refusals(*STORE_ERRORS, HistoryRefusedError):
         store = _opened(database)
         found = [
             {"file": str(path), "holds": add_evidence(store, path)} for path in files
@@ -58,24 +65,23 @@ def add(
 def overview(
     *,
     database: DatabaseOption = "traverse-store.db",
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Write a page, in one file.")
-    ] = None,
-    every_s: Annotated[
-        int | None,
-        typer.Option(min=1, help="Write it anew so often, until Ctrl-C [s]."),
-    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
+    every_s: Annotated[int | None, typer.Option(min=1)] = None,
     as_json: Json = False,
 ) -> None:
     """Show all arms: state, daily checks, temperature, points, those in need first.
 
     Exit status 1: an arm is silent, alarmed, out of control or rejected, or has lost
     points.
+
+    Args:
+        out: Write a page, in one file.
+        every_s: Write it anew so often, until Ctrl-C [s].
     """
     from traverse.fleet.overview import overview_page, overview_values  # noqa: PLC0415 - keeps --help quick
     from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
 
-    with refusals(*_store_errors()):
+    with refusals(*STORE_ERRORS):
         if "://" not in database and not Path(database).is_file():
             refuse(f"{database}: no such file; `traverse store` makes one")
         store = _opened(database)
@@ -106,39 +112,31 @@ CampaignFolders = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """Where results go, what counts beside the campaigns, and who does the work."""
+    """Where results go, what counts beside the campaigns, and who does the work.
 
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for the results, NAME/ each.")
-    ]
+    Attributes:
+        out: Folder for the results, NAME/ each.
+        processes: Processes of this computer; default one a core.
+        scheduler: Dask scheduler, tcp://HOST:PORT or tls://, instead.
+        rest: Leave out what has results; else refused.
+    """
+
+    out: Annotated[Path, typer.Option("--out", "-o")]
     family: Family = None
     prior: PriorPatterns = None
-    processes: Annotated[
-        int | None,
-        typer.Option(min=1, help="Processes of this computer; default one a core."),
-    ] = None
-    scheduler: Annotated[
-        str | None,
-        typer.Option(help="Dask scheduler, tcp://HOST:PORT or tls://, instead."),
-    ] = None
-    rest: Annotated[
-        bool, typer.Option("--rest", help="Leave out what has results; else refused.")
-    ] = False
+    processes: Annotated[int | None, typer.Option(min=1)] = None
+    scheduler: str | None = None
+    rest: bool = False
     operator: Operator = None
 
 
 @fleet.command("identify")
-@with_options("run", RunOptions)
 def identify(
     campaigns: CampaignFolders,
     *,
-    arm: Annotated[Path, typer.Option("--arm", help="Arm file of the design.")],
-    hold: Annotated[
-        list[str] | None, typer.Option(help="As of `traverse identify`.")
-    ] = None,
-    free: Annotated[
-        list[str] | None, typer.Option(help="As of `traverse identify`.")
-    ] = None,
+    arm: Path,
+    hold: list[str] | None = None,
+    free: list[str] | None = None,
     run: RunOptions,
     as_json: Json = False,
 ) -> None:
@@ -146,6 +144,11 @@ def identify(
 
     A folder of results each, as of `traverse identify`. Exit status 1: a campaign
     failed, did not converge, or contradicts a certificate.
+
+    Args:
+        arm: Arm file of the design.
+        hold: As of `traverse identify`.
+        free: As of `traverse identify`.
     """
     from traverse.lab.identification.identify import Options  # noqa: PLC0415 - keeps --help quick
 
@@ -154,15 +157,11 @@ def identify(
 
 
 @fleet.command("diagnose")
-@with_options("run", RunOptions)
 def diagnose(
     campaigns: CampaignFolders,
     *,
-    arm: Annotated[
-        Path,
-        typer.Option(help="Arm file of the design, or folder of results, NAME/ each."),
-    ],
-    seed: Annotated[int, typer.Option(min=0, help="As of `traverse diagnose`.")] = 1,
+    arm: Path,
+    seed: Annotated[int, typer.Option(min=0)] = 1,
     holdout_by: HoldoutBy = "time",
     run: RunOptions,
     as_json: Json = False,
@@ -170,6 +169,10 @@ def diagnose(
     """Find what the models of many arms lack, each from its campaign.
 
     A folder of results each, as of `traverse diagnose`. Exit status 1: one failed.
+
+    Args:
+        arm: Arm file of the design, or folder of results, NAME/ each.
+        seed: As of `traverse diagnose`.
     """
     from traverse.lab.diagnosis.model.result import DiagnosisOptions  # noqa: PLC0415 - keeps --help quick
 
@@ -228,21 +231,19 @@ def _run(
 
 @fleet.command("family")
 def family(
-    results: Annotated[
-        list[Path],
-        typer.Argument(help="Folders of `traverse identify`, of arms of one design."),
-    ],
+    results: list[Path],
     *,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="File of it, for `identify --family`."),
-    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
     as_json: Json = False,
 ) -> None:
     """Compare arms of one type: mean and spread of each parameter, and who leaves them.
 
     Exit status 1: an arm is farther from its family than one in a hundred families has
     by chance.
+
+    Args:
+        results: Folders of `traverse identify`, of arms of one design.
+        out: File of it, for `identify --family`.
     """
     from traverse.lab.identification.family import (  # noqa: PLC0415 - keeps --help quick
         family_lines,
@@ -262,15 +263,7 @@ def family(
         raise typer.Exit(FAILED)
 
 
-def _store_errors() -> tuple[type[Exception], ...]:
-    from traverse.fleet.database import BadValueError, StoreAwayError, StoreRefusedError  # noqa: PLC0415
-
-    return StoreRefusedError, StoreAwayError, BadValueError
-
-
-def _opened(database: str) -> "Database":
-    from traverse.fleet.database import open_database  # noqa: PLC0415
-    from traverse.fleet.tables import migrate  # noqa: PLC0415
+def _opened(database: str) -> Database:
 
     store = open_database(database)
     migrate(store)

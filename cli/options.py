@@ -1,12 +1,16 @@
-"""Options that commands share, and groups of them as one value."""
+"""Commands as plain functions, whose docstrings have the help; options they share."""
 
+import copy
 import functools
 import inspect
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 import typer
+from typer.models import CommandFunctionType
 
 Json = Annotated[
     bool, typer.Option("--json", help="Report as JSON on standard output.")
@@ -24,6 +28,7 @@ HoldoutBy = Annotated[
     typer.Option(help="Keep aside groups of poses in time, or whole artefacts."),
 ]
 Command = Callable[..., None]
+_ENTRY = re.compile(r"^    (\w+): (.+(?:\n {8}.+)*)", re.MULTILINE)
 
 
 def campaign_folder(path: Path | None) -> Path | None:
@@ -31,32 +36,93 @@ def campaign_folder(path: Path | None) -> Path | None:
     return path.parent if path is not None and path.name == "campaign.toml" else path
 
 
-def with_options(parameter: str, group: type[Any]) -> Callable[[Command], Command]:
-    """Replace a command's parameter with the options of a group.
+class CommandGroup(typer.Typer):
+    """Commands, registered as functions of which typer shows the docstrings.
 
-    Args:
-        parameter: of the command; it is called with an instance of the group there.
-        group: a dataclass of annotated options, in the order of `--help`.
+    A parameter is an option where it can be given by its name only, else an argument;
+    `Annotated` has what is more to say than its type and default. Its help is its entry
+    in the docstring's section `Args`. A bool that is False unless given has no opposite
+    (`--no-...`). A parameter of a dataclass stands for the options that are its fields,
+    with their help in the section `Attributes` of the class.
     """
 
-    def replaced(command: Command) -> Command:
-        ours = inspect.signature(group).parameters
-        own = inspect.signature(command, eval_str=True)
-        parameters = [
-            one
-            for name, mine in own.parameters.items()
-            for one in (ours.values() if name == parameter else (mine,))
-        ]
+    def __init__(self, name: str, **settings: Any) -> None:
+        super().__init__(name=name, no_args_is_help=True, **settings)
 
-        @functools.wraps(command)
-        def called(**given: Any) -> None:  # noqa: ANN401 - options of all kinds
-            options = group(**{name: given.pop(name) for name in ours})
-            command(**given, **{parameter: options})
+    def command(
+        self, name: str | None = None, **settings: Any
+    ) -> Callable[[CommandFunctionType], CommandFunctionType]:
+        """Register a command; what is decorated stays as it is."""
+        register = super().command(name, **settings)
 
-        # What typer reads.
-        called.__annotations__ = {one.name: one.annotation for one in parameters}
-        signature = own.replace(parameters=parameters)
-        called.__signature__ = signature  # type: ignore[attr-defined]  # of PEP 362
-        return called
+        def decorated(command: CommandFunctionType) -> CommandFunctionType:
+            register(_with_help(command))
+            return command
 
-    return replaced
+        return decorated
+
+
+def _with_help(command: Command) -> Command:
+    """Return what typer reads a command from: parameters with their help."""
+    own = inspect.signature(command, eval_str=True).parameters
+    about, entries = _parts(command)
+    groups = {name: _options(p.annotation) for name, p in own.items() if _is_group(p)}
+    parameters = [
+        parameter
+        for name, one in own.items()
+        for parameter in groups.get(name) or (_described(one, entries),)
+    ]
+
+    @functools.wraps(command)
+    def called(**given: Any) -> None:
+        for name, options in groups.items():
+            values = {option.name: given.pop(option.name) for option in options}
+            given[name] = own[name].annotation(**values)
+        command(**given)
+
+    # What typer reads.
+    called.__doc__ = about
+    called.__annotations__ = {one.name: one.annotation for one in parameters}
+    called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]  # of PEP 362
+    return called
+
+
+def _is_group(parameter: inspect.Parameter) -> bool:
+    return is_dataclass(parameter.annotation)
+
+
+@functools.cache
+def _options(group: type) -> tuple[inspect.Parameter, ...]:
+    """Return the fields of a group as options."""
+    _, entries = _parts(group)
+    fields = inspect.signature(group, eval_str=True).parameters.values()
+    return tuple(_described(field, entries) for field in fields)
+
+
+def _parts(documented: object) -> tuple[str, dict[str, str]]:
+    """Split a docstring: what is before its entries, and these by name."""
+    text = inspect.getdoc(documented) or ""
+    about, *rest = re.split(r"\n\n(?:Args|Attributes):\n", text)
+    entries = _ENTRY.findall("".join(rest))
+    return about, {name: " ".join(told.split()) for name, told in entries}
+
+
+def _described(
+    parameter: inspect.Parameter, entries: Mapping[str, str]
+) -> inspect.Parameter:
+    """Give a parameter what typer needs, with its help where it has none."""
+    kind, name, default = parameter.annotation, parameter.name, parameter.default
+    is_option = parameter.kind is parameter.KEYWORD_ONLY
+    # All by name, as the order of those with defaults does not matter then.
+    parameter = parameter.replace(kind=parameter.KEYWORD_ONLY)
+    if get_origin(kind) is Annotated:
+        kind, info = get_args(kind)
+        if info.help is not None:
+            return parameter
+        info = copy.copy(info)
+        info.help = entries.get(name)
+        return parameter.replace(annotation=Annotated[kind, info])
+    of_typer = typer.Option if is_option else typer.Argument
+    flag = [f"--{name.replace('_', '-')}"] if kind is bool and not default else []
+    given = ... if default is parameter.empty else default
+    return parameter.replace(default=of_typer(given, *flag, help=entries.get(name)))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, only_arm, with_broker
+from traverse.cli.broker_options import BrokerOptions, only_arm
 from traverse.cli.refusals import refusals
 
 if TYPE_CHECKING:
@@ -16,28 +16,16 @@ LOOPBACK = ("127.0.0.1", "::1", "localhost")
 FIND_S = 5.0
 
 
-@with_broker
 def page(
     *,
-    arm: Annotated[
-        str | None,
-        typer.Option(help="Name of the arm; without it the only one on the broker."),
-    ] = None,
+    arm: str | None = None,
     broker: BrokerOptions,
-    host: Annotated[
-        str, typer.Option(help="Address to listen on; beyond this machine see below.")
-    ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = (
-        8080
-    ),
-    token_file: Annotated[
-        Path | None, typer.Option(help="File with the token, 16 characters or more.")
-    ] = None,
-    certificate: Annotated[
-        Path | None, typer.Option(help="Certificate of this page, PEM.")
-    ] = None,
-    key: Annotated[Path | None, typer.Option(help="Its key, PEM.")] = None,
-    show: Annotated[bool, typer.Option("--show", help="Open a browser.")] = False,
+    host: str = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535)] = 8080,
+    token_file: Path | None = None,
+    certificate: Path | None = None,
+    key: Path | None = None,
+    show: bool = False,
 ) -> None:
     """Show an arm in a browser, and take points there.
 
@@ -45,6 +33,15 @@ def page(
     only; with another --host it requires --token-file, --certificate and --key, and
     refuses to start without. Exit status 2: an option was refused; 3: the broker could
     not be reached, or no arm was found there.
+
+    Args:
+        arm: Name of the arm; without it the only one on the broker.
+        host: Address to listen on; beyond this machine see below.
+        port: Port to listen on.
+        token_file: File with the token, 16 characters or more.
+        certificate: Certificate of this page, PEM.
+        key: Its key, PEM.
+        show: Open a browser.
     """
     from traverse.broker.credentials import credential_file  # noqa: PLC0415
     from traverse.client.display.follower import Follower  # noqa: PLC0415
@@ -87,7 +84,7 @@ def page(
 
 def _check_pair(certificate: Path, key: Path | None) -> None:
     """Try a certificate; OSError where it is none, or the key another one's."""
-    from traverse.broker.tls import load_pair  # noqa: PLC0415 - quick help
+    from traverse.broker.credentials import load_pair  # noqa: PLC0415 - quick help
 
     try:
         load_pair(ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), certificate, key)

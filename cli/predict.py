@@ -17,18 +17,12 @@ SCHEMA = "traverse/prediction/1"
 
 
 def predict(
-    campaign: Annotated[Path, typer.Argument(help="Folder with campaign.toml.")],
+    campaign: Path,
     *,
-    arm: Annotated[Path, typer.Option("--arm", help="The arm file, which is held.")],
-    fit_on: Annotated[
-        Path | None, typer.Option(help="Campaign with the same artefacts in place.")
-    ] = None,
-    fit_tool: Annotated[
-        bool, typer.Option("--fit-tool", help="Find the probe's vector, too.")
-    ] = False,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="CSV file, a line for each pose.")
-    ] = None,
+    arm: Path,
+    fit_on: Path | None = None,
+    fit_tool: bool = False,
+    out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
     as_json: Json = False,
 ) -> None:
     """Compute how well an arm fits the poses of a campaign.
@@ -36,6 +30,13 @@ def predict(
     Geometry and effects of the arm are held. Where the artefacts stand, and with
     --fit-tool the probe's vector, is found by the poses of --fit-on, else by those of
     the campaign itself. All poses count.
+
+    Args:
+        campaign: Folder with campaign.toml.
+        arm: The arm file, which is held.
+        fit_on: Campaign with the same artefacts in place.
+        fit_tool: Find the probe's vector, too.
+        out: CSV file, a line for each pose.
     """
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
     from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415

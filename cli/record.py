@@ -3,34 +3,35 @@
 import asyncio
 import json
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.broker.address import BrokerAddress
+from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.options import Json
 from traverse.cli.refusals import client_errors
 from traverse.plurals import counted
 
-if TYPE_CHECKING:
-    from traverse.broker.address import BrokerAddress
 
-
-@with_broker
 def record(
-    name: Annotated[str, typer.Argument(help="New name for the recording.")],
+    name: str,
     *,
-    arm: Annotated[str, typer.Option(help="Name of the arm.")],
+    arm: str,
     broker: BrokerOptions,
-    seconds: Annotated[
-        float | None, typer.Option(min=0.1, help="Duration; else until Ctrl-C.")
-    ] = None,
-    note: Annotated[str, typer.Option(help="Text stored in the recording.")] = "",
+    seconds: Annotated[float | None, typer.Option(min=0.1)] = None,
+    note: str = "",
     as_json: Json = False,
 ) -> None:
     """Record what an arm does, as an MCAP file on the daemon's disk.
 
     The file begins some seconds before the command, where the flight recorder is on.
+
+    Args:
+        name: New name for the recording.
+        arm: Name of the arm.
+        seconds: Duration; else until Ctrl-C.
+        note: Text stored in the recording.
     """
     address = broker.address()
     with client_errors():
@@ -43,7 +44,7 @@ def record(
 async def _record(
     name: str,
     arm: str,
-    broker: "BrokerAddress",
+    broker: BrokerAddress,
     seconds: float | None,
     note: str,
     *,

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 import typer
 
 from traverse.installation import EXTRAS, missing
+from traverse.strict_toml.problems import FileError, system_reason
 
 FAILED, REFUSED, UNREACHABLE = 1, 2, 3
 
@@ -77,8 +78,6 @@ def print_report(values: Any, lines: Iterable[str], *, as_json: bool) -> None:  
 
 def system_refusal(error: OSError) -> str:
     """Return which file or folder the system refuses, why, and what to do."""
-    from traverse.strict_toml.problems import system_reason  # noqa: PLC0415
-
     if error.filename is None:
         return system_reason(error)
     path = Path(str(error.filename))
@@ -139,8 +138,6 @@ def refusals(*kinds: type[Exception]) -> Iterator[None]:
 
     Errors of these kinds are refusals, too.
     """
-    from traverse.strict_toml.problems import FileError  # noqa: PLC0415
-
     try:
         yield
     except FileError as error:

@@ -11,46 +11,27 @@ from traverse.daemon.system.log_setup import LogFormat, LogLevel, start_log
 
 def run(
     *,
-    config: Annotated[
-        Path, typer.Option("--config", "-c", help="The daemon's configuration, TOML.")
-    ],
-    embedded_broker: Annotated[
-        bool,
-        typer.Option(
-            "--embedded-broker",
-            help="Start an own MQTT broker on loopback (extra `demo`).",
-        ),
-    ] = False,
-    embedded_port: Annotated[
-        int,
-        typer.Option(
-            min=0, max=65535, help="Port of the embedded broker; 0: a free one, logged."
-        ),
-    ] = 1883,
-    keep_trying: Annotated[
-        bool,
-        typer.Option(
-            "--keep-trying",
-            help="Start also without a device or broker that cannot be reached, report "
-            "it, and keep trying; for a service.",
-        ),
-    ] = False,
-    log_format: Annotated[
-        LogFormat,
-        typer.Option(
-            "--log-format",
-            help="How the log is written; auto: to the journal under systemd, "
-            "else plain lines.",
-        ),
-    ] = "auto",
-    log_level: Annotated[
-        LogLevel, typer.Option("--log-level", help="Lowest level that is logged.")
-    ] = "info",
+    config: Annotated[Path, typer.Option("--config", "-c")],
+    embedded_broker: bool = False,
+    embedded_port: Annotated[int, typer.Option(min=0, max=65535)] = 1883,
+    keep_trying: bool = False,
+    log_format: LogFormat = "auto",
+    log_level: LogLevel = "info",
 ) -> None:
     """Measure: read the encoders, publish points over MQTT.
 
     Ends in order on SIGTERM or Ctrl-C. Exit status 2: the configuration or arm file was
     refused; 3: a device or the broker could not be reached.
+
+    Args:
+        config: The daemon's configuration, TOML.
+        embedded_broker: Start an own MQTT broker on loopback (extra `demo`).
+        embedded_port: Port of the embedded broker; 0: a free one, logged.
+        keep_trying: Start also without a device or broker that cannot be reached,
+            report it, and keep trying; for a service.
+        log_format: How the log is written; auto: to the journal under systemd, else
+            plain lines.
+        log_level: Lowest level that is logged.
     """
     from traverse.daemon.app import run_service  # noqa: PLC0415 - keeps --help quick
 

@@ -1,21 +1,22 @@
 """`traverse simulate`: the hardware, virtual."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 
 def simulate(
-    config: Annotated[
-        Path, typer.Option("--config", help="The simulator's configuration, TOML.")
-    ],
+    *,
+    config: Path,
 ) -> None:
     """Simulate the devices of a virtual arm on ptys and CAN.
 
     Prints a line "ready <device> <path>" for each. Ends on SIGTERM or Ctrl-C, or at the
     end of its script if configured. Exit status 2: the configuration
     or the arm file was refused.
+
+    Args:
+        config: The simulator's configuration, TOML.
     """
     from traverse.simulator.run import run_simulator  # noqa: PLC0415 - heavy; not for --help
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.gateway.running import report, until_signal
 from traverse.cli.refusals import (
     UNREACHABLE,
@@ -17,45 +17,29 @@ from traverse.cli.refusals import (
     refusals,
     refuse,
 )
+from traverse.fleet.database import (
+    BadValueError,
+    StoreAwayError,
+    StoreRefusedError,
+    open_database,
+)
+from traverse.fleet.tables import migrate
 from traverse.plurals import counted
 
 PATIENCE_S = 30.0
 _NAME = re.compile(r"[A-Za-z0-9_.-]{1,40}")
 
 
-@with_broker
 def store(
     *,
     broker: BrokerOptions,
-    database: Annotated[
-        str,
-        typer.Option(
-            help="File of SQLite, or postgresql://user@host:port/database; its "
-            "password in PGPASSFILE or PGPASSWORD."
-        ),
-    ] = "traverse-store.db",
-    scans: Annotated[
-        str,
-        typer.Option(help="Folder, or a URI of pyarrow such as s3://bucket/scans."),
-    ] = "traverse-scans",
-    group: Annotated[
-        str, typer.Option(help="Name of the group whose members share the messages.")
-    ] = "store",
-    member: Annotated[
-        str | None,
-        typer.Option(help="Name in the group, the same each time; else the host's."),
-    ] = None,
-    gap_s: Annotated[
-        float,
-        typer.Option(min=1.0, help="Ask for numbers that are missing so long [s]."),
-    ] = 60.0,
-    list_s: Annotated[
-        float, typer.Option(min=1.0, help="Ask each arm so often what it has [s].")
-    ] = 600.0,
-    keep_s: Annotated[
-        int,
-        typer.Option(min=0, help="The broker keeps messages for an absent member [s]."),
-    ] = 3600,
+    database: str = "traverse-store.db",
+    scans: str = "traverse-scans",
+    group: str = "store",
+    member: str | None = None,
+    gap_s: Annotated[float, typer.Option(min=1.0)] = 60.0,
+    list_s: Annotated[float, typer.Option(min=1.0)] = 600.0,
+    keep_s: Annotated[int, typer.Option(min=0)] = 3600,
 ) -> None:
     """Store points, events, states and scans of all arms at a broker.
 
@@ -63,17 +47,20 @@ def store(
     message is acknowledged once it is stored; each counts once; what is missing is
     asked for again. Many members may run at once. Ends on Ctrl-C or SIGTERM with a
     line of sums. Exit status 3: also if there is no database within 30 s.
+
+    Args:
+        database: File of SQLite, or postgresql://user@host:port/database; its password
+            in PGPASSFILE or PGPASSWORD.
+        scans: Folder, or a URI of pyarrow such as s3://bucket/scans.
+        group: Name of the group whose members share the messages.
+        member: Name in the group, the same each time; else the host's.
+        gap_s: Ask for numbers that are missing so long [s].
+        list_s: Ask each arm so often what it has [s].
+        keep_s: The broker keeps messages for an absent member [s].
     """
-    from traverse.fleet.database import (  # noqa: PLC0415 - keeps --help quick
-        BadValueError,
-        StoreAwayError,
-        StoreRefusedError,
-        open_database,
-    )
     from traverse.fleet.member import Member, MemberSettings, NameTakenError  # noqa: PLC0415
     from traverse.fleet.scan_files import ScanFiles  # noqa: PLC0415
     from traverse.fleet.store import Store  # noqa: PLC0415
-    from traverse.fleet.tables import migrate  # noqa: PLC0415
 
     name = re.sub(r"[^A-Za-z0-9_.-]", "-", member or socket.gethostname())[:40]
     for option, text in (("--group", group), ("--member", member or name)):

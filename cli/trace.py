@@ -7,37 +7,28 @@ from typing import Annotated
 import typer
 
 from traverse.cli.options import Json
-from traverse.cli.points.signing import read_public_key_file
+from traverse.cli.points.command import read_public_key_file
 from traverse.cli.refusals import FAILED, print_report, refusals
 
 
 def trace(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            help="Results, a campaign, an arm file, a recording, or points (.jsonl)."
-        ),
-    ],
+    file: Path,
     *,
     where: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--in",
-            help="Folder where other files of the chain are. Repeatable; those around "
-            "the file are looked at anyhow.",
-            exists=True,
-            file_okay=False,
-        ),
+        list[Path] | None, typer.Option("--in", exists=True, file_okay=False)
     ] = None,
-    key: Annotated[
-        Path | None,
-        typer.Option(help="Public key of the arm, by which points are checked."),
-    ] = None,
+    key: Path | None = None,
     as_json: Json = False,
 ) -> None:
     """Show what a file follows from, and what of it is missing or altered.
 
     Exit status 1: something is missing or altered.
+
+    Args:
+        file: Results, a campaign, an arm file, a recording, or points (.jsonl).
+        where: Folder where other files of the chain are. Repeatable; those around the
+            file are looked at anyhow.
+        key: Public key of the arm, by which points are checked.
     """
     with refusals():
         from traverse.lab.certificates.trace import Tracer  # noqa: PLC0415

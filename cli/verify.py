@@ -16,44 +16,16 @@ if TYPE_CHECKING:
 
 
 def verify(
-    data: Annotated[
-        Path | None,
-        typer.Argument(
-            help="Folder with campaign.toml, or a recording (.mcap).",
-            callback=campaign_folder,
-        ),
-    ] = None,
+    data: Annotated[Path | None, typer.Argument(callback=campaign_folder)] = None,
     *,
-    standard: Annotated[
-        str | None, typer.Option(help="iso10360-12, asme-b89.4.22 or vdi2617-9.")
-    ] = None,
-    arm: Annotated[
-        Path | None, typer.Option(help="The arm file; a recording has its own.")
-    ] = None,
-    limits: Annotated[
-        Path | None,
-        typer.Option(help="Maximum permissible errors and how to decide, TOML."),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder for the certificate.")
-    ] = None,
-    plan: Annotated[
-        str | None,
-        typer.Option(help="Write what to touch for a standard into --out instead."),
-    ] = None,
-    bidirectional: Annotated[
-        bool, typer.Option("--bidirectional", help="With --plan iso10360-12: E_BI too.")
-    ] = False,
-    check: Annotated[
-        Path | None, typer.Option(help="Check a certificate, or its folder.")
-    ] = None,
-    trust: Annotated[
-        list[Path] | None,
-        typer.Option(
-            help="With --check: X.509 certificate of a signer, or of who vouches for "
-            "it, PEM. Repeatable; else the signer is shown, not judged."
-        ),
-    ] = None,
+    standard: str | None = None,
+    arm: Path | None = None,
+    limits: Path | None = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
+    plan: str | None = None,
+    bidirectional: bool = False,
+    check: Path | None = None,
+    trust: list[Path] | None = None,
     schemas: Schemas = None,
     operator: Operator = None,
     as_json: Json = False,
@@ -62,6 +34,18 @@ def verify(
 
     Writes certificate.json, .html and .pdf with the raw data into --out.
     Exit status 1: something is missing, or not everything is accepted.
+
+    Args:
+        data: Folder with campaign.toml, or a recording (.mcap).
+        standard: iso10360-12, asme-b89.4.22 or vdi2617-9.
+        arm: The arm file; a recording has its own.
+        limits: Maximum permissible errors and how to decide, TOML.
+        out: Folder for the certificate.
+        plan: Write what to touch for a standard into --out instead.
+        bidirectional: With --plan iso10360-12: E_BI too.
+        check: Check a certificate, or its folder.
+        trust: With --check: X.509 certificate of a signer, or of who vouches for it,
+            PEM. Repeatable; else the signer is shown, not judged.
     """
     with refusals():
         if check is not None:

@@ -10,13 +10,12 @@ from traverse.broker.address import BrokerAddress
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.commands import ArmCommands, ScanOptions
 from traverse.client.errors import Counters
-from traverse.client.feeds import Feed, Feeds
+from traverse.client.feeds import Feed, Feeds, ScanBlocks
 from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
 from traverse.client.points.cursor import read_cursor, write_cursor
 from traverse.client.points.reorder_buffer import ReorderBuffer
 from traverse.client.points.stream import PointIterator, PointStream
 from traverse.client.requests import CommandClient
-from traverse.client.scans import ScanBlocks
 from traverse.protocol import topics
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError

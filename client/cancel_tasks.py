@@ -1,10 +1,30 @@
-"""Cancel tasks for certain."""
+"""Tasks that run together; cancelled for certain."""
 
 import asyncio
-from collections.abc import Iterable
+from collections.abc import Coroutine, Iterable
 from typing import Any
 
 AGAIN_S = 0.5
+
+
+async def run_together(*work: Coroutine[Any, Any, None]) -> None:
+    """Run all until they end, or one fails; none of them runs any more then."""
+    tasks = [asyncio.create_task(one) for one in work]
+    try:
+        await asyncio.gather(*tasks)
+    finally:
+        await cancel_tasks(tasks)
+
+
+async def run_until_first(*work: Coroutine[Any, Any, None]) -> None:
+    """Run all until one of them ends, or fails; none of them runs any more then."""
+    tasks = [asyncio.create_task(one) for one in work]
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+    finally:
+        await cancel_tasks(tasks)
 
 
 async def cancel_tasks(tasks: Iterable[asyncio.Task[Any]]) -> None:

@@ -4,13 +4,14 @@ What becomes of a campaign depends neither on who computes it nor on the others:
 inputs travel to a worker, and the files that were written come back.
 """
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from traverse.fleet.workers import WorkerDiedError, Workers
+from traverse.fleet.workers import WorkerDiedError, Workers, drained
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
@@ -120,7 +121,7 @@ def run_campaigns(
         WorkersError: The cluster cannot be used, or went away.
         OSError: A result cannot be written.
     """
-    date, unread = request.date or datetime.now(UTC), list[Outcome]()
+    date, unread = request.date or datetime.now(UTC), deque[Outcome]()
 
     def tasks() -> Iterator[Task]:
         for folder in folders:
@@ -131,14 +132,14 @@ def run_campaigns(
                 unread.append(Outcome(name, str(error), failed=True))
 
     for task, outcome in workers.each(run_task, tasks()):
-        yield from _drained(unread)
+        yield from drained(unread)
         if isinstance(outcome, WorkerDiedError):
             yield Outcome(task.name, str(outcome), failed=True)
             continue
         if outcome.files:
             _write(outcome, request.out)
         yield outcome
-    yield from _drained(unread)
+    yield from drained(unread)
 
 
 def _write(outcome: Outcome, out: Path) -> None:
@@ -151,11 +152,6 @@ def _write(outcome: Outcome, out: Path) -> None:
             with replacing(fresh / name) as file:
                 file.write(content)
         fresh.rename(out / outcome.name)
-
-
-def _drained(outcomes: list[Outcome]) -> Iterator[Outcome]:
-    while outcomes:
-        yield outcomes.pop(0)
 
 
 def _task(name: str, folder: Path, request: Request, date: datetime) -> Task:

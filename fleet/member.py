@@ -19,6 +19,7 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
 from traverse.broker.address import BrokerAddress
+from traverse.client.cancel_tasks import run_together
 from traverse.client.change_signal import ChangeSignal
 from traverse.client.errors import ClientError, CommandRefused
 from traverse.client.mqtt.connection import IncomingMessage, ReconnectingConnection
@@ -155,16 +156,14 @@ class Member:
             NameTakenError: another member has the same name.
             StoreRefusedError: the database refuses what is asked of it.
         """
-        try:
-            async with asyncio.TaskGroup() as tasks:
-                tasks.create_task(self.link.run(self._take, self._link_changed))
-                tasks.create_task(self._write(self._messages, BATCH, 0.0))
-                tasks.create_task(self._write(self._scans, SCAN_BATCH, SCAN_WAIT_S))
-                tasks.create_task(self._look_for_gaps())
-                tasks.create_task(self._end_if_name_is_taken())
-                tasks.create_task(self._report_no_connection())
-        except ExceptionGroup as group:
-            raise group.exceptions[0] from None
+        await run_together(
+            self.link.run(self._take, self._link_changed),
+            self._write(self._messages, BATCH, 0.0),
+            self._write(self._scans, SCAN_BATCH, SCAN_WAIT_S),
+            self._look_for_gaps(),
+            self._end_if_name_is_taken(),
+            self._report_no_connection(),
+        )
 
     def _take(self, message: IncomingMessage) -> None:
         """A message was received."""

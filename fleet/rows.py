@@ -115,22 +115,13 @@ class Rows:
             std_mm = math.sqrt(max(tensor[0] + tensor[3] + tensor[5], 0.0))
         self.points.append(
             (
-                point.id,
-                arm,
-                point.session,
-                point.seq,
-                point.time_ns,
-                point.retracts,
-                *point.xyz_mm,
+                *(point.id, arm, point.session, point.seq, point.time_ns),
+                *(point.retracts, *point.xyz_mm),
                 *(point.part_xyz_mm or (None, None, None)),
-                std_mm,
-                point.temperature_c,
-                point.label.artefact,
-                point.label.feature,
-                point.quality.ok,
-                " ".join(point.quality.flags),
-                point.model,
-                payload,
+                *(std_mm, point.temperature_c),
+                *(point.label.artefact, point.label.feature),
+                *(point.quality.ok, " ".join(point.quality.flags)),
+                *(point.model, payload),
             )
         )
         self._reached((arm, point.session, ""), point.time_ns, point.seq)
@@ -138,30 +129,17 @@ class Rows:
     def _add_event(self, event: Event, arm: str) -> None:
         self.events.append(
             (
-                arm,
-                event.session,
-                event.severity,
-                event.code,
-                event.source,
-                event.active,
-                event.first_ns,
-                event.last_ns,
-                event.count,
-                _printable(event.text),
-                _printable(event.remedy),
+                *(arm, event.session, event.severity, event.code, event.source),
+                *(event.active, event.first_ns, event.last_ns, event.count),
+                *(_printable(event.text), _printable(event.remedy)),
                 json.dumps(event.data, default=str, sort_keys=True),
             )
         )
 
     def _add_status(self, status: Status, arm: str, payload: bytes) -> None:
         self.statuses[arm] = (
-            arm,
-            status.time_ns,
-            status.online,
-            status.state,
-            status.session,
-            status.model,
-            status.version,
+            *(arm, status.time_ns, status.online, status.state),
+            *(status.session, status.model, status.version),
             None if status.alarms is None else len(status.alarms),
             payload,
         )

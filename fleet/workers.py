@@ -83,7 +83,7 @@ class Workers:
                     # After a death one at a time, to see whose it was.
                     alone = suspects or any(deaths for _, deaths in going.values())
                     free = (1 if alone else _AHEAD * pool.n_workers()) - len(going)
-                    source = _drained(suspects) if suspects else waiting
+                    source = drained(suspects) if suspects else waiting
                     for entry in islice(source, max(free, 0)):
                         going[_submitted(pool.executor, function, entry[0])] = entry
                     if not going:
@@ -124,7 +124,8 @@ def _died() -> WorkerDiedError:
     return WorkerDiedError(f"{_MOST_DEATHS} workers died while they did it")
 
 
-def _drained(queue: deque[Given]) -> Iterator[Given]:
+def drained(queue: deque[Given]) -> Iterator[Given]:
+    """Take entries from the left until there is none."""
     while queue:
         yield queue.popleft()
 

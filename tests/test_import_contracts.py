@@ -75,7 +75,7 @@ PLANTED = {
         ("recording/planted.py", "traverse.drivers.base.values"),
         ("recording/maps.py", "traverse.broker.reasons"),
         ("broker/diagnosing_client.py", "traverse.recording.maps"),
-        ("broker/tls.py", "traverse.drivers.base.values"),
+        ("broker/credentials.py", "traverse.drivers.base.values"),
         ("protocol/latch_board/framing.py", "traverse.kinematics.model.geometry"),
         ("protocol/topics.py", "traverse.recording.maps"),
         ("kinematics/model/geometry.py", "traverse.protocol.latch_board.framing"),
@@ -126,7 +126,7 @@ PLANTED = {
     ],
     "getting in at a broker": [
         ("broker/reasons.py", "traverse.protocol.topics"),
-        ("broker/tls.py", "traverse.kinematics.model.geometry"),
+        ("broker/credentials.py", "traverse.kinematics.model.geometry"),
     ],
     "folders of the lab": [
         ("lab/identification/planted.py", "traverse.lab.diagnosis.diagnose"),

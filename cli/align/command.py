@@ -1,52 +1,84 @@
 """`traverse align`: place of the part, its uncertainty, and its use."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from traverse.cli.align.options import AlignmentOptions, with_alignment
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.control import send_command
-from traverse.cli.options import Json
+from traverse.cli.options import Json, Operator
 from traverse.cli.refusals import FAILED, print_report, refusals, refuse
 
 
-@with_broker
-@with_alignment
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlignmentOptions:
+    """The options, in the order of `--help`.
+
+    Attributes:
+        nominal: Where they should be, CSV or TOML; the first station's points with
+            leapfrog.
+        method: Named points; plane, line, point; points of two stations.
+        scale: Adjust a scale too.
+        std: Standard deviation of a touch [mm]; else the points' own.
+        coordinates: Of the ball, or of the surface of compensated points.
+        spheres: Names are spheres; their centres count.
+        arm: Arm file: of a campaign, for shared errors, for its reach.
+        volume: Where it is used: x,y,z,x,y,z or x,y,z,r [mm]; or reach.
+        onto: With leapfrog: the first station's alignment, to be joined.
+        name: Its name; else the nominal file's.
+    """
+
+    nominal: Path | None = None
+    method: Literal["best-fit", "3-2-1", "leapfrog"] = "best-fit"
+    scale: bool = False
+    std: float | None = None
+    coordinates: Literal["centre", "surface"] = "centre"
+    spheres: bool = False
+    arm: Path | None = None
+    volume: str | None = None
+    onto: Path | None = None
+    name: str | None = None
+    operator: Operator = None
+
+    @property
+    def problem(self) -> str | None:
+        """Why these do not go together; None where they do."""
+        if self.std is not None and not self.std > 0.0:
+            return f"--std {self.std:g}: expected a length above zero"
+        if self.method == "3-2-1" and (self.scale or self.spheres):
+            return "--scale and --spheres do not go with --method 3-2-1"
+        if self.onto is not None and self.method != "leapfrog":
+            return "--onto needs --method leapfrog"
+        return None
+
+
 def align(
-    points: Annotated[
-        Path | None,
-        typer.Argument(
-            help="Points (JSON lines, CSV, recording, outbox), a campaign's folder; or "
-            "an alignment.json to send."
-        ),
-    ] = None,
+    points: Path | None = None,
     *,
     options: AlignmentOptions,
-    strict: Annotated[
-        bool, typer.Option("--strict", help="Exit status 1 where anything is flagged.")
-    ] = False,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Folder for alignment.json and .html."),
-    ] = None,
+    strict: bool = False,
+    out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
     as_json: Json = False,
-    send: Annotated[
-        bool, typer.Option("--send", help="Have the daemon use it, if no test failed.")
-    ] = False,
-    clear: Annotated[
-        bool, typer.Option("--clear", help="Have the daemon use none from now on.")
-    ] = False,
-    arm_name: Annotated[
-        str | None, typer.Option(help="To which arm to send; else that of the points.")
-    ] = None,
+    send: bool = False,
+    clear: bool = False,
+    arm_name: str | None = None,
     broker: BrokerOptions,
 ) -> None:
     """Compute where the part is, and how well that is known.
 
     Exit status 1: a test failed, nothing is sent then; 2: refused, among others where
     the points do not determine it; 3: daemon or broker could not be reached.
+
+    Args:
+        points: Points (JSON lines, CSV, recording, outbox), a campaign's folder; or an
+            alignment.json to send.
+        strict: Exit status 1 where anything is flagged.
+        out: Folder for alignment.json and .html.
+        send: Have the daemon use it, if no test failed.
+        clear: Have the daemon use none from now on.
+        arm_name: To which arm to send; else that of the points.
     """
     if clear:
         send_command(arm_name, broker, lambda arm: arm.clear_alignment())

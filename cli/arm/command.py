@@ -1,12 +1,12 @@
 """`traverse arm`: arm files shown, made of tables and descriptions, and back."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from traverse.cli.arm.options import ArmOptions, Out
-from traverse.cli.options import Force, Json, with_options
+from traverse.cli.options import CommandGroup, Force, Json
 from traverse.cli.qif_check import QifSchemas, check_schema, schema_words
 from traverse.cli.refusals import check_target, print_report, refusals
 from traverse.plurals import counted
@@ -14,8 +14,41 @@ from traverse.plurals import counted
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
 
-arm = typer.Typer(
-    help="Arm files: show one, or make one of a DH table or URDF.", no_args_is_help=True
+
+Out = Annotated[Path, typer.Option("--out", "-o", help="The file to write.")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmOptions:
+    """Options of the commands that make an arm file, in the order of `--help`.
+
+    Attributes:
+        name: Name of the arm.
+        base_posture_rad: Readings in the base posture; default zeros.
+        base_posture_deg: The same in degrees.
+        counts_per_turn: Of the encoders: one number, or one a joint: 1,2,...
+        signs: Sense of the encoders: 1 or -1 for each joint: 1,-1,...
+        device: Device of the encoders, channels counted from 0.
+        tool_xyz_mm: The ball's centre in the last frame: x,y,z.
+        tool_rpy_rad: Turns the last frame's z axis into the shank: roll,pitch,yaw.
+        radius_mm: Radius of the ball; 0 for a point probe.
+        switching: A switching probe, not a hard one.
+    """
+
+    name: str | None = None
+    base_posture_rad: str | None = None
+    base_posture_deg: str | None = None
+    counts_per_turn: str | None = None
+    signs: str | None = None
+    device: str = "base"
+    tool_xyz_mm: str | None = None
+    tool_rpy_rad: str | None = None
+    radius_mm: Annotated[float, typer.Option(min=0.0)] = 0.0
+    switching: bool = False
+
+
+arm = CommandGroup(
+    "arm", help="Arm files: show one, or make one of a DH table or URDF."
 )
 
 Postures = Annotated[
@@ -26,15 +59,17 @@ Seed = Annotated[int, typer.Option(min=0, help="Of the random postures.")]
 
 @arm.command()
 def show(
-    file: Annotated[Path, typer.Argument(help="An arm file.")],
+    file: Path,
     *,
-    png: Annotated[
-        Path | None,
-        typer.Option(help="Draw the base posture from three sides (extra `lab`)."),
-    ] = None,
+    png: Path | None = None,
     as_json: Json = False,
 ) -> None:
-    """Show an arm: axes, links, reach, encoder steps, effects, identification."""
+    """Show an arm: axes, links, reach, encoder steps, effects, identification.
+
+    Args:
+        file: An arm file.
+        png: Draw the base posture from three sides (extra `lab`).
+    """
     from traverse.cli.arm.summary import arm_summary, summary_lines  # noqa: PLC0415
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
 
@@ -49,29 +84,16 @@ def show(
 
 
 @arm.command("from-dh")
-@with_options("options", ArmOptions)
 def from_dh(
-    table: Annotated[Path, typer.Argument(help="The table: CSV, or TOML (.toml).")],
+    table: Path,
     out: Out,
     *,
-    convention: Annotated[
-        Literal["classic", "modified"] | None,
-        typer.Option(help="Denavit-Hartenberg's or Craig's (modified) rows."),
-    ] = None,
-    lengths: Annotated[
-        Literal["mm", "m"] | None, typer.Option(help="Unit of columns named a and d.")
-    ] = None,
-    angles: Annotated[
-        Literal["rad", "deg"] | None,
-        typer.Option(help="Unit of columns named alpha, theta, base."),
-    ] = None,
+    convention: Literal["classic", "modified"] | None = None,
+    lengths: Literal["mm", "m"] | None = None,
+    angles: Literal["rad", "deg"] | None = None,
     options: ArmOptions,
-    base_xyz_mm: Annotated[
-        str | None, typer.Option(help="The first frame in the arm's system: x,y,z.")
-    ] = None,
-    base_rpy_rad: Annotated[
-        str | None, typer.Option(help="Its attitude there: roll,pitch,yaw.")
-    ] = None,
+    base_xyz_mm: str | None = None,
+    base_rpy_rad: str | None = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -79,6 +101,14 @@ def from_dh(
 
     Columns: a_mm, d_mm, alpha_rad and optionally theta_rad (the offset at a reading of
     zero), base_rad, name, counts_per_turn, sign, source; _m and _deg also.
+
+    Args:
+        table: The table: CSV, or TOML (.toml).
+        convention: Denavit-Hartenberg's or Craig's (modified) rows.
+        lengths: Unit of columns named a and d.
+        angles: Unit of columns named alpha, theta, base.
+        base_xyz_mm: The first frame in the arm's system: x,y,z.
+        base_rpy_rad: Its attitude there: roll,pitch,yaw.
     """
     from traverse.cli.arm.making import arm_from_dh_file  # noqa: PLC0415
     from traverse.kinematics.importers.dh_file import Units  # noqa: PLC0415
@@ -98,17 +128,12 @@ def from_dh(
 
 
 @arm.command("from-urdf")
-@with_options("options", ArmOptions)
 def from_urdf(
-    file: Annotated[Path, typer.Argument(help="The robot description, plain URDF.")],
+    file: Path,
     out: Out,
     *,
-    root: Annotated[
-        str | None, typer.Option(help="Fixed link; default the root.")
-    ] = None,
-    tip: Annotated[
-        str | None, typer.Option(help="Link with the probe; default the only end.")
-    ] = None,
+    root: str | None = None,
+    tip: str | None = None,
     options: ArmOptions,
     force: Force = False,
     as_json: Json = False,
@@ -117,6 +142,11 @@ def from_urdf(
 
     Revolute and continuous joints become joints, fixed ones are merged, masses go
     along. The shank is the tip's z axis unless --tool-rpy-rad turns it.
+
+    Args:
+        file: The robot description, plain URDF.
+        root: Fixed link; default the root.
+        tip: Link with the probe; default the only end.
     """
     from traverse.cli.arm.making import arm_from_urdf_file  # noqa: PLC0415
 
@@ -128,22 +158,22 @@ def from_urdf(
 
 @arm.command("to-dh")
 def to_dh(
-    file: Annotated[Path, typer.Argument(help="An arm file.")],
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Write the table: TOML (.toml), else CSV."),
-    ] = None,
+    file: Path,
+    out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
     *,
-    parallel_below_rad: Annotated[
-        float,
-        typer.Option(min=1e-12, max=0.1, help="Hinges nearer than this are parallel."),
-    ] = 1e-6,
+    parallel_below_rad: Annotated[float, typer.Option(min=1e-12, max=0.1)] = 1e-6,
     postures: Postures = 1000,
     seed: Seed = 1,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Find the nearest classic Denavit-Hartenberg table and its misfit at the probe."""
+    """Find the nearest classic Denavit-Hartenberg table and its misfit at the probe.
+
+    Args:
+        file: An arm file.
+        out: Write the table: TOML (.toml), else CSV.
+        parallel_below_rad: Hinges nearer than this are parallel.
+    """
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
     from traverse.kinematics.importers.dh_report import dh_report, remark_lines  # noqa: PLC0415
     from traverse.strict_toml.writing import arm_text, write_atomically  # noqa: PLC0415
@@ -160,17 +190,20 @@ def to_dh(
 
 @arm.command("to-urdf")
 def to_urdf(
-    file: Annotated[Path, typer.Argument(help="An arm file.")],
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Write the description.")
-    ] = None,
+    file: Path,
+    out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
     *,
     postures: Postures = 1000,
     seed: Seed = 1,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write a robot description (URDF); measure what it leaves out at the probe."""
+    """Write a robot description (URDF); measure what it leaves out at the probe.
+
+    Args:
+        file: An arm file.
+        out: Write the description.
+    """
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
     from traverse.kinematics.importers.urdf_report import urdf_remarks, urdf_report  # noqa: PLC0415
     from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
@@ -188,17 +221,20 @@ def to_urdf(
 
 @arm.command("to-qif")
 def to_qif(
-    file: Annotated[Path, typer.Argument(help="An arm file.")],
+    file: Path,
     out: Out,
     *,
-    verification: Annotated[
-        Path | None, typer.Option(help="Folder of `traverse verify --out` of the arm.")
-    ] = None,
+    verification: Path | None = None,
     schemas: QifSchemas = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write QIF 3.0 measurement resources: the arm as AACMM, tests where verified."""
+    """Write QIF 3.0 measurement resources: the arm as AACMM, tests where verified.
+
+    Args:
+        file: An arm file.
+        verification: Folder of `traverse verify --out` of the arm.
+    """
     from traverse.cli.arm.qif import qif_of_arm  # noqa: PLC0415
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
     from traverse.strict_toml.writing import replacing  # noqa: PLC0415

@@ -1,12 +1,14 @@
 """Arms from tables and descriptions: files and options in, an arm's values out."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import typer
 
 from traverse.arrays import Floats
-from traverse.cli.arm.options import ArmOptions, integers_of, numbers_of, posture_of
+from traverse.cli.arm.command import ArmOptions
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.importers.arm_values import (
     JointParts,
@@ -164,3 +166,51 @@ def _joints(
         )
         for k in range(n)
     ]
+
+
+# In mm or rad: nothing of an arm is larger, and sums stay finite.
+_LARGEST = 1e9
+
+
+def numbers_of(option: str, text: str, count: int) -> tuple[float, ...]:
+    """Read numbers with commas between them.
+
+    Raises:
+        typer.BadParameter: They are not `count` numbers, finite.
+    """
+    try:
+        numbers = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != count or not all(abs(n) < _LARGEST for n in numbers):
+        expected = f"{count} number{'s' * (count > 1)} below 1e9, commas between"
+        raise typer.BadParameter(f"'{text}' is not {expected}", param_hint=option)
+    return numbers
+
+
+def integers_of(option: str, text: str, count: int) -> tuple[int, ...]:
+    """Read one integer a joint; a single one holds for all."""
+    try:
+        numbers = tuple(int(word) for word in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) not in (1, count):
+        expected = f"one integer, or {count} with commas between"
+        raise typer.BadParameter(f"'{text}' is not {expected}", param_hint=option)
+    return numbers * count if len(numbers) == 1 else numbers
+
+
+def posture_of(
+    rad: str | None, deg: str | None, default_rad: Sequence[float]
+) -> tuple[float, ...]:
+    """Take the base posture from whichever option is given."""
+    if rad is not None and deg is not None:
+        raise typer.BadParameter(
+            "is given in degrees too; give one of them", param_hint="--base-posture-rad"
+        )
+    if rad is not None:
+        return numbers_of("--base-posture-rad", rad, len(default_rad))
+    if deg is not None:
+        degrees = numbers_of("--base-posture-deg", deg, len(default_rad))
+        return tuple(math.radians(degree) for degree in degrees)
+    return tuple(default_rad)

@@ -18,6 +18,7 @@ from traverse.client.exports.qif import (
     text_element,
 )
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.strict_toml.files import json_of
 
 _ZONES = ("near", "far", "middle")  # in the order of the schema
 _N_BARS = 20
@@ -78,7 +79,6 @@ def _checked(verification: Path, digest: str) -> dict[str, Any]:
         CERTIFICATE,
         certificate_problems,
     )
-    from traverse.strict_toml.files import json_of  # noqa: PLC0415
 
     file = verification / CERTIFICATE if verification.is_dir() else verification
     problems = certificate_problems(file)

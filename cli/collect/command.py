@@ -6,30 +6,17 @@ from typing import Annotated
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.options import Json
 from traverse.cli.refusals import FAILED, refusals, refuse
 
 
-@with_broker
 def collect(
-    campaign: Annotated[
-        Path,
-        typer.Argument(
-            help="The campaign.toml, or its folder; poses are put beside it."
-        ),
-    ],
+    campaign: Path,
     *,
-    arm: Annotated[Path, typer.Option(help="The arm file that the daemon uses.")],
-    each: Annotated[
-        int,
-        typer.Option(
-            min=1, max=100_000, help="Touches of every feature; not with a plan."
-        ),
-    ] = 25,
-    allow: Annotated[
-        str, typer.Option(help="Quality flags that a point may have, with commas.")
-    ] = "surface_unknown,empirical",
+    arm: Path,
+    each: Annotated[int, typer.Option(min=1, max=100_000)] = 25,
+    allow: str = "surface_unknown,empirical",
     broker: BrokerOptions,
     as_json: Json = False,
 ) -> None:
@@ -43,16 +30,20 @@ def collect(
     was ended continues where it was. Keys, or lines on standard input: n (next),
     p (previous), u (undo), q (quit); after a question y (the touch is right), b (begin
     with it). Exit status 1: ended before everything was touched.
+
+    Args:
+        campaign: The campaign.toml, or its folder; poses are put beside it.
+        arm: The arm file that the daemon uses.
+        each: Touches of every feature; not with a plan.
+        allow: Quality flags that a point may have, with commas.
     """
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
 
     flags = frozenset(flag.strip() for flag in allow.split(",") if flag.strip())
     address = broker.address()
     with refusals():
-        from traverse.cli.collect.session import run_collection  # noqa: PLC0415
+        from traverse.cli.collect.session import collection_of, run_collection  # noqa: PLC0415
         from traverse.lab.campaign import campaign_file  # noqa: PLC0415
-        from traverse.lab.collection import plan as plans  # noqa: PLC0415
-        from traverse.lab.collection.collection import Collection  # noqa: PLC0415
         from traverse.lab.collection.report import collection_report  # noqa: PLC0415
         from traverse.protocol.messages.quality import FLAG_MEANINGS  # noqa: PLC0415
 
@@ -79,17 +70,7 @@ def collect(
                     "no point has; make the table of its poses otherwise"
                 )
         model = read_arm(arm)
-        beside = campaign.parent / plans.PLAN
-        plan = plans.read_plan(beside) if beside.is_file() else None
-        collection = Collection(
-            file,
-            campaign.parent,
-            [joint.name for joint in model.joints],
-            plans.targets_of(file, each)
-            if plan is None
-            else plans.planned_targets(plan, file, str(beside)),
-            plan,
-        )
+        collection = collection_of(file, campaign.parent, model, each)
         collection.resume()
         run_collection(collection, model.name, address, flags, quiet=as_json)
     if as_json:

@@ -8,6 +8,7 @@ import termios
 import tty
 from collections import deque
 from collections.abc import AsyncIterator, Iterator
+from pathlib import Path
 
 import aiomqtt
 import numpy as np
@@ -18,9 +19,12 @@ from rich.live import Live as LivePicture
 from traverse.broker.address import BrokerAddress
 from traverse.cli.collect.view import instruction, shown, summary
 from traverse.cli.refusals import UNREACHABLE
-from traverse.client.cancel_tasks import cancel_tasks
+from traverse.client.cancel_tasks import run_until_first
 from traverse.client.mqtt.subscription import connection, received, subscribe
 from traverse.daemon.pose.joint_motion import JointMotionTracker
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.lab.campaign.campaign_file import CampaignFile
+from traverse.lab.collection import plan as plans
 from traverse.lab.collection.collection import CollectedTouch, Collection, touch_of
 from traverse.lab.collection.figures import implausible_mm, same_place
 from traverse.lab.collection.plan import Target
@@ -31,6 +35,19 @@ APPROACH_BAND_RAD = 5e-4  # hands that rest tremble less
 RETRY_S = 1.0
 LINES_SHOWN = 6
 ANSWERS = "y: yes, count it; b: yes, and the others were not; else touch again."
+
+
+def collection_of(
+    file: CampaignFile, folder: Path, arm: Arm, each: int = 1
+) -> Collection:
+    """Collect into the folder of a campaign: by the plan in it, or so many of each."""
+    path = folder / plans.PLAN
+    plan = plans.read_plan(path) if path.is_file() else None
+    if plan is None:
+        targets = plans.targets_of(file, each)
+    else:
+        targets = plans.planned_targets(plan, file, str(path))
+    return Collection(file, folder, [one.name for one in arm.joints], targets, plan)
 
 
 def run_collection(
@@ -57,15 +74,7 @@ async def _collected(
 ) -> bool:
     session = _Session(collection, allowed)
     with session.picture():
-        listening = asyncio.ensure_future(session.listen(arm, broker))
-        operating = asyncio.ensure_future(session.operate())
-        done, _ = await asyncio.wait(
-            (listening, operating), return_when=asyncio.FIRST_COMPLETED
-        )
-        await cancel_tasks((listening, operating))
-        for task in done:
-            if task.exception() is not None:
-                raise task.exception() or RuntimeError
+        await run_until_first(session.listen(arm, broker), session.operate())
     for line in summary(collection):
         typer.echo(line)
     return session.reached

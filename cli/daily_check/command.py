@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.broker.address import BrokerAddress
+from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.options import Json
 from traverse.cli.refusals import (
     FAILED,
@@ -19,7 +20,6 @@ from traverse.cli.refusals import (
 from traverse.installation import missing
 
 if TYPE_CHECKING:
-    from traverse.broker.address import BrokerAddress
     from traverse.kinematics.arm_file.arm import Arm
     from traverse.lab.daily_check.history import Check
     from traverse.lab.daily_check.report import DailyCheckReport
@@ -29,43 +29,18 @@ ALLOWED = frozenset({"surface_unknown", "empirical"})
 LIBRARIES = ("scipy", "matplotlib", "jinja2", "mcap")  # that figures and charts need
 
 
-@with_broker
 def daily_check(
     *,
-    arm: Annotated[Path, typer.Option(help="The arm file that the daemon uses.")],
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            help="The daemon's configuration: its state folder has the history."
-        ),
-    ] = None,
-    history: Annotated[
-        Path | None, typer.Option(help="The history instead, a file (SQLite).")
-    ] = None,
-    radius: Annotated[
-        float | None,
-        typer.Option(help="Calibrated radius of the sphere in mm; else as last time."),
-    ] = None,
-    campaign: Annotated[
-        Path | None,
-        typer.Option(help="Folder of a check that was collected; counts once."),
-    ] = None,
-    show: Annotated[
-        bool, typer.Option("--show", help="Check nothing; show the history.")
-    ] = False,
-    new_base: Annotated[
-        str | None,
-        typer.Option(help="Start new charts with this check, for this reason."),
-    ] = None,
-    acceptance: Annotated[
-        Path | None, typer.Option(help="certificate.json of the last acceptance.")
-    ] = None,
-    limits: Annotated[
-        Path | None, typer.Option(help="Permitted errors, as for `verify`.")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder for chart.png, .html.")
-    ] = None,
+    arm: Path,
+    config: Path | None = None,
+    history: Path | None = None,
+    radius: float | None = None,
+    campaign: Path | None = None,
+    show: bool = False,
+    new_base: str | None = None,
+    acceptance: Path | None = None,
+    limits: Path | None = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
     broker: BrokerOptions,
     as_json: Json = False,
 ) -> None:
@@ -79,6 +54,18 @@ def daily_check(
 
     Exit status 1: out of control, beyond a limit, not plausible, or not everything was
     touched; 2: also if nothing could be computed.
+
+    Args:
+        arm: The arm file that the daemon uses.
+        config: The daemon's configuration: its state folder has the history.
+        history: The history instead, a file (SQLite).
+        radius: Calibrated radius of the sphere in mm; else as last time.
+        campaign: Folder of a check that was collected; counts once.
+        show: Check nothing; show the history.
+        new_base: Start new charts with this check, for this reason.
+        acceptance: certificate.json of the last acceptance.
+        limits: Permitted errors, as for `verify`.
+        out: Folder for chart.png, .html.
     """
     import sqlite3  # noqa: PLC0415 - keeps --help quick
 
@@ -166,7 +153,7 @@ def _collected(
     path: Path,
     arm: "Arm",
     radius_mm: float,
-    broker: "BrokerAddress",
+    broker: BrokerAddress,
     again: str,
     *,
     quiet: bool,
@@ -175,11 +162,9 @@ def _collected(
 
     `again` is the command that computes a folder later.
     """
-    from traverse.cli.collect.session import run_collection  # noqa: PLC0415
+    from traverse.cli.collect.session import collection_of, run_collection  # noqa: PLC0415
     from traverse.lab.acceptance.plan import CAMPAIGN  # noqa: PLC0415
     from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
-    from traverse.lab.collection import plan as plans  # noqa: PLC0415
-    from traverse.lab.collection.collection import Collection  # noqa: PLC0415
     from traverse.lab.daily_check.figures import write_check  # noqa: PLC0415
 
     if not radius_mm > 0.0:
@@ -188,14 +173,7 @@ def _collected(
     folder = path.parent / "interim" / f"{now:%Y%m%dT%H%M%S.%fZ}"
     write_check(folder, arm, radius_mm, now)
     file = read_campaign_file(folder / CAMPAIGN)
-    plan = plans.read_plan(folder / plans.PLAN)
-    collection = Collection(
-        file,
-        folder,
-        [joint.name for joint in arm.joints],
-        plans.planned_targets(plan, file, str(folder / plans.PLAN)),
-        plan,
-    )
+    collection = collection_of(file, folder, arm)
     run_collection(collection, arm.name, broker, ALLOWED, quiet=quiet)
     if unfinished := collection.unfinished():
         end(

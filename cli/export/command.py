@@ -1,37 +1,48 @@
 """`traverse export`: points and scans as files that other software reads."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Literal
 
 import typer
 
-from traverse.cli.export.options import Wanted, with_wanted
 from traverse.cli.options import Force, Json
+from traverse.cli.qif_check import QifSchemas
 from traverse.cli.refusals import check_target, refusals, refuse
 
 
-@with_wanted
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wanted:
+    r"""The options, in the order of `--help`.
+
+    Attributes:
+        to: csv, dxf, jsonl, npz, parquet, ply, qif, text, xyz or campaign.
+        kind: Part of a recording.
+        coordinates: Of the ball, of the touched surface, or in the part.
+        session: Only points of this session.
+        filters: TOML file with [[filters]], as [[scan.filters]] of a daemon.
+        template: With --to text: such as '{seq};{x_mm:.3f}\n'.
+        retracted: Retracted points and retractions, too.
+    """
+
+    to: str = "csv"
+    kind: Literal["points", "scans"] = "points"
+    coordinates: Literal["centre", "surface", "part"] = "centre"
+    session: str | None = None
+    filters: Path | None = None
+    template: str = ""
+    retracted: bool = False
+    schemas: QifSchemas = None
+
+
 def export(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            help="A recording (.mcap), an outbox (.db), or points (.jsonl)."
-        ),
-    ],
+    source: Path,
     *,
     wanted: Wanted,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="File to write (campaign: folder); else SOURCE's name."),
-    ] = None,
-    arm: Annotated[
-        Path | None, typer.Option(help="With --to campaign: the arm file.")
-    ] = None,
-    campaign: Annotated[
-        Path | None,
-        typer.Option(help="With --to campaign: a campaign.toml, or its folder."),
-    ] = None,
+    out: Path | None = None,
+    arm: Path | None = None,
+    campaign: Path | None = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -39,6 +50,12 @@ def export(
 
     Retracted points are left out unless --retracted is given. The file
     appears whole or not at all, and replaces another with --force only.
+
+    Args:
+        source: A recording (.mcap), an outbox (.db), or points (.jsonl).
+        out: File to write (campaign: folder); else SOURCE's name.
+        arm: With --to campaign: the arm file.
+        campaign: With --to campaign: a campaign.toml, or its folder.
     """
     from traverse.cli.export import campaign as labelled  # noqa: PLC0415
     from traverse.cli.export.file import file_words, write_file  # noqa: PLC0415

@@ -9,18 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from traverse.cli.export.options import Wanted
+from traverse.cli.export.command import Wanted
 from traverse.cli.export.sources import PIECE, points_of, scans_of, tear_of
 from traverse.cli.qif_check import check_schema, schema_words
 from traverse.client.exports.formats import FORMATS
-from traverse.client.exports.point_table import PointTable, table_of
-from traverse.client.exports.sink import Sink
+from traverse.client.exports.point_table import PointTable, Sink, table_of
 from traverse.daemon.config.filters import AnyFilter, filter_chain
 from traverse.kinematics.filters import FilterChain, PointBlock
 from traverse.plurals import counted
 from traverse.protocol.messages import Point
 from traverse.strict_toml.reader import StrictModel, read_strict
 from traverse.strict_toml.writing import replacing
+
+FILTERED = ("seq", "time_ns", "xyz_mm", "ijk", "quality")
+"""Columns that filters see, and hand on."""
 
 
 class FiltersFile(StrictModel):
@@ -124,17 +126,9 @@ def _passing(points: Sequence[Point], chain: FilterChain) -> list[Point]:
 
 def _applied(chain: FilterChain, table: PointTable) -> PointBlock:
     none = np.zeros((len(table), 0))
-    return chain.apply(
-        PointBlock(
-            table.seq,
-            table.time_ns,
-            table.xyz_mm,
-            table.ijk,
-            none,
-            none.astype(np.int64),
-            table.quality,
-        )
-    )
+    columns = {name: getattr(table, name) for name in FILTERED}
+    counts = none.astype(np.int64)
+    return chain.apply(PointBlock(**columns, angles_rad=none, counts=counts))
 
 
 def _write_scans(
@@ -148,12 +142,5 @@ def _write_scans(
 
 def _filtered(table: PointTable, chain: FilterChain) -> PointTable:
     passed = _applied(chain, table)
-    return replace(
-        table,
-        seq=passed.seq,
-        time_ns=passed.time_ns,
-        xyz_mm=passed.xyz_mm,
-        ijk=passed.ijk,
-        quality=passed.quality,
-        std_mm=np.full((len(passed), 3), np.nan),
-    )
+    columns = {name: getattr(passed, name) for name in FILTERED}
+    return PointTable(**columns, std_mm=np.full((len(passed), 3), np.nan))

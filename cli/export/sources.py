@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from traverse.cli.points.command import LAST
 from traverse.cli.points.outbox import opened_outbox
-from traverse.cli.points.resend import LAST
 from traverse.client.exports.point_table import PointTable
 from traverse.daemon.store.queries import iter_messages, read_sessions
 from traverse.protocol.encoding import decode

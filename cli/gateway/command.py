@@ -2,16 +2,12 @@
 
 import asyncio
 import sqlite3
-from collections.abc import Coroutine
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, with_broker
-from traverse.cli.gateway.ippdme import ippdme
-from traverse.cli.gateway.keys import keys
-from traverse.cli.gateway.live import live
+from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.gateway.running import (
     Kind,
     host_port,
@@ -20,72 +16,199 @@ from traverse.cli.gateway.running import (
     send,
     until_signal,
 )
+from traverse.cli.options import CommandGroup
 from traverse.cli.refusals import client_errors, refusals, refuse
+from traverse.plurals import counted
 
 if TYPE_CHECKING:
     from traverse.client.gateways.outlets import Outlet
 
-gateway = typer.Typer(
-    help="Points for programs that do not speak MQTT.", no_args_is_help=True
-)
-gateway.command("ippdme")(ippdme)
-gateway.command("keys")(keys)
-gateway.command("live")(live)
+gateway = CommandGroup("gateway", help="Points for programs that do not speak MQTT.")
+
+
+@gateway.command("ippdme")
+def ippdme(
+    *,
+    arm: str,
+    broker: BrokerOptions,
+    listen: str = "1294",
+    near_mm: Annotated[float, typer.Option("--near", min=0.0)] = 10.0,
+    probes: Path | None = None,
+    key: list[str] | None = None,
+    quote_class: bool = False,
+) -> None:
+    """Serve the arm to a client of I++ DME 1.4.3, one at a time.
+
+    What happens is reported on standard error. Ends on Ctrl-C or SIGTERM.
+
+    Args:
+        arm: Name of the arm.
+        listen: PORT on this machine, or HOST:PORT.
+        near_mm: So far from its target a PtMeas may be [mm].
+        probes: Probe library, for the radii of tools that are not active.
+        key: INPUT=NAME: button as KeyPress, as base/1=Done. Repeatable.
+        quote_class: GetMachineClass answers in quotes.
+    """
+    from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.client.gateways.ippdme.server import IppServer  # noqa: PLC0415
+    from traverse.client.gateways.ippdme.session import Options  # noqa: PLC0415
+    from traverse.daemon.pose.probe_library import read_probes  # noqa: PLC0415
+
+    with refusals(ValueError):
+        host, port = host_port(listen, "--listen", "127.0.0.1")
+        keys = dict(_key(text) for text in key or ())
+        library = () if probes is None else read_probes(probes).probes
+    options = Options(
+        near_mm,
+        {probe.name: probe.radius_mm for probe in library},
+        keys,
+        '"CartCMM"' if quote_class else "CartCMM",
+    )
+    address = broker.address()
+
+    async def work() -> None:
+        there = Arm(arm, address)
+        server = IppServer(there, host, port, report, options)
+        async with there:
+            await server.serve(
+                lambda: report(f"I++ DME server of {arm} on {server.address}")
+            )
+
+    run(f"tcp {host}:{port}", until_signal(work()))
+
+
+@gateway.command("keys")
+def keys(
+    *,
+    arm: str,
+    broker: BrokerOptions,
+    through: Literal["desktop", "uinput"] = "desktop",
+    separator: Literal["tab", "enter", "space", "comma", "semicolon"] = "tab",
+    after: Literal["enter", "tab", "space"] = "enter",
+    coordinates: Literal["centre", "surface", "part"] = "centre",
+    unit: Literal["mm", "inch"] = "mm",
+    decimal: Literal[".", ","] = ".",
+    stop_key: Literal["f7", "f8", "f9", "f10", "f11", "f12", "pause", "esc"] = "f9",
+) -> None:
+    """Type points into the program that has the keyboard.
+
+    A point in doubt is not typed, nor any while the arm is in alarm or the stop key was
+    pressed; none of these is typed later. Ends on Ctrl-C or SIGTERM with a line of
+    sums.
+
+    Args:
+        arm: Name of the arm.
+        through: What types.
+        separator: Between x, y and z.
+        after: Key after a point.
+        coordinates: Of x, y and z.
+        unit: Of x, y and z.
+        decimal: Decimal sign.
+        stop_key: Stops typing; pressed again, lets it go on.
+    """
+    from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.client.gateways import keys as typing_keys  # noqa: PLC0415
+    from traverse.client.gateways.lines import LineForm, LineGateway  # noqa: PLC0415
+
+    with refusals(ValueError):
+        typing_keys.check_typable(through, separator)
+        form = LineForm(
+            typing_keys.keys_template(separator, after),
+            None,
+            coordinates,
+            unit,
+            decimal,
+            sends_doubtful=False,
+        )
+    address = broker.address()
+
+    async def work() -> None:
+        there = Arm(arm, address)
+        outlet = typing_keys.KeysOutlet(there, through, stop_key, report)
+        await send(there, "points", LineGateway(form, outlet, report))
+
+    run("the keyboard", work())
+
+
+@gateway.command("live")
+def live(
+    *,
+    arm: str,
+    broker: BrokerOptions,
+    listen: str = "8765",
+    magnify: Annotated[float, typer.Option(min=1.0, max=1e6)] = 1.0,
+    since: Literal["now", "session", "beginning"] = "session",
+) -> None:
+    """Show the arm, its points, scans and state in Foxglove, while it measures.
+
+    Ends on Ctrl-C or SIGTERM.
+
+    Args:
+        arm: Name of the arm.
+        listen: PORT on this machine, or HOST:PORT.
+        magnify: Ellipsoids are so many times as large.
+        since: From where on points are shown.
+    """
+    from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.client.gateways.live import LiveServer  # noqa: PLC0415
+
+    with refusals(ValueError):
+        host, port = host_port(listen, "--listen", "127.0.0.1")
+    address = broker.address()
+
+    async def work() -> None:
+        there = Arm(arm, address, since=since)
+        server = LiveServer(there, host, port, magnify, report)
+        async with server, there:
+            where = f"{arm} at {server.address}"
+            report(f"{where}: open it in Foxglove as a connection")
+            await until_signal(server.serve())
+        report(f"{counted(server.points, 'point')} shown")
+
+    run(f"ws://{host}:{port}", work())
 
 
 @gateway.command("lines")
-@with_broker
 def lines(
     *,
-    arm: Annotated[str, typer.Option(help="Name of the arm.")],
+    arm: str,
     broker: BrokerOptions,
-    tcp: Annotated[
-        str | None,
-        typer.Option(help="Serve who connects: PORT on this machine, or HOST:PORT."),
-    ] = None,
-    udp: Annotated[
-        str | None, typer.Option(help="A datagram a line to HOST:PORT.")
-    ] = None,
-    serial: Annotated[
-        str | None, typer.Option(help="Write to this serial port.")
-    ] = None,
-    baud: Annotated[int, typer.Option(min=50, help="Of the serial port [baud].")] = (
-        9600
-    ),
-    file: Annotated[Path | None, typer.Option(help="Append to this file.")] = None,
-    template: Annotated[
-        str,
-        typer.Option(help="pcdmis, linuxcnc, spreadsheet, or a text with {names}."),
-    ] = "pcdmis",
-    undo: Annotated[
-        str | None, typer.Option(help="Template for points taken back; else none.")
-    ] = None,
-    kind: Annotated[Kind, typer.Option(help="What is sent.")] = "points",
-    coordinates: Annotated[
-        Literal["centre", "surface", "part"], typer.Option(help="Of x, y and z.")
-    ] = "centre",
-    unit: Annotated[Literal["mm", "inch"], typer.Option(help="Of x, y and z.")] = "mm",
-    decimal: Annotated[Literal[".", ","], typer.Option(help="Decimal sign.")] = ".",
-    send_doubtful: Annotated[
-        bool,
-        typer.Option(
-            "--send-doubtful",
-            help="Send points in doubt even where their line does not say so.",
-        ),
-    ] = False,
-    since: Annotated[
-        Literal["now", "session", "beginning"],
-        typer.Option(help="Where points begin without a cursor."),
-    ] = "now",
-    cursor_file: Annotated[
-        Path | None,
-        typer.Option(help="File that keeps the place over restarts."),
-    ] = None,
+    tcp: str | None = None,
+    udp: str | None = None,
+    serial: str | None = None,
+    baud: Annotated[int, typer.Option(min=50)] = 9600,
+    file: Path | None = None,
+    template: str = "pcdmis",
+    undo: str | None = None,
+    kind: Kind = "points",
+    coordinates: Literal["centre", "surface", "part"] = "centre",
+    unit: Literal["mm", "inch"] = "mm",
+    decimal: Literal[".", ","] = ".",
+    send_doubtful: bool = False,
+    since: Literal["now", "session", "beginning"] = "now",
+    cursor_file: Path | None = None,
 ) -> None:
     """Send points as lines of text: over TCP or UDP, to a serial port or into a file.
 
     While nothing takes lines, points wait at the arm. What is not sent, and why, is
     reported on standard error. Ends on Ctrl-C or SIGTERM with a line of sums.
+
+    Args:
+        arm: Name of the arm.
+        tcp: Serve who connects: PORT on this machine, or HOST:PORT.
+        udp: A datagram a line to HOST:PORT.
+        serial: Write to this serial port.
+        baud: Of the serial port [baud].
+        file: Append to this file.
+        template: pcdmis, linuxcnc, spreadsheet, or a text with {names}.
+        undo: Template for points taken back; else none.
+        kind: What is sent.
+        coordinates: Of x, y and z.
+        unit: Of x, y and z.
+        decimal: Decimal sign.
+        send_doubtful: Send points in doubt even where their line does not say so.
+        since: Where points begin without a cursor.
+        cursor_file: File that keeps the place over restarts.
     """
     from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
     from traverse.client.gateways.lines import LineForm, LineGateway  # noqa: PLC0415
@@ -104,33 +227,31 @@ def lines(
         outlet = _outlet(tcp, udp, serial, baud, file)
     address = broker.address()
 
-    def work() -> Coroutine[Any, Any, None]:
+    async def work() -> None:
         there = Arm(arm, address, since=since, cursor_file=cursor_file)
-        return send(there, kind, LineGateway(form, outlet, report))
+        await send(there, kind, LineGateway(form, outlet, report))
 
-    run(lambda: outlet.name, work)
+    run(outlet.name, work())
 
 
 @gateway.command("home-assistant")
-@with_broker
 def home_assistant(
     *,
-    arm: Annotated[str, typer.Option(help="Name of the arm.")],
+    arm: str,
     broker: BrokerOptions,
-    prefix: Annotated[
-        str, typer.Option(help="Topic of Home Assistant's discovery.")
-    ] = "homeassistant",
-    history: Annotated[
-        Path | None,
-        typer.Option(help="File of daily checks, interim.db: shows the last one."),
-    ] = None,
-    remove: Annotated[
-        bool, typer.Option("--remove", help="Take the arm out again, and end.")
-    ] = False,
+    prefix: str = "homeassistant",
+    history: Path | None = None,
+    remove: bool = False,
 ) -> None:
     """Show an arm's state in Home Assistant, by MQTT discovery.
 
     Ends on Ctrl-C or SIGTERM; the arm is then shown as unavailable.
+
+    Args:
+        arm: Name of the arm.
+        prefix: Topic of Home Assistant's discovery.
+        history: File of daily checks, interim.db: shows the last one.
+        remove: Take the arm out again, and end.
     """
     from traverse.client.gateways.home_assistant import HomeAssistantGateway  # noqa: PLC0415 - keeps --help quick
     from traverse.lab.daily_check.history import HistoryRefusedError, checks_of  # noqa: PLC0415
@@ -160,12 +281,11 @@ def _outlet(
 ) -> "Outlet":
     """The one that is named; raises ValueError."""
     from traverse.client.gateways import outlets  # noqa: PLC0415
-    from traverse.client.gateways.tcp_outlet import TcpOutlet  # noqa: PLC0415
 
     if sum(one is not None for one in (tcp, udp, serial, file)) != 1:
         raise ValueError("give one of --tcp, --udp, --serial and --file")
     if tcp is not None:
-        return TcpOutlet(*host_port(tcp, "--tcp", "127.0.0.1"), report)
+        return outlets.TcpOutlet(*host_port(tcp, "--tcp", "127.0.0.1"), report)
     if udp is not None:
         return outlets.UdpOutlet(*host_port(udp, "--udp", None), report)
     if serial is not None:
@@ -174,3 +294,10 @@ def _outlet(
     if path.is_dir() or not path.parent.is_dir():
         raise ValueError(f"--file {path}: name a file in a folder that is there")
     return outlets.FileOutlet(path, report)
+
+
+def _key(text: str) -> tuple[str, str]:
+    source, _, name = text.partition("=")
+    if not (source and name.isascii() and name.isalnum()):
+        raise ValueError(f"--key {text}: expected INPUT=NAME, such as base/1=Done")
+    return source, name

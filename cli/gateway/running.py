@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import os
 import signal
-from collections.abc import Callable, Coroutine
+from collections.abc import Coroutine
 from typing import TYPE_CHECKING, Any, Literal
 
 import typer
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
 Kind = Literal["points", "scans"]
 
 
-def run(port: Callable[[], str], work: Callable[[], Coroutine[Any, Any, None]]) -> None:
+def run(port: str, work: Coroutine[Any, Any, None]) -> None:
     """Run a gateway to its end; refuse what it cannot have.
 
     Args:
         port: what it listens on or writes to, for people.
-        work: begins it.
+        work: what it does.
     """
     with client_errors():
         try:
-            asyncio.run(work())
+            asyncio.run(work)
         except OSError as error:
             if error.filename is not None:
                 refuse(system_refusal(error))
             # asyncio puts a sentence of its own before the system's.
             is_of_system = error.errno is not None and error.errno > 0
             why = os.strerror(error.errno or 0) if is_of_system else error.strerror
-            refuse(f"{port()}: {why}; name another port")
+            refuse(f"{port}: {why}; name another port")
 
 
 async def until_signal(work: Coroutine[Any, Any, None]) -> None:

@@ -29,59 +29,40 @@ if TYPE_CHECKING:
 
 
 def identify(
-    campaign: Annotated[
-        Path | None,
-        typer.Argument(help="Folder with campaign.toml.", callback=campaign_folder),
-    ] = None,
+    campaign: Annotated[Path | None, typer.Argument(callback=campaign_folder)] = None,
     *,
-    arm: Annotated[
-        Path | None, typer.Option(help="Arm file: the design, or an earlier result.")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder for the results.")
-    ] = None,
-    hold: Annotated[
-        list[str] | None,
-        typer.Option(help="Hold parameters, e.g. 'J7.*'. Repeatable; before --free."),
-    ] = None,
-    free: Annotated[
-        list[str] | None,
-        typer.Option(help="Free parameters, e.g. 'probe.vector.*'. Repeatable."),
-    ] = None,
-    masks: Annotated[
-        Path | None, typer.Option(help="File with patterns to hold and to free, TOML.")
-    ] = None,
-    holdout: Annotated[
-        float | None,
-        typer.Option(
-            help="Part of the poses to keep aside and predict, e.g. 0.3.",
-            min=0.01,
-            max=0.9,
-        ),
-    ] = None,
+    arm: Path | None = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
+    hold: list[str] | None = None,
+    free: list[str] | None = None,
+    masks: Path | None = None,
+    holdout: Annotated[float | None, typer.Option(min=0.01, max=0.9)] = None,
     holdout_by: HoldoutBy = "time",
-    seed: Annotated[int, typer.Option(help="Of the choice of --holdout.", min=0)] = 0,
-    strict: Annotated[
-        bool,
-        typer.Option("--strict", help="Exit status 1 if anything is undetermined."),
-    ] = False,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    strict: bool = False,
     family: Family = None,
     prior: PriorPatterns = None,
     as_json: Json = False,
     operator: Operator = None,
-    compare: Annotated[
-        tuple[Path, Path] | None,
-        typer.Option(
-            metavar="A B",
-            help="Compare two arm files or folders of results at the probe instead.",
-        ),
-    ] = None,
+    compare: Annotated[tuple[Path, Path] | None, typer.Option(metavar="A B")] = None,
 ) -> None:
     """Find an arm's geometry from a campaign, by least squares.
 
     Writes arm.toml, its covariance, identification.json, residuals.csv and report.html.
     Exit status 1: no convergence, a certificate that contradicts the rest, or --strict
     and something is undetermined.
+
+    Args:
+        campaign: Folder with campaign.toml.
+        arm: Arm file: the design, or an earlier result.
+        out: Folder for the results.
+        hold: Hold parameters, e.g. 'J7.*'. Repeatable; before --free.
+        free: Free parameters, e.g. 'probe.vector.*'. Repeatable.
+        masks: File with patterns to hold and to free, TOML.
+        holdout: Part of the poses to keep aside and predict, e.g. 0.3.
+        seed: Of the choice of --holdout.
+        strict: Exit status 1 if anything is undetermined.
+        compare: Compare two arm files or folders of results at the probe instead.
     """
     with refusals():
         if compare is not None:

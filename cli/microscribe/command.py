@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from traverse.cli.options import Force, Json
+from traverse.cli.options import CommandGroup, Force, Json
 from traverse.cli.refusals import (
     check_target,
     device_errors,
@@ -41,37 +41,36 @@ inputs = [
 ]
 """
 
-microscribe = typer.Typer(
+microscribe = CommandGroup(
+    "microscribe",
     help="MicroScribe arms: an arm file from the geometry that the arm stores. "
     "The daemon must not be using the port.",
-    no_args_is_help=True,
 )
 
 
 @microscribe.command("arm-file")
 def arm_file(
-    port: Annotated[str, typer.Option("--port", help="Serial port of the arm.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="The arm file to write.")],
     *,
-    baud_rate: Annotated[
-        int | None, typer.Option(help="Try this one only; default all.")
-    ] = None,
-    name: Annotated[
-        str | None,
-        typer.Option(help="Name of the arm; default the one that it reports."),
-    ] = None,
-    device: Annotated[
-        str, typer.Option(help="Its id in the daemon's configuration.")
-    ] = "microscribe",
-    radius_mm: Annotated[
-        float, typer.Option(min=0.0, help="Radius of the ball; 0 for a pointed stylus.")
-    ] = 0.0,
+    port: str,
+    out: Annotated[Path, typer.Option("--out", "-o")],
+    baud_rate: int | None = None,
+    name: str | None = None,
+    device: str = "microscribe",
+    radius_mm: Annotated[float, typer.Option(min=0.0)] = 0.0,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Write an arm file and, beside it, `traverse.toml` to measure with at once.
 
     The arm must be in its home position while it is switched on.
+
+    Args:
+        port: Serial port of the arm.
+        out: The arm file to write.
+        baud_rate: Try this one only; default all.
+        name: Name of the arm; default the one that it reports.
+        device: Its id in the daemon's configuration.
+        radius_mm: Radius of the ball; 0 for a pointed stylus.
     """
     from traverse.cli.microscribe.arm_values import arm_from_microscribe  # noqa: PLC0415
     from traverse.cli.microscribe.inquiry import query_microscribe  # noqa: PLC0415
@@ -99,11 +98,8 @@ def arm_file(
         "configuration": str(config),
         "arm": arm.name,
         "says": {
-            "box": said.box,
-            "product": said.product,
-            "model": said.model,
-            "serial": said.serial,
-            "version": said.version,
+            name: getattr(said, name)
+            for name in ("box", "product", "model", "serial", "version")
         },
         "protocol": said.framing.name,
         "baud_rate": said.baud_rate,

@@ -8,46 +8,42 @@ import typer
 
 from traverse.cli.campaign_inputs import CampaignFolder
 from traverse.cli.control import use_probe
-from traverse.cli.options import Json
+from traverse.cli.options import CommandGroup, Json
 from traverse.cli.refusals import FAILED, print_report, refusals, refuse
 
 if TYPE_CHECKING:
     from traverse.daemon.pose.probe_library import LibraryProbe, ProbeLibrary
 
 
-probe = typer.Typer(help="Probes of the library.", no_args_is_help=True)
+probe = CommandGroup("probe", help="Probes of the library.")
 probe.command("use")(use_probe)
 
 
 @probe.command("pivot")
 def pivot(
     campaign: CampaignFolder,
-    arm: Annotated[Path, typer.Option(help="Arm file, identified.")],
     *,
-    library: Annotated[
-        Path | None, typer.Option(help="Probe library to compare with.")
-    ] = None,
-    name: Annotated[
-        str | None, typer.Option(help="Which probe of the library it is.")
-    ] = None,
-    cone: Annotated[
-        str | None, typer.Option(help="Artefact, where there are several.")
-    ] = None,
-    limit_mm: Annotated[
-        float, typer.Option(min=0.0, help="A larger change needs confirmation.")
-    ] = 0.05,
-    write: Annotated[
-        bool, typer.Option("--write", help="Write the result into the library.")
-    ] = False,
-    yes: Annotated[
-        bool,
-        typer.Option("--yes", help="Do not ask for confirmation beyond the limit."),
-    ] = False,
+    arm: Path,
+    library: Path | None = None,
+    name: str | None = None,
+    cone: str | None = None,
+    limit_mm: Annotated[float, typer.Option(min=0.0)] = 0.05,
+    write: bool = False,
+    yes: bool = False,
     as_json: Json = False,
 ) -> None:
     """Find a probe's vector from poses with its ball in a cone.
 
     Exit status 1 where it is beyond the limit and not confirmed.
+
+    Args:
+        arm: Arm file, identified.
+        library: Probe library to compare with.
+        name: Which probe of the library it is.
+        cone: Artefact, where there are several.
+        limit_mm: A larger change needs confirmation.
+        write: Write the result into the library.
+        yes: Do not ask for confirmation beyond the limit.
     """
     with refusals():
         from traverse.cli.probe.pivot import pivoted, write_vector  # noqa: PLC0415

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, with_broker
+from traverse.broker.address import BrokerAddress
+from traverse.cli.broker_options import BrokerOptions
 from traverse.cli.options import Force, Json
 from traverse.cli.refusals import (
     FAILED,
@@ -22,31 +23,17 @@ from traverse.plurals import counted
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from traverse.broker.address import BrokerAddress
     from traverse.daemon.replay.compare import ReplayResult
     from traverse.protocol.messages import Point
     from traverse.recording.run_reader import RunReader
 
 
-@with_broker
 def replay(
-    file: Annotated[Path, typer.Argument(help="A recording of the daemon (MCAP).")],
+    file: Path,
     *,
-    out: Annotated[
-        Path | None, typer.Option(help="Points are written here, one JSON a line.")
-    ] = None,
-    block: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=100_000,
-            help="Samples of a block; without it, blocks are as they were.",
-        ),
-    ] = None,
-    publish: Annotated[
-        bool,
-        typer.Option("--publish", help="Publish the points, in their own session."),
-    ] = False,
+    out: Path | None = None,
+    block: Annotated[int | None, typer.Option(min=1, max=100_000)] = None,
+    publish: bool = False,
     broker: BrokerOptions,
     force: Force = False,
     as_json: Json = False,
@@ -56,6 +43,12 @@ def replay(
     With the kernel of the recording (environment variable TRAVERSE_KERNEL) every number
     is the same to the last bit; with another one, coordinates are within 4 ulp of the
     arm's reach. Exit status 1: they are not, or points are missing.
+
+    Args:
+        file: A recording of the daemon (MCAP).
+        out: Points are written here, one JSON a line.
+        block: Samples of a block; without it, blocks are as they were.
+        publish: Publish the points, in their own session.
     """
     from traverse.cli.replay.report import report_of, report_text  # noqa: PLC0415
     from traverse.recording.run_reader import RunReader  # noqa: PLC0415 - quick help
@@ -97,7 +90,7 @@ async def _replayed(
         log.setLevel(level)
 
 
-def _publish(points: "list[Point]", broker: "BrokerAddress") -> None:
+def _publish(points: "list[Point]", broker: BrokerAddress) -> None:
     from traverse.cli.replay.publishing import published  # noqa: PLC0415 - quick help
 
     try:

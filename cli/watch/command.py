@@ -3,41 +3,39 @@
 import asyncio
 import contextlib
 import sys
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, arms_at, with_broker
+from traverse.broker.address import BrokerAddress
+from traverse.cli.broker_options import BrokerOptions, arms_at
 from traverse.cli.refusals import UNREACHABLE
-
-if TYPE_CHECKING:
-    from traverse.broker.address import BrokerAddress
 
 FIND_S = 2.0
 DISPLAY_S = 0.1
 KINDS = ("status", "point", "scan", "event", "health", "live")
 
 
-@with_broker
 def watch(
     *,
     broker: BrokerOptions,
-    arm: Annotated[str, typer.Option(help="Name of the arm; + for all.")] = "+",
+    arm: str = "+",
     kinds: Annotated[
         str, typer.Option(help=f"What to show, of: {', '.join(KINDS)}.")
     ] = "status,point,scan,event,health",
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON message a line.")
-    ] = False,
-    lines: Annotated[
-        bool, typer.Option("--lines", help="Lines on a terminal, too.")
-    ] = False,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
+    lines: bool = False,
 ) -> None:
     """Follow an arm: a live display, or a line a message.
 
     The display is of one arm: the one of --arm, or the only one on the broker; of
     several there are lines. Reconnects after an outage of the broker. Ends
     on Ctrl-C. Exit status 3: the broker could not be reached at the start.
+
+    Args:
+        arm: Name of the arm; + for all.
+        as_json: One JSON message a line.
+        lines: Lines on a terminal, too.
     """
     wanted = [kind.strip() for kind in kinds.split(",") if kind.strip()]
     unknown = [kind for kind in wanted if kind not in KINDS]
@@ -58,7 +56,7 @@ def watch(
         raise typer.Exit(0) from None
 
 
-async def _display(broker: "BrokerAddress", arm: str) -> None:
+async def _display(broker: BrokerAddress, arm: str) -> None:
     from rich.live import Live  # noqa: PLC0415 - keeps --help quick
 
     from traverse.cli.watch.view import picture  # noqa: PLC0415
@@ -74,7 +72,7 @@ async def _display(broker: "BrokerAddress", arm: str) -> None:
 
 
 async def _follow(
-    broker: "BrokerAddress", arm: str, kinds: list[str], as_json: bool
+    broker: BrokerAddress, arm: str, kinds: list[str], as_json: bool
 ) -> None:
     heard = asyncio.Event()
     await asyncio.gather(
@@ -83,10 +81,10 @@ async def _follow(
 
 
 async def _notify_absence(
-    broker: "BrokerAddress", arm: str, heard: asyncio.Event
+    broker: BrokerAddress, arm: str, heard: asyncio.Event
 ) -> None:
     from traverse.client.errors import ClientError  # noqa: PLC0415 - keeps --help quick
-    from traverse.client.mqtt.discovery import absence_of  # noqa: PLC0415
+    from traverse.client.mqtt.subscription import absence_of  # noqa: PLC0415
 
     await asyncio.sleep(FIND_S)
     with contextlib.suppress(ClientError):  # no broker, which is reported elsewhere
@@ -95,7 +93,7 @@ async def _notify_absence(
 
 
 async def _write(
-    broker: "BrokerAddress",
+    broker: BrokerAddress,
     arm: str,
     kinds: list[str],
     as_json: bool,

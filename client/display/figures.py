@@ -41,7 +41,6 @@ class Unit:
 
 MM = Unit("mm", 1.0, 3)
 INCH = Unit("inch", 1.0 / 25.4, 5)
-UNITS = {unit.name: unit for unit in (MM, INCH)}
 
 
 def place_mm(of: Live | Point, system: System) -> Vector | None:

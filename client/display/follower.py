@@ -14,7 +14,7 @@ from traverse.client.display.arm_state import ArmSight
 from traverse.client.display.condition import obstacle
 from traverse.client.display.point_cloud import Cloud
 from traverse.client.errors import BrokerUnreachableError, ClientError, CommandRefused
-from traverse.client.mqtt.discovery import absence_of
+from traverse.client.mqtt.subscription import absence_of
 
 log = logging.getLogger(__name__)
 

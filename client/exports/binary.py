@@ -5,8 +5,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.client.exports.point_table import Coordinates, PointTable
-from traverse.client.exports.sink import Sink
+from traverse.client.exports.point_table import Coordinates, PointTable, Sink
 
 PLY_ROW = np.dtype(
     [

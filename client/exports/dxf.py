@@ -8,8 +8,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import ArrayLike
 
-from traverse.client.exports.point_table import Coordinates, PointTable, place_of
-from traverse.client.exports.sink import Sink
+from traverse.client.exports.point_table import Coordinates, PointTable, Sink, place_of
 from traverse.protocol.messages import Point, Quality
 
 IN_DOUBT = "in doubt"

@@ -1,8 +1,9 @@
-"""Points as columns: what a file of coordinates holds of each."""
+"""Points as columns, and the interface of the files that hold them."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import IO, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,3 +96,39 @@ def place_of(point: Point, coordinates: Coordinates) -> tuple[float, float, floa
 
 def _bits(point: Point) -> int:
     return sum(BITS.get(name, 0) for name in point.quality.flags)
+
+
+class Sink(ABC):
+    """Writes points or tables of scans to a binary file, piece by piece.
+
+    Args:
+        file: open for writing, seekable.
+        coordinates: which ones of points.
+    """
+
+    def __init__(self, file: IO[bytes], coordinates: Coordinates = "centre") -> None:
+        self._file = file
+        self._coordinates = coordinates
+        self.n = 0
+
+    def points(self, points: Sequence[Point]) -> None:
+        """Write points.
+
+        Raises:
+            ValueError: they lack what the format requires.
+        """
+        self.table(table_of(points, self._coordinates))
+
+    @abstractmethod
+    def table(self, table: PointTable) -> None:
+        """Write rows of a scan."""
+
+    def end(self) -> None:  # noqa: B027 - most formats need no end
+        """Write the trailer, or the header when the end is known."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        if error is None:
+            self.end()

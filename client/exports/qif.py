@@ -17,9 +17,9 @@ from traverse.client.exports.point_table import (
     DIAGONAL,
     Coordinates,
     PointTable,
+    Sink,
     place_of,
 )
-from traverse.client.exports.sink import Sink
 from traverse.client.exports.text import TENSOR, iso_times
 from traverse.protocol.messages import Point
 

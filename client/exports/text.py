@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from traverse.client.exports.line_template import LineTemplate
-from traverse.client.exports.point_table import Coordinates, PointTable, place_of
-from traverse.client.exports.sink import Sink
+from traverse.client.exports.point_table import Coordinates, PointTable, Sink, place_of
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Point, Quality
 from traverse.protocol.printable import spreadsheet_cell

@@ -13,7 +13,7 @@ from foxglove.messages import SceneUpdate
 from foxglove.websocket import Client, ServerListener, StatusLevel, WebSocketServer
 
 from traverse.client.arm import Arm
-from traverse.client.cancel_tasks import cancel_tasks
+from traverse.client.cancel_tasks import run_together
 from traverse.client.gateways.live_scene import arm_entity, deletion, point_entity
 from traverse.client.gateways.outlets import Report
 from traverse.client.points.session_order import Lost
@@ -138,19 +138,10 @@ class LiveServer:
 
     async def serve(self) -> None:
         """Show what arrives until the arm's client is closed."""
-        work = (
-            self._show_points(),
-            self._show_arm(),
-            self._show_scans(),
-            self._show_events(),
-            self._show_state(),
-            self._repeat(),
+        await run_together(
+            *(self._show_points(), self._show_arm(), self._show_scans()),
+            *(self._show_events(), self._show_state(), self._repeat()),
         )
-        tasks = [asyncio.create_task(one) for one in work]
-        try:
-            await asyncio.gather(*tasks)
-        finally:
-            await cancel_tasks(tasks)
 
     async def _show_points(self) -> None:
         async for item in self._arm.points_and_losses():

@@ -53,11 +53,7 @@ class ConfiguredClient(DiagnosingClient):
         AccessRefusedError: a file of the address cannot be used.
     """
 
-    def __init__(
-        self,
-        address: BrokerAddress,
-        **options: Any,  # noqa: ANN401 - of aiomqtt, which has many kinds
-    ) -> None:
+    def __init__(self, address: BrokerAddress, **options: Any) -> None:
         self._address = address
         try:
             where = connection_options(address)
@@ -108,7 +104,7 @@ class ManualAckConnection(ConfiguredClient):
         self,
         address: BrokerAddress,
         take: Callable[[IncomingMessage], None],
-        **options: Any,  # noqa: ANN401 - of aiomqtt, which has many kinds
+        **options: Any,
     ) -> None:
         super().__init__(address, **options)
         self._take = take
@@ -208,11 +204,7 @@ class ReconnectingConnection:
         reason: why there is none, for people.
     """
 
-    def __init__(
-        self,
-        address: BrokerAddress,
-        **options: Any,  # noqa: ANN401 - of aiomqtt, which has many kinds
-    ) -> None:
+    def __init__(self, address: BrokerAddress, **options: Any) -> None:
         self.address = address
         self._options = options
         self.topics: dict[str, int] = {}

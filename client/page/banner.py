@@ -53,8 +53,7 @@ class Banner:
 
     def show(self, said: Verdict) -> None:
         """Show the arm's condition."""
-        others = set(ICONS) - {said.level}
-        self._banner.classes(add=said.level, remove=" ".join(others))
+        self._banner.classes(said.level, remove=" ".join(ICONS))
         self._icon.set_content(
             f'<svg viewBox="0 0 24 24" aria-hidden="true">{ICONS[said.level]}</svg>'
         )
@@ -64,7 +63,7 @@ class Banner:
 
     def tell(self, kind: str, text: str) -> None:
         """Show the last event, until the next one."""
-        self._message.classes(add=kind, remove=" ".join(KINDS - {kind}))
+        self._message.classes(kind, remove=" ".join(KINDS))
         self._at.set_text(time.strftime("%H:%M:%S"))
         self._message.set_text(f"{WORDS.get(kind, '')}{text}")
 

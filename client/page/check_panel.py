@@ -1,6 +1,7 @@
 """Guided checks; while there is none, where the joints have been."""
 
 from collections.abc import Callable
+from functools import partial
 
 from nicegui import ui
 
@@ -37,9 +38,8 @@ class CheckPanel:
                 ui.html("<h2>Guided checks</h2>", sanitize=False)
                 ui.space()
                 for name, kind, wanted in CHECKS:
-                    begin = self._beginning(kind, wanted)
-                    button = ui.button(name, on_click=begin, color=None)
-                    button.props("outline dense")
+                    begin = partial(self._begin, kind, wanted)
+                    ui.button(name, on_click=begin, color=None).props("outline dense")
                 self._limit = ui.button("Limit", on_click=self._set_limit, color=None)
                 self._limit.props("outline dense")
                 self._close = ui.button("Close", on_click=self._end, color=None)
@@ -48,9 +48,8 @@ class CheckPanel:
             self._instruction = ui.label().classes("instruction")
             with ui.element("div").classes("bar") as self._answers:
                 for name, act in ANSWERS:
-                    answer = self._answering(act)
-                    button = ui.button(name, on_click=answer, color=None)
-                    button.props("outline dense")
+                    answer = partial(self._answer, act)
+                    ui.button(name, on_click=answer, color=None).props("outline dense")
             self._results = ui.html("", sanitize=False)
             with ui.element("div") as self._coverage:
                 self._title = ui.html("", sanitize=False)
@@ -60,7 +59,7 @@ class CheckPanel:
     def show_coverage(self, sight: ArmSight) -> None:
         """Show where the joints have been."""
         old = sight.is_stale
-        self._coverage.classes(add="old" if old else "", remove="" if old else "old")
+        self._coverage.classes("old" if old else "", remove="old")
         when = ": not of now" if old and sight.live else ""
         self._title.set_content(f"<h2>Where the joints have been{when}</h2>")
         self._bars.set_content(coverage_bars(sight))
@@ -80,8 +79,7 @@ class CheckPanel:
             self._limit.set_text(f"Limit: {limit}")
             level, words = check.verdict
             self._verdict.set_text(words)
-            others = {"good", "busy", "warning", "bad"} - {level}
-            self._verdict.classes(add=level, remove=" ".join(others))
+            self._verdict.classes(level, remove="good busy warning bad")
         self._results.set_content(
             '<table class="plain wrap"><tbody>'
             + "".join(
@@ -92,20 +90,14 @@ class CheckPanel:
             + "</tbody></table>"
         )
 
-    def _beginning(self, kind: str, wanted: int) -> Callable[[], object]:
-        async def begin() -> None:
-            self._desk.begin(kind, wanted)
-            self.show()
-            await self._follower.do(lambda arm: arm.label("check", kind))
+    async def _begin(self, kind: str, wanted: int) -> None:
+        self._desk.begin(kind, wanted)
+        self.show()
+        await self._follower.do(lambda arm: arm.label("check", kind))
 
-        return begin
-
-    def _answering(self, act: Callable[[GuidedCheck], None]) -> Callable[[], None]:
-        def answer() -> None:
-            self._desk.answer(act)
-            self.show()
-
-        return answer
+    def _answer(self, act: Callable[[GuidedCheck], None]) -> None:
+        self._desk.answer(act)
+        self.show()
 
     async def _set_limit(self) -> None:
         check = self._desk.check

@@ -46,9 +46,8 @@ class Controls:
                 self._acts[soft.key] = soft.act
                 shown = "Space" if soft.key == " " else soft.key.upper()
                 with ui.button(on_click=soft.act, color=None) as button:
-                    button.props("unelevated")
                     button.classes(soft.kind)
-                    button.props(f'aria-keyshortcuts="{shown}"')
+                    button.props(f'unelevated aria-keyshortcuts="{shown}"')
                     with ui.element("div"):
                         label = ui.label(soft.name)
                         ui.label(f"key {shown}").classes("key")
@@ -70,7 +69,7 @@ class Controls:
         """Update what a button does, and whether it is active."""
         _, button, label = self._buttons[key]
         label.set_text(name)
-        button.classes(add="on" if is_on else "", remove="" if is_on else "on")
+        button.classes("on" if is_on else "", remove="on")
 
     def allow(self, is_possible: Callable[[Soft], bool]) -> None:
         """Disable the buttons of what is not possible now; a key shows the reason."""

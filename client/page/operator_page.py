@@ -1,6 +1,7 @@
 """The page of one browser: panels, what is done with them, and what they show."""
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from nicegui import ui
@@ -89,10 +90,12 @@ class OperatorPage:
                 self._scene = ArmScene(cloud_url)
                 with ui.element("div").classes("views"):
                     for name, view, key in VIEWS:
-                        looking = self._looking(view)
-                        button = ui.button(name, on_click=looking, color=None)
+                        look = partial(self._scene.view, view)
+                        button = ui.button(name, on_click=look, color=None)
                         button.props(f'dense flat aria-keyshortcuts="{key.upper()}"')
-            keys: dict[str, Act] = {key: self._looking(view) for _, view, key in VIEWS}
+            keys: dict[str, Act] = {
+                key: partial(self._scene.view, view) for _, view, key in VIEWS
+            }
             keys |= {
                 "m": self._mute,
                 "d": self._turn_light,
@@ -111,7 +114,7 @@ class OperatorPage:
             )
             with ui.element("section").classes("lists"):
                 self._points = PointsPanel(
-                    self._choices, self._saving, self._show_session
+                    self._choices, self._save, self._show_session
                 )
                 self._check = CheckPanel(self._follower, desk, self._dialogs)
                 with ui.element("section").classes("panel"):
@@ -249,16 +252,9 @@ class OperatorPage:
         if answer:
             await self._follower.do(lambda arm: arm.new_session())
 
-    def _saving(self, kind: str) -> Callable[[], None]:
-        def save() -> None:
-            points = list(self._sight.points.values())
-            name, content = self._export(kind, points)
-            ui.download(content, name)
-
-        return save
-
-    def _looking(self, view: str) -> Callable[[], Awaitable[None] | None]:
-        return lambda: self._scene.view(view)
+    def _save(self, kind: str) -> None:
+        name, content = self._export(kind, list(self._sight.points.values()))
+        ui.download(content, name)
 
     def _mute(self) -> None:
         muted = str(self._banner.turn_sound()).lower()

@@ -1,6 +1,7 @@
 """The list of points, its title, and the buttons that save it or show another."""
 
 from collections.abc import Callable
+from functools import partial
 from html import escape
 
 from nicegui import ui
@@ -17,7 +18,7 @@ class PointsPanel:
 
     Args:
         choices: unit and system.
-        saving: returns the handler that saves points as a kind of file.
+        save: saves points as a kind of file.
         show_session: called with the session whose points are to be shown; None: the
             arm's.
     """
@@ -25,7 +26,7 @@ class PointsPanel:
     def __init__(
         self,
         choices: Choices,
-        saving: Callable[[str], Callable[[], None]],
+        save: Callable[[str], None],
         show_session: Callable[[str | None], None],
     ) -> None:
         self._choices = choices
@@ -43,8 +44,8 @@ class PointsPanel:
                     "Back to now", on_click=lambda: show_session(None), color=None
                 ).props("outline dense")
                 for name, kind in FILES:
-                    save = ui.button(name, on_click=saving(kind), color=None)
-                    save.props(f'flat dense aria-label="Save points as {name}"')
+                    file = ui.button(name, on_click=partial(save, kind), color=None)
+                    file.props(f'flat dense aria-label="Save points as {name}"')
             self._rows = ui.html("", sanitize=False)
 
     def show(self, sight: ArmSight, newest: str | None) -> None:
@@ -73,4 +74,4 @@ class PointsPanel:
     def show_age(self, sight: ArmSight) -> None:
         """Disable it where points may be missing here."""
         old = not sight.is_online
-        self._panel.classes(add="old" if old else "", remove="" if old else "old")
+        self._panel.classes("old" if old else "", remove="old")

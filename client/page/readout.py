@@ -77,9 +77,7 @@ class Figures:
     def show(self, sight: ArmSight) -> None:
         """Show the current state."""
         stale = sight.is_stale
-        self._panel.classes(
-            add="stale" if stale else "", remove="" if stale else "stale"
-        )
+        self._panel.classes("stale" if stale else "", remove="stale")
         live, unit = sight.live, self._choices.unit
         if live is None:
             return

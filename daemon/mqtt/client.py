@@ -83,11 +83,11 @@ class BrokerClient(DiagnosingClient):
 
     def __init__(
         self,
-        *arguments: Any,  # noqa: ANN401 - as aiomqtt's
+        *arguments: Any,
         acknowledged: Callable[[int, str | None], None] | None = None,
         received: Callable[[MQTTMessage], None] | None = None,
         writable: Callable[[], None] = lambda: None,
-        **options: Any,  # noqa: ANN401 - as aiomqtt's
+        **options: Any,
     ) -> None:
         super().__init__(*arguments, **options)
         self._read = self._client._sock_recv  # noqa: SLF001 - paho reads all of a packet

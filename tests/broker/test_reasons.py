@@ -11,9 +11,9 @@ from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.reasoncodes import ReasonCode
 
+from traverse.broker.credentials import tls_context
 from traverse.broker.diagnosing_client import ConnectionClosedError
 from traverse.broker.reasons import Wording, is_refusal, reason_of
-from traverse.broker.tls import tls_context
 
 WORDING = Wording("this visitor", " of [door]", "speak TLS", "; look elsewhere")
 

@@ -6,7 +6,7 @@ import ssl
 import pytest
 
 from tests.certificates import Authority
-from traverse.broker.tls import tls_context
+from traverse.broker.credentials import tls_context
 
 
 @pytest.mark.needs("openssl")

@@ -3,9 +3,8 @@
 import numpy as np
 
 from tests.protocol.message_examples import SCAN
-from traverse.client.feeds import Feed
+from traverse.client.feeds import Feed, ScanBlocks
 from traverse.client.results import ResentScan, StartedScan
-from traverse.client.scans import ScanBlocks
 from traverse.protocol.messages import Scan
 
 

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 import pytest
 
 from tests.postgres import Postgres
+from traverse.fleet.database import open_database
+from traverse.fleet.tables import migrate
 
 
 @pytest.fixture(scope="session")
@@ -20,6 +22,15 @@ def server() -> Iterator[Postgres]:
 def postgres_url(server: Postgres) -> str:
     """An empty database."""
     return server.new_database(f"t{uuid.uuid4().hex[:12]}")
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database(request, tmp_path, postgres_url):
+    is_file = request.param == "sqlite"
+    found = open_database(str(tmp_path / "store.db") if is_file else postgres_url)
+    migrate(found)
+    yield found
+    found.close()
 
 
 @pytest.fixture

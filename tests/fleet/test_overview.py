@@ -17,7 +17,6 @@ from traverse.fleet.gaps import find_gaps
 from traverse.fleet.overview import overview_page, overview_values
 from traverse.fleet.scan_files import ScanFiles
 from traverse.fleet.store import Store
-from traverse.fleet.tables import migrate
 from traverse.lab.daily_check.figures import DailyCheckFigures
 from traverse.lab.daily_check.history import Check, add_check
 
@@ -28,15 +27,6 @@ GOOD = STATUS.model_copy(
     update={"state": "ready", "alarms": (), "time_ns": NOW_NS - 10**9}
 )
 pytestmark = pytest.mark.needs("postgresql")
-
-
-@pytest.fixture(params=["sqlite", "postgresql"])
-def database(request, tmp_path, postgres_url):
-    is_file = request.param == "sqlite"
-    found = open_database(str(tmp_path / "store.db") if is_file else postgres_url)
-    migrate(found)
-    yield found
-    found.close()
 
 
 def history(path, arm, n, drift_mm=0.0, last=NOW):

@@ -21,15 +21,6 @@ from traverse.protocol.encoding import encode
 pytestmark = pytest.mark.needs("postgresql")
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
-def database(request, tmp_path, postgres_url):
-    is_file = request.param == "sqlite"
-    found = open_database(str(tmp_path / "store.db") if is_file else postgres_url)
-    migrate(found)
-    yield found
-    found.close()
-
-
 @pytest.fixture
 def store(database, tmp_path):
     return Store(database, ScanFiles(str(tmp_path / "scans"), "m1"))

@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import TypeVar
 
 from traverse.client.arm import Arm
-from traverse.client.cancel_tasks import cancel_tasks
+from traverse.client.cancel_tasks import cancel_tasks, run_together
 from traverse.client.errors import ClientError, CommandRefused
 from traverse.client.gateways.ippdme.grammar import (
     MAX_LINE,
@@ -20,7 +20,6 @@ from traverse.client.gateways.outlets import Report
 from traverse.client.points.session_order import Lost
 from traverse.protocol.messages import Event, Live, Point
 
-PORT = 1294
 LOOK_S = 0.2  # how often the arm's state is looked at
 MAX_WAITING = 1 << 20  # bytes that a client may leave unread
 KEEPALIVE = {"TCP_KEEPIDLE": 10, "TCP_KEEPINTVL": 5, "TCP_KEEPCNT": 3}
@@ -68,17 +67,13 @@ class IppServer:
         server = await asyncio.start_server(self._serve, self._host, self.port)
         self.port = server.sockets[0].getsockname()[1]
         on_ready()
-        tasks = [
-            asyncio.create_task(work)
-            for work in (
+        try:
+            await run_together(
                 _each(self._arm.points_and_losses(), self._take),
                 _each(self._arm.live(), self._take_live),
                 _each(self._arm.events(), self._take_event),
                 self._look_on(),
             )
-        ]
-        try:
-            await asyncio.gather(*tasks)
         finally:
             server.close()
             self._session.disconnected()
@@ -87,7 +82,7 @@ class IppServer:
                 writer.transport.abort()  # it may not read what waits for it
                 with suppress(OSError):
                     await writer.wait_closed()
-            await cancel_tasks([*tasks, *self._changes])
+            await cancel_tasks(self._changes)
 
     async def _look_on(self) -> None:
         while True:

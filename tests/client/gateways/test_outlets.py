@@ -11,9 +11,15 @@ from pathlib import Path
 import pytest
 
 from tests.client.reading import until
-from traverse.client.gateways import tcp_outlet
-from traverse.client.gateways.outlets import FileOutlet, Outlet, SerialOutlet, UdpOutlet
-from traverse.client.gateways.tcp_outlet import MAX_RECEIVERS, TcpOutlet
+from traverse.client.gateways import outlets
+from traverse.client.gateways.outlets import (
+    MAX_RECEIVERS,
+    FileOutlet,
+    Outlet,
+    SerialOutlet,
+    TcpOutlet,
+    UdpOutlet,
+)
 
 PATIENCE_S = 30.0
 
@@ -70,7 +76,7 @@ async def test_what_a_receiver_sends_is_ignored() -> None:
 async def test_a_receiver_that_does_not_read_is_disconnected_and_others_continue(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(tcp_outlet, "WRITE_S", 0.5)
+    monkeypatch.setattr(outlets, "WRITE_S", 0.5)
     told: list[str] = []
     line = b"x" * 9999 + b"\n"
     async with TcpOutlet("127.0.0.1", 0, told.append) as outlet:

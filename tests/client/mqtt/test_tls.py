@@ -19,7 +19,7 @@ from tests.mosquitto import HOST, Mosquitto, free_port
 from traverse.cli.__main__ import app
 from traverse.client import Arm, BrokerAddress, BrokerUnreachableError
 from traverse.client.display.follower import Follower, following
-from traverse.client.mqtt.discovery import find_arms
+from traverse.client.mqtt.subscription import find_arms
 from traverse.protocol.messages import Point
 
 pytestmark = pytest.mark.needs("mosquitto", "openssl")
