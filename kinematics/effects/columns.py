@@ -7,7 +7,8 @@ With Q_k, a_k = Q_k u_k and rho_k = x - o_k of the deflected arm, an amount move
     growth     Q_k r_k g                      mount    m x (x - x_0 - b)
     contact    the shift itself               base     b
 
-and a column is that of the unit amount. Left out is how the mechanical effects change
+and a column is that of the unit amount. The last body is turned by the same without the
+levers rho_k: a_k d_alpha, a_k e, Q_(k-1) w and m. Left out is how the mechanical effects change
 with the corrections of the readings, and how small turns about one joint combine: both
 are of the second order, some 1e-4 of a column at amplitudes of 1e-4 rad.
 """
@@ -42,6 +43,8 @@ def columns(
     effects: ArmEffects,
     block: Block,
     candidates: Sequence[Correction] | None = None,
+    *,
+    turns: bool = False,
 ) -> Floats:
     """Differentiate the corrected ball's centres.
 
@@ -50,9 +53,11 @@ def columns(
         effects: Those that are applied.
         block: The samples with what effects and candidates need.
         candidates: Differentiate for these instead, applied or not.
+        turns: Differentiate the orientation of the last body instead.
 
     Returns:
-        mm per unit of each parameter, (n_samples, 3, n_parameters).
+        mm (of the orientation rad) per unit of each parameter, (n_samples, 3,
+        n_parameters).
 
     Raises:
         ValueError: The block does not say what effects need; names all of it.
@@ -75,7 +80,11 @@ def columns(
         contact = contact_seen(geometry, part, arm.rotations[:, -1])
         at = 0
         for correction in wanted:
-            moves = _moves(correction, posture, arm, contact)
+            moves = (
+                _turns(correction, posture, arm)
+                if turns
+                else _moves(correction, posture, arm, contact)
+            )
             found[chunk, :, at : at + len(moves)] = moves.transpose(2, 1, 0)
             at += len(moves)
     return found
@@ -95,6 +104,27 @@ def _moves(
     if isinstance(correction, ContactCorrection):
         return correction.derivatives(contact)
     # What is off-line only does not move the ball.
+    return np.zeros((len(correction.values), 3, len(posture.block)))
+
+
+def _turns(correction: Correction, posture: Posture, arm: Deflection) -> Floats:
+    """Differentiate the last body's orientation, (n_parameters, 3, n_samples) [rad]."""
+    if isinstance(correction, ReadingCorrection):
+        amounts = correction.unit_amounts(posture.geometry, posture.block)
+        by_readings = np.moveaxis(
+            arm.geometry.by_readings(np.moveaxis(arm.axes, 1, -1)), -1, 1
+        )
+        return -_turned(amounts, by_readings[:, correction.joints])
+    if isinstance(correction, BodyCorrection):
+        amounts = correction.unit_amounts(posture)
+        vectors = np.moveaxis(amounts, 1, 0)
+        match correction.target:
+            case Target.TURN:
+                return _turned(amounts, arm.axes[:, correction.joints])
+            case Target.TILT:
+                return _joint_sum(rotate(arm.carriers[:, correction.joints], vectors))
+            case Target.MOUNT:
+                return amounts
     return np.zeros((len(correction.values), 3, len(posture.block)))
 
 

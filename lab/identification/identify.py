@@ -123,7 +123,7 @@ def identify(
     every = np.ones(len(campaign.poses), dtype=np.bool_)
     network = network_of(campaign, radius_mm, every, parameters)
     rms_before_mm = rms_mm(network, start_state(network, design))
-    given_mm = design.tools_mm
+    given_mm, unturned = design.tools_mm, design.mountings
     start = design = with_tools_fitted(campaign, parameters, design, radius_mm)
     if options.coarse_start:
         start = coarse_start(campaign, parameters, design, radius_mm, options.hold)
@@ -152,7 +152,7 @@ def identify(
         if not _fits_better((run, start), (as_given, design)):
             run, start = as_given, design
     zero_offsets_rad = start.geometry.zeros_rad - design.geometry.zeros_rad
-    design = replace(start, tools_mm=given_mm)
+    design = replace(start, tools_mm=given_mm, mountings=unturned)
     contradictions: tuple[Contradiction, ...] = ()
     if options.snooping:
         campaign, run, contradictions = without_wrong_certificates(
@@ -262,7 +262,10 @@ def prepared(
     except ValueError as error:
         raise IdentificationError(str(error)) from error
     names = [tool.name for tool in campaign.tools]
-    parameters = arm_parameters(of_design, campaign.joint_names, effects, names)
+    mounted = campaign.poses.mounted
+    parameters = arm_parameters(
+        of_design, campaign.joint_names, effects, names, mounted
+    )
     in_the_arms_system = any(artefact.fixes_datum for artefact in campaign.artefacts)
     wishes = (*(("origin.*",) if in_the_arms_system else ()), *options.free)
     tools_mm = np.array(
@@ -281,7 +284,8 @@ def prepared(
         _check_same_datum(prior, parameters)
         expected = expected_by(prior, of_design, campaign)
         parameters = replace(parameters, expected=expected)
-    return ArmValues(geometry, values, tools_mm), parameters
+    unturned = np.tile([1.0, 0.0, 0.0, 0.0], (len(mounted), 1))
+    return ArmValues(geometry, values, tools_mm, unturned), parameters
 
 
 _OF_DATUM = (".axis.", ".link.", "origin.")
