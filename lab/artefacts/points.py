@@ -7,8 +7,9 @@ every point. With growth g
     w = x - (1 + g) A                   frame "arm"
     certificate: A as given, where points_std_mm says that they are not exact
 
-A measured orientation O takes vectors of the instrument's probe to the points' frame. With
-T the probe's rotation by the model of the arm, and the unit quaternion (c, e), c >= 0, of
+A measured orientation O takes vectors of the instrument's probe to the points' frame.
+With T the probe's rotation by the arm's model, and the unit quaternion (c, e) with
+c >= 0 of
 
     T (R(q) O)^-1        w = 2 e, up to the third order its rotation vector
 """

@@ -30,6 +30,7 @@ from traverse.lab.identification.optimal_design import (
     joint_coverage,
     most_helpful_poses,
 )
+from traverse.lab.identification.results.orientations import orientation_result
 from traverse.lab.identification.results.postprocessing import (
     arm_of_adjustment,
     artefact_results,
@@ -66,6 +67,11 @@ from traverse.lab.identification.solve.noise import VarianceModel, serial_noise
 from traverse.lab.identification.solve.starting_values import (
     coarse_start,
     with_tools_fitted,
+)
+from traverse.lab.identification.solve.wrong_orientations import (
+    WrongOrientation,
+    excluded_part,
+    without_wrong_orientations,
 )
 from traverse.strict_toml.reader import StrictModel
 
@@ -122,7 +128,8 @@ def identify(
     radius_mm = arm.probe.radius_mm
     every = np.ones(len(campaign.poses), dtype=np.bool_)
     network = network_of(campaign, radius_mm, every, parameters)
-    rms_before_mm = rms_mm(network, start_state(network, design))
+    before = start_state(network, design)
+    rms_before_mm = rms_mm(network, before)
     given_mm, unturned = design.tools_mm, design.mountings
     start = design = with_tools_fitted(campaign, parameters, design, radius_mm)
     if options.coarse_start:
@@ -154,7 +161,9 @@ def identify(
     zero_offsets_rad = start.geometry.zeros_rad - design.geometry.zeros_rad
     design = replace(start, tools_mm=given_mm, mountings=unturned)
     contradictions: tuple[Contradiction, ...] = ()
+    wrong: tuple[WrongOrientation, ...] = ()
     if options.snooping:
+        campaign, run, wrong = without_wrong_orientations(campaign, run, adjusted)
         campaign, run, contradictions = without_wrong_certificates(
             campaign, run, adjusted, design
         )
@@ -183,6 +192,7 @@ def identify(
     inverse = adjustment.split.inverse
     covariance = factor * inverse @ inverse.T
     poses = np.flatnonzero(included)
+    estimates = parameter_estimates(adjustment, design, covariance)
     return Identification(
         arm=arm_of_adjustment(arm, adjustment),
         design=arm,
@@ -198,7 +208,7 @@ def identify(
         serial_noise=serial,
         rms_before_mm=rms_before_mm,
         rms_after_mm=rms_mm(adjustment.network, adjustment.state),
-        parameters=parameter_estimates(adjustment, design, covariance),
+        parameters=estimates,
         covariance=covariance,
         cartesian=cartesian_covariance(adjustment, covariance),
         undetermined=undetermined_directions(adjustment),
@@ -207,7 +217,11 @@ def identify(
         statistics=run.statistics,
         included=included,
         excluded=tuple(
-            ExcludedPose(int(campaign.poses.lines[at]), float(run.statistics.w[at]))
+            ExcludedPose(
+                int(campaign.poses.lines[at]),
+                float(run.statistics.w[at]),
+                excluded_part(run, int(at)),
+            )
             for at in np.flatnonzero(~included)
         ),
         alternating=tuple(campaign.poses.lines[run.alternating].tolist()),
@@ -220,6 +234,16 @@ def identify(
         suggestions=most_helpful_poses(adjustment, options.n_suggestions),
         zero_offsets_rad=zero_offsets_rad,
         options=options,
+        orientations=orientation_result(
+            adjustment,
+            given,
+            radius_mm,
+            used=included & campaign.poses.oriented,
+            before=before,
+            sums=run.statistics.variances,
+            stds={entry.name: entry.std for entry in estimates},
+            excluded=wrong,
+        ),
     )
 
 

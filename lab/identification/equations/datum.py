@@ -29,8 +29,8 @@ def rigid_motions(
 ) -> Floats:
     """Write three turns about x_0 and three shifts in all parameters, (n_all, 6).
 
-    A turn e changes u_k by e x u_k, r_k by e x r_k and mountings by e. The part of the latter along
-    u_k goes into r_(k-1) with equal effect, and so on down to x_0.
+    A turn e changes u_k by e x u_k, mountings by e and r_k by e x r_k. The part of the
+    latter along u_k goes into r_(k-1) with equal effect, and so on down to x_0.
     """
     n = geometry.n_joints
     basis = parameters.basis(geometry)

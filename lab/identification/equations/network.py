@@ -128,6 +128,14 @@ class Network:
         """The number of condition equations."""
         return sum(station.n_rows for station in self.stations)
 
+    def on(self, campaign: Campaign) -> "Network":
+        """Take the same poses of a campaign with other columns."""
+        effects = self.parameters.effects
+        if effects is not None:
+            effects = replace(effects, campaign=campaign)
+        parameters = replace(self.parameters, effects=effects)
+        return replace(self, campaign=campaign, parameters=parameters)
+
     @property
     def unknown_columns(self) -> tuple[slice, ...]:
         """Columns of each station's unknowns, behind those of the free parameters."""
@@ -256,8 +264,8 @@ def whiteners(by_readings: Floats, by_contact: Floats) -> Floats:
         return factors
     dispersion = noise @ noise.swapaxes(1, 2)
     if noise.shape[1] > 3:
-        inverted: Floats = np.linalg.inv(np.linalg.cholesky(dispersion))
-        return inverted
+        # Exactly zero above: what a position says does not depend on its orientation.
+        return np.tril(np.linalg.inv(np.linalg.cholesky(dispersion)))
     return _inverse_factors(dispersion)
 
 
@@ -396,7 +404,10 @@ def misclosures_mm(
     unknowns: Floats,
     corrections: Floats | None = None,
 ) -> Floats:
-    """Compute a station's misclosures alone, but for orientations, (n_poses, n_rows)."""
+    """Compute a station's misclosures alone, without those of orientations.
+
+    (n_poses, n_rows)
+    """
     centres_mm = station_centres(network, station, arm, corrections)
     found = np.empty((len(centres_mm), station.artefact.rows_per_pose))
     for first in range(0, len(centres_mm), _CHUNK_POSES):
