@@ -396,7 +396,8 @@ def _unit_vectors(table: PoseTable, names: Sequence[str]) -> Floats | None:
     vectors = _columns(table, names)
     if vectors is None:
         return None
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    units: Floats = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return units
 
 
 def _columns(table: PoseTable, names: Sequence[str]) -> Floats | None:

@@ -118,12 +118,7 @@ def identify(
             no parameter.
     """
     options, given = options or Options(), campaign
-    names = tuple(joint.name for joint in arm.joints)
-    if names != campaign.joint_names:
-        raise IdentificationError(
-            f"the campaign has the joints {', '.join(campaign.joint_names)}, the arm "
-            f"{', '.join(names)}; take the arm file that the campaign was measured with"
-        )
+    _check_same_joints(campaign, arm)
     design, parameters = prepared(campaign, arm, options)
     radius_mm = arm.probe.radius_mm
     every = np.ones(len(campaign.poses), dtype=np.bool_)
@@ -162,13 +157,12 @@ def identify(
     design = replace(start, tools_mm=given_mm, mountings=unturned)
     contradictions: tuple[Contradiction, ...] = ()
     wrong: tuple[WrongOrientation, ...] = ()
+    clusters: tuple[ExcludedCluster, ...] = ()
     if options.snooping:
         campaign, run, wrong = without_wrong_orientations(campaign, run, adjusted)
         campaign, run, contradictions = without_wrong_certificates(
             campaign, run, adjusted, design
         )
-    clusters: tuple[ExcludedCluster, ...] = ()
-    if options.snooping:
         run, clusters = with_clusters_back(campaign, run, adjusted)
     contradicted = contradicted_expectation(run.adjustment)
     if contradicted is not None and given.prior is not None:
@@ -191,7 +185,6 @@ def identify(
     factor = variance_factor(sigma0, test)
     inverse = adjustment.split.inverse
     covariance = factor * inverse @ inverse.T
-    poses = np.flatnonzero(included)
     estimates = parameter_estimates(adjustment, design, covariance)
     return Identification(
         arm=arm_of_adjustment(arm, adjustment),
@@ -226,7 +219,7 @@ def identify(
         ),
         alternating=tuple(campaign.poses.lines[run.alternating].tolist()),
         critical_w=run.critical,
-        coverage=joint_coverage(campaign, poses),
+        coverage=joint_coverage(campaign, np.flatnonzero(included)),
         condition_number=condition_number(adjustment),
         contradictions=contradictions,
         lost_poses=lost_poses(campaign, run),
@@ -245,6 +238,20 @@ def identify(
             excluded=wrong,
         ),
     )
+
+
+def _check_same_joints(campaign: Campaign, arm: Arm) -> None:
+    """Refuse a campaign of another arm.
+
+    Raises:
+        IdentificationError: Its joints have other names.
+    """
+    names = tuple(joint.name for joint in arm.joints)
+    if names != campaign.joint_names:
+        raise IdentificationError(
+            f"the campaign has the joints {', '.join(campaign.joint_names)}, the arm "
+            f"{', '.join(names)}; take the arm file that the campaign was measured with"
+        )
 
 
 def _fits_better(

@@ -104,7 +104,7 @@ class Parameters:
     @property
     def n_geometric(self) -> int:
         """Number of parameters before those of the effects."""
-        return self.of_tools.stop + 3 * len(self.mounted)
+        return 5 * self.n_joints + 6 + 3 * (self.n_tools + len(self.mounted))
 
     @property
     def n_joints(self) -> int:
