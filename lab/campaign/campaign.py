@@ -245,7 +245,7 @@ def read_campaign(
     Args:
         folder: With `campaign.toml` in it.
         joint_names: Of the arm, from the base outwards.
-        several_tools: Whether poses may name tools.
+        several_tools: Whether poses may name tools, and have orientations.
 
     Raises:
         FileError: With everything that is wrong with a file.
@@ -264,13 +264,23 @@ def read_campaign(
     else:
         tools = [tool.name for tool in file.tools]
         table = read_pose_table(poses, joint_names, features, tools)
-        if table.tools is not None and not several_tools:
-            text = (
-                "only `traverse identify`, `diagnose` and `predict` take several tools"
-            )
-            what = f"{text}; take the poses of one, and leave the column out"
-            raise FileError(str(poses), [Problem("tool", what)])
+        if not several_tools:
+            _refuse_for_others(poses, table)
     return _campaign(path, file, table, tuple(joint_names))
+
+
+def _refuse_for_others(path: Path, table: PoseTable) -> None:
+    """Refuse what is for identification, diagnosis and prediction only."""
+    only = "only `traverse identify`, `diagnose` and `predict` take"
+    problems = []
+    if table.tools is not None:
+        what = f"{only} several tools; take the poses of one, and leave the column out"
+        problems.append(Problem("tool", what))
+    if np.any(np.isfinite(table.optional.get("orientation_w", np.nan))):
+        what = f"{only} measured orientations; leave these columns out"
+        problems.append(Problem("orientation_w", what))
+    if problems:
+        raise FileError(str(path), problems)
 
 
 def _campaign(

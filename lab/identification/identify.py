@@ -14,7 +14,9 @@ from traverse.lab.campaign.prior import Prior
 from traverse.lab.identification.equations.datum import with_datum
 from traverse.lab.identification.equations.effect_model import effect_model
 from traverse.lab.identification.equations.network import (
+    Network,
     Noise,
+    State,
     network_of,
     rms_mm,
     start_state,
@@ -70,6 +72,7 @@ from traverse.lab.identification.solve.starting_values import (
 )
 from traverse.lab.identification.solve.wrong_orientations import (
     WrongOrientation,
+    are_inverse,
     excluded_part,
     without_wrong_orientations,
 )
@@ -123,7 +126,7 @@ def identify(
     radius_mm = arm.probe.radius_mm
     every = np.ones(len(campaign.poses), dtype=np.bool_)
     network = network_of(campaign, radius_mm, every, parameters)
-    before = start_state(network, design)
+    before = _begun(network, design)
     rms_before_mm = rms_mm(network, before)
     given_mm, unturned = design.tools_mm, design.mountings
     start = design = with_tools_fitted(campaign, parameters, design, radius_mm)
@@ -252,6 +255,22 @@ def _check_same_joints(campaign: Campaign, arm: Arm) -> None:
             f"the campaign has the joints {', '.join(campaign.joint_names)}, the arm "
             f"{', '.join(names)}; take the arm file that the campaign was measured with"
         )
+
+
+def _begun(network: Network, design: ArmValues) -> State:
+    """Find artefacts and mountings with the arm as given.
+
+    Raises:
+        IdentificationError: Orientations are those of the inverse rotations.
+    """
+    state = start_state(network, design)
+    if network.parameters.mounted and are_inverse(network, state):
+        raise IdentificationError(
+            "the orientations contradict the positions, and their inverses agree: "
+            "orientation_w, _x, _y, _z take vectors from the instrument's probe to the "
+            "frame of the points; change the signs of orientation_x, _y and _z"
+        )
+    return state
 
 
 def _fits_better(

@@ -63,6 +63,16 @@ def read_with_the_tools_shown(path: Path) -> object:
     return read
 
 
+def read_with_the_orientations_shown(path: Path) -> object:
+    ((_, poses),) = examples("oriented")
+    (path.parent / "poses.csv").write_text(poses, "utf-8")
+    path.rename(path.parent / "campaign.toml")
+    read = read_campaign(path.parent, ["J1", "J2"], several_tools=True)
+    assert read.orientation_rad == 5e-5
+    assert read.poses.oriented.tolist() == [True, True, False]
+    return read
+
+
 def read_and_identified(path: Path) -> object:
     """What a table of artefacts says is touched with cones by a simulated arm."""
     tables = tomllib.loads(path.read_text("utf-8"))["artefacts"]
@@ -84,12 +94,13 @@ READERS: dict[str, Callable[[Path], object]] = {
     "campaign": read_with_the_poses_shown,
     "artefact": read_and_identified,
     "tools": read_with_the_tools_shown,
+    "tracker": read_with_the_orientations_shown,
 }
 FILES = [(kind, *example) for kind in READERS for example in examples(kind)]
 
 
 def test_every_kind_of_example_is_known_here() -> None:
-    others = {"output", "points", "arrays", "poses", "tooled"}
+    others = {"output", "points", "arrays", "poses", "tooled", "oriented"}
     assert kinds_of_examples() == {*READERS} | others
 
 

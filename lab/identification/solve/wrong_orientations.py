@@ -11,9 +11,19 @@ import numpy as np
 
 from traverse.arrays import Booleans
 from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.identification.equations.network import (
+    Network,
+    State,
+    fitted_mountings,
+    orientation_errors,
+    stations,
+)
 from traverse.lab.identification.solve.iterative_adjustment import IteratedAdjustment
 
 _MOST_ROUNDS = 6
+# No arm is so far from its file, in the median, and an inverse rotation agrees better.
+_LARGE_RAD = 0.3
+_BETTER = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,3 +77,34 @@ def excluded_part(run: IteratedAdjustment, at: int) -> str:
     if np.isnan(position[at]) or orientation[at] < run.critical:
         return "position"
     return "position and orientation"
+
+
+def are_inverse(network: Network, state: State) -> bool:
+    """Return whether orientations contradict a state, and their inverses do not."""
+    medians_rad = []
+    for campaign in (network.campaign, _inverted(network.campaign)):
+        errors_rad = [np.empty((0, 3))]
+        inverted = network.on(campaign)
+        radius_mm = network.stations[0].touches.radius_mm
+        chosen = stations(campaign, radius_mm, network.included)
+        arm = state.arm
+        turns = fitted_mountings(
+            replace(inverted, stations=chosen), arm, state.unknowns
+        )
+        arm = replace(arm, mountings=turns)
+        for station, own in zip(chosen, state.unknowns, strict=True):
+            if station.touches.orientations is not None:
+                errors_rad.append(orientation_errors(inverted, station, arm, own))
+        sizes_rad = np.linalg.norm(np.concatenate(errors_rad), axis=1)
+        medians_rad.append(float(np.nanmedian(sizes_rad)))
+    as_given, turned_round = medians_rad
+    return as_given > _LARGE_RAD and turned_round < _BETTER * as_given
+
+
+def _inverted(campaign: Campaign) -> Campaign:
+    """Turn all orientations round."""
+    orientations = campaign.poses.orientations
+    if orientations is None:
+        return campaign
+    backwards = orientations * np.array([1.0, -1.0, -1.0, -1.0])
+    return replace(campaign, poses=replace(campaign.poses, orientations=backwards))

@@ -30,7 +30,12 @@ from traverse.lab.identification.equations.network import (
     start_state,
     white_rows,
 )
-from traverse.lab.identification.identify import Options, identify, prepared
+from traverse.lab.identification.identify import (
+    IdentificationError,
+    Options,
+    identify,
+    prepared,
+)
 from traverse.lab.identification.prediction import (
     mountings_of,
     places_of,
@@ -341,6 +346,14 @@ def test_an_orientation_that_is_a_blunder_is_taken_out_alone():
     assert {one.part for one in result.excluded} == {"position"}
     assert all(10 < one.w < 20 for one in result.orientations.excluded)
     assert result.orientations.rms_all_rad > 1.5 * result.orientations.rms_after_rad
+
+
+def test_inverse_rotations_are_refused_with_the_remedy():
+    campaign, _ = measured(1)
+    backwards = campaign.poses.orientations * [1.0, -1.0, -1.0, -1.0]
+    turned = replace(campaign, poses=replace(campaign.poses, orientations=backwards))
+    with pytest.raises(IdentificationError, match="change the signs"):
+        identify(turned, ARM, QUICK)
 
 
 def test_noise_that_is_not_stated_is_estimated():
