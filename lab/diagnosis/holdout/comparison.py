@@ -18,7 +18,6 @@ blunders would be more frequent than among the poses used for choosing, somethin
 is the matter, and none of them is a blunder.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -168,8 +167,13 @@ def held_out_blunders(
     outside = ~np.any(np.isfinite(found.misclosures_mm), axis=1)
     found.fill(predicted(before, outside, radius_mm), outside)
     campaign = before.network.campaign
-    kinds = found.misclosures_mm, found.orientation_errors_rad
-    return find_blunders(campaign, kinds, ~held_out, held_out)
+    return find_blunders(
+        campaign,
+        found.misclosures_mm,
+        ~held_out,
+        held_out,
+        orientation_errors_rad=found.orientation_errors_rad,
+    )
 
 
 def compare_on_holdout(
@@ -308,26 +312,32 @@ _SHARE_LEVEL = 1e-3
 
 def find_blunders(
     campaign: Campaign,
-    misclosures: Sequence[Floats],
+    misclosures_mm: Floats,
     choosing: Booleans,
     held_out: Booleans,
+    *,
+    orientation_errors_rad: Floats | None = None,
 ) -> Booleans:
     """Find the held-out poses that contradict their neighbours, (n_poses,).
 
-    By the misclosures of all poses against the model without terms, of positions and
-    of orientations, NaN where there are none, (n_poses, 3) each. None of features with
-    fewer than six poses.
+    By the misclosures of all poses against the model without terms, NaN where there are
+    none, (n_poses, 3). None of features with fewer than six poses. By orientations
+    likewise, but of artefacts: their errors do not depend on the feature.
     """
     w = np.zeros(len(campaign.poses))
     poses = campaign.poses
+    kinds = [(misclosures_mm, poses.features)]
+    if orientation_errors_rad is not None:
+        kinds.append((orientation_errors_rad, np.zeros_like(poses.features)))
     for artefact in np.unique(poses.artefacts):
         mine = np.flatnonzero(poses.artefacts == artefact)
-        for of_kind in misclosures:
+        for misclosures, features in kinds:
             differences = np.full((len(mine), 3), np.nan)
-            for feature in np.unique(poses.features[mine]):
-                here = poses.features[mine] == feature
+            measured = np.isfinite(misclosures[mine, 0])
+            for feature in np.unique(features[mine]):
+                here = measured & (features[mine] == feature)
                 differences[here] = _from_neighbours(
-                    poses.angles_rad[mine[here]], of_kind[mine[here]]
+                    poses.angles_rad[mine[here]], misclosures[mine[here]]
                 )
             w[mine] = np.maximum(w[mine], _sizes(differences))
     n_judged = max(int(np.count_nonzero(held_out)), 1)
