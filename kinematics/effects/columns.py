@@ -80,78 +80,63 @@ def columns(
         contact = contact_seen(geometry, part, arm.rotations[:, -1])
         at = 0
         for correction in wanted:
-            moves = (
-                _turns(correction, posture, arm)
-                if turns
-                else _moves(correction, posture, arm, contact)
-            )
+            moves = _moves(correction, posture, arm, contact, turns=turns)
             found[chunk, :, at : at + len(moves)] = moves.transpose(2, 1, 0)
             at += len(moves)
     return found
 
 
 def _moves(
-    correction: Correction, posture: Posture, arm: Deflection, contact: Contact
+    correction: Correction,
+    posture: Posture,
+    arm: Deflection,
+    contact: Contact,
+    *,
+    turns: bool,
 ) -> Floats:
     """Differentiate for one effect, (n_parameters, 3, n_samples)."""
+    # Of the ball or of the last body by each hinge's turn, (3, n_joints, n_samples).
+    by_hinges = arm.axes if turns else cross(arm.axes, arm.reaches_mm)
     if isinstance(correction, ReadingCorrection):
         amounts = correction.unit_amounts(posture.geometry, posture.block)
-        by_hinges = np.moveaxis(_hinge_moves(arm), 1, -1)
+        by_hinges = np.moveaxis(by_hinges, 1, -1)
         by_readings = np.moveaxis(arm.geometry.by_readings(by_hinges), -1, 1)
         return -_turned(amounts, by_readings[:, correction.joints])
     if isinstance(correction, BodyCorrection):
-        return _body_moves(correction, correction.unit_amounts(posture), arm)
-    if isinstance(correction, ContactCorrection):
+        amounts = correction.unit_amounts(posture)
+        if correction.target is Target.TURN:
+            return _turned(amounts, by_hinges[:, correction.joints])
+        return _body_moves(correction, amounts, arm, turns=turns)
+    if isinstance(correction, ContactCorrection) and not turns:
         return correction.derivatives(contact)
     # What is off-line only does not move the ball.
     return np.zeros((len(correction.values), 3, len(posture.block)))
 
 
-def _turns(correction: Correction, posture: Posture, arm: Deflection) -> Floats:
-    """Differentiate the last body's orientation, (n_parameters, 3, n_samples) [rad]."""
-    if isinstance(correction, ReadingCorrection):
-        amounts = correction.unit_amounts(posture.geometry, posture.block)
-        by_readings = np.moveaxis(
-            arm.geometry.by_readings(np.moveaxis(arm.axes, 1, -1)), -1, 1
-        )
-        return -_turned(amounts, by_readings[:, correction.joints])
-    if isinstance(correction, BodyCorrection):
-        amounts = correction.unit_amounts(posture)
-        vectors = np.moveaxis(amounts, 1, 0)
-        match correction.target:
-            case Target.TURN:
-                return _turned(amounts, arm.axes[:, correction.joints])
-            case Target.TILT:
-                return _joint_sum(rotate(arm.carriers[:, correction.joints], vectors))
-            case Target.MOUNT:
-                return amounts
-    return np.zeros((len(correction.values), 3, len(posture.block)))
-
-
-def _body_moves(correction: BodyCorrection, amounts: Floats, arm: Deflection) -> Floats:
+def _body_moves(
+    correction: BodyCorrection, amounts: Floats, arm: Deflection, *, turns: bool
+) -> Floats:
+    """Differentiate for one that does not turn hinges."""
     joints = correction.joints
     # Components in front, as `rotate` and `cross` expect them.
     vectors = np.moveaxis(amounts, 1, 0)
     match correction.target:
-        case Target.TURN:
-            return _turned(amounts, _hinge_moves(arm)[:, joints])
+        case Target.TILT:
+            tilts = rotate(arm.carriers[:, joints], vectors)
+            reaches_mm = arm.reaches_mm[:, joints]
+            return _joint_sum(tilts if turns else cross(tilts, reaches_mm))
+        case Target.MOUNT:
+            reaches_mm = arm.centres_mm - arm.pivot_mm
+            return amounts if turns else _parameters_first(cross(vectors, reaches_mm))
+        case _ if turns:  # the others shift only
+            return np.zeros((len(amounts), *arm.centres_mm.shape))
         case Target.GROWTH:
             links = rotate(arm.rotations, arm.geometry.links_mm.T[:, :, np.newaxis])
             return _joint_sum(links[:, joints][:, np.newaxis] * amounts)
-        case Target.TILT:
-            turns = rotate(arm.carriers[:, joints], vectors)
-            return _joint_sum(cross(turns, arm.reaches_mm[:, joints]))
         case Target.SHIFT:
             return _joint_sum(rotate(arm.carriers[:, joints], vectors))
-        case Target.MOUNT:
-            return _parameters_first(cross(vectors, arm.centres_mm - arm.pivot_mm))
-        case Target.BASE:
+        case _:  # of the base
             return amounts
-
-
-def _hinge_moves(arm: Deflection) -> Floats:
-    """Derivative of the ball by each hinge's turn, (3, n_joints, n_samples) [mm]."""
-    return cross(arm.axes, arm.reaches_mm)
 
 
 def _turned(amounts: Floats, moves_mm: Floats) -> Floats:

@@ -195,9 +195,7 @@ def predict(
         values = replace(values, mountings=turns)
     for station, state in zip(network.stations, states, strict=True):
         artefact = station.artefact
-        if station.touches.orientations is not None:
-            errors = orientation_errors(network, station, values, state)
-            errors_rad[station.poses] = errors
+        errors_rad[station.poses] = orientation_errors(network, station, values, state)
         of_station_mm = misclosures_mm(network, station, values, state)
         found_mm[station.poses, : artefact.rows_per_pose] = of_station_mm
     return Prediction(campaign, found_mm, frozenset(own), errors_rad)

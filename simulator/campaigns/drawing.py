@@ -25,6 +25,7 @@ from traverse.simulator.campaigns.pose_set import PoseSet
 from traverse.simulator.campaigns.poses import make_poses
 from traverse.simulator.campaigns.postures import shifted_postures
 from traverse.simulator.campaigns.spec import CampaignSpec, NoiseTable
+from traverse.simulator.effects.posture import tilt_matrices
 
 
 def simulate_campaign(arm: Arm, spec: CampaignSpec, seed: int) -> SimulatedCampaign:
@@ -142,25 +143,10 @@ def _measured_orientations(
     bodies = poses.faulty.last_body(turns_rad, poses.around) @ mounting
     frames = np.stack([placed.placement.rotation for placed in poses.artefacts])
     seen = frames[poses.artefact_index].swapaxes(1, 2) @ bodies
-    quaternions = np.array(
-        [
-            _quaternion(rotation @ _turned(error))
-            for rotation, error in zip(seen, errors + off_rad, strict=True)
-        ]
-    )
+    seen = seen @ tilt_matrices(np.zeros(3), errors + off_rad)[:, :3, :3]
+    quaternions = np.array([_quaternion(rotation) for rotation in seen])
     quaternions[~measured] = np.nan
     return mounting, quaternions
-
-
-def _turned(vector_rad: Floats) -> Floats:
-    """The rotation (3, 3) about a vector (3,) by its length."""
-    x, y, z = vector_rad
-    angle = max(float(np.linalg.norm(vector_rad)), 1e-300)
-    crossed = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) / angle
-    turn: Floats = (
-        np.eye(3) + np.sin(angle) * crossed + (1.0 - np.cos(angle)) * crossed @ crossed
-    )
-    return turn
 
 
 def _quaternion(rotation: Floats) -> Floats:

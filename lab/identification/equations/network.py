@@ -397,27 +397,6 @@ def _mean_rotation(quaternions: Floats) -> Floats:
     return mean
 
 
-def misclosures_mm(
-    network: Network,
-    station: Station,
-    arm: ArmValues,
-    unknowns: Floats,
-    corrections: Floats | None = None,
-) -> Floats:
-    """Compute a station's misclosures alone, without those of orientations.
-
-    (n_poses, n_rows)
-    """
-    centres_mm = station_centres(network, station, arm, corrections)
-    found = np.empty((len(centres_mm), station.artefact.rows_per_pose))
-    for first in range(0, len(centres_mm), _CHUNK_POSES):
-        part = slice(first, first + _CHUNK_POSES)
-        touches = station.touches.part(part)
-        equations = station.artefact.equations(unknowns, centres_mm[part], touches)
-        found[part] = equations.misclosures_mm
-    return found
-
-
 def all_misclosures(
     network: Network,
     station: Station,
@@ -425,33 +404,46 @@ def all_misclosures(
     unknowns: Floats,
     corrections: Floats | None = None,
 ) -> Floats:
-    """Compute a station's misclosures, (n_poses, most_rows).
+    """Compute a station's misclosures alone, (n_poses, most_rows).
 
     In mm, and behind them of orientations in rad, zero where there is none.
     """
-    found_mm = misclosures_mm(network, station, arm, unknowns, corrections)
-    if station.touches.orientations is None:
-        return found_mm
-    errors = orientation_errors(network, station, arm, unknowns, corrections)
-    return np.hstack([found_mm, np.nan_to_num(errors)])
+    centres_mm = station_centres(network, station, arm, corrections)
+    found = np.zeros((len(centres_mm), station.most_rows))
+    for first in range(0, len(centres_mm), _CHUNK_POSES):
+        part = slice(first, first + _CHUNK_POSES)
+        touches = station.touches.part(part)
+        equations = station.artefact.equations(unknowns, centres_mm[part], touches)
+        found[part, : station.artefact.rows_per_pose] = equations.misclosures_mm
+    if station.touches.orientations is not None:
+        for chunk in _chunks(network, station, arm, corrections):
+            if chunk.turns is not None:
+                found[chunk.part, 3:] = station.artefact.orientation_equations(
+                    unknowns, chunk.turns, station.touches.part(chunk.part)
+                ).misclosures_rad
+    return found
+
+
+def misclosures_mm(
+    network: Network, station: Station, arm: ArmValues, unknowns: Floats
+) -> Floats:
+    """Compute a station's misclosures without those of orientations.
+
+    (n_poses, rows_per_pose)
+    """
+    found = all_misclosures(network, station, arm, unknowns)
+    return found[:, : station.artefact.rows_per_pose]
 
 
 def orientation_errors(
-    network: Network,
-    station: Station,
-    arm: ArmValues,
-    unknowns: Floats,
-    corrections: Floats | None = None,
+    network: Network, station: Station, arm: ArmValues, unknowns: Floats
 ) -> Floats:
     """Compute the misclosures of orientations, NaN without, (n_poses, 3) [rad]."""
     found = np.full((len(station.poses), 3), np.nan)
-    for chunk in _chunks(network, station, arm, corrections):
-        if chunk.turns is not None:
-            touches = station.touches.part(chunk.part)
-            equations = station.artefact.orientation_equations(
-                unknowns, chunk.turns, touches
-            )
-            found[chunk.part] = equations.misclosures_rad
+    oriented = station.touches.oriented
+    if np.any(oriented):
+        every = all_misclosures(network, station, arm, unknowns)
+        found[oriented] = every[oriented, 3:]
     return found
 
 

@@ -175,12 +175,19 @@ class Parameters:
         if np.any(self.free[4 * n : 4 * n + 3]):
             rest = len(self.names) - 4 * n - 3
             columns += np.pad(np.eye(3), ((0, 0), (4 * n, rest)))[:, self.free]
+        self._put_effects(columns, values.with_tool(tool), poses, turns=False)
+        return columns
+
+    def _put_effects(
+        self, columns: Floats, values: ArmValues, poses: Poses, *, turns: bool
+    ) -> None:
+        """Put in the columns of free effects."""
         free = self.free[self.n_geometric :]
         if self.effects is not None and np.any(free):
-            geometry = values.with_tool(tool).geometry
-            moves = self.effects.columns(geometry, values.amplitudes, poses)
+            moves = self.effects.columns(
+                values.geometry, values.amplitudes, poses, turns=turns
+            )
             columns[:, :, -np.count_nonzero(free) :] = moves[:, :, free]
-        return columns
 
     def turn_columns(
         self, values: ArmValues, derivatives: ProbeDerivatives, poses: Poses
@@ -199,11 +206,7 @@ class Parameters:
         first = self.of_tools.stop + 3 * self.mounted.index(tool)
         by_mounting[:, first : first + 3] = np.eye(3)
         columns += derivatives.by_probe_vector @ by_mounting[:, self.free]
-        free = self.free[self.n_geometric :]
-        if self.effects is not None and np.any(free):
-            geometry = values.with_tool(tool).geometry
-            moves = self.effects.columns(geometry, values.amplitudes, poses, turns=True)
-            columns[:, :, -np.count_nonzero(free) :] = moves[:, :, free]
+        self._put_effects(columns, values.with_tool(tool), poses, turns=True)
         return columns
 
     def _maps(self, geometry: Geometry, tool: int) -> tuple[Floats, Floats, Floats]:

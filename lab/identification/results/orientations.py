@@ -155,10 +155,7 @@ def _errors(
     known, unknowns = known_stations(network, state, campaign, radius_mm, every)
     whole = network.on(campaign)
     for station, own in zip(known, unknowns, strict=True):
-        if station.touches.orientations is not None:
-            errors_rad[station.poses] = orientation_errors(
-                whole, station, state.arm, own
-            )
+        errors_rad[station.poses] = orientation_errors(whole, station, state.arm, own)
     return errors_rad
 
 

@@ -16,7 +16,6 @@ from traverse.lab.identification.equations.network import (
     State,
     fitted_mountings,
     orientation_errors,
-    stations,
 )
 from traverse.lab.identification.solve.iterative_adjustment import IteratedAdjustment
 
@@ -82,29 +81,23 @@ def excluded_part(run: IteratedAdjustment, at: int) -> str:
 def are_inverse(network: Network, state: State) -> bool:
     """Return whether orientations contradict a state, and their inverses do not."""
     medians_rad = []
-    for campaign in (network.campaign, _inverted(network.campaign)):
-        errors_rad = [np.empty((0, 3))]
-        inverted = network.on(campaign)
-        radius_mm = network.stations[0].touches.radius_mm
-        chosen = stations(campaign, radius_mm, network.included)
-        arm = state.arm
-        turns = fitted_mountings(
-            replace(inverted, stations=chosen), arm, state.unknowns
+    for signs in (np.ones(4), np.array([1.0, -1.0, -1.0, -1.0])):
+        turned = tuple(
+            replace(station, touches=replace(touches, orientations=signs * seen))
+            if (seen := touches.orientations) is not None
+            else station
+            for station in network.stations
+            for touches in [station.touches]
         )
-        arm = replace(arm, mountings=turns)
-        for station, own in zip(chosen, state.unknowns, strict=True):
-            if station.touches.orientations is not None:
-                errors_rad.append(orientation_errors(inverted, station, arm, own))
+        mountings = fitted_mountings(
+            replace(network, stations=turned), state.arm, state.unknowns
+        )
+        arm = replace(state.arm, mountings=mountings)
+        errors_rad = [
+            orientation_errors(network, station, arm, own)
+            for station, own in zip(turned, state.unknowns, strict=True)
+        ]
         sizes_rad = np.linalg.norm(np.concatenate(errors_rad), axis=1)
         medians_rad.append(float(np.nanmedian(sizes_rad)))
     as_given, turned_round = medians_rad
     return as_given > _LARGE_RAD and turned_round < _BETTER * as_given
-
-
-def _inverted(campaign: Campaign) -> Campaign:
-    """Turn all orientations round."""
-    orientations = campaign.poses.orientations
-    if orientations is None:
-        return campaign
-    backwards = orientations * np.array([1.0, -1.0, -1.0, -1.0])
-    return replace(campaign, poses=replace(campaign.poses, orientations=backwards))
