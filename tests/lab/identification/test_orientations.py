@@ -23,6 +23,7 @@ from traverse.kinematics.model.quaternion import (
     multiply,
     rotation_vectors,
 )
+from traverse.lab.campaign.campaign_file import Tool
 from traverse.lab.identification.equations.effect_model import effect_model
 from traverse.lab.identification.equations.network import (
     all_misclosures,
@@ -41,6 +42,7 @@ from traverse.lab.identification.prediction import (
     places_of,
     predict,
 )
+from traverse.lab.identification.report.page import report_page, result_map
 from traverse.simulator.campaigns import (
     Cone,
     NoiseTable,
@@ -345,6 +347,10 @@ def test_an_orientation_that_is_a_blunder_is_taken_out_alone():
     assert [one.line for one in result.excluded] == lines["contact"]
     assert {one.part for one in result.excluded} == {"position"}
     assert all(10 < one.w < 20 for one in result.orientations.excluded)
+    page = report_page(result, result_map(result))
+    assert "<th>contradicts</th>" in page
+    assert "<td>position</td>" in page
+    assert "Orientations that contradict the rest" in page
     assert result.orientations.rms_all_rad > 1.5 * result.orientations.rms_after_rad
 
 
@@ -354,6 +360,33 @@ def test_inverse_rotations_are_refused_with_the_remedy():
     turned = replace(campaign, poses=replace(campaign.poses, orientations=backwards))
     with pytest.raises(IdentificationError, match="change the signs"):
         identify(turned, ARM, QUICK)
+
+
+def test_each_tool_has_a_mounting_of_its_own():
+    """Every second pose with a probe that is turned by a known rotation."""
+    campaign, _ = measured(9)
+    other = np.arange(120) % 2
+    known = Rotation.from_rotvec([0.3, -1.2, 0.7])
+    seen = Rotation.from_quat(campaign.poses.orientations, scalar_first=True)
+    turned = (seen * known).as_quat(scalar_first=True)
+    both = np.where(other[:, None] > 0, turned, campaign.poses.orientations)
+    poses = replace(campaign.poses, orientations=both, tools=other)
+    tool = Tool(name="second", vector_mm=ARM.probe.vector_mm)
+    result = identify(replace(campaign, poses=poses, tools=(tool,)), ARM, QUICK)
+    assert result.converged
+    assert result.excluded == ()
+    assert result.orientations.excluded == ()
+    mountings = result.orientations.mountings
+    first, second = (
+        Rotation.from_quat(mountings[name].quaternion, scalar_first=True)
+        for name in ("probe", "second")
+    )
+    stds = [*mountings["probe"].std_rad, *mountings["second"].std_rad]
+    away = (second * (first * known).inv()).magnitude()
+    assert away < 5.0 * np.linalg.norm(stds)
+    assert {"tool.second.mounting.z", "tool.second.x"} <= set(stds_of(result))
+    low, high = chi2.ppf([RARE, 1 - RARE], result.redundancy)
+    assert low < result.sigma0**2 * result.redundancy < high
 
 
 def test_noise_that_is_not_stated_is_estimated():
