@@ -516,10 +516,9 @@ def white_rows(
             offsets = (sources @ in_noise)[:, :, 0]
         misclosures = unweighted - offsets
         weighed = plain.swapaxes(1, 2) @ _times(plain, misclosures)[:, :, np.newaxis]
-        following = np.zeros((len(rows), n_corrected))
-        following[:, : len(scales)] = (
-            -(sources.swapaxes(1, 2) @ weighed)[:, :, 0] * scales
-        )
+        following = -(sources.swapaxes(1, 2) @ weighed)[:, :, 0] * scales
+        if len(scales) < n_corrected:
+            following = np.pad(following, ((0, 0), (0, 3)))
         roots = np.sqrt(network.weights[rows])[:, np.newaxis, np.newaxis]
         whitener = roots * plain
         white_by_pose = whitener @ by_pose

@@ -79,14 +79,11 @@ def linearise(network: Network, state: State) -> System:
             total += float(np.sum(rows.misclosures**2))
             squares_mm2 += float(np.sum(rows.misclosures_mm**2))
             n_mm += rows.misclosures_mm.size
-            lacking = station.most_rows - rows.misclosures.shape[1]
-            seen.append(
-                (
-                    np.pad(rows.whiteners, ((0, 0), (0, lacking), (0, lacking))),
-                    np.pad(rows.offsets, ((0, 0), (0, lacking))),
-                    rows.corrections,
-                )
-            )
+            whitener, offsets = rows.whiteners, rows.offsets
+            if lacking := station.most_rows - rows.misclosures.shape[1]:
+                whitener = np.pad(whitener, ((0, 0), (0, lacking), (0, lacking)))
+                offsets = np.pad(offsets, ((0, 0), (0, lacking)))
+            seen.append((whitener, offsets, rows.corrections))
             joined = np.concatenate(
                 [
                     rows.by_unknowns,
@@ -107,12 +104,12 @@ def linearise(network: Network, state: State) -> System:
     reduced = sequential_qr(
         [*(found.reduced for found in eliminations), expected], n_free + 1
     )
-    whiteners, offsets, following = (
+    whiteners, all_offsets, following = (
         tuple(of_station[at] for of_station in kept) for at in range(3)
     )
     rms_mm = float(np.sqrt(squares_mm2 / max(n_mm, 1)))
     return System(
-        tuple(eliminations), reduced, whiteners, offsets, following, total, rms_mm
+        tuple(eliminations), reduced, whiteners, all_offsets, following, total, rms_mm
     )
 
 
