@@ -132,8 +132,8 @@ def _measured_orientations(
 ) -> tuple[Floats, Floats] | tuple[None, None]:
     """How the instrument's probe is mounted, (3, 3), and what is measured, (n, 4).
 
-    The artefact's own axes are those of the instrument. Errors turn the probe about its
-    own axes, beside others, (n, 3).
+    The axes of the system that points are stated in are those of the instrument. Errors
+    turn the probe about its own axes, beside others, (n, 3).
     """
     measured = oriented_poses(poses)
     if not np.any(measured):
@@ -141,7 +141,14 @@ def _measured_orientations(
     mounting = drawn_rotation(rng)
     errors = noise.orientation_rad * rng.standard_normal((poses.n_poses, 3))
     bodies = poses.faulty.last_body(turns_rad, poses.around) @ mounting
-    frames = np.stack([placed.placement.rotation for placed in poses.artefacts])
+    frames = np.stack(
+        [
+            np.eye(3)
+            if getattr(placed.artefact, "frame", "own") == "arm"
+            else placed.placement.rotation
+            for placed in poses.artefacts
+        ]
+    )
     seen = frames[poses.artefact_index].swapaxes(1, 2) @ bodies
     seen = seen @ tilt_matrices(np.zeros(3), errors + off_rad)[:, :3, :3]
     quaternions = np.array([_quaternion(rotation) for rotation in seen])

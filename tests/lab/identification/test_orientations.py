@@ -107,7 +107,7 @@ def test_sigma0_is_near_one_and_standard_deviations_are_right():
         tests.append(result.sigma0**2 * result.redundancy)
         sums.append(turn_misfit(result, truth))
         assert result.redundancy == 6 * 120 - 25 - 3 - 6
-    low, high = chi2.ppf([RARE, 1 - RARE], 20 * 689)
+    low, high = chi2.ppf([RARE, 1 - RARE], 20 * 686)
     assert low < np.sum(tests) < high
     low, high = chi2.ppf([RARE, 1 - RARE], 20 * 2)
     assert low < np.sum(sums) < high
@@ -360,6 +360,36 @@ def test_inverse_rotations_are_refused_with_the_remedy():
     turned = replace(campaign, poses=replace(campaign.poses, orientations=backwards))
     with pytest.raises(IdentificationError, match="change the signs"):
         identify(turned, ARM, QUICK)
+
+
+def test_components_in_another_order_leave_the_result_in_doubt():
+    campaign, _ = measured(1)
+    rolled = np.roll(campaign.poses.orientations, -1, axis=1)
+    wrong = replace(campaign, poses=replace(campaign.poses, orientations=rolled))
+    result = identify(wrong, ARM, QUICK)
+    assert result.converged
+    assert len(result.orientations.excluded) > 110
+    page = report_page(result, result_map(result))
+    assert "orientations contradict the positions and were left out" in page
+    assert "(w, x, y, z)" in page
+    # Positions are as good as without.
+    bare = stds_of(identify(without(campaign), ARM, QUICK))
+    found = stds_of(result)
+    assert found["J2.link.v"] == pytest.approx(bare["J2.link.v"], rel=0.1)
+
+
+@pytest.mark.parametrize("frame", ["arm", "own_scaled"])
+def test_orientations_are_in_the_frame_of_their_points(frame):
+    scale = 1.0005 if frame == "own_scaled" else 1.0
+    of = make_poses(ARM, spec_of(tracker(100, frame=frame, scale=scale)), 3)
+    campaign, _ = measured(3, of=of)
+    result = identify(campaign, ARM, QUICK)
+    assert result.converged
+    assert result.orientations.excluded == ()
+    low, high = chi2.ppf([RARE, 1 - RARE], result.redundancy)
+    assert low < result.sigma0**2 * result.redundancy < high
+    # Angles give no length.
+    assert [one.is_scale for one in result.undetermined] == [True] * (scale != 1.0)
 
 
 def test_each_tool_has_a_mounting_of_its_own():
