@@ -95,17 +95,13 @@ def _moves(
     turns: bool,
 ) -> Floats:
     """Differentiate for one effect, (n_parameters, 3, n_samples)."""
-    # Of the ball or of the last body by each hinge's turn, (3, n_joints, n_samples).
-    by_hinges = arm.axes if turns else cross(arm.axes, arm.reaches_mm)
     if isinstance(correction, ReadingCorrection):
         amounts = correction.unit_amounts(posture.geometry, posture.block)
-        by_hinges = np.moveaxis(by_hinges, 1, -1)
+        by_hinges = np.moveaxis(_hinge_moves(arm, turns=turns), 1, -1)
         by_readings = np.moveaxis(arm.geometry.by_readings(by_hinges), -1, 1)
         return -_turned(amounts, by_readings[:, correction.joints])
     if isinstance(correction, BodyCorrection):
         amounts = correction.unit_amounts(posture)
-        if correction.target is Target.TURN:
-            return _turned(amounts, by_hinges[:, correction.joints])
         return _body_moves(correction, amounts, arm, turns=turns)
     if isinstance(correction, ContactCorrection) and not turns:
         return correction.derivatives(contact)
@@ -116,11 +112,12 @@ def _moves(
 def _body_moves(
     correction: BodyCorrection, amounts: Floats, arm: Deflection, *, turns: bool
 ) -> Floats:
-    """Differentiate for one that does not turn hinges."""
     joints = correction.joints
     # Components in front, as `rotate` and `cross` expect them.
     vectors = np.moveaxis(amounts, 1, 0)
     match correction.target:
+        case Target.TURN:
+            return _turned(amounts, _hinge_moves(arm, turns=turns)[:, joints])
         case Target.TILT:
             tilts = rotate(arm.carriers[:, joints], vectors)
             reaches_mm = arm.reaches_mm[:, joints]
@@ -128,15 +125,27 @@ def _body_moves(
         case Target.MOUNT:
             reaches_mm = arm.centres_mm - arm.pivot_mm
             return amounts if turns else _parameters_first(cross(vectors, reaches_mm))
-        case _ if turns:  # the others shift only
-            return np.zeros((len(amounts), *arm.centres_mm.shape))
+    if turns:  # the others shift only
+        return np.zeros((len(amounts), *arm.centres_mm.shape))
+    return _shifts(correction, amounts, vectors, arm)
+
+
+def _shifts(
+    correction: BodyCorrection, amounts: Floats, vectors: Floats, arm: Deflection
+) -> Floats:
+    joints = correction.joints
+    match correction.target:
         case Target.GROWTH:
             links = rotate(arm.rotations, arm.geometry.links_mm.T[:, :, np.newaxis])
             return _joint_sum(links[:, joints][:, np.newaxis] * amounts)
         case Target.SHIFT:
             return _joint_sum(rotate(arm.carriers[:, joints], vectors))
-        case _:  # of the base
-            return amounts
+    return amounts  # of the base
+
+
+def _hinge_moves(arm: Deflection, *, turns: bool) -> Floats:
+    """Derivative of ball or last body by each hinge's turn, (3, n_joints, n)."""
+    return arm.axes if turns else cross(arm.axes, arm.reaches_mm)
 
 
 def _turned(amounts: Floats, moves_mm: Floats) -> Floats:
