@@ -117,7 +117,7 @@ def _read_campaign(path: Path) -> object:
     # Its reader below reports what is wrong with it.
     with contextlib.suppress(FileError), csv_rows(poses, "poses") as (header, _):
         joints = [c.removesuffix("_rad") for c in header if c.endswith("_rad")]
-    return read_campaign(path.parent, joints, several_tools=True)
+    return read_campaign(path.parent, joints, several_tools=True, orientations=True)
 
 
 # Part of the schema, tables that identify it too, name, reader.

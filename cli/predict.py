@@ -46,15 +46,18 @@ def predict(
     with refusals(IdentificationError):
         held = read_arm(arm)
         names = [joint.name for joint in held.joints]
-        judged = fitted = read_campaign(campaign, names, several_tools=True)
+        judged = fitted = read_campaign(
+            campaign, names, several_tools=True, orientations=True
+        )
         if fit_on is not None:
-            fitted = read_campaign(fit_on, names, several_tools=True)
+            fitted = read_campaign(fit_on, names, several_tools=True, orientations=True)
         for folder, one in {campaign: judged, fit_on or campaign: fitted}.items():
             for note in one.notes:
                 typer.echo(f"{folder}: {note}", err=True)
         found = prediction.placed(fitted, held, with_tool=fit_tool)
         places = {} if fit_on is None else prediction.places_of(found)
-        result = prediction.predict(judged, found.arm, places, found.tools_mm)
+        known = {} if fit_on is None else prediction.mountings_of(found)
+        result = prediction.predict(judged, found.arm, places, found.tools_mm, known)
         if out is not None:
             _write_poses(result, out)
     tool = None if not fit_tool else list(found.arm.probe.vector_mm)
@@ -100,24 +103,39 @@ def _lines(values: dict[str, Any], out: Path | None) -> list[str]:
         f"largest {length_mm(row['largest_mm'])} (line {row['largest_line']})"
         for name, row in rows.items()
     ]
+    lines += [
+        f"{name}: orientation off by {row['mean_rad']:.3g} rad in the mean, "
+        f"{row['rms_rad']:.3g} rad ({row['rms_deg']:.3g} degrees) rms, "
+        f"largest {row['largest_rad']:.3g} rad ({row['largest_deg']:.3g} degrees, "
+        f"line {row['largest_line']}), {row['n']} poses"
+        for name, row in ((n, r.get("orientation")) for n, r in rows.items())
+        if row is not None
+    ]
     return [*lines, f"wrote {out}"] if out is not None else lines
 
 
 def _write_poses(result: "Prediction", path: Path) -> None:
-    """Write a line for each pose: distance, and the misclosures that make it up."""
+    """Write a line for each pose: distance, and the misclosures that make it up.
+
+    With orientations also by how much they are off about each axis.
+    """
     campaign: Campaign = result.campaign
     poses = campaign.poses
+    header = ["line", "artefact", "feature", "distance_mm", "w1_mm", "w2_mm", "w3_mm"]
+    rows = result.misclosures_mm.tolist()
+    if any(poses.oriented):
+        header += [f"orientation_{axis}_rad" for axis in "xyz"]
+        errors_rad = result.orientation_errors_rad.tolist()
+        rows = [[*mm, *rad] for mm, rad in zip(rows, errors_rad, strict=True)]
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(
-            ["line", "artefact", "feature", "distance_mm", "w1_mm", "w2_mm", "w3_mm"]
-        )
-        for at, of_pose_mm in enumerate(result.misclosures_mm.tolist()):
+        writer.writerow(header)
+        for at, row in enumerate(rows):
             writer.writerow(
                 [
                     int(poses.lines[at]),
                     *campaign.touched_cells(at),
                     f"{result.distances_mm[at]:.6g}",
-                    *("" if w != w else f"{w:.6g}" for w in of_pose_mm),  # noqa: PLR0124 NaN
+                    *("" if w != w else f"{w:.6g}" for w in row),  # noqa: PLR0124 NaN
                 ]
             )

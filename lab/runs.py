@@ -66,7 +66,7 @@ def read_inputs(
     """
     arm = read_arm(arm_file)
     names = [joint.name for joint in arm.joints]
-    campaign = read_campaign(folder, names, several_tools=True)
+    campaign = read_campaign(folder, names, several_tools=True, orientations=True)
     if family is not None:
         campaign = replace(campaign, prior=read_prior(family, arm, prior))
     return arm, campaign

@@ -51,8 +51,10 @@ def campaign_from_simulation(drawn: SimulatedColumns) -> Campaign:
             directions=drawn.direction,
             force_n=drawn.force_n,
             lengths_mm=drawn.length_mm,
+            orientations=drawn.orientation,
         ),
         start_utc=None if start is None else datetime.fromisoformat(start),
         encoder_rad=drawn.encoder_rad,
         contact_mm=drawn.contact_mm,
+        orientation_rad=drawn.orientation_rad,
     )

@@ -113,6 +113,7 @@ class _Progress:
     def __init__(self, campaign: "Campaign") -> None:
         rows = [artefact.rows_per_pose for artefact in campaign.artefacts]
         self._n_rows = sum(rows[at] for at in campaign.poses.artefacts.tolist())
+        self._n_rows += 3 * int(campaign.poses.oriented.sum())
         self._n_told = 0
 
     def __call__(self, iteration: "Iteration") -> None:

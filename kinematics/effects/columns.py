@@ -7,9 +7,10 @@ With Q_k, a_k = Q_k u_k and rho_k = x - o_k of the deflected arm, an amount move
     growth     Q_k r_k g                      mount    m x (x - x_0 - b)
     contact    the shift itself               base     b
 
-and a column is that of the unit amount. Left out is how the mechanical effects change
-with the corrections of the readings, and how small turns about one joint combine: both
-are of the second order, some 1e-4 of a column at amplitudes of 1e-4 rad.
+and a column is that of the unit amount. The last body is turned by the same without
+levers: - a_k d_alpha, a_k e, Q_(k-1) w and m. Left out is how the mechanical effects
+change with the corrections of the readings, and how small turns about one joint
+combine: both are of the second order, some 1e-4 of a column at amplitudes of 1e-4 rad.
 """
 
 from collections.abc import Sequence
@@ -42,6 +43,8 @@ def columns(
     effects: ArmEffects,
     block: Block,
     candidates: Sequence[Correction] | None = None,
+    *,
+    turns: bool = False,
 ) -> Floats:
     """Differentiate the corrected ball's centres.
 
@@ -50,9 +53,11 @@ def columns(
         effects: Those that are applied.
         block: The samples with what effects and candidates need.
         candidates: Differentiate for these instead, applied or not.
+        turns: Differentiate the orientation of the last body instead.
 
     Returns:
-        mm per unit of each parameter, (n_samples, 3, n_parameters).
+        mm (of the orientation rad) per unit of each parameter, (n_samples, 3,
+        n_parameters).
 
     Raises:
         ValueError: The block does not say what effects need; names all of it.
@@ -75,53 +80,72 @@ def columns(
         contact = contact_seen(geometry, part, arm.rotations[:, -1])
         at = 0
         for correction in wanted:
-            moves = _moves(correction, posture, arm, contact)
+            moves = _moves(correction, posture, arm, contact, turns=turns)
             found[chunk, :, at : at + len(moves)] = moves.transpose(2, 1, 0)
             at += len(moves)
     return found
 
 
 def _moves(
-    correction: Correction, posture: Posture, arm: Deflection, contact: Contact
+    correction: Correction,
+    posture: Posture,
+    arm: Deflection,
+    contact: Contact,
+    *,
+    turns: bool,
 ) -> Floats:
     """Differentiate for one effect, (n_parameters, 3, n_samples)."""
     if isinstance(correction, ReadingCorrection):
         amounts = correction.unit_amounts(posture.geometry, posture.block)
-        by_hinges = np.moveaxis(_hinge_moves(arm), 1, -1)
+        by_hinges = np.moveaxis(_hinge_moves(arm, turns=turns), 1, -1)
         by_readings = np.moveaxis(arm.geometry.by_readings(by_hinges), -1, 1)
         return -_turned(amounts, by_readings[:, correction.joints])
     if isinstance(correction, BodyCorrection):
-        return _body_moves(correction, correction.unit_amounts(posture), arm)
-    if isinstance(correction, ContactCorrection):
+        amounts = correction.unit_amounts(posture)
+        return _body_moves(correction, amounts, arm, turns=turns)
+    if isinstance(correction, ContactCorrection) and not turns:
         return correction.derivatives(contact)
     # What is off-line only does not move the ball.
     return np.zeros((len(correction.values), 3, len(posture.block)))
 
 
-def _body_moves(correction: BodyCorrection, amounts: Floats, arm: Deflection) -> Floats:
+def _body_moves(
+    correction: BodyCorrection, amounts: Floats, arm: Deflection, *, turns: bool
+) -> Floats:
     joints = correction.joints
     # Components in front, as `rotate` and `cross` expect them.
     vectors = np.moveaxis(amounts, 1, 0)
     match correction.target:
         case Target.TURN:
-            return _turned(amounts, _hinge_moves(arm)[:, joints])
+            return _turned(amounts, _hinge_moves(arm, turns=turns)[:, joints])
+        case Target.TILT:
+            tilts = rotate(arm.carriers[:, joints], vectors)
+            reaches_mm = arm.reaches_mm[:, joints]
+            return _joint_sum(tilts if turns else cross(tilts, reaches_mm))
+        case Target.MOUNT:
+            reaches_mm = arm.centres_mm - arm.pivot_mm
+            return amounts if turns else _parameters_first(cross(vectors, reaches_mm))
+    if turns:  # the others shift only
+        return np.zeros((len(amounts), *arm.centres_mm.shape))
+    return _shifts(correction, amounts, vectors, arm)
+
+
+def _shifts(
+    correction: BodyCorrection, amounts: Floats, vectors: Floats, arm: Deflection
+) -> Floats:
+    joints = correction.joints
+    match correction.target:
         case Target.GROWTH:
             links = rotate(arm.rotations, arm.geometry.links_mm.T[:, :, np.newaxis])
             return _joint_sum(links[:, joints][:, np.newaxis] * amounts)
-        case Target.TILT:
-            turns = rotate(arm.carriers[:, joints], vectors)
-            return _joint_sum(cross(turns, arm.reaches_mm[:, joints]))
         case Target.SHIFT:
             return _joint_sum(rotate(arm.carriers[:, joints], vectors))
-        case Target.MOUNT:
-            return _parameters_first(cross(vectors, arm.centres_mm - arm.pivot_mm))
-        case Target.BASE:
-            return amounts
+    return amounts  # of the base
 
 
-def _hinge_moves(arm: Deflection) -> Floats:
-    """Derivative of the ball by each hinge's turn, (3, n_joints, n_samples) [mm]."""
-    return cross(arm.axes, arm.reaches_mm)
+def _hinge_moves(arm: Deflection, *, turns: bool) -> Floats:
+    """Derivative of ball or last body by each hinge's turn, (3, n_joints, n)."""
+    return arm.axes if turns else cross(arm.axes, arm.reaches_mm)
 
 
 def _turned(amounts: Floats, moves_mm: Floats) -> Floats:

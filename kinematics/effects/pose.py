@@ -167,6 +167,22 @@ def numpy_corrected_pose(
     return centres_mm, directions
 
 
+def corrected_rotations(
+    geometry: Geometry, effects: ArmEffects, block: Block
+) -> Floats:
+    """Compute the rotation of the last body, effects applied, (4, n_samples).
+
+    Raises:
+        ValueError: The block does not say what effects need; names all of it.
+    """
+    checked(geometry, effects, block)
+    found = np.empty((4, len(block)))
+    for chunk in chunks(len(block), _CHUNK_SAMPLES):
+        arm = deflected_arm(geometry, effects, block.part(chunk))
+        found[:, chunk] = arm.rotations[:, -1]
+    return found
+
+
 def angle_corrections(geometry: Geometry, effects: ArmEffects, block: Block) -> Floats:
     """Compute d_alpha, the sum of all reading corrections, (n_samples, n_joints)."""
     checked(geometry, effects, block)

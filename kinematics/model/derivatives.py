@@ -7,7 +7,8 @@ With o_k the origin of joint k and P_k the rotation of the element that it carri
     dx/du_k     = ((P_(k-1) - P_k) (u_k x e)) x (x - o_k)
 
 the last one for each column e of I - u_k u_k^T: an axis is a unit vector, so only its
-tangent perturbations count.
+tangent perturbations count. The last body turns by the same small vectors without their
+levers: z_k dalpha_k and (P_(k-1) - P_k) (u_k x e).
 
 `numpy_derivatives` is the readable definition, and computes where the kernel in C was
 not built or is disabled.
@@ -78,6 +79,30 @@ def probe_derivatives(geometry: Geometry, angles_rad: Floats) -> ProbeDerivative
     else:
         found = ProbeDerivatives(*chain.derivatives(angles_rad))
     return replace(found, by_angles=geometry.by_readings(found.by_angles))
+
+
+def turn_derivatives(
+    geometry: Geometry, derivatives: ProbeDerivatives
+) -> tuple[Floats, Floats]:
+    """Compute how the last body turns, from the rotations of all bodies.
+
+    Args:
+        geometry: The arm.
+        derivatives: Of some samples.
+
+    Returns:
+        Small turns by readings, rad/rad, (n_samples, 3, n_joints), and by axes, rad,
+        (n_samples, 3, n_joints, 3), indexed as those of the ball's centre.
+    """
+    rotations = derivatives.by_links.swapaxes(1, 2)
+    by_hinges = np.einsum("nkij,kj->nik", rotations, geometry.axes)
+    before = np.empty_like(rotations)
+    before[:, 0] = np.eye(3)
+    before[:, 1:] = rotations[:, :-1]
+    # Columns u_k x e of each unit vector e.
+    across = np.cross(geometry.axes[:, np.newaxis], np.eye(3)).swapaxes(1, 2)
+    by_axes = ((before - rotations) @ across).swapaxes(1, 2)
+    return geometry.by_readings(by_hinges), by_axes
 
 
 def numpy_derivatives(geometry: Geometry, angles_rad: Floats) -> ProbeDerivatives:

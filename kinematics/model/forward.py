@@ -74,6 +74,12 @@ def joint_positions(geometry: Geometry, angles_rad: Floats) -> Floats:
     return chain.positions(angles_rad)
 
 
+def body_rotations(geometry: Geometry, angles_rad: Floats) -> Floats:
+    """Compute P_n of the last body: (n_samples, n_joints) -> (4, n_samples)."""
+    last: Floats = _rotations(geometry, checked_readings(geometry, angles_rad))[:, -1]
+    return last
+
+
 def numpy_pose(geometry: Geometry, angles_rad: Floats) -> tuple[Floats, Floats]:
     """Compute what `probe_pose` does, by NumPy: v <- R(u_k, theta_k) (r_k + v)."""
     centres_mm = np.empty((len(angles_rad), 3))

@@ -71,6 +71,15 @@ def rotate(q: Floats, vectors: Floats) -> Floats:
     )
 
 
+def rotation_vectors(q: Floats) -> Floats:
+    """Axis times angle in rad, at most pi: (4, ...) -> (3, ...)."""
+    sine = np.linalg.norm(q[1:], axis=0)
+    angle = 2.0 * np.arctan2(sine, np.abs(q[0]))
+    factor = np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 0.0)
+    vectors: Floats = np.where(q[0] < 0.0, -factor, factor) * q[1:]
+    return vectors
+
+
 def conjugate(q: Floats) -> Floats:
     """The rotations backwards, (4, ...)."""
     backwards: Floats = -q

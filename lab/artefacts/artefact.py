@@ -16,7 +16,7 @@ from typing import Any, Self
 import numpy as np
 from pydantic import Field, field_validator
 
-from traverse.arrays import Floats, Integers
+from traverse.arrays import Booleans, Floats, Integers
 from traverse.strict_toml.reader import StrictModel
 
 # Standard deviation of a certified length without a stated uncertainty: a
@@ -37,6 +37,8 @@ class Touches:
         radius_mm: Of the probe's ball.
         feature_names: The artefact's features, in the order of the indices.
         lengths_mm: As read at each pose, where the artefact reads lengths, (n_poses,).
+        orientations: Unit quaternions of the instrument's probe in the artefact's frame
+            as measured, NaN where none was, (n_poses, 4); None: none at all.
     """
 
     features: Integers
@@ -45,6 +47,14 @@ class Touches:
     radius_mm: float
     feature_names: tuple[str, ...]
     lengths_mm: Floats | None = None
+    orientations: Floats | None = None
+
+    @property
+    def oriented(self) -> Booleans:
+        """Which poses have a measured orientation, (n_poses,)."""
+        if self.orientations is None:
+            return np.zeros(len(self.features), dtype=np.bool_)
+        return np.isfinite(self.orientations[:, 0])
 
     @property
     def known_lengths_mm(self) -> Floats:
@@ -62,6 +72,7 @@ class Touches:
             self.radius_mm,
             self.feature_names,
             None if self.lengths_mm is None else self.lengths_mm[rows],
+            None if self.orientations is None else self.orientations[rows],
         )
 
 
@@ -77,6 +88,22 @@ class Equations:
 
     misclosures_mm: Floats
     by_centre: Floats
+    by_unknowns: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrientationEquations:
+    """Condition equations of the orientations of some poses, three each.
+
+    Attributes:
+        misclosures_rad: The small rotation vector from what was measured to the model,
+            in the arm's frame, (n_poses, 3).
+        by_turn: By a small turn of the last body, (n_poses, 3, 3).
+        by_unknowns: Per unit, (n_poses, 3, n_unknowns).
+    """
+
+    misclosures_rad: Floats
+    by_turn: Floats
     by_unknowns: Floats
 
 
@@ -172,6 +199,21 @@ class Artefact(StrictModel):
     def fixes_scale(self, touches: Touches) -> bool:
         """Return whether these touches determine the scale of the arm."""
         return False
+
+    @property
+    def has_orientations(self) -> bool:
+        """Whether orientations may be measured in its frame."""
+        return False
+
+    def measured_orientations(self, state: Floats, touches: Touches) -> Floats:
+        """Turn measured orientations into the arm's frame, (4, n_poses)."""
+        raise NotImplementedError(self.kind)
+
+    def orientation_equations(
+        self, state: Floats, turns: Floats, touches: Touches
+    ) -> OrientationEquations:
+        """Set up the conditions of orientations by the model, (4, n_poses)."""
+        raise NotImplementedError(self.kind)
 
     @property
     def fixes_datum(self) -> bool:

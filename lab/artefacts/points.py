@@ -6,6 +6,12 @@ every point. With growth g
     w = x - t - s (1 + g) R(q) A        frame "own" (s held) and "own_scaled"
     w = x - (1 + g) A                   frame "arm"
     certificate: A as given, where points_std_mm says that they are not exact
+
+A measured orientation O takes vectors of the instrument's probe to the points' frame.
+With T the probe's rotation by the arm's model, and the unit quaternion (c, e) with
+c >= 0 of
+
+    T (R(q) O)^-1        w = 2 e, up to the third order its rotation vector
 """
 
 from collections.abc import Sequence
@@ -17,12 +23,13 @@ from pydantic import Field
 from traverse.arrays import Floats
 from traverse.kinematics.effect_table import Vector
 from traverse.kinematics.helmert.transformation import quaternion_of
-from traverse.kinematics.model.quaternion import multiply, rotate
+from traverse.kinematics.model.quaternion import conjugate, multiply, rotate
 from traverse.lab.artefacts.artefact import (
     REFERENCE_TEMPERATURE_C,
     Artefact,
     Certificate,
     Equations,
+    OrientationEquations,
     Touches,
 )
 
@@ -128,6 +135,35 @@ class Points(Artefact):
             np.broadcast_to(np.eye(3), (n_poses, 3, 3)),
             by_unknowns,
         )
+
+    @property
+    def has_orientations(self) -> bool:
+        """The frame of the points is that of the instrument."""
+        return True
+
+    def measured_orientations(self, state: Floats, touches: Touches) -> Floats:
+        """R(q) O of poses that have orientations, (4, n_poses)."""
+        if touches.orientations is None:
+            raise ValueError(f"touches of {self.id!r} have no orientations")
+        return multiply(state[:4, np.newaxis], touches.orientations.T)
+
+    def orientation_equations(
+        self, state: Floats, turns: Floats, touches: Touches
+    ) -> OrientationEquations:
+        """Set up w = 2 e of T (R(q) O)^-1 = (c, e), all of poses with orientations.
+
+        A small turn t of the arm changes it by c t + t x e, a small turn f of the frame
+        by - c f - e x f.
+        """
+        measured = self.measured_orientations(state, touches)
+        rest = multiply(turns, conjugate(measured))
+        rest = np.where(rest[0] < 0.0, -rest, rest)
+        cosine, vectors = rest[0][:, np.newaxis, np.newaxis] * np.eye(3), rest[1:].T
+        crossed = np.cross(vectors[:, np.newaxis], np.eye(3)).swapaxes(1, 2)
+        by_unknowns = np.zeros((len(vectors), 3, len(self.unknown_scales(touches))))
+        if _N_FRAME_UNKNOWNS[self.frame]:
+            by_unknowns[:, :, :3] = -cosine - crossed
+        return OrientationEquations(2.0 * vectors, cosine - crossed, by_unknowns)
 
     def certificate(self, state: Floats, touches: Touches) -> Certificate:
         """The coordinates, where they have an uncertainty."""

@@ -54,6 +54,8 @@ class Poses:
         force_n: (n_poses,).
         lengths_mm: As read by artefacts that read lengths, (n_poses,).
         tools: Number of `Campaign.tools`, from 1 on; 0 for the arm's own, (n_poses,).
+        orientations: Unit quaternions of the instrument's probe in the artefact's frame
+            as measured, (n_poses, 4).
     """
 
     lines: Integers
@@ -69,6 +71,21 @@ class Poses:
     force_n: Floats | None = None
     lengths_mm: Floats | None = None
     tools: Integers | None = None
+    orientations: Floats | None = None
+
+    @property
+    def oriented(self) -> Booleans:
+        """Which have a measured orientation, (n_poses,)."""
+        if self.orientations is None:
+            return np.zeros(len(self), dtype=np.bool_)
+        return np.isfinite(self.orientations[:, 0])
+
+    @property
+    def mounted(self) -> tuple[int, ...]:
+        """Numbers of the tools that orientations were measured with, rising."""
+        if self.tools is None:
+            return (0,) if np.any(self.oriented) else ()
+        return tuple(np.unique(self.tools[self.oriented]).tolist())
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -94,6 +111,7 @@ class Campaign:
         gravity_m_s2: Override of the arm's, or None.
         encoder_rad: A-priori standard deviation of a reading, or None.
         contact_mm: A-priori standard deviation of a contact, or None.
+        orientation_rad: Of a measured orientation, about each axis, or None.
         name: Of its folder; empty if there was none.
         operator: Who measured, or None.
         place: Where, or None.
@@ -113,6 +131,7 @@ class Campaign:
     gravity_m_s2: tuple[float, float, float] | None = None
     encoder_rad: float | None = None
     contact_mm: float | None = None
+    orientation_rad: float | None = None
     name: str = ""
     operator: str | None = None
     place: str | None = None
@@ -203,7 +222,8 @@ class Campaign:
         directions = np.full((len(rows), 3), np.nan)
         if self.poses.directions is not None:
             directions = self.poses.directions[rows]
-        lengths_mm = self.poses.lengths_mm
+        lengths_mm, oriented = self.poses.lengths_mm, self.poses.oriented[rows]
+        orientations = self.poses.orientations
         return Touches(
             self.poses.features[rows],
             growths,
@@ -211,6 +231,9 @@ class Campaign:
             radius_mm,
             self.feature_names[index],
             None if lengths_mm is None else lengths_mm[rows],
+            orientations[rows]
+            if orientations is not None and np.any(oriented)
+            else None,
         )
 
 
@@ -228,7 +251,11 @@ def touching_stretches(campaign: Campaign, longest_s: float = np.inf) -> Integer
 
 
 def read_campaign(
-    folder: str | Path, joint_names: Sequence[str], *, several_tools: bool = False
+    folder: str | Path,
+    joint_names: Sequence[str],
+    *,
+    several_tools: bool = False,
+    orientations: bool = False,
 ) -> Campaign:
     """Read a campaign's folder.
 
@@ -236,6 +263,7 @@ def read_campaign(
         folder: With `campaign.toml` in it.
         joint_names: Of the arm, from the base outwards.
         several_tools: Whether poses may name tools.
+        orientations: Whether poses may have measured orientations.
 
     Raises:
         FileError: With everything that is wrong with a file.
@@ -254,21 +282,40 @@ def read_campaign(
     else:
         tools = [tool.name for tool in file.tools]
         table = read_pose_table(poses, joint_names, features, tools)
-        if table.tools is not None and not several_tools:
-            what = (
-                "only `traverse identify`, `diagnose`, `predict` and `verify` take "
-                "several tools; take the poses of one, and leave the column out"
-            )
-            raise FileError(str(poses), [Problem("tool", what)])
+        problems = [
+            *([] if several_tools else _tool_problems(table)),
+            *([] if orientations else _orientation_problems(table)),
+        ]
+        if problems:
+            raise FileError(str(poses), problems)
     return _campaign(path, file, table, tuple(joint_names))
+
+
+def _tool_problems(table: PoseTable) -> list[Problem]:
+    if table.tools is None:
+        return []
+    what = (
+        "only `traverse identify`, `diagnose`, `predict` and `verify` take several "
+        "tools; take the poses of one, and leave the column out"
+    )
+    return [Problem("tool", what)]
+
+
+def _orientation_problems(table: PoseTable) -> list[Problem]:
+    if not np.any(np.isfinite(table.optional.get("orientation_w", np.nan))):
+        return []
+    what = (
+        "only `traverse identify`, `diagnose` and `predict` take measured "
+        "orientations; leave these columns out"
+    )
+    return [Problem("orientation_w", what)]
 
 
 def _campaign(
     path: Path, file: CampaignFile, table: PoseTable, joint_names: tuple[str, ...]
 ) -> Campaign:
-    directions = _columns(table, [f"direction_{axis}" for axis in "xyz"])
-    if directions is not None:
-        directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = _unit_vectors(table, [f"direction_{axis}" for axis in "xyz"])
+    orientations = _unit_vectors(table, [f"orientation_{part}" for part in "wxyz"])
 
     def each(quantity: str) -> Floats | None:
         return _columns(table, [f"{name}_{quantity}" for name in joint_names])
@@ -287,8 +334,10 @@ def _campaign(
         force_n=table.optional.get("force_n"),
         lengths_mm=table.optional.get("length_mm"),
         tools=table.tools,
+        orientations=orientations,
     )
     _check_lengths(path.parent / file.poses, file, poses)
+    _check_orientations(path.parent / file.poses, file, poses)
     is_stream = Path(file.poses).suffix == SUFFIX
     notes = table.notes
     if not is_stream:
@@ -319,6 +368,7 @@ def _campaign(
         gravity_m_s2=file.gravity_m_s2,
         encoder_rad=file.noise.encoder_rad,
         contact_mm=file.noise.contact_mm,
+        orientation_rad=file.noise.orientation_rad,
         name=path.parent.resolve().name,
         operator=file.operator,
         place=file.place,
@@ -351,6 +401,23 @@ def _check_lengths(path: Path, file: CampaignFile, poses: Poses) -> None:
         raise FileError(str(path), problems)
 
 
+def _check_orientations(path: Path, file: CampaignFile, poses: Poses) -> None:
+    """Refuse orientations at artefacts that have no frame to measure them in."""
+    takes = np.array([artefact.has_orientations for artefact in file.artefacts])
+    problems = [
+        Problem(
+            f"line {poses.lines[at]}",
+            f"orientation does not belong to {artefact.id!r}, of the kind "
+            f"'{artefact.kind}'; only points have a frame to measure it in: leave it "
+            "empty",
+        )
+        for at in np.flatnonzero(poses.oriented & ~takes[poses.artefacts])
+        for artefact in [file.artefacts[poses.artefacts[at]]]
+    ]
+    if problems:
+        raise FileError(str(path), problems[:_MOST_PROBLEMS])
+
+
 def _places(artefacts: Sequence[Artefact], poses: Poses) -> Floats:
     """Put what was touched into numbers, which are equal for equal points."""
     places = np.zeros((len(poses), 3))
@@ -361,6 +428,14 @@ def _places(artefacts: Sequence[Artefact], poses: Poses) -> Floats:
             known_mm = np.array(list(artefact.points_mm.values()))
             places[mine] = known_mm[poses.features[mine]]
     return places
+
+
+def _unit_vectors(table: PoseTable, names: Sequence[str]) -> Floats | None:
+    vectors = _columns(table, names)
+    if vectors is None:
+        return None
+    units: Floats = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return units
 
 
 def _columns(table: PoseTable, names: Sequence[str]) -> Floats | None:

@@ -44,6 +44,7 @@ class Noise(StrictModel):
 
     encoder_rad: float | None = Field(default=None, gt=0.0)
     contact_mm: float | None = Field(default=None, gt=0.0)
+    orientation_rad: float | None = Field(default=None, gt=0.0)
 
 
 class Tool(StrictModel):

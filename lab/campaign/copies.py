@@ -47,6 +47,7 @@ def without_copies(poses: "Poses", places: Floats) -> tuple["Poses", tuple[str, 
             poses.directions,
             poses.force_n,
             poses.lengths_mm,
+            poses.orientations,
         )
         if column is not None
     ]

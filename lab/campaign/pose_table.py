@@ -25,7 +25,11 @@ from traverse.strict_toml.problems import (
     unknown_name_message,
 )
 
-_DIRECTION = ("direction_x", "direction_y", "direction_z")
+# Columns that are filled together: a vector of length 1, all components or none.
+_UNIT_VECTORS = {
+    "direction": tuple(f"direction_{axis}" for axis in "xyz"),
+    "orientation": tuple(f"orientation_{part}" for part in "wxyz"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +85,7 @@ def optional_columns(joint_names: Sequence[str]) -> tuple[str, ...]:
         "temperature_c",
         "force_n",
         "length_mm",
-        *_DIRECTION,
+        *(name for names in _UNIT_VECTORS.values() for name in names),
         *(f"{name}_temperature_c" for name in joint_names),
         *(f"{name}_approach" for name in joint_names),
         *(f"{name}_speed_rad_s" for name in joint_names),
@@ -101,10 +105,11 @@ def _header_problems(
             yield Problem("line 1", f"column '{name}' stands there twice")
         elif name not in known:
             yield Problem("line 1", unknown_name_message("column", name, known))
-    there = [name for name in _DIRECTION if name in header]
-    if there and len(there) < 3:
-        missing = ", ".join(name for name in _DIRECTION if name not in header)
-        yield Problem("line 1", f"{there[0]} needs {missing} beside it")
+    for names in _UNIT_VECTORS.values():
+        there = [name for name in names if name in header]
+        if there and len(there) < len(names):
+            missing = ", ".join(name for name in names if name not in header)
+            yield Problem("line 1", f"{there[0]} needs {missing} beside it")
 
 
 def row_problems(
@@ -164,22 +169,29 @@ def _cell_messages(
             yield f"{name} is {found}, not a finite number; or leave it empty"
         elif name.endswith("_approach") and number not in (-1.0, 0.0, 1.0):
             yield f"{name} is {shown(cells[index])}; expected -1, 0 or 1"
-    yield from _direction_messages(cells, columns)
+    for what in _UNIT_VECTORS:
+        yield from _unit_vector_messages(what, cells, columns)
 
 
-def _direction_messages(cells: Sequence[str], columns: PoseColumns) -> Iterator[str]:
-    if "direction_x" not in columns.optional:
+def _unit_vector_messages(
+    what: str, cells: Sequence[str], columns: PoseColumns
+) -> Iterator[str]:
+    names = _UNIT_VECTORS[what]
+    if names[0] not in columns.optional:
         return
-    texts = [cells[columns.optional[f"direction_{axis}"]] for axis in "xyz"]
+    texts = [cells[columns.optional[name]] for name in names]
     if not any(texts):
         return
     if not all(texts):
-        yield f"direction is {shown(texts)}; give all three components or none"
+        each = {3: "three", 4: "four"}[len(names)]
+        yield f"{what} is {shown(texts)}; give all {each} components or none"
         return
     numbers = [_number(text) for text in texts]
     known = [number for number in numbers if number is not None]
-    if len(known) == 3 and not abs(math.hypot(*known) - 1.0) < 1e-3:
-        yield f"direction has the length {math.hypot(*known):.6g}; expected 1"
+    length = math.hypot(*known)
+    if len(known) == len(names) and not abs(length - 1.0) < 1e-3:
+        hint = "" if len(names) == 3 else ": a unit quaternion w, x, y, z"
+        yield f"{what} has the length {length:.6g}; expected 1{hint}"
 
 
 def _number(text: str) -> float | None:
@@ -353,17 +365,19 @@ def _numbers(block: list[list[str]], columns: PoseColumns) -> Floats | None:
 
 
 def _rules_hold(numbers: Floats, columns: PoseColumns) -> bool:
-    """Check approaches and directions of a whole block."""
+    """Check approaches, directions and orientations of a whole block."""
     for name, index in columns.optional.items():
         if name.endswith("_approach"):
             cells = numbers[:, index]
             if not np.all(np.isnan(cells) | np.isin(cells, (-1.0, 0.0, 1.0))):
                 return False
-    if "direction_x" in columns.optional:
-        at = [columns.optional[f"direction_{axis}"] for axis in "xyz"]
+    for names in _UNIT_VECTORS.values():
+        if names[0] not in columns.optional:
+            continue
+        at = [columns.optional[name] for name in names]
         lengths = np.linalg.norm(numbers[:, at], axis=1)
         n_empty = np.count_nonzero(np.isnan(numbers[:, at]), axis=1)
         unit = np.abs(np.nan_to_num(lengths) - 1.0) < 1e-3
-        if not np.all((n_empty == 3) | ((n_empty == 0) & unit)):
+        if not np.all((n_empty == len(names)) | ((n_empty == 0) & unit)):
             return False
     return True

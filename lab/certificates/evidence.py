@@ -136,7 +136,9 @@ def evidence_problems(folder: Path) -> Iterator[str]:
         yield f"{DATA}/{_DESIGN} is not the arm file that was identified from"
         return
     names = [joint.name for joint in design.joints]
-    campaign = read_campaign(folder / DATA, names, several_tools=True)
+    campaign = read_campaign(
+        folder / DATA, names, several_tools=True, orientations=True
+    )
     if campaign.digest != values["provenance"]["campaign"]["sha256"]:
         yield f"the campaign in {DATA} is not the one that was identified from"
         return

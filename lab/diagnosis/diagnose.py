@@ -376,8 +376,13 @@ def noise_of(search: SearchState) -> NoiseEstimate:
     noise = search.fit.adjustment.network.noise
     serial = search.serial or SerialCorrelation(share=0.0, phi=0.0)
     encoder_rad, contact_mm = noise.encoder_rad.tolist(), noise.contact_mm.tolist()
+    oriented = np.any(search.fit.adjustment.network.campaign.poses.oriented)
     return NoiseEstimate(
-        tuple(encoder_rad), tuple(contact_mm), serial.share, serial.phi
+        tuple(encoder_rad),
+        tuple(contact_mm),
+        noise.orientation_rad if oriented else None,
+        serial.share,
+        serial.phi,
     )
 
 

@@ -14,7 +14,9 @@ from traverse.lab.campaign.prior import Prior
 from traverse.lab.identification.equations.datum import with_datum
 from traverse.lab.identification.equations.effect_model import effect_model
 from traverse.lab.identification.equations.network import (
+    Network,
     Noise,
+    State,
     network_of,
     rms_mm,
     start_state,
@@ -30,6 +32,7 @@ from traverse.lab.identification.optimal_design import (
     joint_coverage,
     most_helpful_poses,
 )
+from traverse.lab.identification.results.orientations import orientation_result
 from traverse.lab.identification.results.postprocessing import (
     arm_of_adjustment,
     artefact_results,
@@ -66,6 +69,12 @@ from traverse.lab.identification.solve.noise import VarianceModel, serial_noise
 from traverse.lab.identification.solve.starting_values import (
     coarse_start,
     with_tools_fitted,
+)
+from traverse.lab.identification.solve.wrong_orientations import (
+    WrongOrientation,
+    are_inverse,
+    excluded_part,
+    without_wrong_orientations,
 )
 from traverse.strict_toml.reader import StrictModel
 
@@ -112,18 +121,14 @@ def identify(
             no parameter.
     """
     options, given = options or Options(), campaign
-    names = tuple(joint.name for joint in arm.joints)
-    if names != campaign.joint_names:
-        raise IdentificationError(
-            f"the campaign has the joints {', '.join(campaign.joint_names)}, the arm "
-            f"{', '.join(names)}; take the arm file that the campaign was measured with"
-        )
+    _check_same_joints(campaign, arm)
     design, parameters = prepared(campaign, arm, options)
     radius_mm = arm.probe.radius_mm
     every = np.ones(len(campaign.poses), dtype=np.bool_)
     network = network_of(campaign, radius_mm, every, parameters)
-    rms_before_mm = rms_mm(network, start_state(network, design))
-    given_mm = design.tools_mm
+    before = _begun(network, design)
+    rms_before_mm = rms_mm(network, before)
+    given_mm, unturned = design.tools_mm, design.mountings
     start = design = with_tools_fitted(campaign, parameters, design, radius_mm)
     if options.coarse_start:
         start = coarse_start(campaign, parameters, design, radius_mm, options.hold)
@@ -152,14 +157,15 @@ def identify(
         if not _fits_better((run, start), (as_given, design)):
             run, start = as_given, design
     zero_offsets_rad = start.geometry.zeros_rad - design.geometry.zeros_rad
-    design = replace(start, tools_mm=given_mm)
+    design = replace(start, tools_mm=given_mm, mountings=unturned)
     contradictions: tuple[Contradiction, ...] = ()
+    wrong: tuple[WrongOrientation, ...] = ()
+    clusters: tuple[ExcludedCluster, ...] = ()
     if options.snooping:
+        campaign, run, wrong = without_wrong_orientations(campaign, run, adjusted)
         campaign, run, contradictions = without_wrong_certificates(
             campaign, run, adjusted, design
         )
-    clusters: tuple[ExcludedCluster, ...] = ()
-    if options.snooping:
         run, clusters = with_clusters_back(campaign, run, adjusted)
     contradicted = contradicted_expectation(run.adjustment)
     if contradicted is not None and given.prior is not None:
@@ -182,7 +188,7 @@ def identify(
     factor = variance_factor(sigma0, test)
     inverse = adjustment.split.inverse
     covariance = factor * inverse @ inverse.T
-    poses = np.flatnonzero(included)
+    estimates = parameter_estimates(adjustment, design, covariance)
     return Identification(
         arm=arm_of_adjustment(arm, adjustment),
         design=arm,
@@ -198,7 +204,7 @@ def identify(
         serial_noise=serial,
         rms_before_mm=rms_before_mm,
         rms_after_mm=rms_mm(adjustment.network, adjustment.state),
-        parameters=parameter_estimates(adjustment, design, covariance),
+        parameters=estimates,
         covariance=covariance,
         cartesian=cartesian_covariance(adjustment, covariance),
         undetermined=undetermined_directions(adjustment),
@@ -207,12 +213,16 @@ def identify(
         statistics=run.statistics,
         included=included,
         excluded=tuple(
-            ExcludedPose(int(campaign.poses.lines[at]), float(run.statistics.w[at]))
+            ExcludedPose(
+                int(campaign.poses.lines[at]),
+                float(run.statistics.w[at]),
+                excluded_part(run, int(at)),
+            )
             for at in np.flatnonzero(~included)
         ),
         alternating=tuple(campaign.poses.lines[run.alternating].tolist()),
         critical_w=run.critical,
-        coverage=joint_coverage(campaign, poses),
+        coverage=joint_coverage(campaign, np.flatnonzero(included)),
         condition_number=condition_number(adjustment),
         contradictions=contradictions,
         lost_poses=lost_poses(campaign, run),
@@ -220,7 +230,47 @@ def identify(
         suggestions=most_helpful_poses(adjustment, options.n_suggestions),
         zero_offsets_rad=zero_offsets_rad,
         options=options,
+        orientations=orientation_result(
+            adjustment,
+            given,
+            radius_mm,
+            used=included & campaign.poses.oriented,
+            before=before,
+            sums=run.statistics.variances,
+            stds={entry.name: entry.std for entry in estimates},
+            excluded=wrong,
+        ),
     )
+
+
+def _check_same_joints(campaign: Campaign, arm: Arm) -> None:
+    """Refuse a campaign of another arm.
+
+    Raises:
+        IdentificationError: Its joints have other names.
+    """
+    names = tuple(joint.name for joint in arm.joints)
+    if names != campaign.joint_names:
+        raise IdentificationError(
+            f"the campaign has the joints {', '.join(campaign.joint_names)}, the arm "
+            f"{', '.join(names)}; take the arm file that the campaign was measured with"
+        )
+
+
+def _begun(network: Network, design: ArmValues) -> State:
+    """Find artefacts and mountings with the arm as given.
+
+    Raises:
+        IdentificationError: Orientations are those of the inverse rotations.
+    """
+    state = start_state(network, design)
+    if network.parameters.mounted and are_inverse(network, state):
+        raise IdentificationError(
+            "the orientations contradict the positions, and their inverses agree: "
+            "orientation_w, _x, _y, _z take vectors from the instrument's probe to the "
+            "frame of the points; change the signs of orientation_x, _y and _z"
+        )
+    return state
 
 
 def _fits_better(
@@ -262,7 +312,10 @@ def prepared(
     except ValueError as error:
         raise IdentificationError(str(error)) from error
     names = [tool.name for tool in campaign.tools]
-    parameters = arm_parameters(of_design, campaign.joint_names, effects, names)
+    mounted = campaign.poses.mounted
+    parameters = arm_parameters(
+        of_design, campaign.joint_names, effects, names, mounted
+    )
     in_the_arms_system = any(artefact.fixes_datum for artefact in campaign.artefacts)
     wishes = (*(("origin.*",) if in_the_arms_system else ()), *options.free)
     tools_mm = np.array(
@@ -281,7 +334,8 @@ def prepared(
         _check_same_datum(prior, parameters)
         expected = expected_by(prior, of_design, campaign)
         parameters = replace(parameters, expected=expected)
-    return ArmValues(geometry, values, tools_mm), parameters
+    unturned = np.tile([1.0, 0.0, 0.0, 0.0], (len(mounted), 1))
+    return ArmValues(geometry, values, tools_mm, unturned), parameters
 
 
 _OF_DATUM = (".axis.", ".link.", "origin.")

@@ -16,10 +16,17 @@ from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.equations.network import (
     DEFAULT_CONTACT_MM,
     DEFAULT_ENCODER_RAD,
+    DEFAULT_ORIENTATION_RAD,
+    fitted_mountings,
     misclosures_mm,
     network_of,
+    orientation_errors,
 )
 from traverse.lab.identification.identify import Options, identify, prepared
+from traverse.lab.identification.results.orientations import (
+    Mounting,
+    orientation_sizes,
+)
 from traverse.lab.identification.results.result import Identification
 
 _ARM = ("*.axis.?", "*.link.?", "origin.?")
@@ -35,11 +42,14 @@ class Prediction:
     Attributes:
         misclosures_mm: NaN beyond those of a surface, (n_poses, 3).
         placed_by_itself: Ids of artefacts that were placed by these very poses.
+        orientation_errors_rad: Small rotation vectors from measured orientations to
+            the arm's, NaN where there are none, (n_poses, 3).
     """
 
     campaign: Campaign
     misclosures_mm: Floats
     placed_by_itself: frozenset[str]
+    orientation_errors_rad: Floats
 
     @property
     def distances_mm(self) -> Floats:
@@ -53,6 +63,7 @@ class Prediction:
         distances_mm = self.distances_mm[taken]
         worst = int(np.argmax(distances_mm))
         return {
+            **self._orientations(taken),
             "n": len(distances_mm),
             "mean_mm": float(distances_mm.mean()),
             "rms_mm": float(np.sqrt(np.mean(distances_mm**2))),
@@ -60,6 +71,31 @@ class Prediction:
             "p95_mm": float(np.percentile(distances_mm, 95.0)),
             "largest_mm": float(distances_mm[worst]),
             "largest_line": int(self.campaign.poses.lines[taken][worst]),
+        }
+
+    def _orientations(self, taken: slice | Booleans) -> dict[str, Any]:
+        """Sum up by which angles orientations are off; nothing without any."""
+        sizes_rad = orientation_sizes(self.orientation_errors_rad[taken])
+        known = np.isfinite(sizes_rad)
+        if not np.any(known):
+            return {}
+        lines, sizes_rad = self.campaign.poses.lines[taken][known], sizes_rad[known]
+        worst = int(np.argmax(sizes_rad))
+        found_rad = {
+            "mean": float(sizes_rad.mean()),
+            "rms": float(np.sqrt(np.mean(sizes_rad**2))),
+            "largest": float(sizes_rad[worst]),
+        }
+        return {
+            "orientation": {
+                "n": len(sizes_rad),
+                **{f"{name}_rad": value for name, value in found_rad.items()},
+                **{
+                    f"{name}_deg": float(np.degrees(value))
+                    for name, value in found_rad.items()
+                },
+                "largest_line": int(lines[worst]),
+            }
         }
 
     def by_artefact(self) -> dict[str, dict[str, Any]]:
@@ -89,6 +125,7 @@ def placed(campaign: Campaign, arm: Arm, *, with_tool: bool = False) -> Identifi
         campaign,
         encoder_rad=campaign.encoder_rad or DEFAULT_ENCODER_RAD,
         contact_mm=campaign.contact_mm or DEFAULT_CONTACT_MM,
+        orientation_rad=campaign.orientation_rad or DEFAULT_ORIENTATION_RAD,
         prior=None,
     )
     return identify(weighed, arm, _WITH_TOOL if with_tool else _PLACING)
@@ -105,16 +142,22 @@ def places_of(result: Identification) -> Mapping[str, Floats]:
     }
 
 
+def mountings_of(result: Identification) -> Mapping[str, Mounting]:
+    """Take how the instrument's probes are mounted out of an adjustment."""
+    return {} if result.orientations is None else result.orientations.mountings
+
+
 def predict(
     campaign: Campaign,
     arm: Arm,
     places: Mapping[str, Floats],
     tools_mm: Mapping[str, Floats] | None = None,
+    mountings: Mapping[str, Mounting] | None = None,
 ) -> Prediction:
     """Compare poses with an arm, its effects and its probe.
 
-    States of artefacts are given by their ids, vectors of tools, (3,), by their names;
-    what is missing is found here.
+    States of artefacts are given by their ids, vectors of tools, (3,), and mountings of
+    the instrument's probes by their names; what is missing is found here.
 
     Raises:
         IdentificationError: Arm and campaign do not fit together.
@@ -135,13 +178,25 @@ def predict(
     everything = np.ones(len(touched), dtype=np.bool_)
     network = network_of(campaign, arm.probe.radius_mm, everything, parameters)
     found_mm = np.full((len(touched), 3), np.nan)
-    for station in network.stations:
+    errors_rad = np.full((len(touched), 3), np.nan)
+    states = [
+        station.artefact.transferred({**places, **own}[station.artefact.id], touches)
+        for station in network.stations
+        for touches in [station.touches]
+    ]
+    if parameters.mounted:
+        turns = fitted_mountings(network, values, states)
+        names = ["probe", *(tool.name for tool in campaign.tools)]
+        for at, tool in enumerate(parameters.mounted):
+            known = (mountings or {}).get(names[tool])
+            turns[at] = turns[at] if known is None else known.quaternion
+        values = replace(values, mountings=turns)
+    for station, state in zip(network.stations, states, strict=True):
         artefact = station.artefact
-        state = own[artefact.id] if artefact.id in own else places[artefact.id]
-        state = artefact.transferred(state, station.touches)
+        errors_rad[station.poses] = orientation_errors(network, station, values, state)
         of_station_mm = misclosures_mm(network, station, values, state)
         found_mm[station.poses, : artefact.rows_per_pose] = of_station_mm
-    return Prediction(campaign, found_mm, frozenset(own))
+    return Prediction(campaign, found_mm, frozenset(own), errors_rad)
 
 
 def holdout_figures(
@@ -154,8 +209,10 @@ def holdout_figures(
     """
     # The tool is part of the last link, which is free in the result.
     given = placed(result.campaign, result.design, with_tool=True)
-    before = predict(kept_aside, given.arm, places_of(given), given.tools_mm)
-    after = predict(kept_aside, result.arm, places_of(result), result.tools_mm)
+    before, after = (
+        predict(kept_aside, of.arm, places_of(of), of.tools_mm, mountings_of(of))
+        for of in (given, result)
+    )
     return {
         "by": by,
         "seed": seed,

@@ -46,6 +46,7 @@ class Campaign:
         artefacts: As stated.
         encoder_rad: A-priori standard deviation; None if the campaign states none.
         contact_mm: Likewise.
+        orientation_rad: Likewise; None also without orientations.
         start_utc: ISO 8601, or None.
         time_s: (n,)
         artefact: (n,) ids.
@@ -57,6 +58,8 @@ class Campaign:
         direction: (n, 3) unit vectors; rows of NaN where empty.
         force_n: (n,)
         length_mm: (n,) as draw wires read it; NaN where there is none.
+        orientation: (n, 4) unit quaternions w, x, y, z of the instrument's probe in the
+            artefact's system; rows of NaN where there is none.
     """
 
     joints: tuple[str, ...]
@@ -74,6 +77,8 @@ class Campaign:
     direction: Floats | None
     force_n: Floats | None
     length_mm: Floats | None = None
+    orientation: Floats | None = None
+    orientation_rad: float | None = None
 
     def __post_init__(self) -> None:
         _freeze(self)
@@ -91,8 +96,8 @@ class Blunder:
     Attributes:
         row: Of the arrays, from 0; its line in poses.csv is row + 2.
         kind: What happened.
-        size: How far the contact was displaced (mm) or the encoder jumped (rad); NaN
-            for a wrong label.
+        size: How far the contact was displaced (mm), the encoder jumped or the
+            orientation is off (rad); NaN for a wrong label.
         unit: Of the size.
         what: The joint that jumped, or artefact/feature that were really touched.
     """
@@ -126,6 +131,8 @@ class Truth:
         blunders: In the order of rows.
         effects: That were played, with vectors that suit the true axes.
         faults: Further ones, which no arm file can name.
+        mounting: (3, 3) its columns are the axes of the instrument's probe in the last
+            body, written in the base posture; None without orientations.
     """
 
     arm: TrueArm
@@ -137,6 +144,7 @@ class Truth:
     blunders: tuple[Blunder, ...]
     effects: tuple[Effect, ...]
     faults: tuple[Fault, ...]
+    mounting: Floats | None = None
 
     def __post_init__(self) -> None:
         _freeze(self)

@@ -10,7 +10,7 @@ from traverse.simulator.effects import Surroundings
 
 Purpose = Literal[
     "placement", "contacts", "conditions", "encoders", "touch", "certificates",
-    "directions", "blunders", "sizes",
+    "directions", "blunders", "sizes", "orientations",
 ]  # fmt: skip
 
 _TAGS: dict[Purpose, int] = {
@@ -23,6 +23,7 @@ _TAGS: dict[Purpose, int] = {
     "directions": 0x6469,
     "blunders": 0x626C,
     "sizes": 0x7369,
+    "orientations": 0x6F72,
 }
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.simulator.arm.inverse import shifted_postures
-from traverse.simulator.campaigns.artefacts.artefact import Table
+from traverse.simulator.campaigns.artefacts.artefact import Table, drawn_rotation
 from traverse.simulator.campaigns.artefacts.seats import DrawWire
 from traverse.simulator.campaigns.campaign import (
     Campaign,
@@ -18,12 +18,14 @@ from traverse.simulator.campaigns.noise import (
     contact_shifts,
     contact_stds,
     encoder_stds,
+    oriented_poses,
     serial_noise,
     spoilt_poses,
 )
 from traverse.simulator.campaigns.pose_set import PoseSet
 from traverse.simulator.campaigns.poses import make_poses
 from traverse.simulator.campaigns.spec import CampaignSpec, NoiseTable
+from traverse.simulator.effects.posture import tilt_matrices
 
 
 def simulate_campaign(arm: Arm, spec: CampaignSpec, seed: int) -> SimulatedCampaign:
@@ -59,6 +61,9 @@ def draw_noise(
         readings_rad = _whole_counts(readings_rad, poses.arm)
     around, columns = poses.around, poses.spec.conditions.columns
     encoder_rad, contact_mm = _stated_stds(noise, n_joints)
+    mounting, orientation = _measured_orientations(
+        poses, turns_rad, noise, spoilt.turns_rad, stream(seed, "orientations")
+    )
     start_utc = poses.spec.conditions.start_utc
     campaign = Campaign(
         joints=tuple(joint.name for joint in poses.arm.joints),
@@ -80,6 +85,12 @@ def draw_noise(
         ),
         force_n=around.force_n.copy() if "force" in columns else None,
         length_mm=_read_lengths(poses),
+        orientation=orientation,
+        orientation_rad=(
+            noise.stated_factor * noise.orientation_rad
+            if noise.stated and orientation is not None
+            else None
+        ),
     )
     truth = Truth(
         arm=poses.truth,
@@ -91,6 +102,7 @@ def draw_noise(
         blunders=spoilt.blunders,
         effects=poses.effects,
         faults=poses.faults,
+        mounting=mounting,
     )
     return SimulatedCampaign(campaign, truth)
 
@@ -108,6 +120,56 @@ def _read_lengths(poses: PoseSet) -> Floats | None:
             drawn_mm = np.linalg.norm(away_mm, axis=1)
             lengths_mm[mine] = drawn_mm - placed.artefact.offset_mm
     return None if np.all(np.isnan(lengths_mm)) else lengths_mm
+
+
+def _measured_orientations(
+    poses: PoseSet,
+    turns_rad: Floats,
+    noise: NoiseTable,
+    off_rad: Floats,
+    rng: np.random.Generator,
+) -> tuple[Floats, Floats] | tuple[None, None]:
+    """How the instrument's probe is mounted, (3, 3), and what is measured, (n, 4).
+
+    The axes of the system that points are stated in are those of the instrument. Errors
+    turn the probe about its own axes, beside others, (n, 3).
+    """
+    measured = oriented_poses(poses)
+    if not np.any(measured):
+        return None, None
+    mounting = drawn_rotation(rng)
+    errors = noise.orientation_rad * rng.standard_normal((poses.n_poses, 3))
+    bodies = poses.faulty.last_body(turns_rad, poses.around) @ mounting
+    frames = np.stack(
+        [
+            np.eye(3)
+            if getattr(placed.artefact, "frame", "own") == "arm"
+            else placed.placement.rotation
+            for placed in poses.artefacts
+        ]
+    )
+    seen = frames[poses.artefact_index].swapaxes(1, 2) @ bodies
+    seen = seen @ tilt_matrices(np.zeros(3), errors + off_rad)[:, :3, :3]
+    quaternions = np.array([_quaternion(rotation) for rotation in seen])
+    quaternions[~measured] = np.nan
+    return mounting, quaternions
+
+
+def _quaternion(rotation: Floats) -> Floats:
+    """The unit quaternion (4,) of a rotation (3, 3), of either sign.
+
+    The eigenvector of the largest eigenvalue, 1, of a matrix of sums and differences
+    of its entries (Bar-Itzhack).
+    """
+    (a, b, c), (d, e, f), (g, h, i) = rotation
+    sums = [
+        [a + e + i, h - f, c - g, d - b],
+        [h - f, a - e - i, b + d, c + g],
+        [c - g, b + d, e - a - i, f + h],
+        [d - b, c + g, f + h, i - a - e],
+    ]
+    found: Floats = np.linalg.eigh(np.array(sums) / 3.0)[1][:, -1]
+    return found
 
 
 def _whole_counts(readings_rad: Floats, arm: Arm) -> Floats:

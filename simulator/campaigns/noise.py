@@ -6,9 +6,11 @@ Spoilt poses: displaced contacts, encoders that jumped, wrong labels.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from traverse.arrays import Floats, Indices
 from traverse.simulator.arm.physics import probe_rates
+from traverse.simulator.campaigns.artefacts import Points
 from traverse.simulator.campaigns.campaign import Blunder, Names
 from traverse.simulator.campaigns.pose_set import PoseSet
 from traverse.simulator.campaigns.spec import BlunderKind, NoiseTable
@@ -24,6 +26,7 @@ class PosesWithOutliers:
         blunders: In the order of rows.
         shifts_mm: (n, 3) of the contact.
         jumps_rad: (n, n_joints) of the readings.
+        turns_rad: (n, 3) of the measured orientations.
         artefact: (n,) ids as written.
         feature: (n,) names as written.
     """
@@ -31,6 +34,7 @@ class PosesWithOutliers:
     blunders: tuple[Blunder, ...]
     shifts_mm: Floats
     jumps_rad: Floats
+    turns_rad: Floats
     artefact: Names
     feature: Names
 
@@ -48,7 +52,8 @@ def spoilt_poses(
     n_joints = poses.truth.mechanism.n_joints
     shifts_mm = np.zeros((poses.n_poses, 3))
     jumps_rad = np.zeros((poses.n_poses, n_joints))
-    others = _confusable(poses)
+    off_rad = np.zeros((poses.n_poses, 3))
+    others, oriented = _confusable(poses), oriented_poses(poses)
     rows = rng.permutation(_spoilable(poses, noise, others))
     rows = rows[: round(noise.blunder_share * poses.n_poses)]
     blunders = []
@@ -56,13 +61,20 @@ def spoilt_poses(
         kinds = [
             kind
             for kind in noise.blunder_kinds
-            if kind != "label" or others[poses.artefact_index[row]]
+            if (kind != "label" or others[poses.artefact_index[row]])
+            and (kind != "orientation" or oriented[row])
         ]
         kind: BlunderKind = kinds[int(rng.integers(len(kinds)))]
         if kind == "label":
             was = f"{artefact[row]}/{feature[row]}"
             artefact[row], feature[row] = _mistaken(poses, row, others, rng)
             blunders.append(Blunder(row, kind, np.nan, "", was))
+            continue
+        if kind == "orientation":
+            turn = rng.standard_normal(3)
+            size_rad = noise.blunder_sigma * noise.orientation_rad
+            off_rad[row] = size_rad * turn / np.linalg.norm(turn)
+            blunders.append(Blunder(row, kind, size_rad, "rad", ""))
             continue
         disturbance = _Disturbance(poses, noise, row)
         if kind == "contact":
@@ -74,7 +86,18 @@ def spoilt_poses(
             jumps_rad[row, joint] = jump_rad
             name = poses.arm.joints[joint].name
             blunders.append(Blunder(row, kind, jump_rad, "rad", name))
-    return PosesWithOutliers(tuple(blunders), shifts_mm, jumps_rad, artefact, feature)
+    return PosesWithOutliers(
+        tuple(blunders), shifts_mm, jumps_rad, off_rad, artefact, feature
+    )
+
+
+def oriented_poses(poses: PoseSet) -> NDArray[np.bool_]:
+    """Whose orientation is measured, (n,)."""
+    measured = [
+        isinstance(placed.artefact, Points) and placed.artefact.orientations
+        for placed in poses.artefacts
+    ]
+    return np.array(measured)[poses.artefact_index]
 
 
 def _labels(poses: PoseSet) -> tuple[Names, Names]:
@@ -113,10 +136,14 @@ def _spoilable(
     poses: PoseSet, noise: NoiseTable, others: list[list[tuple[int, int]]]
 ) -> Indices:
     """Rows that one of the kinds of blunder can befall."""
-    if set(noise.blunder_kinds) != {"label"}:
-        return np.arange(poses.n_poses)
     confusable = np.array([bool(labels) for labels in others])
-    return np.flatnonzero(confusable[poses.artefact_index])
+    which = {
+        "label": confusable[poses.artefact_index],
+        "orientation": oriented_poses(poses),
+    }
+    everyone = np.ones(poses.n_poses, dtype=np.bool_)
+    befallen = [which.get(kind, everyone) for kind in noise.blunder_kinds]
+    return np.flatnonzero(np.any(befallen, axis=0))
 
 
 def _mistaken(

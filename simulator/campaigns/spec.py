@@ -125,7 +125,7 @@ COLUMNS: tuple[Column, ...] = (
     "direction",
     "force",
 )
-BlunderKind = Literal["contact", "encoder", "label"]
+BlunderKind = Literal["contact", "encoder", "label", "orientation"]
 
 
 class NoiseTable(StrictModel):
@@ -143,7 +143,8 @@ class NoiseTable(StrictModel):
         blunder_share: Part of the poses that are spoilt.
         blunder_sigma: Size of a blunder, in standard deviations of the misclosure.
         blunder_kinds: Those that may occur: the contact is displaced, an encoder has
-            jumped, the label is that of another feature.
+            jumped, the label is that of another feature, the orientation is off.
+        orientation_rad: Standard deviation of a measured orientation about each axis.
         stated: The campaign states the standard deviations.
         stated_factor: Stated over true noise.
     """
@@ -158,6 +159,7 @@ class NoiseTable(StrictModel):
     blunder_share: float = Field(default=0.0, ge=0.0, le=0.5)
     blunder_sigma: float = Field(default=15.0, gt=0.0)
     blunder_kinds: tuple[BlunderKind, ...] = ("contact", "encoder")
+    orientation_rad: float = Field(default=1e-4, ge=0.0)
     stated: bool = True
     stated_factor: float = Field(default=1.0, gt=0.0)
 

@@ -30,7 +30,7 @@ def write_campaign(folder: Path, simulated: SimulatedCampaign, arm: Arm) -> None
     """
     folder.mkdir(parents=True, exist_ok=True)
     campaign = simulated.campaign
-    noise = (campaign.encoder_rad, campaign.contact_mm)
+    noise = campaign.encoder_rad, campaign.contact_mm, campaign.orientation_rad
     text = campaign_text(campaign.artefacts, campaign.start_utc, noise)
     (folder / "campaign.toml").write_text(text, encoding="utf-8")
     for artefact in campaign.artefacts:
@@ -47,16 +47,22 @@ def write_campaign(folder: Path, simulated: SimulatedCampaign, arm: Arm) -> None
 def campaign_text(
     artefacts: Sequence[StatedArtefact],
     start_utc: str | None,
-    noise: tuple[float | None, float | None],
+    noise: Sequence[float | None],
     poses: str = "poses.csv",
 ) -> str:
-    """The text of campaign.toml; the noise is of encoders [rad] and contacts [mm]."""
+    """The text of campaign.toml.
+
+    The noise is of encoders [rad], contacts [mm] and, if any, orientations [rad].
+    """
     lines = ['schema = "traverse/campaign/1"', f'poses = "{poses}"']
     if start_utc is not None:
         lines.append(f"start_utc = {start_utc}")
-    if None not in noise:
-        keys = zip(("encoder_rad", "contact_mm"), noise, strict=True)
-        lines += ["[noise]", *(f"{key} = {std!r}" for key, std in keys)]
+    keys = ("encoder_rad", "contact_mm", "orientation_rad")
+    stated = [
+        (key, std) for key, std in zip(keys, noise, strict=False) if std is not None
+    ]
+    if stated:
+        lines += ["[noise]", *(f"{key} = {std!r}" for key, std in stated)]
     for artefact in artefacts:
         lines += ["[[artefacts]]", f'id = "{artefact.id}"', f'kind = "{artefact.kind}"']
         table = dict(artefact.table)
@@ -97,6 +103,7 @@ def _columns(campaign: Campaign) -> Iterator[tuple[list[str], NDArray[Any]]]:
         (["direction_x", "direction_y", "direction_z"], campaign.direction),
         (["force_n"], campaign.force_n),
         (["length_mm"], campaign.length_mm),
+        ([f"orientation_{part}" for part in "wxyz"], campaign.orientation),
     ):
         if values is not None:
             yield names, values
@@ -160,6 +167,8 @@ def _write_truth(folder: Path, truth: Truth, arm: Arm) -> None:
         ],
         "faults": [repr(fault) for fault in truth.faults],
     }
+    if truth.mounting is not None:
+        table["mounting"] = truth.mounting.tolist()
     text = json.dumps(table, indent=1, allow_nan=False) + "\n"
     (folder / "truth.json").write_text(text, encoding="utf-8")
 

@@ -95,6 +95,10 @@ class FaultyArm:
                 ends_mm = ends_mm - offsets_mm(touch)
         return ends_mm, motion[:, :3, :3] @ mechanism.shank
 
+    def last_body(self, turns_rad: Floats, around: Surroundings) -> Floats:
+        """How the last element is turned from the base posture, (n, 3, 3)."""
+        return self._motion(turns_rad, around)[:, :3, :3]
+
     def touching_turns(
         self, turns_rad: Floats, balls_mm: Floats, around: Surroundings
     ) -> Floats:

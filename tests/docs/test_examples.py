@@ -57,9 +57,23 @@ def read_with_the_tools_shown(path: Path) -> object:
     (path.parent / "poses.csv").write_text(poses, "utf-8")
     text = campaign + path.read_text("utf-8")
     (path.parent / "campaign.toml").write_text(text, "utf-8")
-    read = read_campaign(path.parent, ["J1", "J2"], several_tools=True)
+    read = read_campaign(
+        path.parent, ["J1", "J2"], several_tools=True, orientations=True
+    )
     assert read.poses.tools is not None
     assert read.poses.tools.tolist() == [0, 1, 2]
+    return read
+
+
+def read_with_the_orientations_shown(path: Path) -> object:
+    ((_, poses),) = examples("oriented")
+    (path.parent / "poses.csv").write_text(poses, "utf-8")
+    path.rename(path.parent / "campaign.toml")
+    read = read_campaign(
+        path.parent, ["J1", "J2"], several_tools=True, orientations=True
+    )
+    assert read.orientation_rad == 5e-5
+    assert read.poses.oriented.tolist() == [True, True, False]
     return read
 
 
@@ -84,12 +98,13 @@ READERS: dict[str, Callable[[Path], object]] = {
     "campaign": read_with_the_poses_shown,
     "artefact": read_and_identified,
     "tools": read_with_the_tools_shown,
+    "tracker": read_with_the_orientations_shown,
 }
 FILES = [(kind, *example) for kind in READERS for example in examples(kind)]
 
 
 def test_every_kind_of_example_is_known_here() -> None:
-    others = {"output", "points", "arrays", "poses", "tooled"}
+    others = {"output", "points", "arrays", "poses", "tooled", "oriented"}
     assert kinds_of_examples() == {*READERS} | others
 
 

@@ -150,7 +150,8 @@ def left_at_probe_mm(rows: ObservationEquations, changes: Floats) -> Floats:
 
     They change the rows by (n_rows, n_effects). The arm is estimated as if they were
     not; what remains at the campaign's poses, less a motion of everything together, is
-    the error of the arm. Surfaces show only the part along their normals.
+    the error of the arm. Surfaces show only the part along their normals; orientations
+    say nothing of where the probe is.
     """
     left, values, right = np.linalg.svd(rows.columns, full_matrices=False)
     seen = values > LEAST_EFFECT
@@ -160,7 +161,7 @@ def left_at_probe_mm(rows: ObservationEquations, changes: Floats) -> Floats:
     off = changes - rows.columns[:, :n_arm] @ estimates[:n_arm]
     if rows.root is not None:
         off = rows.root @ off
-    touching = rows.poses >= 0
+    touching = (rows.poses >= 0) & ~np.any(rows.by_turn, axis=1)
     poses, of_row = np.unique(rows.poses[touching], return_inverse=True)
     by_centre = rows.by_centre[touching]
     squares = np.zeros((len(poses), 3, 3))

@@ -85,7 +85,7 @@ def extended_rows(adjustment: Adjustment, further: Poses) -> ObservationEquation
     everyone = stations(campaign, radius_mm, included)
     weights = np.ones(len(poses))
     wider = replace(network, campaign=campaign, stations=everyone, weights=weights)
-    n_corrected = network.parameters.n_joints + 3
+    n_corrected = network.parameters.n_joints + 6
     nothing = tuple(np.zeros((len(s.poses), n_corrected)) for s in everyone)
     state = State(adjustment.state.arm, adjustment.state.unknowns, nothing)
     return equations_of(adjust(wider, state, state.arm, None, 0))
@@ -116,6 +116,9 @@ def _contacts(
     if poses.tools is not None:  # advice is for the arm's own
         poses = replace(poses, tools=np.zeros_like(poses.tools))
     poses = replace(poses, angles_rad=came.angles_rad)
+    if poses.orientations is not None:  # nobody has measured them
+        nowhere = np.full_like(poses.orientations, np.nan)
+        poses = replace(poses, orientations=nowhere)
     if poses.directions is not None and part.artefact.rows_per_pose == 1:
         normals = came.equations.by_centre[:, 0]
         before = station.artefact.equations(
@@ -276,7 +279,7 @@ class _Contest:
     def growths(self) -> Floats:
         """Compute by how much each further pose raises Delta, (n_poses,)."""
         covariances = self._columns @ self._inverse @ self._columns.swapaxes(1, 2)
-        covariances = covariances + np.eye(3)
+        covariances = covariances + np.eye(self._own.shape[1])
         misses = (self._own - self._columns @ self._best)[:, :, np.newaxis]
         solved = np.linalg.solve(covariances, misses)
         found: Floats = np.sum(misses * solved, axis=(1, 2))
@@ -286,7 +289,7 @@ class _Contest:
         """Measure a further pose."""
         part = self._columns[pose]
         across = self._inverse @ part.T
-        weights = np.linalg.inv(np.eye(3) + part @ across)
+        weights = np.linalg.inv(np.eye(len(part)) + part @ across)
         misses = self._own[pose] - part @ self._best
         growth = float(misses @ weights @ misses)
         self.separations.append(self.separations[-1] + growth)

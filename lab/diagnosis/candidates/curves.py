@@ -120,12 +120,16 @@ def _by_carriers(rows: ObservationEquations) -> tuple[Floats, Floats]:
     both = rows.each_tool(
         lambda geometry, at: _carried(geometry, rows.angles_rad(geometry, at))
     )[rows.poses]
-    by_both = np.einsum("ri,rkdi->rkd", rows.by_centre, both)
+    by_both = np.einsum("ri,rkdi->rkd", rows.by_centre, both[:, :, :5])
+    by_both[:, :, :2] += np.einsum("ri,rkdi->rkd", rows.by_turn, both[:, :, 5:])
     return by_both[:, :, :2], by_both[:, :, 2:]
 
 
 def _carried(geometry: Geometry, angles_rad: Floats) -> Floats:
-    """How far such tilts and shifts move the ball [mm], (n_poses, n_joints, 5, 3)."""
+    """How far such tilts and shifts move the ball [mm], and turn the last body [rad].
+
+    (n_poses, n_joints, 5 + 2, 3)
+    """
     rotations = probe_derivatives(geometry, angles_rad).by_links
     links_mm = geometry.links_mm.copy()
     links_mm[-1] += geometry.probe_vector_mm
@@ -137,7 +141,7 @@ def _carried(geometry: Geometry, angles_rad: Floats) -> Floats:
     carried[:, 0] = frames[0]
     carried[:, 1:] = np.einsum("nikj,kdj->nkdi", rotations[:, :, :-1], frames[1:])
     tilts_mm = np.cross(carried[:, :, :2], reaches_mm[:, :, np.newaxis])
-    return np.concatenate([tilts_mm, carried], axis=2)
+    return np.concatenate([tilts_mm, carried, carried[:, :, :2]], axis=2)
 
 
 def _candidate(

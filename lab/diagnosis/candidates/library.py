@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects import EFFECTS
@@ -63,13 +64,16 @@ def library_bank(rows: ObservationEquations, arm: Arm) -> Bank:
         if model is None
         else model.at(state.arm.amplitudes)
     )
-    by_values = rows.moved(
-        rows.each_tool(
+
+    def moved(*, turns: bool) -> Floats:
+        return rows.each_tool(
             lambda with_tool, at: columns(
-                with_tool, applied, rows.block.part(at), moving
+                with_tool, applied, rows.block.part(at), moving, turns=turns
             )
         )
-    )
+
+    turned = moved(turns=True) if rows.has_turns else None
+    by_values = rows.moved(moved(turns=False), turned)
     parts, at = [], 0
     for entry in entries:
         candidate, n_values = entry.candidate, len(entry.correction.values)

@@ -24,7 +24,7 @@ import numpy as np
 from scipy import special, stats  # type: ignore[import-untyped] # ships no types
 from scipy.spatial import cKDTree  # type: ignore[import-untyped] # ships no types
 
-from traverse.arrays import Booleans, Floats
+from traverse.arrays import Booleans, Floats, Integers
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.result import (
     HoldoutComparison,
@@ -94,39 +94,45 @@ def _add_unseen(
     network, arm = adjustment.network, adjustment.state.arm
     centres_mm = station_centres(network, station, arm)
     unknowns = station.artefact.start(centres_mm, station.touches)
-    n_rows = station.artefact.rows_per_pose
     for _ in range(_STEPS):
-        white, own = _predictive(adjustment, station, unknowns)
+        white, own, _ = _predictive(adjustment, station, unknowns)
         step = np.linalg.lstsq(own * station.scales, -white, rcond=1e-9)[0]
         unknowns = station.artefact.moved(unknowns, station.scales * step)
-    white, own = _predictive(adjustment, station, unknowns)
+    white, own, of_pose = _predictive(adjustment, station, unknowns)
     left, values, _ = np.linalg.svd(own * station.scales, full_matrices=False)
     basis = left[:, values > 1e-9 * values[0]]
     residuals = white - basis @ (basis.T @ white)
     share = 1.0 - basis.shape[1] / len(white)
-    squares = residuals[: n_rows * len(station.poses)].reshape(-1, n_rows) ** 2
+    squares = residuals[: len(of_pose)] ** 2
     mine = station.poses
-    found.statistics[mine] = np.sum(squares, axis=1)
+    n_rows = np.bincount(of_pose).astype(np.float64)
+    found.statistics[mine] = np.bincount(of_pose, weights=squares)
     found.degrees[mine] = n_rows * share
     # Like a chi-square of as many degrees as there are equations.
     size = found.statistics[mine] / max(share, 1e-12)
-    found.w[mine] = equivalent_normal(size, np.full(len(mine), float(n_rows)))
+    found.w[mine] = equivalent_normal(size, n_rows)
     for rows in white_rows(network, station, arm, unknowns):
-        found.misclosures_mm[mine[rows.part], :n_rows] = rows.misclosures_mm
+        n_mm = rows.misclosures_mm.shape[1]
+        found.misclosures_mm[mine[rows.part], :n_mm] = rows.misclosures_mm
+        if rows.by_turn is not None:
+            found.orientation_errors_rad[mine[rows.part]] = rows.unweighted[:, 3:]
 
 
 def _predictive(
     adjustment: Adjustment, station: Station, unknowns: Floats
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, Floats, Integers]:
     """Whiten a station's equations and certificates by I + Y Y^T of the arm.
 
-    Misclosures, (n,), and how they change with the unknowns, (n, n_unknowns).
+    Misclosures, (n,), how they change with the unknowns, (n, n_unknowns), and which of
+    the station's poses the first of them are of, (n_equations,).
     """
     network, arm = adjustment.network, adjustment.state.arm
     certificates = certified(network, station, arm, unknowns)
     n_unknowns = len(station.scales)
-    white, own, by_arm = [], [], []
+    white, own, by_arm, of_pose = [], [], [], []
     for rows in white_rows(network, station, arm, unknowns):
+        numbers = np.arange(len(station.poses))[rows.part]
+        of_pose.append(np.repeat(numbers, rows.misclosures.shape[1]))
         white.append(rows.misclosures.ravel())
         own.append(rows.by_unknowns.reshape(-1, n_unknowns))
         by_arm.append(rows.by_parameters.reshape(len(white[-1]), -1))
@@ -137,7 +143,7 @@ def _predictive(
     lower = np.linalg.cholesky(np.eye(len(moved)) + moved @ moved.T)
     joined = np.column_stack([np.concatenate(white), np.concatenate(own)])
     solved = np.linalg.solve(lower, joined)
-    return solved[:, 0], solved[:, 1:]
+    return solved[:, 0], solved[:, 1:], np.concatenate(of_pose)
 
 
 _VETO_LEVEL = 0.01
@@ -161,7 +167,13 @@ def held_out_blunders(
     outside = ~np.any(np.isfinite(found.misclosures_mm), axis=1)
     found.fill(predicted(before, outside, radius_mm), outside)
     campaign = before.network.campaign
-    return find_blunders(campaign, found.misclosures_mm, ~held_out, held_out)
+    return find_blunders(
+        campaign,
+        found.misclosures_mm,
+        ~held_out,
+        held_out,
+        orientation_errors_rad=found.orientation_errors_rad,
+    )
 
 
 def compare_on_holdout(
@@ -299,24 +311,35 @@ _SHARE_LEVEL = 1e-3
 
 
 def find_blunders(
-    campaign: Campaign, misclosures_mm: Floats, choosing: Booleans, held_out: Booleans
+    campaign: Campaign,
+    misclosures_mm: Floats,
+    choosing: Booleans,
+    held_out: Booleans,
+    *,
+    orientation_errors_rad: Floats | None = None,
 ) -> Booleans:
     """Find the held-out poses that contradict their neighbours, (n_poses,).
 
     By the misclosures of all poses against the model without terms, NaN where there are
-    none, (n_poses, 3). None of features with fewer than six poses.
+    none, (n_poses, 3). None of features with fewer than six poses. By orientations
+    likewise, but of artefacts: their errors do not depend on the feature.
     """
     w = np.zeros(len(campaign.poses))
     poses = campaign.poses
+    kinds = [(misclosures_mm, poses.features)]
+    if orientation_errors_rad is not None:
+        kinds.append((orientation_errors_rad, np.zeros_like(poses.features)))
     for artefact in np.unique(poses.artefacts):
         mine = np.flatnonzero(poses.artefacts == artefact)
-        differences_mm = np.full((len(mine), 3), np.nan)
-        for feature in np.unique(poses.features[mine]):
-            here = poses.features[mine] == feature
-            differences_mm[here] = _from_neighbours(
-                poses.angles_rad[mine[here]], misclosures_mm[mine[here]]
-            )
-        w[mine] = _sizes(differences_mm)
+        for misclosures, features in kinds:
+            differences = np.full((len(mine), 3), np.nan)
+            measured = np.isfinite(misclosures[mine, 0])
+            for feature in np.unique(features[mine]):
+                here = measured & (features[mine] == feature)
+                differences[here] = _from_neighbours(
+                    poses.angles_rad[mine[here]], misclosures[mine[here]]
+                )
+            w[mine] = np.maximum(w[mine], _sizes(differences))
     n_judged = max(int(np.count_nonzero(held_out)), 1)
     contradicts = w > -normal_quantile(0.5 * _FAMILY_LEVEL / n_judged)
     found = held_out & contradicts

@@ -28,7 +28,7 @@ from scipy import linalg  # type: ignore[import-untyped] # scipy ships no types
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import angle_corrections
-from traverse.kinematics.model.derivatives import probe_derivatives
+from traverse.kinematics.model.derivatives import probe_derivatives, turn_derivatives
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.identification.equations.datum import undetermined_scale
 from traverse.lab.identification.equations.network import (
@@ -52,9 +52,11 @@ class ObservationEquations:
         values: Less the whitened misclosures, (n_rows,).
         by_centre: How rows change with the model's ball centre [1/mm], (n_rows, 3);
             zero for certificates.
-        sources: How rows change with the readings, a seat's contact in x, y, z and a
-            surface's along its normal, in units of their noise, (n_rows, n_joints + 4);
-            zero for certificates.
+        by_turn: And with a small turn of the last body [1/rad], (n_rows, 3); zero but
+            for measured orientations.
+        sources: How rows change with the readings, a seat's contact in x, y, z, a
+            surface's along its normal, and an orientation as measured about x, y, z, in
+            units of their noise, (n_rows, n_joints + 7); zero for certificates.
         columns: A in units of plausible deviations, (n_rows, n_unknowns).
         basis: Orthonormal, of all unknowns' columns, (n_rows, rank).
         certificates: Rows of artefacts' lengths: row, artefact's id, change with a
@@ -66,6 +68,7 @@ class ObservationEquations:
     poses: Integers
     values: Floats
     by_centre: Floats
+    by_turn: Floats
     sources: Floats
     columns: Floats
     basis: Floats
@@ -109,7 +112,20 @@ class ObservationEquations:
             )
         )
         found: Floats = -np.einsum("ri,rik->rk", self.by_centre, by_angles[self.poses])
+        if self.has_turns:
+            turned = self.each_tool(
+                lambda geometry, at: turn_derivatives(
+                    geometry,
+                    probe_derivatives(geometry, self.angles_rad(geometry, at)),
+                )[0]
+            )
+            found -= np.einsum("ri,rik->rk", self.by_turn, turned[self.poses])
         return found
+
+    @cached_property
+    def has_turns(self) -> bool:
+        """Whether any orientation was measured."""
+        return bool(np.any(self.by_turn))
 
     def each_tool(self, compute: Callable[[Geometry, Integers], Floats]) -> Floats:
         """As `network.each_tool`, of the fit's arm and all poses of the campaign."""
@@ -126,15 +142,17 @@ class ObservationEquations:
         errors_rad = angle_corrections(geometry, effects.at(values), block)
         return block.angles_rad - errors_rad
 
-    def moved(self, moves: Floats) -> Floats:
-        """Turn moves of the model's centres into changes of values, not yet projected.
+    def moved(self, moves: Floats, turns: Floats | None = None) -> Floats:
+        """Turn moves of the model into changes of values, not yet projected.
 
-        From mm per unit of each column, of every pose of the campaign, (n_poses, 3,
-        n_columns), to C, (n_rows, n_columns).
+        From mm, and turns of the last body in rad where orientations were measured, per
+        unit of each column, of every pose of the campaign, (n_poses, 3, n_columns)
+        each, to C, (n_rows, n_columns).
         """
-        return self.decorrelated(
-            np.einsum("ri,rik->rk", self.by_centre, moves[self.poses])
-        )
+        found: Floats = np.einsum("ri,rik->rk", self.by_centre, moves[self.poses])
+        if turns is not None:
+            found += np.einsum("ri,rik->rk", self.by_turn, turns[self.poses])
+        return self.decorrelated(found)
 
     def by_artefact_length(self, artefact: str) -> Floats:
         """Compute the change where a standard is 1 ppm longer, (n_rows, 1)."""
@@ -162,9 +180,9 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
     parameters = network.parameters
     n_free = parameters.n_free
     n_columns = n_free + sum(len(station.scales) for station in network.stations)
-    parts: list[tuple[Floats, Floats, Integers, Floats, Floats]] = []
+    parts: list[tuple[Floats, Floats, Integers, Floats, Floats, Floats]] = []
     certificates: list[tuple[int, str, float]] = []
-    n_sources = parameters.n_joints + 4
+    n_sources = parameters.n_joints + 7
     n_rows = 0
     for station, own, unknowns, corrections in zip(
         network.stations,
@@ -180,10 +198,13 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
             columns[:, own] = rows.by_unknowns.reshape(n_poses * n_each, -1)
             columns[:, own] *= station.scales
             by_centre = rows.by_centre.reshape(-1, 3)
+            by_turn = np.zeros_like(by_centre)
+            if rows.by_turn is not None:
+                by_turn = rows.by_turn.reshape(-1, 3)
             poses = np.repeat(station.poses[rows.part], n_each)
             sources = _sources(rows.by_readings, rows.by_contact)
             values = -rows.misclosures.ravel()
-            parts.append((values, columns, poses, by_centre, sources))
+            parts.append((values, columns, poses, by_centre, by_turn, sources))
             n_rows += len(poses)
         found = certified(network, station, state.arm, unknowns)
         lengths = station.artefact.lengths(unknowns)
@@ -205,7 +226,7 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
     columns = np.zeros((len(expected), n_columns))
     columns[:, :n_free] = expected[:, :-1]
     parts.append((expected[:, -1], columns, *_of_no_pose(len(expected), n_sources)))
-    values, columns, poses, by_centre, sources = (
+    values, columns, poses, by_centre, by_turn, sources = (
         np.concatenate(part) for part in zip(*parts, strict=True)
     )
     columns[:, :n_free] *= parameters.free_tolerances
@@ -218,6 +239,7 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
         poses=poses,
         values=values,
         by_centre=by_centre,
+        by_turn=by_turn,
         sources=sources,
         columns=columns,
         basis=orthonormal_basis(columns),
@@ -225,24 +247,26 @@ def equations_of(adjustment: Adjustment) -> ObservationEquations:
     )
 
 
-def _of_no_pose(n_rows: int, n_sources: int) -> tuple[Integers, Floats, Floats]:
-    """Return poses, changes by the centre and by sources of rows that have none."""
-    no_poses = np.full(n_rows, -1, dtype=np.int64)
-    return no_poses, np.zeros((n_rows, 3)), np.zeros((n_rows, n_sources))
+def _of_no_pose(n_rows: int, n_sources: int) -> tuple[Integers, Floats, Floats, Floats]:
+    """Return poses, changes by centre, turn and sources of rows that have none."""
+    nothing, no_sources = np.zeros((n_rows, 3)), np.zeros((n_rows, n_sources))
+    return np.full(n_rows, -1, dtype=np.int64), nothing, nothing, no_sources
 
 
 def _sources(by_readings: Floats, by_contact: Floats) -> Floats:
-    """Put the sources of noise of some poses side by side, (n_rows, n_joints + 4).
+    """Put the sources of noise of some poses side by side, (n_rows, n_joints + 7).
 
     A hand that presses harder for a while is off along every surface's own normal.
     """
     n_poses, n_each, n_joints = by_readings.shape
-    found = np.zeros((n_poses * n_each, n_joints + 4))
+    found = np.zeros((n_poses * n_each, n_joints + 7))
     found[:, :n_joints] = by_readings.reshape(-1, n_joints)
     if n_each == 1:
-        found[:, -1] = np.linalg.norm(by_contact[:, 0], axis=1)
-    else:
-        found[:, n_joints:-1] = by_contact.reshape(-1, 3)
+        found[:, n_joints + 3] = np.linalg.norm(by_contact[:, 0], axis=1)
+        return found
+    found[:, n_joints : n_joints + 3] = by_contact[:, :, :3].reshape(-1, 3)
+    if n_each > 3:
+        found[:, n_joints + 4 :] = by_contact[:, :, 3:].reshape(-1, 3)
     return found
 
 
@@ -337,15 +361,16 @@ def _order(rows: ObservationEquations) -> Integers:
 
 
 def rows_by_pose(numbers: Integers, values: Floats) -> Floats:
-    """Sort rows by the number of their pose, below 0 none: (n_poses, 3, ...).
+    """Sort rows by the number of their pose, below 0 none: (n_poses, 3 or 6, ...).
 
-    A pose has up to three rows, absent ones zero.
+    A pose has up to three rows, with orientations six; absent ones are zero.
     """
     rows = np.flatnonzero(numbers >= 0)
     rows = rows[np.argsort(numbers[rows], kind="stable")]
     poses = numbers[rows]
     within = np.arange(len(rows)) - np.searchsorted(poses, poses)
-    found = np.zeros((int(poses.max(initial=-1)) + 1, 3, *values.shape[1:]))
+    n_each = 6 if np.any(within >= 3) else 3
+    found = np.zeros((int(poses.max(initial=-1)) + 1, n_each, *values.shape[1:]))
     found[poses, within] = values[rows]
     return found
 

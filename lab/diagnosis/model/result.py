@@ -198,12 +198,14 @@ class NoiseEstimate:
     Attributes:
         encoder_rad: Of every joint, (n_joints,).
         contact_mm: Of every artefact, (n_artefacts,).
+        orientation_rad: Of measured orientations; None without any.
         serial_share: Part of the variance that is correlated from pose to pose.
         serial_phi: Its correlation from one pose to the next.
     """
 
     encoder_rad: tuple[float, ...]
     contact_mm: tuple[float, ...]
+    orientation_rad: float | None
     serial_share: float
     serial_phi: float
 

@@ -118,11 +118,11 @@ def discrepancies(adjustment: Adjustment, noise: Noise | None = None) -> Discrep
         unknowns = _unknowns(adjustment, station)
         for rows in white_rows(network, station, arm, unknowns):
             poses = station.poses[rows.part]
-            n_rows = rows.misclosures.shape[1]
+            n_rows = rows.misclosures_mm.shape[1]  # orientations are left out
             found.misclosures_mm[poses, :n_rows] = rows.misclosures_mm
-            found.whitened[poses, :n_rows] = rows.misclosures
-            found.by_centre[poses, :n_rows] = rows.by_centre
-            by_readings = rows.by_readings / network.noise.encoder_rad
+            found.whitened[poses, :n_rows] = rows.misclosures[:, :n_rows]
+            found.by_centre[poses, :n_rows] = rows.by_centre[:, :n_rows]
+            by_readings = rows.by_readings[:, :n_rows] / network.noise.encoder_rad
             found.by_readings[poses, :n_rows] = by_readings
     return found
 

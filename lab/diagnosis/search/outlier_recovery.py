@@ -261,9 +261,9 @@ def equations_of_all_poses(fit: Fit, eligible: Booleans) -> ObservationEquations
     """
     network, state = fit.adjustment.network, fit.adjustment.state
     n_poses, n_joints = network.campaign.poses.angles_rad.shape
-    corrections = np.zeros((n_poses, n_joints + 3))
+    corrections = np.zeros((n_poses, n_joints + 6))  # three of orientations
     for station, of_poses in zip(network.stations, state.corrections, strict=True):
-        corrections[station.poses] = of_poses
+        corrections[station.poses, : of_poses.shape[1]] = of_poses
     radius_mm = fit.arm.probe.radius_mm
     known, unknowns = known_stations(
         network, state, network.campaign, radius_mm, eligible

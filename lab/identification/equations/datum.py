@@ -29,8 +29,8 @@ def rigid_motions(
 ) -> Floats:
     """Write three turns about x_0 and three shifts in all parameters, (n_all, 6).
 
-    A turn e changes u_k by e x u_k and r_k by e x r_k. The part of the latter along
-    u_k goes into r_(k-1) with equal effect, and so on down to x_0.
+    A turn e changes u_k by e x u_k, mountings by e and r_k by e x r_k. The part of the
+    latter along u_k goes into r_(k-1) with equal effect, and so on down to x_0.
     """
     n = geometry.n_joints
     basis = parameters.basis(geometry)
@@ -52,15 +52,12 @@ def rigid_motions(
         motions[probe, column] = np.cross(turn, geometry.probe_vector_mm)
         # The last link has the probe vector's turn, for the other tools, too.
         beyond_mm = tools_mm - geometry.probe_vector_mm
-        motions[_tools(parameters), column] = np.cross(turn, beyond_mm).ravel()
+        motions[parameters.of_tools, column] = np.cross(turn, beyond_mm).ravel()
+        mountings = slice(parameters.of_tools.stop, parameters.n_geometric)
+        motions[mountings, column] = np.tile(turn, len(parameters.mounted))
     # The probe vector turns with the last link: held, its turn is the link's.
     motions[4 * n : 4 * n + 3, 3:] = np.eye(3)
     return _probe_moved_into_links(parameters, geometry, motions)
-
-
-def _tools(parameters: Parameters) -> slice:
-    """Indices of the tools' vectors among all parameters."""
-    return slice(5 * parameters.n_joints + 6, parameters.n_geometric)
 
 
 def _probe_moved_into_links(
@@ -163,7 +160,7 @@ def scale_direction(
     links_mm, stretch[4 * n : 4 * n + 3] = _handed_inwards(geometry, links_mm)
     stretch[: 4 * n].reshape(n, 4)[:, 2:] = np.einsum("kbi,ki->kb", basis, links_mm)
     beyond_mm = tools_mm - geometry.probe_vector_mm
-    stretch[_tools(parameters)] = beyond_mm.ravel()
+    stretch[parameters.of_tools] = beyond_mm.ravel()
     motions = rigid_motions(parameters, geometry, tools_mm)
     held = ~parameters.free
     turned = np.linalg.lstsq(motions[held], stretch[held], rcond=1e-9)[0]

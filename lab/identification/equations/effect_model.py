@@ -60,9 +60,15 @@ class EffectModel:
             row += len(part)
         return whole
 
-    def columns(self, geometry: Geometry, values: Floats, poses: Poses) -> Floats:
-        """Compute the derivatives of x, (n_poses, 3, n_coordinates)."""
-        by_values = columns(geometry, self.at(values), self.campaign.block(poses))
+    def columns(
+        self, geometry: Geometry, values: Floats, poses: Poses, *, turns: bool = False
+    ) -> Floats:
+        """Compute the derivatives of x, (n_poses, 3, n_coordinates).
+
+        Or, with turns, of the orientation of the last body.
+        """
+        block = self.campaign.block(poses)
+        by_values = columns(geometry, self.at(values), block, turns=turns)
         return by_values @ self.directions(geometry)
 
     def length_errors(self, values: Floats, artefact: str) -> tuple[float, Floats]:

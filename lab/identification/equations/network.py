@@ -4,23 +4,34 @@ The stochastic model says how well encoders read and how well contacts repeat; a
 values the equations are linearised and whitened by it.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 
 import numpy as np
 
 from traverse.arrays import Booleans, Floats, Integers
-from traverse.kinematics.effects.pose import angle_corrections, corrected_pose
-from traverse.kinematics.model.derivatives import ProbeDerivatives, probe_derivatives
-from traverse.kinematics.model.forward import probe_centre
+from traverse.kinematics.effects.deflection import small_turn
+from traverse.kinematics.effects.pose import (
+    angle_corrections,
+    corrected_pose,
+    corrected_rotations,
+)
+from traverse.kinematics.model.derivatives import (
+    ProbeDerivatives,
+    probe_derivatives,
+    turn_derivatives,
+)
+from traverse.kinematics.model.forward import body_rotations, probe_centre
 from traverse.kinematics.model.geometry import Geometry
+from traverse.kinematics.model.quaternion import conjugate, multiply
 from traverse.lab.artefacts.artefact import Artefact, Touches
 from traverse.lab.campaign.campaign import Campaign, Poses
 from traverse.lab.identification.equations.parameters import ArmValues, Parameters
 
 DEFAULT_ENCODER_RAD = 5e-6
 DEFAULT_CONTACT_MM = 0.005
+DEFAULT_ORIENTATION_RAD = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,10 +41,12 @@ class Noise:
     Attributes:
         encoder_rad: Of every joint's reading, (n_joints,).
         contact_mm: Of a contact with every artefact, along each axis, (n_artefacts,).
+        orientation_rad: Of a measured orientation, about each axis.
     """
 
     encoder_rad: Floats
     contact_mm: Floats
+    orientation_rad: float = DEFAULT_ORIENTATION_RAD
 
 
 def a_priori_noise(campaign: Campaign) -> Noise:
@@ -43,6 +56,7 @@ def a_priori_noise(campaign: Campaign) -> Noise:
     return Noise(
         np.full(len(campaign.joint_names), encoder_rad),
         np.full(len(campaign.artefacts), contact_mm),
+        campaign.orientation_rad or DEFAULT_ORIENTATION_RAD,
     )
 
 
@@ -64,7 +78,14 @@ class Station:
     @property
     def n_rows(self) -> int:
         """The number of condition equations."""
-        return len(self.poses) * self.artefact.rows_per_pose
+        n_oriented = int(np.count_nonzero(self.touches.oriented))
+        return len(self.poses) * self.artefact.rows_per_pose + 3 * n_oriented
+
+    @property
+    def most_rows(self) -> int:
+        """The number of condition equations that a pose has at most."""
+        is_oriented = self.touches.orientations is not None
+        return self.artefact.rows_per_pose + (3 if is_oriented else 0)
 
     def part(self, rows: Integers) -> "Station":
         """Take some of the poses."""
@@ -77,8 +98,9 @@ class State:
 
     Attributes:
         unknowns: Of each station.
-        corrections: Of the readings [rad] and of the contact [mm] of each station's
-            poses, where the equations are linearised, (n_poses, n_joints + 3).
+        corrections: Of the readings [rad], of the contact [mm] and, where there are
+            orientations, of these [rad] of each station's poses, where the equations
+            are linearised, (n_poses, n_joints + 3 or 6).
     """
 
     arm: ArmValues
@@ -106,6 +128,14 @@ class Network:
         """The number of condition equations."""
         return sum(station.n_rows for station in self.stations)
 
+    def on(self, campaign: Campaign) -> "Network":
+        """Take the same poses of a campaign with other columns."""
+        effects = self.parameters.effects
+        if effects is not None:
+            effects = replace(effects, campaign=campaign)
+        parameters = replace(self.parameters, effects=effects)
+        return replace(self, campaign=campaign, parameters=parameters)
+
     @property
     def unknown_columns(self) -> tuple[slice, ...]:
         """Columns of each station's unknowns, behind those of the free parameters."""
@@ -128,13 +158,13 @@ class Network:
 def stations(
     campaign: Campaign, radius_mm: float, included: Booleans
 ) -> tuple[Station, ...]:
-    """Sort the included poses by artefact, and then by tool.
+    """Sort the included poses by artefact, by tool, and orientations behind the others.
 
     Artefacts without any are left out.
     """
     poses = campaign.poses
     tools = np.zeros(len(poses)) if poses.tools is None else poses.tools
-    order = np.lexsort((tools, poses.artefacts))
+    order = np.lexsort((poses.oriented, tools, poses.artefacts))
     order = order[included[order]]
     indices = poses.artefacts[order]
     found = []
@@ -224,8 +254,8 @@ def whiteners(by_readings: Floats, by_contact: Floats) -> Floats:
     """Compute L^-1 of many small dispersions, in closed form.
 
     From derivatives by readings times their standard deviations, (n_poses, n_rows,
-    n_joints), with n_rows 1 or 3, and the same by the contact's components, (n_poses,
-    n_rows, 3). Lower triangles, (n_poses, n_rows, n_rows).
+    n_joints), with n_rows 1, 3 or 6, and the same by the other sources, (n_poses,
+    n_rows, 3 or 6). Lower triangles, (n_poses, n_rows, n_rows).
     """
     noise = np.concatenate([by_readings, by_contact], axis=2)
     if noise.shape[1] == 1:
@@ -233,6 +263,9 @@ def whiteners(by_readings: Floats, by_contact: Floats) -> Floats:
         factors: Floats = 1.0 / np.sqrt(variances)[:, :, np.newaxis]
         return factors
     dispersion = noise @ noise.swapaxes(1, 2)
+    if noise.shape[1] > 3:
+        # Exactly zero above: what a position says does not depend on its orientation.
+        return np.tril(np.linalg.inv(np.linalg.cholesky(dispersion)))
     return _inverse_factors(dispersion)
 
 
@@ -262,18 +295,23 @@ _START_POSES = 2000
 class WhiteRows:
     """Linearised equations of some poses, whitened: L^-1 ..., n_rows (1 or 3) a pose.
 
+    Poses with an orientation have three rows more, in rad, behind those in mm.
+
     Attributes:
         part: Which poses of the station.
         misclosures: (n_poses, n_rows).
         by_unknowns: (n_poses, n_rows, n_unknowns).
         by_parameters: (n_poses, n_rows, n_free).
         by_centre: By the ball's centre, (n_poses, n_rows, 3) [1/mm].
+        by_turn: By a small turn of the last body, (n_poses, n_rows, 3) [1/rad]; of
+            poses with orientations, else None.
         by_readings: By readings in units of their noise, (n_poses, n_rows, n_joints).
-        by_contact: By contacts in units of their noise, (n_poses, n_rows, 3).
-        whiteners: L^-1, (n_poses, n_rows, n_rows) [1/mm].
-        misclosures_mm: As they are, (n_poses, n_rows).
-        offsets_mm: B v of the corrections v that were put in, (n_poses, n_rows).
-        corrections: That follow, (n_poses, n_joints + 3).
+        by_contact: By contacts, and orientations as measured, in units of their noise,
+            (n_poses, n_rows, 3 or 6).
+        whiteners: L^-1, (n_poses, n_rows, n_rows).
+        unweighted: Misclosures as they are, (n_poses, n_rows).
+        offsets: B v of the corrections v that were put in, (n_poses, n_rows).
+        corrections: That follow, (n_poses, n_joints + 3 or 6).
     """
 
     part: slice
@@ -281,12 +319,18 @@ class WhiteRows:
     by_unknowns: Floats
     by_parameters: Floats
     by_centre: Floats
+    by_turn: Floats | None
     by_readings: Floats
     by_contact: Floats
     whiteners: Floats
-    misclosures_mm: Floats
-    offsets_mm: Floats
+    unweighted: Floats
+    offsets: Floats
     corrections: Floats
+
+    @property
+    def misclosures_mm(self) -> Floats:
+        """As they are, without those of orientations, (n_poses, 1 or 3)."""
+        return self.unweighted[:, :3]
 
 
 def evenly(rows: Integers, most: int) -> Integers:
@@ -296,35 +340,110 @@ def evenly(rows: Integers, most: int) -> Integers:
 
 
 def start_state(network: Network, arm: ArmValues) -> State:
-    """Find every station's unknowns in closed form from an arm.
+    """Find every station's unknowns, and mountings, in closed form from an arm.
 
     A few thousand poses, spread evenly, are enough for that.
     """
-    unknowns = []
+    unknowns: list[Floats] = []
     for station in network.stations:
         few = station.part(evenly(np.arange(len(station.poses)), _START_POSES))
         centres_mm = station_centres(network, few, arm)
         unknowns.append(station.artefact.start(centres_mm, few.touches))
-    n_corrected = network.parameters.n_joints + 3
-    nothing = tuple(np.zeros((len(s.poses), n_corrected)) for s in network.stations)
+    n_joints = network.parameters.n_joints
+    nothing = tuple(
+        np.zeros((len(one.poses), n_joints + max(one.most_rows, 3)))
+        for one in network.stations
+    )
+    if network.parameters.mounted:
+        arm = replace(arm, mountings=fitted_mountings(network, arm, unknowns))
     return State(arm, tuple(unknowns), nothing)
 
 
-def misclosures_mm(
+_MOUNTING_ROUNDS = 10
+
+
+def fitted_mountings(
+    network: Network, arm: ArmValues, unknowns: Sequence[Floats]
+) -> Floats:
+    """Find how the instrument's probes are mounted, as unit quaternions.
+
+    Each pose says P_n^-1 R O; blunders are weighted down in their mean. A mounting that
+    no pose of the network speaks of stays. (n_mounted, 4)
+    """
+    found = arm.mountings.copy()
+    parts: dict[int, list[Floats]] = {}
+    for station, own in zip(network.stations, unknowns, strict=True):
+        for chunk in _chunks(network, station, arm, None):
+            if chunk.turns is not None:
+                touches = station.touches.part(chunk.part)
+                seen = station.artefact.measured_orientations(own, touches)
+                said = multiply(conjugate(chunk.body_turns), seen)
+                parts.setdefault(chunk.tool, []).append(said.T)
+    for at, tool in enumerate(network.parameters.mounted):
+        if tool in parts:
+            found[at] = _mean_rotation(np.concatenate(parts[tool]))
+    return found
+
+
+def _mean_rotation(quaternions: Floats) -> Floats:
+    """Average unit quaternions (n, 4), whatever their signs, robustly."""
+    weights = np.ones(len(quaternions))
+    for _ in range(_MOUNTING_ROUNDS):
+        squares = (weights[:, np.newaxis] * quaternions).T @ quaternions
+        mean: Floats = np.linalg.eigh(squares)[1][:, -1]
+        away_rad = 2.0 * np.arccos(np.minimum(np.abs(quaternions @ mean), 1.0))
+        least_rad = max(3.0 * float(np.median(away_rad)), 1e-9)
+        weights = 1.0 / (1.0 + (away_rad / least_rad) ** 2)
+    return mean
+
+
+def all_misclosures(
     network: Network,
     station: Station,
     arm: ArmValues,
     unknowns: Floats,
     corrections: Floats | None = None,
 ) -> Floats:
-    """Compute a station's misclosures alone, (n_poses, n_rows)."""
+    """Compute a station's misclosures alone, (n_poses, most_rows).
+
+    In mm, and behind them of orientations in rad, zero where there is none.
+    """
     centres_mm = station_centres(network, station, arm, corrections)
-    found = np.empty((len(centres_mm), station.artefact.rows_per_pose))
+    found = np.zeros((len(centres_mm), station.most_rows))
     for first in range(0, len(centres_mm), _CHUNK_POSES):
         part = slice(first, first + _CHUNK_POSES)
         touches = station.touches.part(part)
         equations = station.artefact.equations(unknowns, centres_mm[part], touches)
-        found[part] = equations.misclosures_mm
+        found[part, : station.artefact.rows_per_pose] = equations.misclosures_mm
+    if station.touches.orientations is not None:
+        for chunk in _chunks(network, station, arm, corrections):
+            if chunk.turns is not None:
+                found[chunk.part, 3:] = station.artefact.orientation_equations(
+                    unknowns, chunk.turns, station.touches.part(chunk.part)
+                ).misclosures_rad
+    return found
+
+
+def misclosures_mm(
+    network: Network, station: Station, arm: ArmValues, unknowns: Floats
+) -> Floats:
+    """Compute a station's misclosures without those of orientations.
+
+    (n_poses, rows_per_pose)
+    """
+    found = all_misclosures(network, station, arm, unknowns)
+    return found[:, : station.artefact.rows_per_pose]
+
+
+def orientation_errors(
+    network: Network, station: Station, arm: ArmValues, unknowns: Floats
+) -> Floats:
+    """Compute the misclosures of orientations, NaN without, (n_poses, 3) [rad]."""
+    found = np.full((len(station.poses), 3), np.nan)
+    oriented = station.touches.oriented
+    if np.any(oriented):
+        every = all_misclosures(network, station, arm, unknowns)
+        found[oriented] = every[oriented, 3:]
     return found
 
 
@@ -341,9 +460,9 @@ def station_centres(
             return probe_centre(arm.geometry, angles_rad)
         n = network.parameters.n_joints
         angles_rad = angles_rad + corrections[:, :n]
-        return probe_centre(arm.geometry, angles_rad) + corrections[:, n:]
+        return probe_centre(arm.geometry, angles_rad) + corrections[:, n : n + 3]
     chunks = _chunks(network, station, arm, corrections)
-    return np.concatenate([centres_mm for _, centres_mm, _ in chunks])
+    return np.concatenate([chunk.centres_mm for chunk in chunks])
 
 
 def white_rows(
@@ -356,55 +475,86 @@ def white_rows(
     """Linearise and whiten a station's equations, a bounded part at a time.
 
     The misclosures of a pose have the dispersion B Q B^T: the readings' noise through
-    dx/dalpha, and the contact's, both through dw/dx. Linearised at corrected
+    dx/dalpha, and the contact's, both through dw/dx, and likewise for orientations: the
+    readings turn the last body, too. Linearised at corrected
     observations l + v they are w(l + v) - B v; the corrections that follow from them
     are - Q B^T (B Q B^T)^-1 w.
     """
     noise, parameters = network.noise, network.parameters
-    contact_mm = float(noise.contact_mm[station.index])
-    scales = np.append(noise.encoder_rad, np.full(3, contact_mm))
-    for part, centres_mm, derivatives in _chunks(network, station, arm, corrections):
-        equations = station.artefact.equations(
-            unknowns, centres_mm, station.touches.part(part)
-        )
+    contact = np.full(3, float(noise.contact_mm[station.index]))
+    others = {3: contact, 6: np.append(contact, np.full(3, noise.orientation_rad))}
+    n_corrected = parameters.n_joints + max(station.most_rows, 3)
+    for chunk in _chunks(network, station, arm, corrections):
+        part, derivatives = chunk.part, chunk.derivatives
         rows = station.poses[part]
-        by_centre = equations.by_centre
-        by_readings = by_centre @ (derivatives.by_angles * noise.encoder_rad)
-        by_contact = by_centre * contact_mm
+        touches = station.touches.part(part)
+        equations = station.artefact.equations(unknowns, chunk.centres_mm, touches)
+        unweighted, by_pose = equations.misclosures_mm, equations.by_centre
+        by_unknowns, by_angles = equations.by_unknowns, derivatives.by_angles
+        poses = network.campaign.poses.part(rows)
+        columns = parameters.columns(arm, derivatives, poses)
+        if chunk.turns is not None:
+            more = station.artefact.orientation_equations(
+                unknowns, chunk.turns, touches
+            )
+            unweighted = np.concatenate([unweighted, more.misclosures_rad], axis=1)
+            by_pose = _side_by_side(by_pose, more.by_turn)
+            by_unknowns = np.concatenate([by_unknowns, more.by_unknowns], axis=1)
+            turned = turn_derivatives(arm.geometry, derivatives)[0]
+            by_angles = np.concatenate([by_angles, turned], axis=1)
+            turned = parameters.turn_columns(arm, derivatives, poses)
+            columns = np.concatenate([columns, turned], axis=1)
+        stds = others[by_pose.shape[2]]
+        scales = np.append(noise.encoder_rad, stds)
+        by_readings = by_pose @ (by_angles * noise.encoder_rad)
+        by_contact = by_pose * stds
         plain = whiteners(by_readings, by_contact)
-        offsets_mm = np.zeros_like(equations.misclosures_mm)
+        offsets = np.zeros_like(unweighted)
         sources = np.concatenate([by_readings, by_contact], axis=2)
         if corrections is not None:
-            in_noise = (corrections[part] / scales)[:, :, np.newaxis]
-            offsets_mm = (sources @ in_noise)[:, :, 0]
-        misclosures = equations.misclosures_mm - offsets_mm
+            in_noise = (corrections[part, : len(scales)] / scales)[:, :, np.newaxis]
+            offsets = (sources @ in_noise)[:, :, 0]
+        misclosures = unweighted - offsets
         weighed = plain.swapaxes(1, 2) @ _times(plain, misclosures)[:, :, np.newaxis]
         following = -(sources.swapaxes(1, 2) @ weighed)[:, :, 0] * scales
+        if len(scales) < n_corrected:
+            following = np.pad(following, ((0, 0), (0, 3)))
         roots = np.sqrt(network.weights[rows])[:, np.newaxis, np.newaxis]
         whitener = roots * plain
-        columns = parameters.columns(
-            arm, derivatives, network.campaign.poses.part(rows)
-        )
-        white_by_centre = whitener @ by_centre
+        white_by_pose = whitener @ by_pose
         yield WhiteRows(
             part=part,
             misclosures=_times(whitener, misclosures),
-            by_unknowns=whitener @ equations.by_unknowns,
-            by_parameters=white_by_centre @ columns,
-            by_centre=white_by_centre,
+            by_unknowns=whitener @ by_unknowns,
+            by_parameters=white_by_pose @ columns,
+            by_centre=white_by_pose[:, :, :3],
+            by_turn=None if chunk.turns is None else white_by_pose[:, :, 3:],
             by_readings=whitener @ by_readings,
             by_contact=whitener @ by_contact,
             whiteners=whitener,
-            misclosures_mm=misclosures,
-            offsets_mm=offsets_mm,
+            unweighted=misclosures,
+            offsets=offsets,
             corrections=following,
         )
 
 
+def _side_by_side(first: Floats, second: Floats) -> Floats:
+    """Put matrices of each pose (n, 3, 3) on a diagonal, (n, 6, 6)."""
+    both = np.zeros((len(first), 6, 6))
+    both[:, :3, :3] = first
+    both[:, 3:, 3:] = second
+    return both
+
+
 def _parts(network: Network, station: Station) -> Iterator[tuple[int, slice]]:
-    """Cut a station's poses where the tool changes, and to a bounded size."""
+    """Cut a station's poses where tool or kind change, and to a bounded size.
+
+    The kind is whether there are orientations.
+    """
     tools, n_poses = network.campaign.poses.tools, len(station.poses)
     ends = np.arange(0, n_poses, _CHUNK_POSES)[1:]
+    if station.touches.orientations is not None:
+        ends = np.union1d(ends, 1 + np.flatnonzero(np.diff(station.touches.oriented)))
     if tools is not None:
         ends = np.union1d(ends, 1 + np.flatnonzero(np.diff(tools[station.poses])))
     for first, last in pairwise((0, *ends.tolist(), n_poses)):
@@ -412,11 +562,30 @@ def _parts(network: Network, station: Station) -> Iterator[tuple[int, slice]]:
         yield tool, slice(first, last)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Chunk:
+    """Some poses of a station, all with the same tool.
+
+    Attributes:
+        part: Which poses of the station.
+        body_turns: Rotations of the last body, (4, n_poses), and of the instrument's
+            probe on it; None: they have no orientations.
+    """
+
+    part: slice
+    tool: int
+    centres_mm: Floats
+    derivatives: ProbeDerivatives
+    body_turns: Floats
+    turns: Floats | None = None
+
+
 def _chunks(
     network: Network, station: Station, values: ArmValues, corrections: Floats | None
-) -> Iterator[tuple[slice, Floats, ProbeDerivatives]]:
-    """Go through a station's poses: which, ball centres, derivatives."""
+) -> Iterator[_Chunk]:
+    """Go through a station's poses."""
     poses, n = network.campaign.poses, network.parameters.n_joints
+    oriented = station.touches.oriented
     for tool, part in _parts(network, station):
         arm = values.with_tool(tool)
         rows = station.poses[part]
@@ -424,18 +593,30 @@ def _chunks(
         if corrections is not None:
             angles_rad = angles_rad + corrections[part, :n]
         effects = network.parameters.effects
+        is_oriented = len(rows) > 0 and bool(oriented[part][0])
+        body_turns = np.empty((4, 0))
         if effects is None:
             derivatives = probe_derivatives(arm.geometry, angles_rad)
             centres_mm = derivatives.centres_mm
+            if is_oriented:
+                body_turns = body_rotations(arm.geometry, angles_rad)
         else:
             block = effects.campaign.block(poses.part(rows), angles_rad)
             sized = effects.at(arm.amplitudes)
             errors_rad = angle_corrections(arm.geometry, sized, block)
             derivatives = probe_derivatives(arm.geometry, angles_rad - errors_rad)
             centres_mm = corrected_pose(arm.geometry, sized, block)[0]
+            if is_oriented:
+                body_turns = corrected_rotations(arm.geometry, sized, block)
         if corrections is not None:
-            centres_mm = centres_mm + corrections[part, n:]
-        yield part, centres_mm, derivatives
+            centres_mm = centres_mm + corrections[part, n : n + 3]
+        turns = None
+        if is_oriented:
+            mounting = values.mountings[network.parameters.mounted.index(tool)]
+            turns = multiply(body_turns, mounting[:, np.newaxis])
+            if corrections is not None:
+                turns = multiply(small_turn(corrections[part, n + 3 :].T), turns)
+        yield _Chunk(part, tool, centres_mm, derivatives, body_turns, turns)
 
 
 def _times(matrices: Floats, vectors: Floats) -> Floats:

@@ -12,8 +12,14 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from traverse.arrays import Booleans, Floats
-from traverse.kinematics.model.derivatives import ProbeDerivatives
+from traverse.kinematics.effects.deflection import small_turn
+from traverse.kinematics.model.derivatives import ProbeDerivatives, turn_derivatives
 from traverse.kinematics.model.geometry import Geometry, unit_vectors
+from traverse.kinematics.model.quaternion import (
+    conjugate,
+    multiply,
+    rotation_vectors,
+)
 from traverse.lab.campaign.campaign import Campaign, Poses
 from traverse.lab.campaign.prior import Prior
 from traverse.lab.identification.equations.effect_model import (
@@ -29,11 +35,14 @@ class ArmValues:
     Attributes:
         amplitudes: Values of the effects in the order of the arm file, (n_values,).
         tools_mm: Vectors of the campaign's tools beside the arm's own, (n_tools, 3).
+        mountings: Unit quaternions of the instrument's probes in the last body in the
+            base posture, of each tool with orientations, (n_mounted, 4).
     """
 
     geometry: Geometry
     amplitudes: Floats
     tools_mm: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    mountings: Floats = field(default_factory=lambda: np.empty((0, 4)))
 
     def with_tool(self, tool: int) -> "ArmValues":
         """Put on a tool, counted from 1; 0 is the arm's own."""
@@ -65,13 +74,15 @@ class Parameters:
 
     Attributes:
         names: `J3.axis.v`, ..., `origin.x`, ..., `probe.vector.x`, ..., `J3.zero`,
-            ..., `tool.NAME.x`, ..., and those of the effects, (n_all,).
+            ..., `tool.NAME.x`, ..., `probe.mounting.x`, `tool.NAME.mounting.x`, ...,
+            and those of the effects, (n_all,).
         units: "" for axes (radians of a small turn), mm, rad; as effects say.
         tolerances: Plausible deviations from the design, (n_all,).
         free: Which are estimated, (n_all,).
         smallest: The component of each design axis that v_k is built from.
         effects: Of the arm, or None.
         expected: By the arm's family, or None.
+        mounted: Numbers of the tools with orientations, rising; 0: the arm's own.
     """
 
     names: tuple[str, ...]
@@ -82,11 +93,18 @@ class Parameters:
     effects: EffectModel | None = None
     n_tools: int = 0
     expected: Expected | None = None
+    mounted: tuple[int, ...] = ()
+
+    @property
+    def of_tools(self) -> slice:
+        """Indices of the vectors of tools."""
+        first = 5 * self.n_joints + 6
+        return slice(first, first + 3 * self.n_tools)
 
     @property
     def n_geometric(self) -> int:
         """Number of parameters before those of the effects."""
-        return 5 * self.n_joints + 6 + 3 * self.n_tools
+        return 5 * self.n_joints + 6 + 3 * (self.n_tools + len(self.mounted))
 
     @property
     def n_joints(self) -> int:
@@ -127,6 +145,7 @@ class Parameters:
             self.free[:n_kept],
             self.smallest,
             n_tools=self.n_tools,
+            mounted=self.mounted,
         )
 
     def basis(self, geometry: Geometry) -> Floats:
@@ -156,11 +175,38 @@ class Parameters:
         if np.any(self.free[4 * n : 4 * n + 3]):
             rest = len(self.names) - 4 * n - 3
             columns += np.pad(np.eye(3), ((0, 0), (4 * n, rest)))[:, self.free]
+        self._put_effects(columns, values.with_tool(tool), poses, turns=False)
+        return columns
+
+    def _put_effects(
+        self, columns: Floats, values: ArmValues, poses: Poses, *, turns: bool
+    ) -> None:
+        """Put in the columns of free effects."""
         free = self.free[self.n_geometric :]
         if self.effects is not None and np.any(free):
-            geometry = values.with_tool(tool).geometry
-            moves = self.effects.columns(geometry, values.amplitudes, poses)
+            moves = self.effects.columns(
+                values.geometry, values.amplitudes, poses, turns=turns
+            )
             columns[:, :, -np.count_nonzero(free) :] = moves[:, :, free]
+
+    def turn_columns(
+        self, values: ArmValues, derivatives: ProbeDerivatives, poses: Poses
+    ) -> Floats:
+        """Compute small turns of the instrument's probe, (n_poses, 3, n_free) [rad].
+
+        For the free parameters, as `columns`; of a tool with orientations.
+        """
+        n_poses = len(derivatives.centres_mm)
+        tool = 0 if poses.tools is None else int(poses.tools[0])
+        by_axes, _, by_zeros = self._maps(values.geometry, tool)
+        by_angles, turned = turn_derivatives(values.geometry, derivatives)
+        columns: Floats = turned.reshape(n_poses, 3, -1) @ by_axes
+        columns -= by_angles @ by_zeros
+        by_mounting = np.zeros((3, len(self.names)))
+        first = self.of_tools.stop + 3 * self.mounted.index(tool)
+        by_mounting[:, first : first + 3] = np.eye(3)
+        columns += derivatives.by_probe_vector @ by_mounting[:, self.free]
+        self._put_effects(columns, values.with_tool(tool), poses, turns=True)
         return columns
 
     def _maps(self, geometry: Geometry, tool: int) -> tuple[Floats, Floats, Floats]:
@@ -202,14 +248,16 @@ class Parameters:
             zeros_rad=geometry.zeros_rad + rest[6 : 6 + n],
         )
         first = self.n_geometric - 4 * n
-        tools_mm = values.tools_mm + rest[6 + n : first].reshape(-1, 3)
+        tools_mm = values.tools_mm + full[self.of_tools].reshape(-1, 3)
+        turns = full[self.of_tools.stop : self.n_geometric].reshape(-1, 3)
+        mountings = multiply(small_turn(turns.T), values.mountings.T).T
         amplitudes = values.amplitudes
         if self.effects is not None:
             # Vectors stay across or along axes.
             before = self.effects.directions(geometry)
             after = self.effects.directions(moved)
             amplitudes = after @ (after.T @ (amplitudes + before @ rest[first:]))
-        return ArmValues(moved, amplitudes, tools_mm)
+        return ArmValues(moved, amplitudes, tools_mm, mountings)
 
     def as_expected(self, arm: ArmValues) -> ArmValues:
         """Give an arm the values that its family expects, if it has one."""
@@ -267,6 +315,9 @@ class Parameters:
                 there.probe_vector_mm - here.probe_vector_mm,
                 there.zeros_rad - here.zeros_rad,
                 (to.tools_mm - at.tools_mm).ravel(),
+                rotation_vectors(
+                    multiply(to.mountings.T, conjugate(at.mountings.T))
+                ).T.ravel(),
                 difference,
             ]
         )
@@ -277,6 +328,7 @@ AXIS_TOLERANCE_RAD = 0.02
 LINK_TOLERANCE_MM = 5.0
 ORIGIN_TOLERANCE_MM = 100.0
 ZERO_TOLERANCE_RAD = 1.0
+MOUNTING_TOLERANCE_RAD = 1.0
 
 
 def arm_parameters(
@@ -284,10 +336,12 @@ def arm_parameters(
     joint_names: Sequence[str],
     effects: EffectModel | None = None,
     tools: Sequence[str] = (),
+    mounted: Sequence[int] = (),
 ) -> Parameters:
-    """List the parameters of an arm; axes, links and tools are free.
+    """List the parameters of an arm; axes, links, tools and mountings are free.
 
-    Effects are held at their values, until they are freed.
+    Effects are held at their values, until they are freed. The numbers of tools that
+    have orientations are rising, 0 the arm's own.
     """
     of_joints = (
         ("axis", "rad", AXIS_TOLERANCE_RAD),
@@ -309,6 +363,11 @@ def arm_parameters(
             for name in tools
             for axis in "xyz"
         ),
+        *(
+            (f"{name}.mounting.{axis}", "rad", MOUNTING_TOLERANCE_RAD, True)
+            for name in (tool_key(tools, number) for number in mounted)
+            for axis in "xyz"
+        ),
     ]
     if effects is not None:
         columns = effects.names, effects.units, effects.tolerances.tolist()
@@ -322,7 +381,13 @@ def arm_parameters(
         smallest=tuple(int(at) for at in np.argmin(np.abs(geometry.axes), axis=1)),
         effects=effects,
         n_tools=len(tools),
+        mounted=tuple(mounted),
     )
+
+
+def tool_key(tools: Sequence[str], number: int) -> str:
+    """Say how the names of a tool's parameters begin."""
+    return f"tool.{tools[number - 1]}" if number else "probe"
 
 
 def masked(

@@ -133,6 +133,7 @@ def _excluded(result: Identification) -> list[dict[str, Any]]:
     """List the poses that contradict the others, the worst first."""
     poses, campaign = result.campaign.poses, result.campaign
     w = result.statistics.w
+    parts = {entry.line: entry.part for entry in result.excluded}
     rows = []
     for at in sorted(np.flatnonzero(~result.included), key=lambda at: -w[at]):
         artefact = int(poses.artefacts[at])
@@ -141,6 +142,7 @@ def _excluded(result: Identification) -> list[dict[str, Any]]:
             {
                 "artefact": campaign.artefacts[artefact].id,
                 "feature": campaign.feature_names[artefact][int(poses.features[at])],
+                "part": parts[int(poses.lines[at])],
                 "line": int(poses.lines[at]),
                 "w": float(w[at]),
                 "size_mm": float(np.sqrt(np.nansum(misclosures_mm**2))),

@@ -112,9 +112,10 @@ def identification_json(
         "tools": result.tools,
         # Of an artefact that lost all poses none can be tested.
         "excluded": [
-            {"line": e.line, "w": e.w if np.isfinite(e.w) else None}
+            {"line": e.line, "w": e.w if np.isfinite(e.w) else None, "part": e.part}
             for e in result.excluded
         ],
+        "orientations": result.orientations and result.orientations.values,
         "holdout": result.holdout,
         **family_json(result.campaign.prior),
         "alternating": list(result.alternating),
@@ -216,15 +217,19 @@ def _write_residuals(result: Identification, path: Path) -> None:
     columns = (found.misclosures_mm, found.w, found.controllability)
     numbers = np.column_stack([*columns, found.detectable_mm])
     excluded = (~result.included).astype(int)
+    rest = found.corrections_rad
+    if (of := result.orientations) is not None:
+        header += [f"orientation_{axis}_rad" for axis in "xyz"]
+        header += ["w_position", "w_orientation", "orientation_excluded"]
+        measured = np.isfinite(of.errors_rad[:, 0])
+        left_out = np.where(measured, (~of.used).astype(float), np.nan)
+        tests = (of.errors_rad, found.w_position, found.w_orientation, left_out)
+        rest = np.column_stack([rest, *tests])
     write_poses(
         path,
         campaign,
         header,
-        lambda at: [
-            *texts(numbers[at]),
-            str(excluded[at]),
-            *texts(found.corrections_rad[at]),
-        ],
+        lambda at: [*texts(numbers[at]), str(excluded[at]), *texts(rest[at])],
     )
 
 

@@ -12,6 +12,7 @@ from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.equations.datum import probe_effects_mm
 from traverse.lab.identification.equations.network import Noise
 from traverse.lab.identification.optimal_design import JointCoverage, Suggestion
+from traverse.lab.identification.results.orientations import OrientationResult
 from traverse.lab.identification.results.undetermined import Undetermined, Weak, named
 from traverse.lab.identification.solve.adjustment import Adjustment, Iteration
 from traverse.lab.identification.solve.contradictions import (
@@ -92,10 +93,15 @@ class ArtefactResult:
 
 @dataclass(frozen=True, slots=True)
 class ExcludedPose:
-    """A pose that contradicts the others: its line in the file, and its |w|."""
+    """A pose that contradicts the others: its line in the file, and its |w|.
+
+    Attributes:
+        part: What of it contradicts: "position", or "position and orientation".
+    """
 
     line: int
     w: float
+    part: str = "position"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,6 +153,7 @@ class Identification:
         clusters: Where poses that contradicted the others lay together.
         zero_offsets_rad: Added to the zeros by the coarse start, (n_joints,).
         holdout: How poses that were kept aside are predicted, or None.
+        orientations: Of measured orientations, or None without any.
     """
 
     arm: Arm
@@ -183,6 +190,7 @@ class Identification:
     zero_offsets_rad: Floats
     options: Options
     holdout: Mapping[str, Any] | None = None
+    orientations: OrientationResult | None = None
 
     @property
     def tools_mm(self) -> dict[str, Floats]:

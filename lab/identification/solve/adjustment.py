@@ -23,7 +23,7 @@ from traverse.lab.identification.equations.network import (
     Network,
     State,
     Station,
-    misclosures_mm,
+    all_misclosures,
     white_rows,
 )
 from traverse.lab.identification.equations.parameters import ArmValues
@@ -42,17 +42,19 @@ class System:
 
     Attributes:
         upper: Of the arm's free parameters and the right side.
-        whiteners: Of every station, (n_poses, n_rows, n_rows).
-        offsets_mm: B v of every station, (n_poses, n_rows).
-        corrections: v that follows, of every station, (n_poses, n_joints + 3).
+        whiteners: Of every station, (n_poses, most_rows, most_rows), zero in rows that
+            a pose does not have.
+        offsets: B v of every station, (n_poses, most_rows), likewise.
+        corrections: v that follows, of every station, (n_poses, n_joints + 3 or 6).
         sum_of_squares: Weighted misclosures and certificates.
-        rms_mm: Root mean square of the scalar misclosures as they are.
+        rms_mm: Root mean square of the scalar misclosures as they are, without those of
+            orientations.
     """
 
     eliminations: tuple[Elimination, ...]
     upper: Floats
     whiteners: tuple[Floats, ...]
-    offsets_mm: tuple[Floats, ...]
+    offsets: tuple[Floats, ...]
     corrections: tuple[Floats, ...]
     sum_of_squares: float
     rms_mm: float
@@ -63,7 +65,7 @@ def linearise(network: Network, state: State) -> System:
     n_free = network.parameters.n_free
     eliminations = []
     kept = []
-    total, squares_mm2 = 0.0, 0.0
+    total, squares_mm2, n_mm = 0.0, 0.0, 0
     for station, unknowns, corrections in zip(
         network.stations, state.unknowns, state.corrections, strict=True
     ):
@@ -76,7 +78,12 @@ def linearise(network: Network, state: State) -> System:
         for rows in white_rows(network, station, state.arm, unknowns, corrections):
             total += float(np.sum(rows.misclosures**2))
             squares_mm2 += float(np.sum(rows.misclosures_mm**2))
-            seen.append((rows.whiteners, rows.offsets_mm, rows.corrections))
+            n_mm += rows.misclosures_mm.size
+            whitener, offsets = rows.whiteners, rows.offsets
+            if lacking := station.most_rows - rows.misclosures.shape[1]:
+                whitener = np.pad(whitener, ((0, 0), (0, lacking), (0, lacking)))
+                offsets = np.pad(offsets, ((0, 0), (0, lacking)))
+            seen.append((whitener, offsets, rows.corrections))
             joined = np.concatenate(
                 [
                     rows.by_unknowns,
@@ -97,12 +104,12 @@ def linearise(network: Network, state: State) -> System:
     reduced = sequential_qr(
         [*(found.reduced for found in eliminations), expected], n_free + 1
     )
-    whiteners, offsets_mm, following = (
+    whiteners, all_offsets, following = (
         tuple(of_station[at] for of_station in kept) for at in range(3)
     )
-    rms_mm = float(np.sqrt(squares_mm2 / max(network.n_rows, 1)))
+    rms_mm = float(np.sqrt(squares_mm2 / max(n_mm, 1)))
     return System(
-        tuple(eliminations), reduced, whiteners, offsets_mm, following, total, rms_mm
+        tuple(eliminations), reduced, whiteners, all_offsets, following, total, rms_mm
     )
 
 
@@ -111,9 +118,9 @@ def sum_of_squares(network: Network, state: State, system: System) -> float:
     total = float(np.sum(network.parameters.expectations(state.arm)[:, -1] ** 2))
     for at, station in enumerate(network.stations):
         unknowns, corrections = state.unknowns[at], state.corrections[at]
-        found_mm = misclosures_mm(network, station, state.arm, unknowns, corrections)
-        found_mm = found_mm - system.offsets_mm[at]
-        white = system.whiteners[at] @ found_mm[:, :, np.newaxis]
+        found = all_misclosures(network, station, state.arm, unknowns, corrections)
+        found = found - system.offsets[at]
+        white = system.whiteners[at] @ found[:, :, np.newaxis]
         certificates = certified(network, station, state.arm, unknowns)[:, -1]
         total += float(np.sum(white**2) + np.sum(certificates**2))
     return total

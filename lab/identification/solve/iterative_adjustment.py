@@ -109,6 +109,9 @@ def iterate(
     campaign = network.campaign
     # From where the family has its arms: there are undetermined directions held, too.
     design = network.parameters.as_expected(design)
+    if network.parameters.mounted:
+        # Wherever an instrument's probe is mounted is as plausible as anywhere else.
+        design = start_state(network, design).arm
     variances = options.variances or variance_model(campaign)
     iterations: list[Iteration] = []
 
@@ -184,6 +187,7 @@ def _is_estimated(network: Network) -> bool:
     return not (
         np.array_equal(noise.encoder_rad, given.encoder_rad)
         and np.array_equal(noise.contact_mm, given.contact_mm)
+        and noise.orientation_rad == given.orientation_rad
     )
 
 

@@ -35,6 +35,7 @@ from traverse.lab.identification.solve.reliability import VarianceSums
 
 EncoderGroups = Literal["held", "pooled", "each"]
 ContactGroups = Literal["held", "pooled", "by_kind"]
+OrientationGroups = Literal["held", "pooled"]
 
 # A group with less redundancy than this says too little about itself.
 _LEAST_REDUNDANCY = 5.0
@@ -48,22 +49,26 @@ class VarianceModel:
     Attributes:
         encoders: None, one for all joints, or one a joint.
         contacts: None, one for all artefacts, or one a kind.
+        orientations: None, or one for all.
     """
 
     encoders: EncoderGroups
     contacts: ContactGroups
+    orientations: OrientationGroups = "held"
 
     @property
     def estimates(self) -> bool:
         """Whether there is anything to estimate."""
-        return self.encoders != "held" or self.contacts != "held"
+        return {self.encoders, self.contacts, self.orientations} != {"held"}
 
 
 def variance_model(campaign: Campaign) -> VarianceModel:
     """Estimate what the campaign does not give."""
+    has_unknown = campaign.orientation_rad is None and np.any(campaign.poses.oriented)
     return VarianceModel(
         "pooled" if campaign.encoder_rad is None else "held",
         "by_kind" if campaign.contact_mm is None else "held",
+        "pooled" if has_unknown else "held",
     )
 
 
@@ -85,13 +90,15 @@ def better_noise(
         factors[grouped] = (roots @ members)[grouped]
     change = float(np.max(np.abs(factors - 1.0)))
     better = Noise(
-        noise.encoder_rad * factors[:n_joints], noise.contact_mm * factors[n_joints:]
+        noise.encoder_rad * factors[:n_joints],
+        noise.contact_mm * factors[n_joints:-1],
+        noise.orientation_rad * float(factors[-1]),
     )
     return better, change
 
 
 def _groups(n_joints: int, kinds: list[str], model: VarianceModel) -> Integers:
-    """Number the groups of joints and then artefacts; -1: held."""
+    """Number the groups of joints, artefacts and orientations; -1: held."""
     joints = {
         "held": [-1] * n_joints,
         "pooled": [0] * n_joints,
@@ -102,7 +109,8 @@ def _groups(n_joints: int, kinds: list[str], model: VarianceModel) -> Integers:
         "pooled": [n_joints] * len(kinds),
         "by_kind": [n_joints + kinds.index(kind) for kind in kinds],
     }[model.contacts]
-    return np.array(joints + artefacts, dtype=np.int64)
+    last = -1 if model.orientations == "held" else n_joints + len(kinds)
+    return np.array([*joints, *artefacts, last], dtype=np.int64)
 
 
 def _thetas(members: Floats, sums: VarianceSums) -> Floats:

@@ -7,6 +7,9 @@ whole system, the pose's block of the projector on residuals is M = I - Y Y^T. T
     controllability trace(M) / n_rows, the redundancy numbers' mean
     detectable      delta_0 / sqrt(smallest eigenvalue of L^-T M L^-1) [mm]
 
+Where an orientation was measured the pose has six rows, and both parts are also tested
+alone: with L (M) L^T the dispersion of their residuals, each by its own block of it.
+
 A pose that took no part in the adjustment has M = I + Y Y^T instead.
 
 Data snooping: poses that contradict the others are excluded, and may return.
@@ -56,6 +59,9 @@ class PoseStatistics:
         controllability: Between 0 and 1, (n_poses,).
         detectable_mm: Smallest contact error that the test finds, (n_poses,).
         corrections_rad: Of the readings, (n_poses, n_joints).
+        orientation_errors_rad: Misclosures of orientations, (n_poses, 3).
+        w_position: As `w`, of the position of a pose with an orientation, (n_poses,).
+        w_orientation: Of its orientation, (n_poses,).
     """
 
     misclosures_mm: Floats
@@ -65,6 +71,9 @@ class PoseStatistics:
     controllability: Floats
     detectable_mm: Floats
     corrections_rad: Floats
+    orientation_errors_rad: Floats
+    w_position: Floats
+    w_orientation: Floats
     variances: "VarianceSums"
 
     def fill(self, others: "PoseStatistics", poses: Booleans) -> None:
@@ -81,15 +90,18 @@ class VarianceSums:
 
     Attributes:
         squares: In units of the noise, joints first, then contacts with artefacts,
-            (n_joints + n_artefacts,).
+            orientations last, (n_joints + n_artefacts + 1,).
         redundancies: Likewise.
         information: How sources share the residuals: sums of tr(M C_i M C_j),
-            (n_joints + n_artefacts,) * 2.
+            (n_joints + n_artefacts + 1,) * 2.
+        of_parts: Sums of squares of positions, and of orientations beyond what the
+            positions say, and below them their redundancies, (2, 2).
     """
 
     squares: Floats
     redundancies: Floats
     information: Floats
+    of_parts: Floats
 
 
 def pose_statistics(
@@ -148,11 +160,40 @@ def _add_tests(
     found.degrees[poses] = np.count_nonzero(good, axis=1)
     found.w[poses] = equivalent_normal(found.statistics[poses], found.degrees[poses])
     found.controllability[poses] = np.clip(np.mean(values, axis=1), 0.0, 1.0)
-    found.misclosures_mm[poses, :n_rows] = rows.misclosures_mm
-    in_mm = rows.whiteners.swapaxes(1, 2) @ block @ rows.whiteners
+    found.misclosures_mm[poses, : min(n_rows, 3)] = rows.misclosures_mm
+    by_contact = rows.whiteners[:, :, :3]
+    in_mm = by_contact.swapaxes(1, 2) @ block @ by_contact
     smallest = np.linalg.eigvalsh(in_mm)[:, 0]
-    floor = _UNCONTROLLED * np.einsum("nij,nij->n", rows.whiteners, rows.whiteners)
+    floor = _UNCONTROLLED * np.einsum("nij,nij->n", by_contact, by_contact)
     found.detectable_mm[poses] = DETECTABLE / np.sqrt(np.maximum(smallest, floor))
+    if n_rows > 3:
+        _add_parts(found, poses, rows, block)
+
+
+def _add_parts(
+    found: PoseStatistics, poses: Integers, rows: WhiteRows, block: Floats
+) -> None:
+    """Test position and orientation each by itself."""
+    lower = np.linalg.inv(rows.whiteners)
+    dispersion = lower @ block @ lower.swapaxes(1, 2)
+    misclosures = (lower @ rows.misclosures[:, :, np.newaxis])[:, :, 0]
+    for entries, part in (
+        (found.w_position, slice(0, 3)),
+        (found.w_orientation, slice(3, 6)),
+    ):
+        # In units of its own noise, so that millimetres and radians are alike.
+        own = lower[:, part] @ lower[:, part].swapaxes(1, 2)
+        white = np.linalg.inv(np.linalg.cholesky(own))
+        values, vectors = np.linalg.eigh(
+            white @ dispersion[:, part, part] @ white.swapaxes(1, 2)
+        )
+        good = values > _UNCONTROLLED
+        seen = (white @ misclosures[:, part, np.newaxis])[:, :, 0]
+        along = np.einsum("nij,ni->nj", vectors, seen)
+        squares = np.where(good, along**2 / np.where(good, values, 1.0), 0.0)
+        degrees = np.count_nonzero(good, axis=1).astype(np.float64)
+        entries[poses] = equivalent_normal(np.sum(squares, axis=1), degrees)
+    found.orientation_errors_rad[poses] = rows.unweighted[:, 3:]
 
 
 def _add_variances(
@@ -162,18 +203,27 @@ def _add_variances(
     sources = np.concatenate([rows.by_readings, rows.by_contact], axis=2)
     squares = np.sum(np.einsum("nij,ni->nj", sources, rows.misclosures) ** 2, axis=0)
     shared = sources.swapaxes(1, 2) @ block @ sources
-    # The components of a contact are one source.
-    of_source = np.append(np.arange(n_joints), np.full(3, n_joints + artefact))
+    # The components of a contact are one source, and those of all orientations.
+    of_source = np.concatenate(
+        [
+            np.arange(n_joints),
+            np.full(3, n_joints + artefact),
+            np.full(rows.by_contact.shape[2] - 3, len(sums.squares) - 1),
+        ]
+    )
     np.add.at(sums.squares, of_source, squares)
     np.add.at(sums.redundancies, of_source, np.einsum("njj->j", shared))
     information = np.einsum("nij,nij->ij", shared, shared)
     np.add.at(sums.information, np.ix_(of_source, of_source), information)
+    for at, part in enumerate((slice(0, 3), slice(3, 6))):
+        sums.of_parts[0, at] += np.sum(rows.misclosures[:, part] ** 2)
+        sums.of_parts[1, at] += np.sum(np.einsum("nii->ni", block)[:, part])
 
 
 def _empty(network: Network) -> PoseStatistics:
     campaign = network.campaign
     n_poses, n_joints = len(campaign.poses), len(campaign.joint_names)
-    n_sources = n_joints + len(campaign.artefacts)
+    n_sources = n_joints + len(campaign.artefacts) + 1
     return PoseStatistics(
         misclosures_mm=np.full((n_poses, 3), np.nan),
         statistics=np.full(n_poses, np.nan),
@@ -182,8 +232,14 @@ def _empty(network: Network) -> PoseStatistics:
         controllability=np.full(n_poses, np.nan),
         detectable_mm=np.full(n_poses, np.nan),
         corrections_rad=np.full((n_poses, n_joints), np.nan),
+        orientation_errors_rad=np.full((n_poses, 3), np.nan),
+        w_position=np.full(n_poses, np.nan),
+        w_orientation=np.full(n_poses, np.nan),
         variances=VarianceSums(
-            np.zeros(n_sources), np.zeros(n_sources), np.zeros((n_sources, n_sources))
+            np.zeros(n_sources),
+            np.zeros(n_sources),
+            np.zeros((n_sources, n_sources)),
+            np.zeros((2, 2)),
         ),
     )
 
@@ -237,7 +293,7 @@ def snoop(
 def robust_scale(found: PoseStatistics) -> float:
     """Estimate sigma0 from the medians of the statistics of each kind of pose."""
     squares, weights = [], []
-    for degrees in (1, 2, 3):
+    for degrees in range(1, 7):
         mine = found.degrees == degrees
         if np.count_nonzero(mine) >= 5:
             median = float(np.median(found.statistics[mine]))

@@ -45,6 +45,7 @@ _N_STARTS = 60
 _N_ADJUSTED = 20
 _LARGEST_OFFSET_RAD = 1.2
 _COARSE_MM = 10.0
+_COARSE_RAD = 0.05
 _SEED = 1
 
 
@@ -56,8 +57,7 @@ def with_tools_fitted(
     Else a tool far from the probe would look like as many blunders.
     """
     network = _coarse_network(campaign, parameters, radius_mm)
-    tools = slice(5 * parameters.n_joints + 6, parameters.n_geometric)
-    if not np.any(network.parameters.free[tools]):
+    if not np.any(network.parameters.free[parameters.of_tools]):
         return design
     fitted = adjust(network, start_state(network, design), design, None, 12).state
     return replace(design, tools_mm=fitted.arm.tools_mm)
@@ -121,11 +121,12 @@ def _coarse_network(
         mine = np.flatnonzero(campaign.poses.artefacts == index)
         included[evenly(mine, each)] = True
     n = parameters.n_joints
-    # The last link, the probe's vector, and those of the tools.
+    # The last link, the probe's vector, those of the tools, and mountings.
     of_tools = slice(5 * n + 6, parameters.n_geometric)
     is_tool = np.zeros_like(parameters.free)
     is_tool[np.r_[4 * n - 2 : 4 * n, 4 * n + 3 : 4 * n + 6, of_tools]] = True
-    noise = Noise(np.full(n, 1e-6), np.full(len(campaign.artefacts), _COARSE_MM))
+    coarse_mm = np.full(len(campaign.artefacts), _COARSE_MM)
+    noise = Noise(np.full(n, 1e-6), coarse_mm, _COARSE_RAD)
     tool_only = parameters.with_free(parameters.free & is_tool)
     return network_of(campaign, radius_mm, included, tool_only, noise)
 

@@ -102,6 +102,7 @@ class Points(Seated, Standard):
         frame: In which system their coordinates are known.
         scale: Length in the arm's system over length in their own.
         points_std_mm: Of each coordinate that the campaign states.
+        orientations: The instrument measures the orientation of its probe, too.
     """
 
     kind: Literal["points"] = "points"
@@ -110,6 +111,7 @@ class Points(Seated, Standard):
     frame: Literal["arm", "own", "own_scaled"] = "own"
     scale: float = Field(default=1.0, gt=0.0)
     points_std_mm: float = Field(default=0.0, ge=0.0)
+    orientations: bool = False
 
     @property
     def features(self) -> tuple[str, ...]:

@@ -50,6 +50,7 @@ def rows(basis, values):
         poses=np.arange(N_ROWS),
         values=values,
         by_centre=np.zeros((N_ROWS, 3)),
+        by_turn=np.zeros((N_ROWS, 3)),
         sources=np.zeros((N_ROWS, 3)),
         columns=basis,
         basis=basis,

@@ -386,3 +386,54 @@ def test_equal_readings_at_another_time_count_and_are_reported(folder):
     campaign = read_campaign(folder, ["J1", "J2"])
     assert len(campaign.poses) == 5
     assert "count as touches of their own: lines 6;" in campaign.notes[0]
+
+
+ORIENTED = "time_s,artefact,feature,J1_rad,J2_rad,orientation_w,orientation_x,"
+ORIENTED += "orientation_y,orientation_z\n"
+
+
+def write_oriented(folder, *cells, artefact="grid,A", header=ORIENTED):
+    rows = [f"{at}.5,{artefact},0.{at},0.2,{one}\n" for at, one in enumerate(cells)]
+    (folder / "poses.csv").write_text(header + "".join(rows))
+
+
+def test_orientations_are_read_as_unit_quaternions(folder):
+    write_oriented(folder, "0.5,-0.5,0.5,0.5003", ",,,", "-1,0,0,0")
+    poses = read_campaign(folder, ["J1", "J2"], orientations=True).poses
+    assert poses.oriented.tolist() == [True, False, True]
+    assert np.linalg.norm(poses.orientations[[0, 2]], axis=1) == pytest.approx([1, 1])
+    assert poses.orientations[2].tolist() == [-1, 0, 0, 0]
+    assert poses.mounted == (0,)
+
+
+@pytest.mark.parametrize(
+    ("cells", "artefact", "what"),
+    [
+        ("0.5,0.5,0.5,0.6", "grid,A", "orientation has the length 1.05357; expected 1"),
+        ("0.5,0.5,0.5,0.6", "grid,A", "a unit quaternion w, x, y, z"),
+        ("1,0,0,", "grid,A", "give all four components or none"),
+        ("1,0,0,x", "grid,A", "orientation_z is 'x', not a finite number"),
+        ("1,0,0,0", "cone-1,", "only points have a frame to measure it in"),
+    ],
+)
+def test_orientations_that_are_none_are_refused(folder, cells, artefact, what):
+    write_oriented(folder, cells, artefact=artefact)
+    with pytest.raises(FileError) as caught:
+        read_campaign(folder, ["J1", "J2"], orientations=True)
+    assert any(what in str(one) for one in caught.value.problems)
+    assert all("line 2" in str(one) for one in caught.value.problems)
+
+
+def test_a_column_of_the_orientation_that_is_missing_is_named(folder):
+    header = ORIENTED.replace(",orientation_z", "")
+    write_oriented(folder, "1,0,0", header=header)
+    assert problems(folder) == ["line 1: orientation_w needs orientation_z beside it"]
+
+
+def test_orientations_are_for_identification_and_prediction_only(folder):
+    write_oriented(folder, "1,0,0,0")
+    (problem,) = problems(folder)
+    assert "`traverse identify`, `diagnose` and `predict`" in problem
+    assert "leave these columns out" in problem
+    write_oriented(folder, ",,,")
+    assert read_campaign(folder, ["J1", "J2"]).poses.mounted == ()

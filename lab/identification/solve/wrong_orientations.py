@@ -1,0 +1,103 @@
+"""Orientations that contradict the rest, while the positions of their poses agree.
+
+A pose is tested as a whole. Where it is excluded although its position alone agrees
+with the others, its orientation is taken out instead, and the pose takes part again.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from traverse.arrays import Booleans
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.identification.equations.network import (
+    Network,
+    State,
+    fitted_mountings,
+    orientation_errors,
+)
+from traverse.lab.identification.solve.iterative_adjustment import IteratedAdjustment
+
+_MOST_ROUNDS = 6
+# No arm is so far from its file, in the median, and an inverse rotation agrees better.
+_LARGE_RAD = 0.3
+_BETTER = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class WrongOrientation:
+    """An orientation that took no part: the line of its pose, and its |w|."""
+
+    line: int
+    w: float
+
+
+def without_wrong_orientations(
+    campaign: Campaign,
+    run: IteratedAdjustment,
+    adjusted: Callable[[Campaign], IteratedAdjustment],
+) -> tuple[Campaign, IteratedAdjustment, tuple[WrongOrientation, ...]]:
+    """Take out orientations that contradict the rest, until none does.
+
+    Returns the campaign without them, its adjustment, and what was taken out, by line.
+    """
+    found: list[WrongOrientation] = []
+    for _ in range(_MOST_ROUNDS):
+        alone = run.statistics.w_position < run.critical  # NaN: has no orientation
+        wrong = ~run.included & ~run.alternating & alone
+        if not np.any(wrong):
+            break
+        found += [
+            WrongOrientation(int(line), float(w))
+            for line, w in zip(
+                campaign.poses.lines[wrong],
+                run.statistics.w_orientation[wrong],
+                strict=True,
+            )
+        ]
+        campaign = without_orientations(campaign, wrong)
+        run = adjusted(campaign)
+    return campaign, run, tuple(sorted(found, key=lambda one: one.line))
+
+
+def without_orientations(campaign: Campaign, which: Booleans) -> Campaign:
+    """Forget the orientations of some poses, (n_poses,)."""
+    orientations = campaign.poses.orientations
+    if orientations is None:
+        return campaign
+    kept = np.where(which[:, np.newaxis], np.nan, orientations)
+    return replace(campaign, poses=replace(campaign.poses, orientations=kept))
+
+
+def excluded_part(run: IteratedAdjustment, at: int) -> str:
+    """Say which part of an excluded pose contradicts the others."""
+    position, orientation = run.statistics.w_position, run.statistics.w_orientation
+    if np.isnan(position[at]) or orientation[at] < run.critical:
+        return "position"
+    return "position and orientation"
+
+
+def are_inverse(network: Network, state: State) -> bool:
+    """Return whether orientations contradict a state, and their inverses do not."""
+    medians_rad = []
+    for signs in (np.ones(4), np.array([1.0, -1.0, -1.0, -1.0])):
+        turned = tuple(
+            replace(station, touches=replace(touches, orientations=signs * seen))
+            if (seen := touches.orientations) is not None
+            else station
+            for station in network.stations
+            for touches in [station.touches]
+        )
+        mountings = fitted_mountings(
+            replace(network, stations=turned), state.arm, state.unknowns
+        )
+        arm = replace(state.arm, mountings=mountings)
+        errors_rad = [
+            orientation_errors(network, station, arm, own)
+            for station, own in zip(turned, state.unknowns, strict=True)
+        ]
+        sizes_rad = np.linalg.norm(np.concatenate(errors_rad), axis=1)
+        medians_rad.append(float(np.nanmedian(sizes_rad)))
+    as_given, turned_round = medians_rad
+    return as_given > _LARGE_RAD and turned_round < _BETTER * as_given

@@ -1,0 +1,117 @@
+"""Effects that turn the last body are found by measured orientations."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.tools.handover import campaign_from_simulation
+from tests.simulator.effects.examples import heavy_arm, spec_of
+from traverse.kinematics.arm_file.arm import effect_from_table
+from traverse.lab.diagnosis.advice.minimal_detectable import planned_equations
+from traverse.lab.diagnosis.candidates.library import library_bank
+from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.lab.diagnosis.model.fit import with_effects as with_other_effects
+from traverse.lab.identification.equations.network import all_misclosures
+from traverse.lab.identification.identify import Options, prepared
+from traverse.simulator.campaigns import (
+    NoiseTable,
+    Points,
+    draw_noise,
+    make_poses,
+    with_effects,
+)
+
+ARM = heavy_arm()
+NOISE = NoiseTable(encoder_rad=5e-6, contact_mm=0.02, orientation_rad=5e-5)
+TRACKER = Points(
+    id="tracker", n_poses=160, n_points=160, size_mm=450.0, orientations=True
+)
+WOBBLE = {
+    "kind": "axis_wobble",
+    "joint": "J7",
+    "order": 2,
+    "cos_rad": [0.0, 1e-4, -5e-5],
+    "sin_rad": [0.0, 2e-5, 1e-4],
+}
+
+
+@pytest.fixture(scope="module")
+def poses():
+    return make_poses(ARM, spec_of(TRACKER), 3)
+
+
+def measured(poses, noise=NOISE):
+    return campaign_from_simulation(draw_noise(poses, 1, noise).campaign)
+
+
+def without(campaign):
+    return replace(campaign, poses=replace(campaign.poses, orientations=None))
+
+
+@pytest.mark.slow
+def test_an_axis_that_wobbles_is_named_which_positions_do_not_show(poses):
+    played = with_effects(poses, (effect_from_table(WOBBLE),))
+    campaign = measured(played)
+    found = diagnose(campaign, ARM)
+    assert found.verdict == "named"
+    (term,) = found.terms
+    assert term.candidate.name == "axis_wobble 2 J7"
+    for key in ("cos_rad", "sin_rad"):
+        estimate, true = term.estimates[key], played.effects[0].values[key]
+        away = np.subtract(estimate.value, true)
+        assert np.all(np.abs(away) < 5.0 * np.array(estimate.std) + 2e-6)
+    assert diagnose(without(campaign), ARM).verdict == "clean"
+
+
+@pytest.mark.slow
+def test_nothing_is_found_where_nothing_is_and_blunders_are_no_effects(poses):
+    spoilt = NOISE.model_copy(
+        update={"blunder_share": 0.03, "blunder_kinds": ("orientation",)}
+    )
+    for noise in (NOISE, spoilt):
+        found = diagnose(measured(poses, noise), ARM)
+        assert (found.verdict, found.terms) == ("clean", ())
+
+
+def test_columns_of_effects_are_what_they_do_to_the_rows(poses):
+    """Of positions and orientations, by an arm that has a little of the effect."""
+    campaign = measured(poses)
+    rows = planned_equations(campaign, ARM)
+    bank = library_bank(rows, ARM)
+    network, state = rows.adjustment.network, rows.adjustment.state
+    (station,), (unknowns,) = network.stations, state.unknowns
+    white = rows.adjustment.system.whiteners[0]
+    looked_at = set()
+    for candidate, columns in zip(bank.candidates, bank.slices, strict=True):
+        kind, joint = candidate.kind, candidate.joint
+        if (kind, joint) not in {
+            ("encoder_eccentricity", "J6"),
+            ("joint_compliance", "J2"),
+            ("bearing_compliance", "J3"),
+        }:
+            continue
+        looked_at.add(kind)
+        sizes = dict.fromkeys(candidate.parameters, 0.0)
+        for at, name in enumerate(candidate.parameters):
+            step = 0.1 * candidate.scales[at]
+            ends = []
+            for sign in (1.0, -1.0):
+                table = {"kind": kind, "joint": joint, **sizes, name: sign * step}
+                arm = with_other_effects(ARM, (effect_from_table(table),))
+                values, parameters = prepared(campaign, arm, Options())
+                there = replace(
+                    state.arm, amplitudes=values.amplitudes, geometry=state.arm.geometry
+                )
+                other = replace(network, parameters=parameters)
+                found = all_misclosures(other, station, there, unknowns)
+                ends.append((white @ found[:, :, None]).ravel())
+            # A model that has the effect misses by less where the arm has it.
+            slope = (ends[0] - ends[1]) / 0.2
+            column = bank.columns[:, columns][: len(slope), at]
+            assert column == pytest.approx(slope, abs=5e-3 * np.abs(slope).max())
+    assert looked_at == {
+        "encoder_eccentricity",
+        "joint_compliance",
+        "bearing_compliance",
+    }
