@@ -186,6 +186,10 @@ class DurableQueue:
         self._in_flight.append((self._clock.monotonic_ns(), message, write))
         self._writer.write(message)
 
+    def together(self) -> contextlib.AbstractContextManager[None]:
+        """What is put within the block is handed to the disk's thread at its end."""
+        return self._writer.together()
+
     async def idle(self) -> None:
         """Wait until no message is on its way to the disk."""
         while self._in_flight:

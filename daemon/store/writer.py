@@ -9,12 +9,13 @@ follow numbers that were never stored.
 
 import asyncio
 import concurrent.futures
+import contextlib
 import logging
 import queue
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import InitVar, dataclass
 from pathlib import Path
 from typing import Any
@@ -71,6 +72,7 @@ class StoreWriter:
             path, lambda what: self._post(self.notify, what)
         )
         self._jobs: queue.SimpleQueue[Job] = queue.SimpleQueue()
+        self._gathered: list[Job] | None = None
         self._loop = asyncio.get_running_loop()
         self._status = StoreStatus()
         self._status_s = -STATUS_S
@@ -91,17 +93,37 @@ class StoreWriter:
         try:
             await asyncio.wrap_future(self._opened)
         except BaseException:
-            self._jobs.put(None)
+            self._put(None)
             raise
 
     async def close(self) -> None:
         """Do all jobs that have been put, and end."""
-        self._jobs.put(None)
+        self._put(None)
         await asyncio.to_thread(self._thread.join)
 
     def write(self, message: NewMessage) -> None:
         """Store a message, after all that was put before."""
-        self._jobs.put(message)
+        self._put(message)
+
+    @contextlib.contextmanager
+    def together(self) -> Iterator[None]:
+        """What is written within the block is handed over at its end.
+
+        A thread that is woken earlier waits for the interpreter, and disturbs us.
+        """
+        self._gathered = gathered = list[Job]()
+        try:
+            yield
+        finally:
+            self._gathered = None
+            for job in gathered:
+                self._jobs.put(job)
+
+    def _put(self, job: Job) -> None:
+        if self._gathered is None:
+            self._jobs.put(job)
+        else:
+            self._gathered.append(job)
 
     def resume(self) -> None:
         """Store messages again that follow: whoever put the failed ones knows."""
@@ -109,7 +131,7 @@ class StoreWriter:
         def resume() -> None:
             self._has_failed = False
 
-        self._jobs.put(resume)
+        self._put(resume)
 
     def query(
         self, work: Callable[[MessageDatabase], Any], on_result: Callable[[Any], None]
@@ -123,7 +145,7 @@ class StoreWriter:
                 result = error
             self._post(on_result, result)
 
-        self._jobs.put(run)
+        self._put(run)
 
     # -- on the thread --------------------------------------------------------
 
@@ -165,7 +187,7 @@ class StoreWriter:
             early_s = self._committed_s + COMMIT_INTERVAL_S - time.monotonic()
             if early_s > 0.0 and isinstance(waiting[0], NewMessage):
                 time.sleep(early_s)
-            while True:
+            while not self._jobs.empty():  # nobody else takes any
                 waiting.append(self._jobs.get_nowait())
         except queue.Empty:
             return
