@@ -7,6 +7,12 @@ keeps it. The exception are times in nanoseconds, which need 61 bits: integers i
 MessagePack, strings of digits in JSON.
 """
 
+import ast
+import inspect
+import sys
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, TypeVar
 
 import numpy as np
@@ -15,10 +21,13 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    GetJsonSchemaHandler,
     PlainSerializer,
     ValidationInfo,
     WithJsonSchema,
 )
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 MAX_INTEGER = 2**53 - 1
 MAX_TIME_NS = 2**63 - 1
@@ -37,8 +46,20 @@ class Value(BaseModel):
         extra="forbid",
         allow_inf_nan=False,
         serialize_by_alias=True,
-        use_attribute_docstrings=True,
     )
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """The schema, in which the texts below the fields describe them."""
+        schema = handler(core_schema)
+        properties = handler.resolve_ref_schema(schema).get("properties", {})
+        for kind in cls.__mro__[: cls.__mro__.index(Value)]:
+            for (owner, name), text in _field_texts(kind.__module__).items():
+                if owner == kind.__name__:
+                    properties.get(name, {}).setdefault("description", text)
+        return schema
 
     def __eq__(self, other: object) -> bool:
         """Equal in type and in every field; arrays by dtype, shape and elements."""
@@ -50,6 +71,24 @@ class Value(BaseModel):
     def __hash__(self) -> int:
         """Agrees with equality; a TypeError where a field is a map or an array."""
         return hash(tuple(vars(self).values()))
+
+
+@cache
+def _field_texts(module: str) -> dict[tuple[str, str], str]:
+    """The texts below fields, by class and field, which only the source has."""
+    found = {}
+    # `inspect.getsource` looks at every module that is loaded.
+    source = Path(str(sys.modules[module].__file__)).read_text("utf-8")
+    for kind in ast.parse(source).body:
+        for field, text in pairwise(getattr(kind, "body", ())):
+            match kind, field, text:
+                case (
+                    ast.ClassDef(name=owner),
+                    ast.AnnAssign(target=ast.Name(id=name)),
+                    ast.Expr(value=ast.Constant(value=str(words))),
+                ):
+                    found[owner, name] = inspect.cleandoc(words)
+    return found
 
 
 def schema_field(schema: _Schema) -> _Schema:
