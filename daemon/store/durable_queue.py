@@ -145,7 +145,7 @@ class DurableQueue:
             if self._starting is not None:
                 with contextlib.suppress(StoreRefusedError):
                     await self._starting
-                    self._acks.flush()
+                    self._acks.flush(is_last=True)
                     await self._writer.close()
 
     def start(self) -> asyncio.Task[None]:
