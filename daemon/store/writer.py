@@ -9,13 +9,12 @@ follow numbers that were never stored.
 
 import asyncio
 import concurrent.futures
-import contextlib
 import logging
 import queue
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import InitVar, dataclass
 from pathlib import Path
 from typing import Any
@@ -72,7 +71,6 @@ class StoreWriter:
             path, lambda what: self._post(self.notify, what)
         )
         self._jobs: queue.SimpleQueue[Job] = queue.SimpleQueue()
-        self._gathered: list[Job] | None = None
         self._loop = asyncio.get_running_loop()
         self._status = StoreStatus()
         self._status_s = -STATUS_S
@@ -93,37 +91,17 @@ class StoreWriter:
         try:
             await asyncio.wrap_future(self._opened)
         except BaseException:
-            self._put(None)
+            self._jobs.put(None)
             raise
 
     async def close(self) -> None:
         """Do all jobs that have been put, and end."""
-        self._put(None)
+        self._jobs.put(None)
         await asyncio.to_thread(self._thread.join)
 
     def write(self, message: NewMessage) -> None:
         """Store a message, after all that was put before."""
-        self._put(message)
-
-    @contextlib.contextmanager
-    def together(self) -> Iterator[None]:
-        """What is written within the block is handed over at its end.
-
-        A thread that is woken earlier waits for the interpreter, and disturbs us.
-        """
-        self._gathered = gathered = list[Job]()
-        try:
-            yield
-        finally:
-            self._gathered = None
-            for job in gathered:
-                self._jobs.put(job)
-
-    def _put(self, job: Job) -> None:
-        if self._gathered is None:
-            self._jobs.put(job)
-        else:
-            self._gathered.append(job)
+        self._jobs.put(message)
 
     def resume(self) -> None:
         """Store messages again that follow: whoever put the failed ones knows."""
@@ -131,7 +109,7 @@ class StoreWriter:
         def resume() -> None:
             self._has_failed = False
 
-        self._put(resume)
+        self._jobs.put(resume)
 
     def query(
         self, work: Callable[[MessageDatabase], Any], on_result: Callable[[Any], None]
@@ -145,7 +123,7 @@ class StoreWriter:
                 result = error
             self._post(on_result, result)
 
-        self._put(run)
+        self._jobs.put(run)
 
     # -- on the thread --------------------------------------------------------
 
