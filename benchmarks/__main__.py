@@ -41,6 +41,13 @@ def bare_start_s(statement: str) -> float:
     return min(taken_s)
 
 
+def bare_memory_mb(statement: str) -> float:
+    """The largest memory of a bare interpreter that runs a statement."""
+    pid = os.spawnv(os.P_NOWAIT, sys.executable, [sys.executable, "-c", statement])
+    _, _, used = os.wait4(pid, 0)
+    return used.ru_maxrss * 1024 / 1e6
+
+
 def main(seconds: float, folder: Path | None) -> None:
     """Print every figure, and how busy the machine was meanwhile."""
     before, begun_s = load(), time.monotonic()
@@ -56,13 +63,14 @@ def main(seconds: float, folder: Path | None) -> None:
             f"({min(shares):.1%} to {max(shares):.1%})"
         )
     ready_s = [one.ready_s for one in found]
-    bare_s = bare_start_s("import numpy")
+    bare_s, bare_mb = bare_start_s("import numpy"), bare_memory_mb("import numpy")
     print(
         f"ready after {statistics.median(ready_s):.2f} s ({min(ready_s):.2f} to "
         f"{max(ready_s):.2f}), {statistics.median(o.start_cpu_s for o in found):.2f} s "
         f"of CPU; bare interpreter {bare_start_s('pass'):.2f} s, with "
         f"numpy {bare_s:.2f} s; at most "
-        f"{max(one.memory_mb for one in found):.0f} MB"
+        f"{max(one.memory_mb for one in found):.0f} MB, that interpreter "
+        f"{bare_mb:.0f} MB"
     )
     print(noise())
     print(corrupted())
@@ -71,7 +79,12 @@ def main(seconds: float, folder: Path | None) -> None:
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
         streamed_s = [asdict(one) for one in found]
-        values = {"load": before, "bare_start_s": bare_s, "streams": streamed_s}
+        values = {
+            "load": before,
+            "bare_start_s": bare_s,
+            "bare_memory_mb": bare_mb,
+            "streams": streamed_s,
+        }
         (folder / "streams.json").write_text(json.dumps(values, indent=1))
 
 

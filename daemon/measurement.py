@@ -377,9 +377,7 @@ class Measurement(MeasurementContext):
             or self.joint_devices.first_mismatched is not None
         ):
             return
-        speed_rad_s = getattr(
-            device.section.options, "max_speed_rad_s", MAX_SPEED_RAD_S
-        )
+        speed_rad_s = getattr(device.section, "max_speed_rad_s", MAX_SPEED_RAD_S)
         self.quality.references.add(samples, speed_rad_s)
         waited_ns = self.clock.running.monotonic_ns() - samples.received_ns
         self.sinks.latencies["queue_wait"].add(waited_ns)

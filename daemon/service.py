@@ -412,15 +412,24 @@ async def _drain(service: Service) -> None:
 
 
 async def _consume(service: Service, device: Device) -> None:
+    """Process what a device delivers, in the very call that wakes the loop for it."""
     clock, measurement = service.clock, service.measurement
     handling = service.latencies["handling"]
-    while True:
-        deliveries = await device.delivery_queue.take()
-        with service.queue.together():
-            for delivery in deliveries:
-                begun_ns = clock.monotonic_ns()
-                measurement.dispatch(device, delivery)
-                handling.add(clock.monotonic_ns() - begun_ns)
+    failed = asyncio.get_running_loop().create_future()
+
+    def take_waiting() -> None:
+        try:
+            with service.queue.together(), service.outbox.together():
+                for delivery in device.delivery_queue.take_waiting():
+                    begun_ns = clock.monotonic_ns()
+                    measurement.dispatch(device, delivery)
+                    handling.add(clock.monotonic_ns() - begun_ns)
+        except Exception as error:  # noqa: BLE001 - raised where it is awaited
+            if not failed.done():
+                failed.set_exception(error)
+
+    with device.delivery_queue.notifying(take_waiting):
+        await failed
 
 
 async def _process_timeouts(measurement: Measurement) -> None:

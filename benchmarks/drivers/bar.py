@@ -8,6 +8,7 @@ printed with the deviation expected from rounding to counts alone.
 """
 
 import argparse
+import contextlib
 import multiprocessing
 import tempfile
 import threading
@@ -66,6 +67,7 @@ class Taker:
     dropped_samples = dropped_others = 0
     max_samples = 1 << 20
     batch_window_ns = BATCH_WINDOW_NS
+    together = contextlib.nullcontext
 
     def __init__(self, asked_hz: float, over: threading.Event) -> None:
         self.all: list[Delivery] = []

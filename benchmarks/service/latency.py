@@ -10,6 +10,7 @@ takes on the same disk in the same round.
 
 import contextlib
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -38,8 +39,10 @@ SECONDS = 3.0
 
 
 @contextlib.contextmanager
-def edge_board(folder: Path, presses_hz: float) -> Iterator[Path]:
-    """Run a board that presses; return the file to which it writes press times.
+def edge_board(
+    folder: Path, presses_hz: float
+) -> Iterator[tuple[Path, "subprocess.Popen[bytes]"]]:
+    """Run a board that presses; gives the file to which it writes press times, and it.
 
     What a daemon kept of an earlier board's points is not sent again.
     """
@@ -48,9 +51,10 @@ def edge_board(folder: Path, presses_hz: float) -> Iterator[Path]:
     run = (sys.executable, "-m", "benchmarks.tools.edge_board")
     log = folder / "presses.log"
     log.unlink(missing_ok=True)
-    with rig.program(log, *run, str(folder / "board.pty"), str(presses_hz)):
+    arguments = str(folder / "board.pty"), str(presses_hz)
+    with rig.program(log, *run, *arguments) as board:
         rig.wait_for((folder / "board.pty").exists, "the board")
-        yield log
+        yield log, board
 
 
 def raw_latencies_ns(folder: Path, port: int, rate_hz: float, n: int) -> list[int]:
@@ -89,21 +93,25 @@ def begin_scan(port: int, rate_hz: float) -> None:
 
 def point_latencies_ns(
     folder: Path, port: int, rate_hz: float, n: int, stream_hz: float
-) -> tuple[list[int], float, float]:
+) -> tuple[list[int], float, float, float]:
     """From the last byte of an edge to a bare socket; points sent twice count once.
 
     Returns:
-        The latencies, the daemon's share of a core meanwhile, and how long points took
-        to the disk, the median reported by the daemon [us].
+        The latencies, the shares of a core of daemon and board meanwhile, and how long
+        points took to the disk, the median reported by the daemon [us].
     """
     client = RawClient(port, "point-taker")
     client.subscribe(f"traverse/{ARM}/health")
     arrivals_ns: dict[int, int] = {}
     to_disk: dict[str, Any] = {}
-    with edge_board(folder, rate_hz) as log, rig.daemon(folder, port) as process:
+    with (
+        edge_board(folder, rate_hz) as (log, board),
+        rig.daemon(folder, port) as daemon,
+    ):
         if stream_hz:
             begin_scan(port, stream_hz)
-        begun_s, begun_cpu_s = time.monotonic(), rig.cpu_s(process)
+        begun_s = time.monotonic()
+        begun_cpu_s = rig.cpu_s(daemon), rig.cpu_s(board)
         client.subscribe(f"traverse/{ARM}/point")
         for now_ns, payload in client.payloads():
             message = msgpack.unpackb(payload)
@@ -113,12 +121,15 @@ def point_latencies_ns(
                 arrivals_ns.setdefault(message["seq"], now_ns)
             if len(arrivals_ns) == n:
                 break
-        used_s = rig.cpu_s(process) - begun_cpu_s
-        share = used_s / (time.monotonic() - begun_s)
+        elapsed_s = time.monotonic() - begun_s
+        share, board_share = (
+            (rig.cpu_s(process) - before_s) / elapsed_s
+            for process, before_s in zip((daemon, board), begun_cpu_s, strict=True)
+        )
     client.close()
     pressed_ns = [int(line) for line in log.read_text("ascii").split()]
     latencies_ns = [now_ns - pressed_ns[seq] for seq, now_ns in arrivals_ns.items()]
-    return latencies_ns, share, to_disk.get("p50_us", 0.0)
+    return latencies_ns, share, board_share, to_disk.get("p50_us", 0.0)
 
 
 def figures(values_ns: list[int]) -> dict[str, float]:
@@ -135,7 +146,7 @@ class Round:
         raw, point: latencies.
         sync: a write of 4 KiB and its sync.
         to_disk_us: points to the disk, the median.
-        daemon_share: of a core.
+        daemon_share, board_share: of a core.
     """
 
     raw: dict[str, float]
@@ -143,6 +154,7 @@ class Round:
     sync: dict[str, float]
     to_disk_us: float
     daemon_share: float
+    board_share: float
 
     def line(self) -> str:
         """For people: ratios with the disk, and in the median without it."""
@@ -169,10 +181,10 @@ def rounds(
         for _ in range(n_rounds):
             raw = figures(raw_latencies_ns(folder, port, rate_hz, n))
             sync = figures(syncs_ns(folder, rate_hz))
-            found_ns, share, to_disk_us = point_latencies_ns(
+            found_ns, *shares, to_disk_us = point_latencies_ns(
                 folder, port, rate_hz, n, stream_hz
             )
-            yield Round(raw, figures(found_ns), sync, to_disk_us, share)
+            yield Round(raw, figures(found_ns), sync, to_disk_us, *shares)
 
 
 def latency(

@@ -102,7 +102,7 @@ def take(
     arrivals_ns: dict[int, int] = {}
     health: dict[str, Any] = {}
     wanted = round(rate_hz * seconds)
-    with edge_board(folder, rate_hz) as log, rig.daemon(folder, port) as process:
+    with edge_board(folder, rate_hz) as (log, _), rig.daemon(folder, port) as process:
         before, begun_s, until_s = threads_ns(process.pid), None, float("inf")
         client.subscribe(f"traverse/{ARM}/point")
         for now_ns, payload in client.payloads():

@@ -31,7 +31,7 @@ def one_round(folder: Path, port: int) -> dict[str, float]:
     arrivals_ns: dict[int, int] = {}
     instants = folder / "instants"
     run = ("benchmarks.tools.staged_daemon", str(instants))
-    with edge_board(folder, RATE_HZ) as log, rig.daemon(folder, port, run=run):
+    with edge_board(folder, RATE_HZ) as (log, _), rig.daemon(folder, port, run=run):
         client.subscribe(f"traverse/{ARM}/point")
         for now_ns, payload in client.payloads():
             arrivals_ns.setdefault(msgpack.unpackb(payload)["seq"], now_ns)

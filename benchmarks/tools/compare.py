@@ -1,10 +1,11 @@
 """`python -m benchmarks.tools.compare FOLDER`: what got worse since the last release.
 
 FOLDER holds what `make bench` wrote. Every headline figure is a ratio to its peer in
-the same run: other libraries, a plain loop, bare sockets, the simulator that sends the
-stream, a bare interpreter. `--keep` stores them for the next release; else they are
-compared with the stored ones. Worse is what lies by a tenth beyond the stored median
-and outside of the spread of both. Exit status 1: something got worse.
+the same run: other libraries, a plain loop, bare sockets, the board that presses, the
+simulator that sends the stream, a bare interpreter. `--keep` stores them for the next
+release; else they are compared with the stored ones. Worse is what lies by a tenth
+beyond the stored median and outside of the spread of both. Exit status 1: something got
+worse.
 """
 
 import argparse
@@ -97,6 +98,9 @@ def _of_latency(path: Path) -> Iterator[tuple[str, Figure]]:
             ratios = [each["point"][name] / each["raw"][name] for each in one["rounds"]]
             what = f"{one['rate_hz']:.0f} points/s{beside}, {name[:3]}: times as long"
             yield what, _figure(ratios, "bare sockets")
+        ratios = [each["daemon_share"] / each["board_share"] for each in one["rounds"]]
+        what = f"{one['rate_hz']:.0f} points/s{beside}: times the CPU"
+        yield what, _figure(ratios, "the board that presses")
 
 
 def _of_streams(path: Path) -> Iterator[tuple[str, Figure]]:
@@ -108,6 +112,8 @@ def _of_streams(path: Path) -> Iterator[tuple[str, Figure]]:
         yield f"{rate_hz:.0f} Hz: times the CPU", _figure(ratios, "the simulator")
     ready = [one["ready_s"] / values["bare_start_s"] for one in streams]
     yield "start: times as long", _figure(ready, "an interpreter with numpy")
+    memory = [one["memory_mb"] / values["bare_memory_mb"] for one in streams]
+    yield "memory: times as much", _figure(memory, "an interpreter with numpy")
 
 
 def _figure(

@@ -2,7 +2,8 @@
 
 aiomqtt passes a packet to the event loop, which watches the socket and writes it one
 turn later: two wake-ups and two system calls more than necessary for each message. And
-aiomqtt 2.5 treats every PUBACK as a success; with MQTT 5 its reason code may be a
+paho reads each packet by three calls; here one reads all that has arrived. aiomqtt 2.5
+treats every PUBACK as a success; with MQTT 5 its reason code may be a
 refusal, for example by an access list. Brokers of MQTT 3.1.1 cannot refuse.
 """
 
@@ -26,6 +27,7 @@ from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
 from traverse.protocol.encoding import Encoding, content_type
 
 RECEIVE_MAXIMUM = 32  # commands of QoS 1 on their way to us
+READ_BYTES = 16_384
 MAX_PACKET_BYTES = 65_536  # of a packet; what is beyond is read and forgotten
 HEAD_BYTES = 2_097_152  # of topic and properties: cut within, they cannot be read
 
@@ -92,6 +94,10 @@ class BrokerClient(DiagnosingClient):
         super().__init__(*arguments, **options)
         self._read = self._client._sock_recv  # noqa: SLF001 - paho reads all of a packet
         self._client._sock_recv = self._receive_bytes  # type: ignore[method-assign]  # noqa: SLF001
+        self._read_packets = self._client.loop_read
+        self._client.loop_read = self._receive  # type: ignore[method-assign]
+        self._unread = b""
+        self._answers: list[tuple[int, str | None]] = []
         self._acknowledged = acknowledged
         self._received = received
         self._writable = writable
@@ -193,6 +199,20 @@ class BrokerClient(DiagnosingClient):
         else:  # while connecting
             super()._on_socket_register_write(client, userdata, sock)
 
+    def _receive(self, max_packets: int = 1) -> MQTTErrorCode:
+        """Read all that has arrived; then process answers, not within paho's callback.
+
+        Nothing can be sent there: it would wait for itself.
+        """
+        result = self._read_packets(max_packets)
+        while self._unread and result == MQTTErrorCode.MQTT_ERR_SUCCESS:
+            result = self._read_packets(max_packets)
+        answers, self._answers = self._answers, []
+        for mid, reason in answers:
+            if self._acknowledged is not None:
+                self._acknowledged(mid, reason)
+        return result
+
     def _receive_bytes(self, bufsize: int) -> bytes:
         """Read a part of a packet; of one that is too long only the head is kept.
 
@@ -200,7 +220,10 @@ class BrokerClient(DiagnosingClient):
         """
         packet = self._client._in_packet["packet"]  # noqa: SLF001 - see above
         del packet[HEAD_BYTES:]
-        return self._read(min(bufsize, MAX_PACKET_BYTES))
+        if not self._unread:
+            self._unread = self._read(READ_BYTES)
+        data, self._unread = self._unread[:bufsize], self._unread[bufsize:]
+        return data
 
     def _on_message(
         self,
@@ -210,7 +233,7 @@ class BrokerClient(DiagnosingClient):
     ) -> None:
         if self._received is not None:
             message.payload = message.payload[:MAX_PACKET_BYTES]
-            # Not within paho's callback, see `_on_publish`.
+            # Not within paho's callback, see `_receive`.
             self._loop.call_soon(self._received, message)
 
     def _on_publish(
@@ -221,9 +244,7 @@ class BrokerClient(DiagnosingClient):
         reason_code: ReasonCode,
         properties: Properties,
     ) -> None:
-        if self._acknowledged is not None and not self._is_sending:
+        if not self._is_sending:
             reason = str(reason_code) if reason_code.is_failure else None
-            # Not within paho's callback, where nothing can be sent: it would wait for
-            # itself.
-            self._loop.call_soon(self._acknowledged, mid, reason)
+            self._answers.append((mid, reason))
         super()._on_publish(client, userdata, mid, reason_code, properties)

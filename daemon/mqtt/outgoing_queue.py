@@ -120,7 +120,7 @@ class OutgoingQueue:
             yield
         finally:
             self._on_offered = on_offered
-            if on_offered is not None:
+            if on_offered is not None and any(self._waiting.values()):
                 on_offered()
 
     @contextlib.contextmanager

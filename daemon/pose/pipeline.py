@@ -31,7 +31,7 @@ from traverse.drivers.base.values import (
 )
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import PoseFlags, corrected_pose
-from traverse.kinematics.model.readings import Encoders, Unwrapper, counts_to_angles
+from traverse.kinematics.model.readings import Encoders, Unwrapper
 from traverse.protocol.messages import QualityFlag
 
 FLAG_OF_STATUS = {
@@ -124,9 +124,10 @@ class Pipeline:
         """
         model = self.model
         if samples.fractions is None:
-            status = samples.status[:, model.channels]
+            status = samples.status.take(model.channels, axis=1)
             valid = are_valid(status) if status.any() else None
-            counts = self._unwrapper.unwrap(samples.counts[:, model.channels], valid)
+            raw = samples.counts.take(model.channels, axis=1)
+            counts = self._unwrapper.unwrap(raw, valid)
             quality = _quality(status)
         else:
             counts = self._unwrapper.unwrap(samples.counts)
@@ -135,9 +136,9 @@ class Pipeline:
         while self._turn_resets and self._turn_resets[0][0] <= until_ns:
             _, joints = self._turn_resets.pop(0)
             counts = self._unwrapper.with_turns_near_zero(counts, joints)
-        angles_rad = counts_to_angles(model.encoders, counts)
+        angles_rad = counts * self._per_count_rad  # as `counts_to_angles`
         if samples.fractions is not None:
-            angles_rad += samples.fractions * model.per_count_rad
+            angles_rad += samples.fractions * self._per_count_rad
         xyz_mm, ijk, quality = self._corrected(
             *self._covariates.block(
                 samples.sample_time_ns, angles_rad, temperature_c, quality

@@ -117,7 +117,10 @@ class OutageMonitor:
         until_ns = int(samples.sample_time_ns[-1])
         is_read = not (samples.status & NOT_READ).any()
         found: list[Outage] = []
-        if is_read and until_ns - self._all_read_ns < self._shortest_ns:
+        if is_read and (
+            until_ns - self._all_read_ns < self._shortest_ns
+            or self._is_next(samples.seq)
+        ):
             self._last_ns.fill(until_ns)
             self._last_seq.fill(samples.seq[-1])
             self._all_read_ns = until_ns
@@ -130,6 +133,11 @@ class OutageMonitor:
             self._recent.append(samples)
         self._stream = samples.stream
         return found
+
+    def _is_next(self, seq: Integers) -> bool:
+        """Whether no sample is missing, neither before a block nor within it."""
+        follows = (self._last_seq == seq[0] - 1).all()
+        return bool(follows) and int(seq[-1] - seq[0]) == len(seq) - 1
 
     def _outage(self, samples: CountSamples, place: int) -> Outage | None:
         """The longest of one joint."""

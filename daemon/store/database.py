@@ -36,6 +36,7 @@ ROOM_BYTES = 65_536  # what a few points take, with their part of every index
 VACUUM_PAGES = 128
 DAY_NS = 86_400 * 10**9
 NOTE_S = 0.02  # at most so often, since it takes as long as to store a point
+ROWS = 100  # of one statement
 
 
 VERSION = 3  # 1: without `crc`; 2: without `request`
@@ -43,6 +44,7 @@ CORRUPT_INDEX = sqlite3.SQLITE_CORRUPT | (3 << 8)  # its name is new in Python 3
 SET_ASIDE = 2  # `sent` of a damaged message
 APPLICATION = 0x54525650  # "TRVP", so that `file` and people can recognise it
 
+COLUMNS = "number, session, seq, id, time_ns, topic, encoding, payload, crc, request"
 REQUESTED = "CREATE INDEX requested ON messages (number) WHERE request IS NOT NULL"
 TABLES = f"""
 CREATE TABLE sessions (
@@ -212,6 +214,7 @@ class MessageDatabase:
         for path in (self._path, self._log_path):
             with contextlib.suppress(OSError):  # of an earlier version, and not ours
                 path.chmod(OWNER_ONLY)
+        self._session = "", 0, ""  # one that is in the table
         self._noted_s = -NOTE_S
         self._note_files()
 
@@ -266,28 +269,41 @@ class MessageDatabase:
         """Store messages, all or none; gives their numbers. On return they are safe."""
         if not entries:
             return []
-        with self._transaction() as execute:
-            for row in {(e.session, e.begun_ns, e.note): None for e in entries}:
+        numbers = range(self.last_number + 1, self.last_number + 1 + len(entries))
+        sessions = {(e.session, e.begun_ns, e.note): None for e in entries}
+        sessions.pop(self._session, None)
+        # One statement is a transaction. Each releases the interpreter, and waits for
+        # it afterwards.
+        is_one = not sessions and len(entries) <= ROWS
+        with (
+            contextlib.nullcontext(self.connection.execute)
+            if is_one
+            else self._transaction()
+        ) as execute:
+            for row in sessions:
                 execute("INSERT OR IGNORE INTO sessions VALUES (?, ?, ?)", row)
-            numbers = [
-                execute(
-                    "INSERT INTO messages (session, seq, id, time_ns, topic, encoding, "
-                    "payload, crc, request) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                    (
-                        *(e.session, e.seq, e.id, e.time_ns, e.topic, e.encoding),
-                        *(e.payload, e.checksum, e.request),
-                    ),
-                ).lastrowid
-                or 0
-                for e in entries
-            ]
+            for begin in range(0, len(entries), ROWS):
+                part = slice(begin, begin + ROWS)
+                values = [
+                    value
+                    for number, e in zip(numbers[part], entries[part], strict=True)
+                    for value in (
+                        *(number, e.session, e.seq, e.id, e.time_ns, e.topic),
+                        *(e.encoding, e.payload, e.checksum, e.request),
+                    )
+                ]
+                rows = ", ".join(
+                    ["(?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"] * len(numbers[part])
+                )
+                execute(f"INSERT INTO messages ({COLUMNS}) VALUES {rows}", values)
         self._points += len(numbers)
         self._unsent += len(numbers)
         self.last_number, last = numbers[-1], entries[-1]
+        self._session = last.session, last.begun_ns, last.note
         self.known = LastStored(self.last_number, last.session, last.seq, self._unsent)
         if time.monotonic() >= self._noted_s + NOTE_S:
             self._note_last()
-        return numbers
+        return list(numbers)
 
     def add_missing(self, entries: Sequence[NewMessage]) -> list[int]:
         """Store those messages of another database that are not here; as `add`."""
@@ -348,6 +364,7 @@ class MessageDatabase:
                         (session, session),
                     )
             self._points -= len(oldest)
+            self._session = "", 0, ""
         return len(oldest)
 
     def trim_file(self) -> None:

@@ -10,7 +10,7 @@ The outbox of points and the store of scan blocks are two configurations of it.
 import asyncio
 import contextlib
 from collections import deque
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -115,6 +115,7 @@ class DurableQueue:
         self._settled = asyncio.Event()
         self._starting: asyncio.Task[None] | None = None
         self._writer = StoreWriter(path, profile.thread, clock, retention, self._notify)
+        self._write: Callable[[NewMessage], None] = self._writer.write
         self._acks = AckBuffer(self._writer)
         self._feeder = UnsentFeeder(
             queue,
@@ -145,7 +146,7 @@ class DurableQueue:
             if self._starting is not None:
                 with contextlib.suppress(StoreRefusedError):
                     await self._starting
-                    self._acks.flush()
+                    self._acks.flush(is_last=True)
                     await self._writer.close()
 
     def start(self) -> asyncio.Task[None]:
@@ -184,7 +185,22 @@ class DurableQueue:
         """Send a message to the disk; settles ``write`` when it is there, or never."""
         self._unreported_bytes += len(message.payload)
         self._in_flight.append((self._clock.monotonic_ns(), message, write))
-        self._writer.write(message)
+        self._write(message)
+
+    @contextlib.contextmanager
+    def together(self) -> Iterator[None]:
+        """What is put within the block is handed to the disk's thread at its end.
+
+        If it were woken earlier, it would wait for the interpreter and disturb us.
+        """
+        gathered: list[NewMessage] = []
+        self._write = gathered.append
+        try:
+            yield
+        finally:
+            self._write = self._writer.write
+            for message in gathered:
+                self._write(message)
 
     async def idle(self) -> None:
         """Wait until no message is on its way to the disk."""

@@ -44,9 +44,9 @@ class AckBuffer:
         """The broker has this one."""
         self._add(number, number)
 
-    def flush(self) -> None:
-        """Have written what has been collected, if nothing is being written."""
-        if self._is_writing or not self._ranges:
+    def flush(self, *, is_last: bool = False) -> None:
+        """Have written what has been collected, unless something is being written."""
+        if (self._is_writing and not is_last) or not self._ranges:
             return
         ranges, self._ranges = self._ranges, []
         self._is_writing = True

@@ -201,7 +201,9 @@ class PendingWrite:
         """It is on the disk now; with a trouble, it never will be."""
         self.trouble = trouble
         self.is_settled = True
-        for act in self._acts:
+        acts, self._acts = self._acts, []
+        self._undo.clear()  # what is called refers to this: a cycle, for the collector
+        for act in acts:
             act()
 
     def roll_back(self) -> None:

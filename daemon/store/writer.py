@@ -165,7 +165,7 @@ class StoreWriter:
             early_s = self._committed_s + COMMIT_INTERVAL_S - time.monotonic()
             if early_s > 0.0 and isinstance(waiting[0], NewMessage):
                 time.sleep(early_s)
-            while True:
+            while not self._jobs.empty():  # nobody else takes any
                 waiting.append(self._jobs.get_nowait())
         except queue.Empty:
             return

@@ -13,6 +13,7 @@ is. Edges that arrive faster than hands can press are taken at most once in
 """
 
 import asyncio
+import contextlib
 import threading
 import time
 from collections import deque
@@ -60,12 +61,14 @@ class DeliveryQueue:
         self.batch_window_ns = BATCH_WINDOW_NS
         self._woken_ns = 0
         self._is_woken = False
+        self._gathers = self._is_wake_due = False  # the producer's own
         self._last_edges_ns = -EDGE_INTERVAL_NS  # when some were taken last
         self._lock = threading.Lock()
         self._waiting: deque[Delivery] = deque()
         self.waiting_samples = 0
         self._waiting_others = 0
         self._filled = asyncio.Event()
+        self._on_filled: Callable[[], None] = lambda: None
         self.dropped_samples = 0
         self.dropped_others = 0
         self.taken = 0
@@ -100,24 +103,65 @@ class DeliveryQueue:
             if wake:
                 self._is_woken = True
                 self._woken_ns = self._now_ns()
-        if wake:
+        return not wake or self._wake_loop()
+
+    @contextlib.contextmanager
+    def together(self) -> Iterator[None]:
+        """What is put within the block wakes the loop at its end.
+
+        A loop that is woken earlier waits for the interpreter, and disturbs the block.
+        """
+        self._gathers = True
+        try:
+            yield
+        finally:
+            self._gathers = False
+            if self._is_wake_due:
+                self._wake_loop()
+
+    def _wake_loop(self) -> bool:
+        self._is_wake_due = self._gathers
+        if not self._gathers:
             try:
-                self._loop.call_soon_threadsafe(self._filled.set)
+                self._loop.call_soon_threadsafe(self._wake)
             except RuntimeError:  # the loop is closed: this will never be read
                 return False
         return True
 
+    @contextlib.contextmanager
+    def notifying(self, on_filled: Callable[[], None]) -> Iterator[None]:
+        """Within the block, call a function that takes what waits, when it is time."""
+        self._on_filled = on_filled
+        if self.is_due:
+            on_filled()
+        try:
+            yield
+        finally:
+            self._on_filled = lambda: None
+
+    def _wake(self) -> None:
+        early_ns = self._last_edges_ns + EDGE_INTERVAL_NS - self._now_ns()
+        if early_ns > 0:
+            self._loop.call_later(early_ns * 1e-9, self._fill)
+        else:
+            self._fill()
+
+    def _fill(self) -> None:
+        self._filled.set()
+        self._on_filled()
+
     async def take(self) -> list[Delivery]:
-        """All that waits, in order; waits until there is something.
+        """All that waits, in order; waits until there is something."""
+        await self._filled.wait()
+        return self.take_waiting()
+
+    def take_waiting(self) -> list[Delivery]:
+        """All that waits, in order.
 
         Consecutive samples of one stream arrive as one block, after a stall
         as some: what is computed of a block takes a hundred times its memory, and what
         was needed once is never fully released.
         """
-        await self._filled.wait()
-        early_ns = self._last_edges_ns + EDGE_INTERVAL_NS - self._now_ns()
-        if early_ns > 0:
-            await asyncio.sleep(early_ns * 1e-9)
         self.taken += 1
         with self._lock:
             self._filled.clear()

@@ -48,6 +48,9 @@ class SerialPort:
         self._port = _opened(path, baud_rate, parity, stop_bits)
         self._fd = self._port.fileno()
         self._wake_fd = wake_fd
+        self._poll = select.poll()
+        for descriptor in (self._fd, wake_fd):
+            self._poll.register(descriptor, select.POLLIN)
         self.path = path
         with contextlib.suppress(OSError, ValueError):
             self._port.set_low_latency_mode(True)
@@ -68,7 +71,7 @@ class SerialPort:
 
         A wake-up together with bytes is reported when they have been read.
         """
-        ready, _, _ = select.select([self._fd, self._wake_fd], [], [], seconds)
+        ready = [descriptor for descriptor, _ in self._poll.poll(seconds * 1e3)]
         if self._fd in ready:
             return True
         if ready:

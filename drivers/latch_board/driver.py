@@ -46,11 +46,10 @@ TEMPERATURE_MS = 2000
 MAX_LATCHES = 16
 QUICK_ANSWER_NS = 2_000_000  # shorter than any motion that matters
 TIE_NS = 200_000_000  # limit of waiting for a fast reply
-# The board sends an edge again after 50 ms. So it is acknowledged in a quiet moment,
-# not while its point is on its way, and several are at once.
+# The board sends an edge again after 50 ms. So it is acknowledged a little later, not
+# while its point is on its way, and several are at once.
 AGAIN_NS = 70_000_000
-QUIET_S = 0.003
-OVERDUE_NS = 20_000_000
+ACKNOWLEDGED_NS = 20_000_000
 BATCH_WINDOW_WITH_EDGES_NS = 5_000_000
 
 
@@ -162,19 +161,13 @@ class LatchBoardDriver(Driver):
         line, session, broken = self._line, self._session, 0
         while line is not None and session is not None and not self._stopping:
             self._carry_out_requests(line, session)
-            if not line.port.wait(
-                QUIET_S if self._edges.needs_acknowledgement else 0.1
-            ):
-                self._acknowledge(line)
-            else:
-                # A block of one costs as much to decode as a block of many. Bytes are
-                # read on arrival, so none wait in the port.
-                window_ns = self._delivery_queue.batch_window_ns
-                if self._edges.needs_acknowledgement:
-                    window_ns = min(window_ns, BATCH_WINDOW_WITH_EDGES_NS)
-                until_ns = max(self._taken_ns + window_ns, self._now_ns())
-                line.read(until_ns)
-                self._taken_ns = min(until_ns, self._now_ns())
+            wait_ns = (
+                ACKNOWLEDGED_NS if self._edges.needs_acknowledgement else 100_000_000
+            )
+            is_readable = line.port.wait(wait_ns * 1e-9)
+            with self._delivery_queue.together():
+                if is_readable:
+                    self._read(line)
                 if more := line.decoder.faults.total() - broken:
                     broken += more
                     self._fault(
@@ -183,11 +176,24 @@ class LatchBoardDriver(Driver):
                         "check cable, shielding and baud rate",
                         more,
                     )
-            self._counters["frames_received"] = (
-                self._frames_before + line.decoder.accepted
-            )
-            self._report_counters()
-            line.check_alive()
+                self._counters["frames_received"] = (
+                    self._frames_before + line.decoder.accepted
+                )
+                self._report_counters()
+                line.check_alive()
+
+    def _read(self, line: LatchBoardLine) -> None:
+        """Take in what has arrived.
+
+        A block of one costs as much to decode as a block of many. Bytes are read on
+        arrival, so none wait in the port.
+        """
+        window_ns = self._delivery_queue.batch_window_ns
+        if self._edges.needs_acknowledgement:
+            window_ns = min(window_ns, BATCH_WINDOW_WITH_EDGES_NS)
+        until_ns = max(self._taken_ns + window_ns, self._now_ns())
+        line.read(until_ns)
+        self._taken_ns = min(until_ns, self._now_ns())
 
     def _disconnect(self) -> None:
         self._session = None
@@ -202,7 +208,7 @@ class LatchBoardDriver(Driver):
     def _carry_out_requests(
         self, line: LatchBoardLine, session: LatchBoardSession
     ) -> None:
-        if self._now_ns() - self._acknowledged_ns > OVERDUE_NS:
+        if self._now_ns() - self._acknowledged_ns >= ACKNOWLEDGED_NS:
             self._acknowledge(line)
         while self._latches:
             # Its answer is taken here and not when it is dispatched, so that a late

@@ -2,7 +2,7 @@
 """The kernel in C as seen from Python: one arm, ready for computing.
 
 `variant.inc` has the mathematics. Arrays of any strides are read; the GIL is released
-while a block is computed; nothing is allocated where the results have a place to go.
+while a long block is computed; nothing is allocated where the results have a place to go.
 """
 
 from cpython.buffer cimport (
@@ -14,6 +14,7 @@ from cpython.buffer cimport (
     PyObject_GetBuffer,
 )
 from cpython.list cimport PyList_CheckExact, PyList_GET_ITEM, PyList_GET_SIZE
+from cpython.pystate cimport PyThreadState
 from cpython.tuple cimport PyTuple_CheckExact, PyTuple_GET_ITEM, PyTuple_GET_SIZE
 from libc.string cimport memcpy
 
@@ -30,7 +31,22 @@ from traverse.kinematics.kernel.arm cimport (
     variant_t,
 )
 
+cdef extern from "Python.h":
+    PyThreadState *PyEval_SaveThread()
+    void PyEval_RestoreThread(PyThreadState *state)
+
 LARGEST_N_JOINTS = MOST_JOINTS
+cdef Py_ssize_t RELEASED_FROM = 256
+
+
+cdef PyThreadState *release_gil(Py_ssize_t n_samples):
+    """Release it for a long block; to get it back takes longer than a short one."""
+    return PyEval_SaveThread() if n_samples >= RELEASED_FROM else NULL
+
+
+cdef void take_gil(PyThreadState *released):
+    if released != NULL:
+        PyEval_RestoreThread(released)
 
 
 def runnable_variants():
@@ -117,8 +133,9 @@ cdef class Chain:
         cdef table_t to_centres = x.table()
         cdef table_t to_directions = d.table()
         cdef table_t source = readings.table()
-        with nogil:
-            self.code.poses(&self.arm, source, n_samples, to_centres, to_directions)
+        released = release_gil(n_samples)
+        self.code.poses(&self.arm, source, n_samples, to_centres, to_directions)
+        take_gil(released)
         return centres_mm, directions
 
     def centres(self, angles_rad, out=None):
@@ -131,8 +148,9 @@ cdef class Chain:
         cdef table_t to_centres = x.table()
         cdef table_t nowhere = table_t(data=NULL, row=0, column=0)
         cdef table_t source = readings.table()
-        with nogil:
-            self.code.poses(&self.arm, source, n_samples, to_centres, nowhere)
+        released = release_gil(n_samples)
+        self.code.poses(&self.arm, source, n_samples, to_centres, nowhere)
+        take_gil(released)
         return out
 
     def positions(self, angles_rad, out=None):
@@ -148,8 +166,9 @@ cdef class Chain:
         cdef Floats o = held("out", out, shape, PyBUF_WRITABLE | PyBUF_C_CONTIGUOUS)
         cdef table_t source = readings.table()
         cdef double *to_positions = o.data()
-        with nogil:
-            self.code.skeletons(&self.arm, source, n_samples, to_positions, NULL)
+        released = release_gil(n_samples)
+        self.code.skeletons(&self.arm, source, n_samples, to_positions, NULL)
+        take_gil(released)
         return out
 
     def joint_poses(self, angles_rad, positions_mm=None, rotations=None):
@@ -178,10 +197,11 @@ cdef class Chain:
         cdef table_t source = readings.table()
         cdef double *to_positions = o.data()
         cdef double *to_rotations = p.data()
-        with nogil:
-            self.code.skeletons(
-                &self.arm, source, n_samples, to_positions, to_rotations
-            )
+        released = release_gil(n_samples)
+        self.code.skeletons(
+            &self.arm, source, n_samples, to_positions, to_rotations
+        )
+        take_gil(released)
         return positions_mm, rotations
 
     def derivatives(self, angles_rad, out=None):
@@ -217,8 +237,9 @@ cdef class Chain:
         to.by_axes = u.data()
         to.by_links = r.data()
         cdef table_t source = readings.table()
-        with nogil:
-            self.code.derivatives(&self.arm, source, n_samples, to)
+        released = release_gil(n_samples)
+        self.code.derivatives(&self.arm, source, n_samples, to)
+        take_gil(released)
         return out
 
     def pose(self, angles_rad):

@@ -182,13 +182,14 @@ cdef class DeflectedChain:
         cdef Floats d = held("directions", directions, (n_samples, 3), PyBUF_WRITABLE)
         cdef table_t to_centres = x.table()
         cdef table_t to_directions = d.table()
-        with nogil:
-            self.chain.code.deflected(
-                &self.chain.arm,
-                &self.effects,
-                &samples,
-                n_samples,
-                to_centres,
-                to_directions,
-            )
+        released = release_gil(n_samples)
+        self.chain.code.deflected(
+            &self.chain.arm,
+            &self.effects,
+            &samples,
+            n_samples,
+            to_centres,
+            to_directions,
+        )
+        take_gil(released)
         return centres_mm, directions

@@ -138,14 +138,14 @@ class Unwrapper:
         if len(raw) == 0:
             return raw
         held = raw if valid is None else self._held(raw, valid)
-        steps = np.empty_like(raw)
-        steps[0] = self._nearest(held[0])
-        steps[1:] = self._shortest(held[1:] - held[:-1])
-        unwrapped = np.cumsum(steps, axis=0)
+        unwrapped = self._nearest(held[0])[np.newaxis]
+        if len(held) > 1:
+            steps = self._shortest(held[1:] - held[:-1])
+            unwrapped = np.concatenate([unwrapped, steps]).cumsum(axis=0)
         self._last = unwrapped[-1].copy()
-        known = np.ones_like(self._fresh) if valid is None else valid.any(axis=0)
-        self._fresh &= ~known
         if not self._offset_known.all():
+            known = np.ones_like(self._fresh) if valid is None else valid.any(axis=0)
+            self._fresh &= ~known
             now_known = ~self._offset_known & known
             self._offsets[now_known] = (unwrapped[-1] - held[-1])[now_known]
             self._offset_known |= known
@@ -218,12 +218,11 @@ class Unwrapper:
 
     def _nearest(self, raw: Integers) -> Integers:
         near_last = self._last + self._shortest(raw - self._last)
-        if not self._offset_known.all():
-            turn = self._counts_per_turn
-            step = (raw - self._last + turn // 2) % turn - turn // 2
-            near_last = np.where(self._offset_known, near_last, self._last + step)
-        if not self._fresh.any():
+        if self._offset_known.all():  # then no joint is fresh
             return near_last
+        turn = self._counts_per_turn
+        step = (raw - self._last + turn // 2) % turn - turn // 2
+        near_last = np.where(self._offset_known, near_last, self._last + step)
         return np.where(self._fresh, raw + self._to_zero(raw), near_last)
 
     def _to_zero(self, counts: Integers) -> Integers:

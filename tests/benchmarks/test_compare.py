@@ -31,13 +31,22 @@ def written(folder, *, point_us=2000.0, ours_s=1e-6):
         {
             "raw": {"p50_us": 200.0, "p99_us": 400.0},
             "point": {"p50_us": point_us * part, "p99_us": 3 * point_us * part},
+            "daemon_share": 0.2 * part,
+            "board_share": 0.1,
         }
         for part in (0.97, 1.0, 1.02)
     ]
     latency = [{"rate_hz": 100.0, "stream_hz": 1000.0, "rounds": rounds}]
     (folder / "latency.json").write_text(json.dumps({"latency": latency}))
-    stream = {"rate_hz": 1e3, "daemon_share": 0.06, "simulator_share": 0.03}
-    streams = {"bare_start_s": 0.1, "streams": [{**stream, "ready_s": 0.7}] * 3}
+    stream = {
+        "rate_hz": 1e3,
+        "daemon_share": 0.06,
+        "simulator_share": 0.03,
+        "ready_s": 0.7,
+        "memory_mb": 75.0,
+    }
+    bare = {"bare_start_s": 0.1, "bare_memory_mb": 30.0}
+    streams = {**bare, "streams": [stream] * 3}
     (folder / "streams.json").write_text(json.dumps(streams))
     return folder
 
@@ -48,8 +57,10 @@ def test_figures_are_ratios_to_peers_of_the_same_run(tmp_path):
         "one pose: times faster": 4.0,
         "100 points/s beside 1000 Hz, p50: times as long": 10.0,
         "100 points/s beside 1000 Hz, p99: times as long": 15.0,
+        "100 points/s beside 1000 Hz: times the CPU": 2.0,
         "1000 Hz: times the CPU": 2.0,
         "start: times as long": 7.0,
+        "memory: times as much": 2.5,
     }
     assert found["one pose: times faster"].peer == "theirs"
 

@@ -121,6 +121,9 @@ class Loop:
         self.woken += 1
         callback()
 
+    def call_later(self, delay_s: float, callback: Callable[[], object]) -> None:
+        callback()
+
 
 async def test_samples_wake_the_loop_seldom_and_everything_else_at_once():
     loop, clock = Loop(), Clock()
@@ -154,6 +157,37 @@ async def test_a_loop_that_has_been_woken_is_not_woken_again_before_it_comes():
     assert await delivery_queue.take() == given
     delivery_queue.put(LATCH)
     assert loop.woken == 2
+
+
+async def test_what_is_put_together_wakes_the_loop_once_and_at_its_end():
+    loop = Loop()
+    delivery_queue = DeliveryQueue(loop, monotonic_ns=Clock())
+    with delivery_queue.together():
+        delivery_queue.put(LATCH)
+        delivery_queue.put(FAULT)
+        assert loop.woken == 0
+    assert loop.woken == 1
+    assert await delivery_queue.take() == [LATCH, FAULT]
+    with delivery_queue.together():
+        pass
+    assert loop.woken == 1
+
+
+async def test_a_consumer_is_called_also_for_what_waited_before_it_came():
+    delivery_queue = DeliveryQueue(Loop(), monotonic_ns=Clock())
+    taken = []
+
+    def take() -> None:
+        taken.extend(delivery_queue.take_waiting())
+
+    delivery_queue.put(FAULT)
+    with delivery_queue.notifying(take):
+        assert taken == [FAULT]
+        delivery_queue.put(LATCH)
+        assert taken == [FAULT, LATCH]
+    delivery_queue.put(LOST)
+    assert taken == [FAULT, LATCH]
+    assert delivery_queue.is_due
 
 
 def test_a_closed_loop_does_not_hurt_the_reader():
