@@ -84,3 +84,21 @@ def tau_critical(alpha: float, redundancy: int) -> float:
 def median_of_chi_square(degrees: int) -> float:
     """Return the median of chi-square."""
     return float(special.chdtri(degrees, 0.5))
+
+
+def excess_p_value(found: int, of: int, others_found: int, of_others: int) -> float:
+    """Return how likely at least so many are found here, if they are as many there.
+
+    Fisher's exact test of a 2 x 2 table, one-sided: the tail of the hypergeometric
+    distribution. `scipy.stats`, which has it, takes longer to import than all else.
+    """
+    total = found + others_found
+
+    def log_ways(n: Floats | int, k: Floats | int) -> Floats:
+        ways: Floats = special.gammaln(np.add(n, 1.0)) - special.gammaln(np.add(k, 1.0))
+        return ways - special.gammaln(np.subtract(n, k) + 1.0)
+
+    here = np.arange(found, min(of, total) + 1.0)
+    here = here[total - here <= of_others]
+    logs = log_ways(of, here) + log_ways(of_others, total - here)
+    return float(np.sum(np.exp(logs - log_ways(of + of_others, total))))

@@ -21,7 +21,7 @@ is the matter, and none of them is a blunder.
 from dataclasses import replace
 
 import numpy as np
-from scipy import special, stats  # type: ignore[import-untyped] # ships no types
+from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 from scipy.spatial import cKDTree  # type: ignore[import-untyped] # ships no types
 
 from traverse.arrays import Booleans, Floats, Integers
@@ -52,6 +52,7 @@ from traverse.lab.identification.solve.reliability import (
 from traverse.lab.identification.solve.sequential_qr import decide_rank
 from traverse.lab.statistics.distributions import (
     equivalent_normal,
+    excess_p_value,
     median_of_chi_square,
     normal_quantile,
 )
@@ -343,11 +344,12 @@ def find_blunders(
     n_judged = max(int(np.count_nonzero(held_out)), 1)
     contradicts = w > -normal_quantile(0.5 * _FAMILY_LEVEL / n_judged)
     found = held_out & contradicts
-    table = [
-        [np.count_nonzero(part & contradicts), np.count_nonzero(part & ~contradicts)]
-        for part in (held_out, choosing)
-    ]
-    p_value = float(stats.fisher_exact(table, alternative="greater")[1])
+    p_value = excess_p_value(
+        np.count_nonzero(found),
+        np.count_nonzero(held_out),
+        np.count_nonzero(choosing & contradicts),
+        np.count_nonzero(choosing),
+    )
     return found if p_value >= _SHARE_LEVEL else np.zeros_like(held_out)
 
 

@@ -29,6 +29,7 @@ from traverse.lab.identification.solve.sequential_qr import (
 from traverse.lab.statistics.distributions import (
     chi_square_log_tail,
     equivalent_normal,
+    excess_p_value,
     tau_critical,
 )
 
@@ -261,3 +262,10 @@ def test_tails_agree_with_the_tables():
     # Pope's tau: Student's t of 9 degrees at 0.975 is 2.262.
     expected = 2.2622 * np.sqrt(10) / np.sqrt(9 + 2.2622**2)
     assert tau_critical(0.05, 10) == pytest.approx(expected, rel=1e-4)
+
+
+@given(*[st.integers(0, 40)] * 4)
+def test_more_here_than_there_is_as_unlikely_as_fisher_says(a, b, c, d):
+    expected = stats.fisher_exact([[a, b], [c, d]], alternative="greater")[1]
+    found = excess_p_value(a, a + b, c, c + d)
+    assert found == pytest.approx(expected, rel=1e-9)
