@@ -6,6 +6,7 @@ With Q_k, a_k = Q_k u_k and rho_k = x - o_k of the deflected arm, an amount move
     turn       (a_k x rho_k) e                shift    Q_(k-1) d
     growth     Q_k r_k g                      mount    m x (x - x_0 - b)
     contact    the shift itself               base     b
+    moment     what yields to its weight
 
 and a column is that of the unit amount. Left out is how the mechanical effects change
 with the corrections of the readings, and how small turns about one joint combine: both
@@ -29,6 +30,7 @@ from traverse.kinematics.effects.base.correction import (
 )
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.effects.deflection import Deflection, deflection, totals
+from traverse.kinematics.effects.mechanics.deformations import Compliance, FirstMoment
 from traverse.kinematics.effects.pose import checked, undeflected_posture
 from traverse.kinematics.model.forward import chunks
 from traverse.kinematics.model.geometry import Geometry
@@ -42,6 +44,7 @@ def columns(
     effects: ArmEffects,
     block: Block,
     candidates: Sequence[Correction] | None = None,
+    yielding: Sequence[Compliance] | None = None,
 ) -> Floats:
     """Differentiate the corrected ball's centres.
 
@@ -50,6 +53,7 @@ def columns(
         effects: Those that are applied.
         block: The samples with what effects and candidates need.
         candidates: Differentiate for these instead, applied or not.
+        yielding: What first moments of mass move instead of those applied.
 
     Returns:
         mm per unit of each parameter, (n_samples, 3, n_parameters).
@@ -58,6 +62,8 @@ def columns(
         ValueError: The block does not say what effects need; names all of it.
     """
     wanted = effects.corrections if candidates is None else tuple(candidates)
+    yields = [c for c in effects.mechanical if isinstance(c, Compliance)]
+    yields = yields if yielding is None else list(yielding)
     everything = ArmEffects(
         effects.joint_names,
         (*effects.corrections, *wanted),
@@ -75,7 +81,10 @@ def columns(
         contact = contact_seen(geometry, part, arm.rotations[:, -1])
         at = 0
         for correction in wanted:
-            moves = _moves(correction, posture, arm, contact)
+            if isinstance(correction, FirstMoment):
+                moves = _moment_moves(correction, yields, posture, arm)
+            else:
+                moves = _moves(correction, posture, arm, contact)
             found[chunk, :, at : at + len(moves)] = moves.transpose(2, 1, 0)
             at += len(moves)
     return found
@@ -96,6 +105,24 @@ def _moves(
         return correction.derivatives(contact)
     # What is off-line only does not move the ball.
     return np.zeros((len(correction.values), 3, len(posture.block)))
+
+
+def _moment_moves(
+    correction: FirstMoment,
+    yielding: Sequence[Compliance],
+    posture: Posture,
+    arm: Deflection,
+) -> Floats:
+    """Move the ball by 1 kg m along x, y and z, (3, 3, n_samples)."""
+    moves = np.zeros((3, 3, len(posture.block)))
+    joint = correction.joints.start
+    for component in range(3):
+        moments_nm = posture.moments_of(joint, component)
+        for one in yielding:
+            if one.joints.start <= joint:
+                amounts = one.values[0] * one.yielding(posture, moments_nm)
+                moves[component] += _body_moves(one, amounts, arm)[0]
+    return moves
 
 
 def _body_moves(correction: BodyCorrection, amounts: Floats, arm: Deflection) -> Floats:

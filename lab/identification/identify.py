@@ -13,6 +13,7 @@ from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.prior import Prior
 from traverse.lab.identification.equations.datum import with_datum
 from traverse.lab.identification.equations.effect_model import effect_model
+from traverse.lab.identification.equations.first_moments import with_first_moments
 from traverse.lab.identification.equations.network import (
     Noise,
     network_of,
@@ -111,7 +112,8 @@ def identify(
         IdentificationError: Arm and campaign do not fit together, or a pattern fits
             no parameter.
     """
-    options, given = options or Options(), campaign
+    options, given, source = options or Options(), campaign, arm
+    arm = with_first_moments(arm)
     names = tuple(joint.name for joint in arm.joints)
     if names != campaign.joint_names:
         raise IdentificationError(
@@ -164,7 +166,7 @@ def identify(
     contradicted = contradicted_expectation(run.adjustment)
     if contradicted is not None and given.prior is not None:
         believed = replace(given, prior=given.prior.without(*contradicted))
-        return identify(believed, arm, options, progress)
+        return identify(believed, source, options, progress)
     alone, included = run.adjustment, run.included
     adjustment, serial, iterations = alone, None, run.iterations
     sigma0, redundancy, shared = alone.sigma0, alone.redundancy, 1.0
@@ -182,10 +184,9 @@ def identify(
     factor = variance_factor(sigma0, test)
     inverse = adjustment.split.inverse
     covariance = factor * inverse @ inverse.T
-    poses = np.flatnonzero(included)
     return Identification(
         arm=arm_of_adjustment(arm, adjustment),
-        design=arm,
+        design=source,
         campaign=campaign,
         adjustment=adjustment,
         converged=adjustment.converged,
@@ -212,7 +213,7 @@ def identify(
         ),
         alternating=tuple(campaign.poses.lines[run.alternating].tolist()),
         critical_w=run.critical,
-        coverage=joint_coverage(campaign, poses),
+        coverage=joint_coverage(campaign, np.flatnonzero(included)),
         condition_number=condition_number(adjustment),
         contradictions=contradictions,
         lost_poses=lost_poses(campaign, run),
@@ -272,6 +273,10 @@ def prepared(
         held = [f"tool.{name}.?" for name in _held_tools(campaign)]
         parameters = parameters.with_free(masked(parameters, held, ()))
         parameters = parameters.with_free(masked(parameters, options.hold, wishes))
+        if effects is not None:
+            # Where no mass is known, what yields is estimated with what it yields to.
+            wishes = (*wishes, *effects.moments_with(parameters.free_names))
+            parameters = parameters.with_free(masked(parameters, options.hold, wishes))
     except ValueError as error:
         raise IdentificationError(str(error)) from error
     if not in_the_arms_system:

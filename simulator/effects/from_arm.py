@@ -7,7 +7,12 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.simulator.effects.fault import OF_ARM, OF_JOINT, EffectEntry
-from traverse.simulator.effects.laws import BODY_LAWS, READING_LAWS, TOUCH_LAWS
+from traverse.simulator.effects.laws import (
+    BODY_LAWS,
+    OF_MASSES,
+    READING_LAWS,
+    TOUCH_LAWS,
+)
 from traverse.strict_toml.problems import FileError, Problem
 
 TIMED = {"encoder_drift", "count_slip", "base_drift", "base_step"}
@@ -34,7 +39,10 @@ def faults_from_effects(
     for number, effect in enumerate(effects):
         if effect.kind == OF_STANDARDS:
             continue
-        if not any(effect.kind in t for t in (READING_LAWS, BODY_LAWS, TOUCH_LAWS)):
+        if not any(
+            effect.kind in kinds
+            for kinds in (READING_LAWS, BODY_LAWS, TOUCH_LAWS, (OF_MASSES,))
+        ):
             raise KeyError(effect.kind)
         where = f"effects[{number}]"
         if effect.joint is not None and effect.joint not in names:
@@ -51,7 +59,7 @@ def faults_from_effects(
             epoch_utc_s=effect.epoch_utc.timestamp() if effect.epoch_utc else 0.0,
             names=names,
         )
-        if effect.kind in WEIGHED and not _has_weight(arm, max(joint, 0)):
+        if effect.kind in WEIGHED and not _has_weight(arm, effects, max(joint, 0)):
             message = f"{effect.kind}: nothing beyond has a mass_kg; add what it weighs"
             problems.append(Problem(where, message))
         elif effect.kind == "empirical" and entry.covariate is None:
@@ -103,6 +111,9 @@ def on_true_axes(
     return tuple(turned)
 
 
-def _has_weight(arm: Arm, joint: int) -> bool:
+def _has_weight(arm: Arm, effects: Sequence[Effect], joint: int) -> bool:
     masses = [*(beyond.mass_kg for beyond in arm.joints[joint:]), arm.probe.mass_kg]
-    return any(mass is not None for mass in masses)
+    heavy = {effect.joint for effect in effects if effect.kind == OF_MASSES}
+    return any(mass is not None for mass in masses) or any(
+        beyond.name in heavy for beyond in arm.joints[joint:]
+    )

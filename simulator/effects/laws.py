@@ -243,6 +243,8 @@ BODY_LAWS: dict[str, Callable[[EffectEntry, Posture, Deflection], None]] = {
     "base_drift": creeping_base,
     "base_step": knocked_base,
 }
+# What the weights are, which some of the laws above are about.
+OF_MASSES = "first_moment"
 TOUCH_LAWS: dict[str, Callable[[EffectEntry, Touch], Floats]] = {
     "probe_radius": larger_ball,
     "probe_lobing": three_seats,

@@ -1,5 +1,6 @@
 """Fits of the arm with terms: all estimated together, and what each term explains."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from glob import escape
 
@@ -8,6 +9,9 @@ import numpy as np
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.kinematics.effect_table import EFFECT_KINDS, key_unit
+from traverse.kinematics.effects.arm_effects import ArmEffects
+from traverse.kinematics.effects.columns import columns
+from traverse.kinematics.effects.mechanics.deformations import Compliance, FirstMoment
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import (
@@ -17,6 +21,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
 )
 from traverse.lab.diagnosis.model.result import Diagnosis, Estimate, Term
 from traverse.lab.identification.equations.effect_model import EffectModel, effect_model
+from traverse.lab.identification.equations.first_moments import with_first_moments
 from traverse.lab.identification.equations.network import network_of
 from traverse.lab.identification.identify import prepared
 from traverse.lab.identification.results.postprocessing import arm_of_adjustment
@@ -62,6 +67,7 @@ def fitted(
     Raises:
         IdentificationError: The campaign lacks data that effects need.
     """
+    arm = with_first_moments(arm)
     free = free_effects(campaign, arm)
     options = Options(coarse_start=False, n_suggestions=0, free=free, snooping=snooping)
     design, parameters = prepared(campaign, arm, options)
@@ -98,8 +104,8 @@ def free_effects(campaign: Campaign, arm: Arm) -> tuple[str, ...]:
 
 
 def with_effects(arm: Arm, effects: tuple[Effect, ...]) -> Arm:
-    """Give an arm other effects."""
-    return arm.model_copy(update={"effects": effects})
+    """Give an arm other effects, and the first moments that these need behind them."""
+    return with_first_moments(arm.model_copy(update={"effects": effects}))
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,9 +130,47 @@ def rows_without(rows: ObservationEquations, index: int) -> ObservationEquations
         moved[correction.parameters.index(phase)] = 0.0
     own = _columns(rows, coordinates)
     values = rows.values + rows.columns[:, own] @ moved
-    columns = np.delete(rows.columns, np.arange(own.start, own.stop), axis=1)
-    return replace(
-        rows, values=values, columns=columns, basis=orthonormal_basis(columns)
+    left = rows.columns
+    if correction.uses_gravity and model.effects.first_moments:
+        left = _with_others_yielding(rows, index)
+    left = np.delete(left, np.arange(own.start, own.stop), axis=1)
+    return replace(rows, values=values, columns=left, basis=orthonormal_basis(left))
+
+
+def _with_others_yielding(rows: ObservationEquations, index: int) -> Floats:
+    """Compute A with first moments as if one effect did not yield to them."""
+    model = _effects(rows)
+    effects = model.at(rows.adjustment.state.arm.amplitudes)
+    yielding = [
+        one
+        for at, one in enumerate(effects.corrections)
+        if isinstance(one, Compliance) and at != index
+    ]
+    moved = first_moment_columns(rows, effects, effects.first_moments, yielding)
+    found, at = rows.columns.copy(), 0
+    for number, one in enumerate(effects.corrections):
+        if one in effects.first_moments:
+            coordinates = model.coordinates(rows.adjustment.state.arm.geometry, number)
+            found[:, _columns(rows, coordinates)] = (
+                moved[:, at : at + 3] * model.tolerances[coordinates]
+            )
+            at += 3
+    return found
+
+
+def first_moment_columns(
+    rows: ObservationEquations,
+    effects: ArmEffects,
+    moments: Sequence[FirstMoment],
+    yielding: Sequence[Compliance],
+) -> Floats:
+    """Compute how rows change with first moments [1/(kg m)], (n_rows, n_values)."""
+    return rows.moved(
+        rows.each_tool(
+            lambda geometry, at: columns(
+                geometry, effects, rows.block.part(at), moments, yielding
+            )
+        )
     )
 
 
@@ -148,10 +192,17 @@ def estimates_of(rows: ObservationEquations, index: int) -> dict[str, Estimate]:
 
 
 def _value_covariance(rows: ObservationEquations, index: int) -> Floats:
+    """Find the covariance of an effect's values; of a compliance by moments as found.
+
+    How heavy the arm is would else be most of it where no mass is known.
+    """
     model = _effects(rows)
     coordinates = model.coordinates(rows.adjustment.state.arm.geometry, index)
     own = _columns(rows, coordinates)
-    others = np.delete(rows.columns, np.arange(own.start, own.stop), axis=1)
+    at = [*range(own.start, own.stop)]
+    if model.effects.corrections[index].uses_gravity:
+        at += [own.start - coordinates.start + moment for moment in model.moments]
+    others = np.delete(rows.columns, at, axis=1)
     basis = orthonormal_basis(others)
     mine = rows.columns[:, own]
     left = mine - basis @ (basis.T @ mine)
