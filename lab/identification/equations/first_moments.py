@@ -33,10 +33,12 @@ class AssumedMoments:
     Attributes:
         moments_kg_m: Of each element with all beyond it, (n_joints, 3).
         stds_kg_m: Of each of the three components, (n_joints,).
+        mass_kg: Of the whole arm.
     """
 
     moments_kg_m: Floats
     stds_kg_m: Floats
+    mass_kg: float
 
     def expectations(self, joints: list[int], moments_kg_m: Floats) -> Floats:
         """White equations of the first moments of some joints.
@@ -71,6 +73,7 @@ def assumed_moments(arm: Arm) -> AssumedMoments:
     return AssumedMoments(
         moments_kg_m,
         M_PER_MM * _SPREAD * carried_kg * reaches_mm,
+        float(carried_kg[0]),
     )
 
 

@@ -16,6 +16,9 @@ from traverse.kinematics.arm_file.arm import Arm, arm_digest, write_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.prior import family_json
+from traverse.lab.identification.results.mass_distribution import (
+    mass_distribution_json,
+)
 from traverse.lab.identification.results.result import (
     ArtefactResult,
     CartesianCovariance,
@@ -117,6 +120,7 @@ def identification_json(
         ],
         "holdout": result.holdout,
         **family_json(result.campaign.prior),
+        **mass_distribution_json(result.adjustment),
         "alternating": list(result.alternating),
         "contradictions": [
             {
