@@ -7,12 +7,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.simulator.effects.fault import OF_ARM, OF_JOINT, EffectEntry
-from traverse.simulator.effects.laws import (
-    BODY_LAWS,
-    OF_MASSES,
-    READING_LAWS,
-    TOUCH_LAWS,
-)
+from traverse.simulator.effects.laws import OF_MASSES, PLAYED
 from traverse.strict_toml.problems import FileError, Problem
 
 TIMED = {"encoder_drift", "count_slip", "base_drift", "base_step"}
@@ -39,10 +34,7 @@ def faults_from_effects(
     for number, effect in enumerate(effects):
         if effect.kind == OF_STANDARDS:
             continue
-        if not any(
-            effect.kind in kinds
-            for kinds in (READING_LAWS, BODY_LAWS, TOUCH_LAWS, (OF_MASSES,))
-        ):
+        if effect.kind not in PLAYED:
             raise KeyError(effect.kind)
         where = f"effects[{number}]"
         if effect.joint is not None and effect.joint not in names:
@@ -112,8 +104,8 @@ def on_true_axes(
 
 
 def _has_weight(arm: Arm, effects: Sequence[Effect], joint: int) -> bool:
-    masses = [*(beyond.mass_kg for beyond in arm.joints[joint:]), arm.probe.mass_kg]
     heavy = {effect.joint for effect in effects if effect.kind == OF_MASSES}
-    return any(mass is not None for mass in masses) or any(
-        beyond.name in heavy for beyond in arm.joints[joint:]
+    return arm.probe.mass_kg is not None or any(
+        beyond.mass_kg is not None or beyond.name in heavy
+        for beyond in arm.joints[joint:]
     )

@@ -243,10 +243,11 @@ BODY_LAWS: dict[str, Callable[[EffectEntry, Posture, Deflection], None]] = {
     "base_drift": creeping_base,
     "base_step": knocked_base,
 }
-# What the weights are, which some of the laws above are about.
-OF_MASSES = "first_moment"
 TOUCH_LAWS: dict[str, Callable[[EffectEntry, Touch], Floats]] = {
     "probe_radius": larger_ball,
     "probe_lobing": three_seats,
     "stylus_bending": soft_stylus,
 }
+# What the weights are, which some of the laws above are about.
+OF_MASSES = "first_moment"
+PLAYED = {*READING_LAWS, *BODY_LAWS, *TOUCH_LAWS, OF_MASSES}

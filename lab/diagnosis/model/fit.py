@@ -146,15 +146,10 @@ def _with_others_yielding(rows: ObservationEquations, index: int) -> Floats:
         for at, one in enumerate(effects.corrections)
         if isinstance(one, Compliance) and at != index
     ]
+    found = rows.columns.copy()
     moved = first_moment_columns(rows, effects, effects.first_moments, yielding)
-    found, at = rows.columns.copy(), 0
-    for number, one in enumerate(effects.corrections):
-        if one in effects.first_moments:
-            coordinates = model.coordinates(rows.adjustment.state.arm.geometry, number)
-            found[:, _columns(rows, coordinates)] = (
-                moved[:, at : at + 3] * model.tolerances[coordinates]
-            )
-            at += 3
+    first = _columns(rows, slice(0, 0)).start
+    found[:, first:][:, model.moments] = moved * model.tolerances[model.moments]
     return found
 
 
@@ -201,7 +196,7 @@ def _value_covariance(rows: ObservationEquations, index: int) -> Floats:
     own = _columns(rows, coordinates)
     at = [*range(own.start, own.stop)]
     if model.effects.corrections[index].uses_gravity:
-        at += [own.start - coordinates.start + moment for moment in model.moments]
+        at += [_columns(rows, slice(0, 0)).start + moment for moment in model.moments]
     others = np.delete(rows.columns, at, axis=1)
     basis = orthonormal_basis(others)
     mine = rows.columns[:, own]

@@ -98,17 +98,14 @@ class EffectModel:
         Of all coordinates, of which some are free, (n_coordinates,); the right side is
         last, (n, n_coordinates + 1).
         """
-        at = [coordinate for coordinate in self.moments if free[coordinate]]
+        at = self.moments
+        found = np.zeros((len(at), len(self.names) + 1))
         if self.assumed is None or not at:
-            return np.empty((0, len(self.names) + 1))
+            return found[:0]
         moments = self.at(values).first_moments
-        rows = self.assumed.expectations(
-            [one.joints.start for one in moments],
-            np.array([one.values for one in moments]),
-        )
-        found = np.zeros((len(rows), len(self.names) + 1))
-        found[:, [*self.moments, -1]] = rows
-        return found[np.isin(self.moments, at)]
+        found[np.arange(len(at)), at] = 1.0
+        found[:, -1] = self.assumed.steps_from(moments)
+        return (found / self.assumed.stds_of(moments)[:, np.newaxis])[free[at]]
 
     def length_errors(self, values: Floats, artefact: str) -> tuple[float, Floats]:
         """Return by how many ppm a standard is longer than its certificate says.

@@ -8,6 +8,7 @@ the element's length as its standard deviation. Only compliance times moment sho
 how heavy the whole arm is, and with it the unit of compliances, is assumed.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,15 +41,14 @@ class AssumedMoments:
     stds_kg_m: Floats
     mass_kg: float
 
-    def expectations(self, joints: list[int], moments_kg_m: Floats) -> Floats:
-        """White equations of the first moments of some joints.
+    def steps_from(self, moments: Sequence[FirstMoment]) -> Floats:
+        """How far some first moments are from what is expected, (3 n,) [kg m]."""
+        steps = [self.moments_kg_m[m.joints] - np.array(m.values) for m in moments]
+        return np.ravel(steps)
 
-        Of steps from where they are, (n, 3), to what is expected; the right side is
-        last, (3 n, 3 n + 1).
-        """
-        stds = np.repeat(self.stds_kg_m[joints], 3)
-        steps = (self.moments_kg_m[joints] - moments_kg_m).ravel()
-        return np.column_stack([np.diag(1.0 / stds), steps / stds])
+    def stds_of(self, moments: Sequence[FirstMoment]) -> Floats:
+        """Standard deviations of the components of some first moments, (3 n,)."""
+        return np.repeat([self.stds_kg_m[m.joints.start] for m in moments], 3)
 
 
 def states_no_mass(arm: Arm) -> bool:
