@@ -205,6 +205,7 @@ def _choices(
             strict=True,
         )
         if len(found.singular_values)
+        and found.is_plausible(residuals)
         and not has_own_curve(found.candidate, joints_with_own_curve)
     ]
 

@@ -99,13 +99,12 @@ class EffectModel:
         last, (n, n_coordinates + 1).
         """
         at = self.moments
-        found = np.zeros((len(at), len(self.names) + 1))
-        if self.assumed is None or not at:
+        found = np.zeros((len(at) + 1, len(self.names) + 1))
+        if self.assumed is None or not np.any(free[at]):
             return found[:0]
-        moments = self.at(values).first_moments
-        found[np.arange(len(at)), at] = 1.0
-        found[:, -1] = self.assumed.steps_from(moments)
-        return (found / self.assumed.stds_of(moments)[:, np.newaxis])[free[at]]
+        rows = self.assumed.expectations(self.at(values).first_moments)
+        found[:, [*at, -1]] = rows
+        return found[[*free[at], True]]
 
     def length_errors(self, values: Floats, artefact: str) -> tuple[float, Floats]:
         """Return by how many ppm a standard is longer than its certificate says.

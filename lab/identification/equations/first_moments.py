@@ -5,7 +5,7 @@ the elements weigh, the moments are estimated with the compliances, one distribu
 for the whole arm. What the poses do not determine of it stays as an arm of usual
 build has it: each first moment is expected there, with half of the mass beyond times
 the element's length as its standard deviation. Only compliance times moment shows:
-how heavy the whole arm is, and with it the unit of compliances, is assumed.
+how heavy the whole arm is, and with it the unit of compliances, is assumed, and held.
 """
 
 from collections.abc import Sequence
@@ -25,6 +25,8 @@ _KG_PER_MM = 0.01
 _SPREAD = 0.5
 # Elements count as at least so long, in mean lengths.
 _SHORTEST = 0.25
+# Standard deviation of the held sum, as a part of it.
+_HELD = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,17 +36,39 @@ class AssumedMoments:
     Attributes:
         moments_kg_m: Of each element with all beyond it, (n_joints, 3).
         stds_kg_m: Of each of the three components, (n_joints,).
+        axes: Of the joints, (n_joints, 3).
         mass_kg: Of the whole arm.
     """
 
     moments_kg_m: Floats
     stds_kg_m: Floats
+    axes: Floats
     mass_kg: float
 
-    def steps_from(self, moments: Sequence[FirstMoment]) -> Floats:
-        """How far some first moments are from what is expected, (3 n,) [kg m]."""
-        steps = [self.moments_kg_m[m.joints] - np.array(m.values) for m in moments]
-        return np.ravel(steps)
+    def expectations(self, moments: Sequence[FirstMoment]) -> Floats:
+        """White equations of the components of some first moments, from where they are.
+
+        The last one holds their sum along what is expected, each part along an axis
+        counted with the element before, where it acts; of the innermost it may not act
+        at all. The right side is last, (3 n + 1, 3 n + 1).
+        """
+        joints = [one.joints.start for one in moments]
+        steps = self.moments_kg_m[joints] - np.array([one.values for one in moments])
+        felt = self.moments_kg_m[joints].copy()
+        for at in reversed(range(len(joints))):
+            axis = self.axes[joints[at]]
+            part = (felt[at] @ axis) * axis
+            felt[at] -= part
+            if at:
+                felt[at - 1] += part
+        weights = felt.copy()
+        for at in range(1, len(joints)):
+            axis = self.axes[joints[at]]
+            weights[at] += (weights[at - 1] @ axis) * axis
+        held = weights.ravel() / (_HELD * float(np.sum(felt**2)))
+        stds = self.stds_of(moments)
+        rows = np.vstack([np.diag(1.0 / stds), held])
+        return np.column_stack([rows, rows @ steps.ravel()])
 
     def stds_of(self, moments: Sequence[FirstMoment]) -> Floats:
         """Standard deviations of the components of some first moments, (3 n,)."""
@@ -73,6 +97,7 @@ def assumed_moments(arm: Arm) -> AssumedMoments:
     return AssumedMoments(
         moments_kg_m,
         M_PER_MM * _SPREAD * carried_kg * reaches_mm,
+        geometry.axes,
         float(carried_kg[0]),
     )
 
