@@ -57,6 +57,16 @@ class ProjectedCandidate:
         inverse = scales[:, np.newaxis] * self.combinations / self.singular_values
         return inverse @ (self.directions.T @ residuals), inverse @ inverse.T
 
+    @property
+    def shows_itself(self) -> bool:
+        """Whether it is visible, of a compliance with the moments of the fit."""
+        if len(self.singular_values) == 0 or self.candidate.size == 1:
+            return len(self.singular_values) > 0
+        if EFFECT_KINDS[self.candidate.kind].family is not Family.GRAVITY:
+            return True
+        own = self.singular_values * self.combinations[0]
+        return float(np.linalg.norm(own)) > LEAST_SINGULAR_VALUE
+
     def is_plausible(self, residuals: Floats) -> bool:
         """Return whether a compliance is one: positive, of an arm of usual build.
 
