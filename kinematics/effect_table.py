@@ -18,7 +18,7 @@ EffectClass = Literal["L", "D", "A", "O"]
 JointUse = Literal["required", "optional", "absent"]
 RunoutComponent = Literal["radial", "axial"]
 ActsOn = Literal["angle", "tilt", "shift", "ball", "base", "length"]
-BankUse = Literal["library", "steps", "curves", "periodogram"]
+BankUse = Literal["library", "steps", "curves", "periodogram", "none"]
 
 
 class Family(Enum):
@@ -27,6 +27,7 @@ class Family(Enum):
     OWN_ANGLE = auto()  # errors of a reading that are functions of that reading
     AXIS_MOTION = auto()  # error motions of a bearing: vectors about the joint's axis
     GRAVITY = auto()  # follow the moments of the arm's own weight
+    MASS = auto()  # where the weight is that those follow: moves nothing itself
     WARM = auto()  # follow temperatures
     SLOW = auto()  # change with time
     MOVING = auto()  # follow the last motion
@@ -70,7 +71,7 @@ class EffectKind:
         covariates: Columns of a campaign that it is a function of, {} for the joint:
             the joint's own one first, then that of the whole arm.
         is_function: Whether it is a function of that column alone.
-        bank: Where the diagnosis looks for it.
+        bank: Where the diagnosis looks for it; "none": nowhere.
         absorbed_by: What it equals where a campaign cannot see it.
         whole_arm_label: Instead of `label`, where all joints are meant.
     """
@@ -286,6 +287,13 @@ EFFECT_KINDS: Mapping[str, EffectKind] = MappingProxyType(
         "mount_compliance": _gravity(
             joint="absent", acts_on="base", label="tilt of the mount under gravity"
         ),
+        "first_moment": EffectKind(
+            family=Family.MASS,
+            keys={"moment_kg_m": Vector},
+            size=1.0,
+            bank="none",
+            label="first moment of mass",
+        ),
         "thermal_expansion": _warm(
             joint="optional",
             keys={"expansion_per_c": float},
@@ -366,6 +374,7 @@ KEY_UNITS: Mapping[str, str] = MappingProxyType(
         "rate_rad_s": "rad/s",
         "latency_s": "s",
         "compliance_rad_nm": "rad/(N m)",
+        "moment_kg_m": "kg m",
         "expansion_per_c": "1/C",
         "compliance_mm_n": "mm/N",
         "rate_mm_s": "mm/s",

@@ -5,6 +5,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import takewhile
 from pathlib import Path
 
@@ -41,7 +42,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given.minutes is not None:
         ends_s = begun_s + 60.0 * given.minutes
     print(f"{given.out}: {len(lines)} runs; {len(todo)} to go", flush=True)
-    for line in _made(todo, ends_s, given.scheduler):
+    for line in _made(
+        todo, ends_s, given.scheduler, knows_masses=not given.without_masses
+    ):
         append(given.out, line)
         lines.append(line)
     _print_errors(lines)
@@ -70,6 +73,9 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--minutes", type=float, help="begin no run after that; 0: only the table"
     )
+    parser.add_argument(
+        "--without-masses", action="store_true", help="in the arm that is diagnosed"
+    )
     add_workers(parser)
     given = parser.parse_args(arguments)
     given.out.parent.mkdir(parents=True, exist_ok=True)
@@ -81,11 +87,16 @@ def _fits(name: str, parts: Sequence[str]) -> bool:
 
 
 def _made(
-    todo: Sequence[tuple[str, int]], ends_s: float, scheduler: str | None
+    todo: Sequence[tuple[str, int]],
+    ends_s: float,
+    scheduler: str | None,
+    *,
+    knows_masses: bool,
 ) -> Iterator[Line]:
     """Make runs, reported in the order in which they end."""
+    work = partial(run_one, knows_masses=knows_masses)
     in_time = takewhile(lambda _: time.monotonic() < ends_s, todo)
-    for n_done, line in enumerate(unordered(scheduler, run_one, in_time), 1):
+    for n_done, line in enumerate(unordered(scheduler, work, in_time), 1):
         yield line
         if n_done % 20 == 0:
             print(f"{n_done} of {len(todo)}", flush=True)

@@ -75,12 +75,12 @@ FULL: Mapping[str, int] = MappingProxyType(
 Line = dict[str, Any]
 
 
-def run_one(one: tuple[str, int]) -> Line:
+def run_one(one: tuple[str, int], *, knows_masses: bool = True) -> Line:
     """Run a scenario with a seed, as workers are given it."""
-    return run(*one)
+    return run(*one, knows_masses=knows_masses)
 
 
-def run(scenario: str, seed: int) -> Line:
+def run(scenario: str, seed: int, *, knows_masses: bool = True) -> Line:
     """Hide, find and score; failures are recorded in the line."""
     line: Line = {"scenario": scenario, "seed": seed, "error": None}
     begun_s = time.monotonic()
@@ -88,7 +88,7 @@ def run(scenario: str, seed: int) -> Line:
         case = hide(demo_arm(), SCENARIOS[scenario], seed)
         line |= _hidden(case)
         hidden_s = time.process_time()
-        diagnosis = find(case)
+        diagnosis = find(case, knows_masses=knows_masses)
         # Of a core: how many others there are does not matter.
         line["seconds"] = time.process_time() - hidden_s
         line |= _found(diagnosis)

@@ -14,6 +14,7 @@ from benchmarks.blind.hidden.poses import (
     drawn_round,
     played,
     pose_set,
+    without_masses,
 )
 from benchmarks.blind.score import TrueTerm
 from benchmarks.tools.handover import campaign_from_simulation
@@ -141,6 +142,7 @@ def find(
     progress: Callable[[str, float], None] | None = None,
     *,
     details: bool = False,
+    knows_masses: bool = True,
 ) -> Diagnosis:
     """Let diagnosis find what was hidden.
 
@@ -148,9 +150,11 @@ def find(
         case: Only its campaign and arm file are used.
         progress: Called with each step that is done.
         details: Whether to compute everything that a report contains.
+        knows_masses: Whether its arm file states them.
     """
     options = DiagnosisOptions(seed=case.pose_seed, details=details)
-    return diagnose(case.campaign, case.arm, options, progress)
+    arm = case.arm if knows_masses else without_masses(case.arm)
+    return diagnose(case.campaign, arm, options, progress)
 
 
 def gap_of(case: Case, diagnosis: Diagnosis) -> tuple[float, float, float] | None:

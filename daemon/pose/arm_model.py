@@ -260,11 +260,15 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
 def model_with_probe(model: ArmModel, chosen: LibraryProbe) -> ArmModel:
     """The same arm with another probe.
 
+    First moments that were estimated include a probe: another counts as heavy as that.
+
     Raises:
         ValueError: the arm cannot have it, with the reason.
     """
     weighed = [e.kind for e in model.effects.corrections if e.uses_gravity]
-    if weighed and chosen.mass_kg is None:
+    if model.effects.first_moments and model.arm.probe.mass_kg is None:
+        chosen = chosen.model_copy(update={"mass_kg": None})
+    elif weighed and chosen.mass_kg is None:
         raise ValueError(
             f"{weighed[0]} is an effect of gravity; give the probe its mass_kg"
         )

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +11,11 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.effects import EFFECTS
 from traverse.kinematics.effects.base.block import Block, Covariate, Need
-from traverse.kinematics.effects.base.bodies import Bodies, bodies_from_arm
+from traverse.kinematics.effects.base.bodies import (
+    M_PER_MM,
+    Bodies,
+    bodies_from_arm,
+)
 from traverse.kinematics.effects.base.context import (
     EffectContext,
     Span,
@@ -22,6 +27,8 @@ from traverse.kinematics.effects.base.correction import (
     Correction,
     ReadingCorrection,
 )
+from traverse.kinematics.effects.mechanics.deformations import FirstMoment
+from traverse.kinematics.model.geometry import Geometry
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm, Effect
@@ -38,6 +45,7 @@ class ArmEffects:
         gravity_m_s2: Where a block does not say otherwise, (3,).
         mechanical: Those that move bodies of the arm.
         contacts: Those that depend on the touched surface.
+        first_moments: What weighs beside the bodies.
         covariates: All that is needed, of some joint or of the arm.
     """
 
@@ -48,6 +56,7 @@ class ArmEffects:
     readings: tuple[ReadingCorrection, ...] = field(init=False)
     mechanical: tuple[BodyCorrection, ...] = field(init=False)
     contacts: tuple[ContactCorrection, ...] = field(init=False)
+    first_moments: tuple[FirstMoment, ...] = field(init=False)
     covariates: frozenset[Covariate] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -55,6 +64,7 @@ class ArmEffects:
             "readings": ReadingCorrection,
             "mechanical": BodyCorrection,
             "contacts": ContactCorrection,
+            "first_moments": FirstMoment,
         }
         for name, family in families.items():
             found = tuple(c for c in self.corrections if isinstance(c, family))
@@ -86,6 +96,10 @@ class ArmEffects:
         names = self.joint_names[correction.joints]
         joint = names if len(names) == 1 else ()
         return ".".join((*joint, correction.kind, *correction.variety))
+
+    def levers_kg_mm(self, geometry: Geometry) -> Floats:
+        """Contributions of the elements to the mass moment, (n_joints, 3)."""
+        return _levers_kg_mm(geometry, self)
 
     def with_values(self, values: Floats) -> "ArmEffects":
         """Make the same effects of other sizes.
@@ -154,6 +168,10 @@ def effects_of(
         ValueError: Effects cannot be applied to this arm; names all of them.
     """
     bodies = bodies_from_arm(arm)
+    known = bodies.are_known
+    for effect in effects:
+        if EFFECTS[effect.kind] is FirstMoment:
+            known |= [joint.name == effect.joint for joint in arm.joints]
     built: list[Correction] = []
     problems: list[str] = []
     for index, effect in enumerate(effects):
@@ -164,8 +182,7 @@ def effects_of(
             problems.append(f"effects[{index}]: {error}")
             continue
         built.append(correction)
-        known = bodies.are_known_beyond
-        if correction.uses_gravity and not known[correction.joints.start]:
+        if correction.uses_gravity and not np.any(known[correction.joints.start :]):
             problems.append(f"effects[{index}]: {_no_weight(effect, setting)}")
     if problems:
         raise ValueError(f"arm {arm.name}: " + "\n".join(problems))
@@ -175,6 +192,15 @@ def effects_of(
         bodies=bodies,
         gravity_m_s2=np.array(arm.reference.gravity_m_s2),
     )
+
+
+# Neither ever changes, and most calls are for the same arm.
+@lru_cache(maxsize=8)
+def _levers_kg_mm(geometry: Geometry, effects: ArmEffects) -> Floats:
+    found = effects.bodies.levers_kg_mm(geometry)
+    for moment in effects.first_moments:
+        found[moment.joints] += np.array(moment.values) / M_PER_MM
+    return found
 
 
 def _believed_utc(arm: "Arm", effect: "Effect") -> Span | None:
@@ -197,5 +223,5 @@ def _no_weight(effect: "Effect", setting: EffectContext) -> str:
     return (
         f"{effect.kind} yields to weights, but the arm file has no mass_kg for "
         f"{', '.join(setting.joint_names[first:])} nor for the probe; add what they "
-        "weigh"
+        "weigh, or let traverse identify or traverse diagnose estimate it"
     )

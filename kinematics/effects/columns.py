@@ -6,6 +6,7 @@ With Q_k, a_k = Q_k u_k and rho_k = x - o_k of the deflected arm, an amount move
     turn       (a_k x rho_k) e                shift    Q_(k-1) d
     growth     Q_k r_k g                      mount    m x (x - x_0 - b)
     contact    the shift itself               base     b
+    moment     what yields to its weight
 
 and a column is that of the unit amount. The last body is turned by the same without
 levers: - a_k d_alpha, a_k e, Q_(k-1) w and m. Left out is how the mechanical effects
@@ -30,6 +31,7 @@ from traverse.kinematics.effects.base.correction import (
 )
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.effects.deflection import Deflection, deflection, totals
+from traverse.kinematics.effects.mechanics.deformations import Compliance, FirstMoment
 from traverse.kinematics.effects.pose import checked, undeflected_posture
 from traverse.kinematics.model.forward import chunks
 from traverse.kinematics.model.geometry import Geometry
@@ -43,6 +45,7 @@ def columns(
     effects: ArmEffects,
     block: Block,
     candidates: Sequence[Correction] | None = None,
+    yielding: Sequence[Compliance] | None = None,
     *,
     turns: bool = False,
 ) -> Floats:
@@ -53,6 +56,7 @@ def columns(
         effects: Those that are applied.
         block: The samples with what effects and candidates need.
         candidates: Differentiate for these instead, applied or not.
+        yielding: What first moments of mass move instead of those applied.
         turns: Differentiate the orientation of the last body instead.
 
     Returns:
@@ -63,6 +67,8 @@ def columns(
         ValueError: The block does not say what effects need; names all of it.
     """
     wanted = effects.corrections if candidates is None else tuple(candidates)
+    yields = [c for c in effects.mechanical if isinstance(c, Compliance)]
+    yields = yields if yielding is None else list(yielding)
     everything = ArmEffects(
         effects.joint_names,
         (*effects.corrections, *wanted),
@@ -80,7 +86,10 @@ def columns(
         contact = contact_seen(geometry, part, arm.rotations[:, -1])
         at = 0
         for correction in wanted:
-            moves = _moves(correction, posture, arm, contact, turns=turns)
+            if isinstance(correction, FirstMoment):
+                moves = _moment_moves(correction, yields, posture, arm, turns=turns)
+            else:
+                moves = _moves(correction, posture, arm, contact, turns=turns)
             found[chunk, :, at : at + len(moves)] = moves.transpose(2, 1, 0)
             at += len(moves)
     return found
@@ -107,6 +116,26 @@ def _moves(
         return correction.derivatives(contact)
     # What is off-line only does not move the ball.
     return np.zeros((len(correction.values), 3, len(posture.block)))
+
+
+def _moment_moves(
+    correction: FirstMoment,
+    yielding: Sequence[Compliance],
+    posture: Posture,
+    arm: Deflection,
+    *,
+    turns: bool,
+) -> Floats:
+    """Move the ball by 1 kg m along x, y and z, (3, 3, n_samples)."""
+    moves = np.zeros((3, 3, len(posture.block)))
+    joint = correction.joints.start
+    for component in range(3):
+        moments_nm = posture.moments_of(joint, component)
+        for one in yielding:
+            if one.joints.start <= joint:
+                amounts = one.values[0] * one.yielding(posture, moments_nm)
+                moves[component] += _body_moves(one, amounts, arm, turns=turns)[0]
+    return moves
 
 
 def _body_moves(

@@ -24,6 +24,7 @@ import numpy as np
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.kinematics.effects.base.block import Block
+from traverse.kinematics.effects.base.bodies import M_PER_MM
 from traverse.kinematics.effects.base.contact import contact_seen
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.effects.deflection import Deflection, deflection, totals
@@ -38,9 +39,6 @@ from traverse.kinematics.model.quaternion import rotate
 
 if KERNEL != "numpy":
     from traverse.kinematics.kernel.compiled import DeflectedChain
-
-
-_KG_M_PER_KG_MM = 1e-3
 
 
 def compiled_pose(
@@ -88,7 +86,7 @@ def _chain(geometry: Geometry, effects: ArmEffects) -> "DeflectedChain":
     readings = () if geometry.couplings else effects.readings
     terms = [term for correction in readings for term in correction.terms]
     terms += [term for correction in effects.mechanical for term in correction.terms]
-    levers_kg_m = _KG_M_PER_KG_MM * effects.bodies.levers_kg_mm(geometry)
+    levers_kg_m = M_PER_MM * effects.levers_kg_mm(geometry)
     return DeflectedChain(geometry, KERNEL, terms, levers_kg_m)
 
 
@@ -235,7 +233,7 @@ def undeflected_posture(
     return Posture(
         geometry=geometry,
         block=block,
-        bodies=effects.bodies,
+        levers_kg_mm=effects.levers_kg_mm(geometry),
         gravity_m_s2=effects.gravity_m_s2 if gravity is None else gravity,
         turns_rad=readings_rad - geometry.zeros_rad[:, np.newaxis],
     )

@@ -146,8 +146,8 @@ def diagnose(
     )
     told("working out what could have been seen", 0.85)
     seen = detectable_of(search) if options.details else ()
-    library = search.stage.findings[BankName.LIBRARY].degrees
-    n_visible = int(np.count_nonzero(library))
+    library = search.stage.findings[BankName.LIBRARY].projected
+    n_visible = sum(one.shows_itself for one in library)
     lap("detectable sizes")
     return Diagnosis(
         verdict=verdict_of(terms, blind=n_visible == 0),

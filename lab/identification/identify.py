@@ -13,6 +13,7 @@ from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.prior import Prior
 from traverse.lab.identification.equations.datum import with_datum
 from traverse.lab.identification.equations.effect_model import effect_model
+from traverse.lab.identification.equations.first_moments import with_first_moments
 from traverse.lab.identification.equations.network import (
     Network,
     Noise,
@@ -120,7 +121,8 @@ def identify(
         IdentificationError: Arm and campaign do not fit together, or a pattern fits
             no parameter.
     """
-    options, given = options or Options(), campaign
+    options, given, source = options or Options(), campaign, arm
+    arm = with_first_moments(arm)
     _check_same_joints(campaign, arm)
     design, parameters = prepared(campaign, arm, options)
     radius_mm = arm.probe.radius_mm
@@ -170,7 +172,7 @@ def identify(
     contradicted = contradicted_expectation(run.adjustment)
     if contradicted is not None and given.prior is not None:
         believed = replace(given, prior=given.prior.without(*contradicted))
-        return identify(believed, arm, options, progress)
+        return identify(believed, source, options, progress)
     alone, included = run.adjustment, run.included
     adjustment, serial, iterations = alone, None, run.iterations
     sigma0, redundancy, shared = alone.sigma0, alone.redundancy, 1.0
@@ -178,8 +180,9 @@ def identify(
         serial = serial_noise(alone)
         # Samples weigh what they say together; certificates keep their weight: a
         # standard is as uncertain as it was.
-        weights = alone.network.weights / serial.samples_per_mean
-        network = replace(alone.network, weights=weights)
+        network = replace(
+            alone.network, weights=alone.network.weights / serial.samples_per_mean
+        )
         adjustment = adjust(network, alone.state, design, progress)
         iterations = (*iterations, *adjustment.iterations)
         redundancy, shared = serial.redundancy, serial.samples_per_square
@@ -191,7 +194,7 @@ def identify(
     estimates = parameter_estimates(adjustment, design, covariance)
     return Identification(
         arm=arm_of_adjustment(arm, adjustment),
-        design=arm,
+        design=source,
         campaign=campaign,
         adjustment=adjustment,
         converged=adjustment.converged,
@@ -325,6 +328,10 @@ def prepared(
         held = [f"tool.{name}.?" for name in _held_tools(campaign)]
         parameters = parameters.with_free(masked(parameters, held, ()))
         parameters = parameters.with_free(masked(parameters, options.hold, wishes))
+        if effects is not None:
+            # Where no mass is known, what yields is estimated with what it yields to.
+            wishes = (*wishes, *effects.moments_with(parameters.free_names))
+            parameters = parameters.with_free(masked(parameters, options.hold, wishes))
     except ValueError as error:
         raise IdentificationError(str(error)) from error
     if not in_the_arms_system:

@@ -8,7 +8,7 @@ that lower the mean variance of the probe over the travelled volume most.
 With A the derivatives of w by the joints, a step is -A' (A A' + s I)^-1 w.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -221,8 +221,10 @@ def _rows(
     by_centre = equations.by_centre
     by_readings = by_centre @ (derivatives.by_angles * network.noise.encoder_rad)
     by_contact = by_centre * float(network.noise.contact_mm[station.index])
-    nobody = network.campaign.poses.part(station.poses[:0])
-    columns = network.parameters.columns(state.arm, derivatives, nobody)
+    # Measured with the arm's own tool, otherwise like poses that there are.
+    like = network.campaign.poses.part(np.resize(station.poses, len(angles_rad)))
+    like = replace(like, angles_rad=angles_rad, tools=None)
+    columns = network.parameters.columns(state.arm, derivatives, like)
     joined = np.concatenate([by_centre @ columns, equations.by_unknowns], axis=2)
     rows: Floats = whiteners(by_readings, by_contact) @ joined
     return rows

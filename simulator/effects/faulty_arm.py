@@ -17,7 +17,12 @@ from traverse.simulator.effects.fault import (
     Touch,
     TouchFault,
 )
-from traverse.simulator.effects.laws import BODY_LAWS, READING_LAWS, TOUCH_LAWS
+from traverse.simulator.effects.laws import (
+    BODY_LAWS,
+    OF_MASSES,
+    READING_LAWS,
+    TOUCH_LAWS,
+)
 from traverse.simulator.effects.posture import (
     Build,
     Deflection,
@@ -160,6 +165,7 @@ def faulty_arm(
 ) -> FaultyArm:
     """Put faults into a true arm."""
     readings, bodies, touches = [], [], []
+    first_moments_kg_m = np.zeros((len(arm.joints), 3))
     for fault in faults:
         if isinstance(fault, ReadingFault):
             readings.append((fault.joints, fault.errors_rad))
@@ -167,11 +173,13 @@ def faulty_arm(
             bodies.append(fault.move)
         elif isinstance(fault, TouchFault):
             touches.append(fault.offsets_mm)
+        elif fault.kind == OF_MASSES:
+            first_moments_kg_m[fault.joint] += fault.array("moment_kg_m")
         elif fault.kind in READING_LAWS:
             readings.append((fault.joints, partial(READING_LAWS[fault.kind], fault)))
         elif fault.kind in BODY_LAWS:
             bodies.append(partial(BODY_LAWS[fault.kind], fault))
         else:
             touches.append(partial(TOUCH_LAWS[fault.kind], fault))
-    build = build_of(arm, mechanism, zeros_rad)
+    build = build_of(arm, mechanism, zeros_rad, first_moments_kg_m)
     return FaultyArm(build, tuple(readings), tuple(bodies), tuple(touches))

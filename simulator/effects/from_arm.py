@@ -7,7 +7,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.simulator.effects.fault import OF_ARM, OF_JOINT, EffectEntry
-from traverse.simulator.effects.laws import BODY_LAWS, READING_LAWS, TOUCH_LAWS
+from traverse.simulator.effects.laws import OF_MASSES, PLAYED
 from traverse.strict_toml.problems import FileError, Problem
 
 TIMED = {"encoder_drift", "count_slip", "base_drift", "base_step"}
@@ -34,7 +34,7 @@ def faults_from_effects(
     for number, effect in enumerate(effects):
         if effect.kind == OF_STANDARDS:
             continue
-        if not any(effect.kind in t for t in (READING_LAWS, BODY_LAWS, TOUCH_LAWS)):
+        if effect.kind not in PLAYED:
             raise KeyError(effect.kind)
         where = f"effects[{number}]"
         if effect.joint is not None and effect.joint not in names:
@@ -51,7 +51,7 @@ def faults_from_effects(
             epoch_utc_s=effect.epoch_utc.timestamp() if effect.epoch_utc else 0.0,
             names=names,
         )
-        if effect.kind in WEIGHED and not _has_weight(arm, max(joint, 0)):
+        if effect.kind in WEIGHED and not _has_weight(arm, effects, max(joint, 0)):
             message = f"{effect.kind}: nothing beyond has a mass_kg; add what it weighs"
             problems.append(Problem(where, message))
         elif effect.kind == "empirical" and entry.covariate is None:
@@ -103,6 +103,9 @@ def on_true_axes(
     return tuple(turned)
 
 
-def _has_weight(arm: Arm, joint: int) -> bool:
-    masses = [*(beyond.mass_kg for beyond in arm.joints[joint:]), arm.probe.mass_kg]
-    return any(mass is not None for mass in masses)
+def _has_weight(arm: Arm, effects: Sequence[Effect], joint: int) -> bool:
+    heavy = {effect.joint for effect in effects if effect.kind == OF_MASSES}
+    return arm.probe.mass_kg is not None or any(
+        beyond.mass_kg is not None or beyond.name in heavy
+        for beyond in arm.joints[joint:]
+    )

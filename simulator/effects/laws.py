@@ -248,3 +248,6 @@ TOUCH_LAWS: dict[str, Callable[[EffectEntry, Touch], Floats]] = {
     "probe_lobing": three_seats,
     "stylus_bending": soft_stylus,
 }
+# What the weights are, which some of the laws above are about.
+OF_MASSES = "first_moment"
+PLAYED = {*READING_LAWS, *BODY_LAWS, *TOUCH_LAWS, OF_MASSES}

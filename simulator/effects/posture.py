@@ -74,6 +74,8 @@ class Build:
             the arm file states none.
         centres_mm: (n_joints + 1, 3) where those masses are; the probe's at the ball.
         gravity_m_s2: (3,)
+        first_moments_kg_m: (n_joints, 3) what weighs beside those masses: mass times
+            distance from the joint's origin, of the element and all beyond it.
         gearing: (n_joints, n_joints) turns of the hinges by those of the encoders.
     """
 
@@ -83,6 +85,7 @@ class Build:
     masses_kg: Floats
     centres_mm: Floats
     gravity_m_s2: Floats
+    first_moments_kg_m: Floats
     gearing: Floats
 
     def encoders_of(self, hinges: Floats) -> Floats:
@@ -90,8 +93,10 @@ class Build:
         return np.asarray(np.linalg.solve(self.gearing, hinges.T).T, dtype=np.float64)
 
 
-def build_of(arm: Arm, mechanism: Mechanism, zeros_rad: Floats) -> Build:
-    """Hang the masses of an arm file on the true geometry."""
+def build_of(
+    arm: Arm, mechanism: Mechanism, zeros_rad: Floats, first_moments_kg_m: Floats
+) -> Build:
+    """Hang the masses of an arm file on the true geometry, and first moments beside."""
     origins_mm = mechanism.origins_mm
     end_mm = mechanism.probe_mm - np.array(arm.probe.vector_mm)
     links_mm = np.diff(np.vstack([origins_mm, end_mm]), axis=0)
@@ -107,6 +112,7 @@ def build_of(arm: Arm, mechanism: Mechanism, zeros_rad: Floats) -> Build:
         masses_kg=np.array([mass or 0.0 for mass in masses]),
         centres_mm=centres_mm,
         gravity_m_s2=np.array(arm.reference.gravity_m_s2, dtype=np.float64),
+        first_moments_kg_m=first_moments_kg_m,
         gearing=gearing_of(arm),
     )
 
@@ -144,7 +150,11 @@ class Posture:
         beyond = np.cumsum(weighted[:, ::-1], axis=1)[:, ::-1]
         masses_kg = np.cumsum(self.build.masses_kg[::-1])[::-1]
         lever_kg_mm = beyond[:, :-1] - masses_kg[:-1, None] * origins_mm
-        moments: Floats = M_PER_MM * np.cross(lever_kg_mm, self.build.gravity_m_s2)
+        lever_kg_m = M_PER_MM * lever_kg_mm
+        for element, first_kg_m in enumerate(self.build.first_moments_kg_m):
+            turned = self.motions[:, element + 1, :3, :3] @ first_kg_m
+            lever_kg_m[:, : element + 1] += turned[:, None]
+        moments: Floats = np.cross(lever_kg_m, self.build.gravity_m_s2)
         return moments
 
     def axis(self, joint: int) -> Floats:

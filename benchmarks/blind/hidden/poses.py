@@ -106,6 +106,17 @@ def weighed(arm: Arm) -> Arm:
     return arm.model_copy(update={"joints": joints, "probe": probe})
 
 
+def without_masses(arm: Arm) -> Arm:
+    """Take out of an arm file what nobody who only has the arm can know."""
+    unknown = {"mass_kg": None}
+    joints = tuple(
+        joint.model_copy(update={**unknown, "centre_of_mass_mm": None})
+        for joint in arm.joints
+    )
+    probe = arm.probe.model_copy(update=unknown)
+    return arm.model_copy(update={"joints": joints, "probe": probe})
+
+
 def campaign_spec(n_lengths: int = 1) -> CampaignSpec:
     """Specify what is measured: 480 poses at three cones, a sphere and a bar or two.
 

@@ -1,7 +1,6 @@
 """The masses of an arm, and the moments of their weight about its joints."""
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,12 +13,12 @@ if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm
 
 
-_M_PER_MM = 1e-3
+M_PER_MM = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Bodies:
-    """Bodies with mass; without slots, so that a property can be kept once computed.
+    """Bodies with mass.
 
     Attributes:
         masses_kg: Of the element that each joint carries, NaN where the arm file has
@@ -33,12 +32,12 @@ class Bodies:
     centres_mm: Floats
     probe_mass_kg: float
 
-    @cached_property
-    def are_known_beyond(self) -> Booleans:
-        """Whether any mass is known from each joint outwards, (n_joints,)."""
+    @property
+    def are_known(self) -> Booleans:
+        """Whether each element's mass is known, or the probe's, (n_joints,)."""
         known = np.isfinite(self.masses_kg)
         known[-1] |= np.isfinite(self.probe_mass_kg)
-        return np.logical_or.accumulate(known[::-1])[::-1]
+        return known
 
     def levers_kg_mm(self, geometry: Geometry) -> Floats:
         """Contribution of each element to the mass moment, in the base posture.
@@ -69,25 +68,18 @@ def bodies_from_arm(arm: "Arm") -> Bodies:
 
 
 def gravity_moments_nm(
-    geometry: Geometry, bodies: Bodies, gravity_m_s2: Floats, rotations: Floats
+    levers_kg_mm: Floats, gravity_m_s2: Floats, rotations: Floats
 ) -> Floats:
     """Compute the moments of all weights beyond each joint about its origin.
 
     Args:
-        geometry: The arm.
-        bodies: Its masses.
+        levers_kg_mm: Of all elements, as `Bodies` has them, (n_joints, 3).
         gravity_m_s2: (3,).
         rotations: P_1 ... P_n, (4, n_joints, n_samples).
 
     Returns:
         sum of m (p - o_k) x g in N m, (3, n_joints, n_samples).
     """
-    steps_kg_m = _M_PER_MM * rotate(rotations, _levers_kg_mm(geometry, bodies))
+    steps_kg_m = M_PER_MM * rotate(rotations, levers_kg_mm.T[:, :, np.newaxis])
     firsts_kg_m = np.cumsum(steps_kg_m[:, ::-1], axis=1)[:, ::-1]
     return cross(firsts_kg_m, gravity_m_s2)
-
-
-# Neither ever changes, and most calls are for the same arm.
-@lru_cache(maxsize=8)
-def _levers_kg_mm(geometry: Geometry, bodies: Bodies) -> Floats:
-    return bodies.levers_kg_mm(geometry).T[:, :, np.newaxis]

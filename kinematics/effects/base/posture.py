@@ -11,11 +11,12 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.base.bodies import Bodies, gravity_moments_nm
+from traverse.kinematics.effects.base.bodies import gravity_moments_nm
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.model.quaternion import (
     chain_rotations,
     conjugate,
+    cross,
     rotate,
     turn,
 )
@@ -26,13 +27,14 @@ class Posture:
     """Without slots, so that what is computed for one effect is kept for the next.
 
     Attributes:
+        levers_kg_mm: Contributions of the elements to the mass moment, (n_joints, 3).
         gravity_m_s2: (3,).
         turns_rad: theta, (n_joints, n_samples).
     """
 
     geometry: Geometry
     block: Block
-    bodies: Bodies
+    levers_kg_mm: Floats
     gravity_m_s2: Floats
     turns_rad: Floats
 
@@ -50,9 +52,16 @@ class Posture:
     @cached_property
     def moments_nm(self) -> Floats:
         """Of gravity about the joints' origins, (3, n_joints, n_samples)."""
-        return gravity_moments_nm(
-            self.geometry, self.bodies, self.gravity_m_s2, self.rotations
-        )
+        return gravity_moments_nm(self.levers_kg_mm, self.gravity_m_s2, self.rotations)
+
+    def moments_of(self, joint: int, component: int) -> Floats:
+        """Of 1 kg m of one element along x, y or z, about its joint and all inwards.
+
+        The same about each of them: (3, n_joints, n_samples) [N m].
+        """
+        unit = np.eye(3)[component, :, np.newaxis]
+        moment_nm = cross(rotate(self.rotations[:, joint], unit), self.gravity_m_s2)
+        return np.broadcast_to(moment_nm[:, np.newaxis], (3, *self.turns_rad.shape))
 
     def in_carrier(self, vectors: Floats, joint: int) -> Floats:
         """Turn vectors back by P_(k-1), (3, n_samples), as if in the base posture."""

@@ -3,13 +3,18 @@
 M_k is the moment about the joint's origin of all weights beyond it, a_k the axis.
 """
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Covariate
 from traverse.kinematics.effects.base.context import EffectContext
-from traverse.kinematics.effects.base.correction import BodyCorrection, Target
+from traverse.kinematics.effects.base.correction import (
+    BodyCorrection,
+    Correction,
+    Target,
+)
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.kernel.terms import Form, Quantity, Source, Term
 from traverse.kinematics.model.quaternion import dot
@@ -24,6 +29,14 @@ class Compliance(BodyCorrection):
 
     uses_gravity: ClassVar[bool] = True
     form: ClassVar[Form]
+
+    @abstractmethod
+    def yielding(self, posture: Posture, moments_nm: Floats) -> Floats:
+        """What moments about the joints, (3, n_joints, n_samples), move at 1 rad/Nm."""
+
+    def unit_amounts(self, posture: Posture) -> Floats:
+        """As `yielding`, of the arm's own weight."""
+        return self.yielding(posture, posture.moments_nm)
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -42,10 +55,9 @@ class JointCompliance(Compliance):
     target: ClassVar[Target] = Target.TURN
     form: ClassVar[Form] = Form.TURN_MOMENT
 
-    def unit_amounts(self, posture: Posture) -> Floats:
+    def yielding(self, posture: Posture, moments_nm: Floats) -> Floats:
         """The torque about the axis in N m, (1, 1, n_samples)."""
-        axes, moments_nm = posture.axes, posture.moments_nm
-        return dot(axes[:, self.joints], moments_nm[:, self.joints])[None]
+        return dot(posture.axes[:, self.joints], moments_nm[:, self.joints])[None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,10 +72,10 @@ class BearingCompliance(Compliance):
     target: ClassVar[Target] = Target.TILT
     form: ClassVar[Form] = Form.TILT_MOMENT
 
-    def unit_amounts(self, posture: Posture) -> Floats:
+    def yielding(self, posture: Posture, moments_nm: Floats) -> Floats:
         """The moment across the axis in N m, (1, 3, 1, n_samples)."""
         joint = self.joints.start
-        axis, moment_nm = posture.axes[:, joint], posture.moments_nm[:, joint]
+        axis, moment_nm = posture.axes[:, joint], moments_nm[:, joint]
         across_nm = moment_nm - axis * dot(axis, moment_nm)
         return posture.in_carrier(across_nm, joint)[None, :, None]
 
@@ -80,9 +92,27 @@ class MountCompliance(Compliance):
     target: ClassVar[Target] = Target.MOUNT
     form: ClassVar[Form] = Form.MOUNT_MOMENT
 
-    def unit_amounts(self, posture: Posture) -> Floats:
+    def yielding(self, posture: Posture, moments_nm: Floats) -> Floats:
         """The overturning moment in N m, (1, 3, n_samples)."""
-        return posture.moments_nm[None, :, 0]
+        del posture
+        return moments_nm[None, :, 0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FirstMoment(Correction):
+    """What an element and all that it carries adds to the arm's first moment of mass.
+
+    moment_kg_m = m c + M r of the element's own mass m at c from the joint's origin and
+    the mass M of everything beyond, which hangs at the end of the link r; beside what
+    the arm file's masses say. It moves nothing but what yields to gravity: M_k gains
+
+        sum over j from k outwards of (P_j moment_kg_m_j) x g
+
+    P_j turns a part along the axis u_j as P_(j-1) does, so that it counts for element
+    j - 1 as well; and compliances times moments are all that poses can show.
+    """
+
+    kind: ClassVar[str] = "first_moment"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

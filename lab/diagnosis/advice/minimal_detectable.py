@@ -18,6 +18,7 @@ at. Only the artefacts' places are found from the readings.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import compress
 
 import numpy as np
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
@@ -120,6 +121,7 @@ def detectable(
     """
     if log_p is None:
         log_p = float(np.log(_FAMILY_LEVEL / max(len(bank.candidates), 1)))
+    bank = _of_own_keys(bank)
     sigma = np.sqrt(rows.sum_of_squares / max(rows.redundancy, 1)) or 1.0
     projected = project(rows, bank)
     amplitudes = np.zeros((bank.columns.shape[1], len(projected)))
@@ -143,6 +145,19 @@ def detectable(
         ),
         *(_unseen(candidate, why) for candidate, why in absent),
     )
+
+
+def _of_own_keys(bank: Bank) -> Bank:
+    """Leave out first moments of mass, which have no size of their own to find."""
+    candidates, kept = [], []
+    for candidate, part in zip(bank.candidates, bank.slices, strict=True):
+        keys = EFFECT_KINDS[candidate.kind].keys
+        own = [name.partition(".")[0] in keys for name in candidate.parameters]
+        parameters = tuple(compress(candidate.parameters, own))
+        scales = tuple(compress(candidate.scales, own))
+        candidates.append(replace(candidate, parameters=parameters, scales=scales))
+        kept += np.arange(part.start, part.stop)[own].tolist()
+    return Bank(tuple(candidates), bank.columns[:, kept])
 
 
 def left_at_probe_mm(rows: ObservationEquations, changes: Floats) -> Floats:

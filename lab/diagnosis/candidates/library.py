@@ -14,11 +14,11 @@ from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects import EFFECTS
-from traverse.kinematics.effects.arm_effects import effects_of
+from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
 from traverse.kinematics.effects.base.bodies import bodies_from_arm
 from traverse.kinematics.effects.base.context import context_from_arm
 from traverse.kinematics.effects.base.correction import ContactCorrection, Correction
-from traverse.kinematics.effects.columns import columns
+from traverse.kinematics.effects.mechanics.deformations import Compliance
 from traverse.lab.diagnosis.model.candidate import (
     Bank,
     BankName,
@@ -27,8 +27,14 @@ from traverse.lab.diagnosis.model.candidate import (
     effect_of_candidate,
 )
 from traverse.lab.diagnosis.model.covariates import covariate_values, varies
+from traverse.lab.diagnosis.model.fit import effect_columns
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.identification.equations.effect_model import plausible_values
+from traverse.lab.identification.equations.first_moments import (
+    assumed_moments,
+    first_moments,
+    states_no_mass,
+)
 
 # Higher orders of the encoders are found by the bank of harmonics.
 HIGHEST_ORDER = 4
@@ -57,24 +63,10 @@ def library_bank(rows: ObservationEquations, arm: Arm) -> Bank:
     """
     entries = [entry for entry in _entries(rows, arm) if entry.reason is None]
     moving = [e.correction for e in entries if e.candidate.artefact is None]
-    network, state = rows.adjustment.network, rows.adjustment.state
-    model = network.parameters.effects
-    applied = (
-        effects_of(arm, (), network.campaign.span)
-        if model is None
-        else model.at(state.arm.amplitudes)
-    )
-
-    def moved(*, turns: bool) -> Floats:
-        return rows.each_tool(
-            lambda with_tool, at: columns(
-                with_tool, applied, rows.block.part(at), moving, turns=turns
-            )
-        )
-
-    turned = moved(turns=True) if rows.has_turns else None
-    by_values = rows.moved(moved(turns=False), turned)
-    parts, at = [], 0
+    state = rows.adjustment.state
+    applied = _applied(rows, arm)
+    by_values = effect_columns(rows, applied, moving)
+    candidates, parts, at = [], [], 0
     for entry in entries:
         candidate, n_values = entry.candidate, len(entry.correction.values)
         if candidate.artefact is not None:
@@ -84,8 +76,59 @@ def library_bank(rows: ObservationEquations, arm: Arm) -> Bank:
             at += n_values
         if n_values != candidate.size:
             part = part @ entry.correction.free_directions(state.arm.geometry)
+        if isinstance(entry.correction, Compliance) and states_no_mass(arm):
+            candidate, beside = _with_moments(
+                rows, arm, applied, candidate, entry.correction
+            )
+            part = np.hstack([part, beside])
+        candidates.append(candidate)
         parts.append(part * np.array(candidate.scales))
-    return Bank(tuple(e.candidate for e in entries), np.concatenate(parts, axis=1))
+    return Bank(tuple(candidates), np.concatenate(parts, axis=1))
+
+
+def _applied(rows: ObservationEquations, arm: Arm) -> ArmEffects:
+    """Return the effects of the fit; without masses also all first moments."""
+    network, state = rows.adjustment.network, rows.adjustment.state
+    model, span = network.parameters.effects, network.campaign.span
+    applied = (
+        effects_of(arm, (), span) if model is None else model.at(state.arm.amplitudes)
+    )
+    if not states_no_mass(arm):
+        return applied
+    known = {one.joints.start for one in applied.first_moments}
+    assumed = effects_of(arm, first_moments(arm), span).first_moments
+    more = [one for one in assumed if one.joints.start not in known]
+    return replace(applied, corrections=(*applied.corrections, *more))
+
+
+def _with_moments(
+    rows: ObservationEquations,
+    arm: Arm,
+    applied: ArmEffects,
+    candidate: Candidate,
+    correction: Compliance,
+) -> tuple[Candidate, Floats]:
+    """Let other first moments than those of the fit be what a candidate yields to.
+
+    Without masses they are not known. Each may differ by its assumed standard
+    deviation; columns are those of the products with the compliance, (n_rows, n_more).
+    """
+    stds_kg_m = assumed_moments(arm).stds_kg_m
+    carried = [
+        one
+        for one in applied.first_moments
+        if one.joints.start >= correction.joints.start
+    ]
+    unit = replace(correction, values=(1.0,))
+    names = [f"{arm.joints[m.joints.start].name}.{c}" for m in carried for c in "xyz"]
+    (scale,) = candidate.scales
+    scales = [scale * stds_kg_m[m.joints.start] for m in carried for _ in range(3)]
+    widened = replace(
+        candidate,
+        parameters=(*candidate.parameters, *names),
+        scales=(scale, *scales),
+    )
+    return widened, effect_columns(rows, applied, carried, [unit])
 
 
 def absent_candidates(
@@ -102,7 +145,7 @@ def absent_candidates(
 def _entries(rows: ObservationEquations, arm: Arm) -> list[_Entry]:
     campaign = rows.adjustment.network.campaign
     setting = context_from_arm(arm, campaign.span)
-    are_known = bodies_from_arm(arm).are_known_beyond
+    are_known = bodies_from_arm(arm).are_known | states_no_mass(arm)
     found = []
     for plain in _candidates(rows):
         # Lobes of unit size: their columns are the derivatives there.
@@ -113,7 +156,7 @@ def _entries(rows: ObservationEquations, arm: Arm) -> list[_Entry]:
         # Its columns are all of one unit.
         scales = plausible_values(correction, campaign)[:1] * plain.size
         candidate = replace(plain, scales=scales)
-        if correction.uses_gravity and not are_known[correction.joints.start]:
+        if correction.uses_gravity and not np.any(are_known[correction.joints.start :]):
             beyond = plain.joint or setting.joint_names[0]
             reason: str | None = f"no mass is known from {beyond} outwards"
         else:

@@ -17,6 +17,7 @@ import numpy as np
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.arrays import Floats, Integers
+from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.lab.diagnosis.model.candidate import Bank, Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 
@@ -25,6 +26,8 @@ _FACTORS = 10.0 ** np.linspace(-1.5, 1.5, 31)
 _FACTOR_PRIOR = 0.5 * (np.log10(_FACTORS) / 0.7) ** 2
 # Directions that move the data less than this at the largest factor are undetectable.
 LEAST_SINGULAR_VALUE = 0.016
+# Part of what a compliance explains that expected moments have to explain.
+_USUAL = 0.5
 # Of the squared singular values: what rounding leaves of a direction that vanishes.
 _ROUNDING = 1e-12
 
@@ -53,6 +56,31 @@ class ProjectedCandidate:
         scales = np.array(self.candidate.scales)
         inverse = scales[:, np.newaxis] * self.combinations / self.singular_values
         return inverse @ (self.directions.T @ residuals), inverse @ inverse.T
+
+    @property
+    def shows_itself(self) -> bool:
+        """Whether the poses can show it.
+
+        Not a compliance where no mass is known: what it does rests on assumed ones.
+        """
+        is_gravity = EFFECT_KINDS[self.candidate.kind].family is Family.GRAVITY
+        rests_on_assumed = is_gravity and self.candidate.size > 1
+        return len(self.singular_values) > 0 and not rests_on_assumed
+
+    def is_plausible(self, residuals: Floats) -> bool:
+        """Return whether a compliance is one: positive, of an arm of usual build.
+
+        Of what it explains with moments of its own, half has to be explained with those
+        that the arm is expected to have. Always of what has no moments beside.
+        """
+        if EFFECT_KINDS[self.candidate.kind].family is not Family.GRAVITY:
+            return True
+        if self.candidate.size == 1:  # masses are known
+            return True
+        along = self.directions.T @ residuals
+        usual = self.singular_values * self.combinations[0]
+        positive = max(float(along @ usual), 0.0)
+        return positive**2 > _USUAL * float(usual @ usual) * float(along @ along)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

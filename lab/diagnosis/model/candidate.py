@@ -44,7 +44,8 @@ class Candidate:
         at_s: Time of a step, in the campaign's time [s]; or None.
         parameters: Names of the columns: keys of the arm file, with .v, .w, .u for
             directions across or along the axis, .x, .y, .z for those of the arm's
-            system; of a spline .1, .2 ...
+            system; of a spline .1, .2 ...; then of the first moments of an arm without
+            masses, relative to what the effect's own key yields to, J2.x ...
         scales: Plausible amplitude of each column, in the unit of the key.
         log_prior: Preference in ranking only.
         keys: Fixed keys of the arm file's entry, such as order or component.
@@ -204,6 +205,8 @@ def effect_of_candidate(
     vectors: dict[str, Floats] = {}
     for name, value in zip(candidate.parameters, values.tolist(), strict=True):
         key, dot, part = name.partition(".")
+        if key not in row.keys:
+            continue  # of another entry: a first moment that it yields to
         if not dot:
             table[key] = value
         elif part in directions:

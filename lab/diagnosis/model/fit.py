@@ -1,5 +1,6 @@
 """Fits of the arm with terms: all estimated together, and what each term explains."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from glob import escape
 
@@ -8,6 +9,10 @@ import numpy as np
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.kinematics.effect_table import EFFECT_KINDS, key_unit
+from traverse.kinematics.effects.arm_effects import ArmEffects
+from traverse.kinematics.effects.base.correction import Correction
+from traverse.kinematics.effects.columns import columns
+from traverse.kinematics.effects.mechanics.deformations import Compliance
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import (
@@ -17,6 +22,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
 )
 from traverse.lab.diagnosis.model.result import Diagnosis, Estimate, Term
 from traverse.lab.identification.equations.effect_model import EffectModel, effect_model
+from traverse.lab.identification.equations.first_moments import with_first_moments
 from traverse.lab.identification.equations.network import network_of
 from traverse.lab.identification.identify import prepared
 from traverse.lab.identification.results.postprocessing import arm_of_adjustment
@@ -62,6 +68,7 @@ def fitted(
     Raises:
         IdentificationError: The campaign lacks data that effects need.
     """
+    arm = with_first_moments(arm)
     free = free_effects(campaign, arm)
     options = Options(coarse_start=False, n_suggestions=0, free=free, snooping=snooping)
     design, parameters = prepared(campaign, arm, options)
@@ -98,8 +105,8 @@ def free_effects(campaign: Campaign, arm: Arm) -> tuple[str, ...]:
 
 
 def with_effects(arm: Arm, effects: tuple[Effect, ...]) -> Arm:
-    """Give an arm other effects."""
-    return arm.model_copy(update={"effects": effects})
+    """Give an arm other effects, and the first moments that these need behind them."""
+    return with_first_moments(arm.model_copy(update={"effects": effects}))
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,10 +131,58 @@ def rows_without(rows: ObservationEquations, index: int) -> ObservationEquations
         moved[correction.parameters.index(phase)] = 0.0
     own = _columns(rows, coordinates)
     values = rows.values + rows.columns[:, own] @ moved
-    columns = np.delete(rows.columns, np.arange(own.start, own.stop), axis=1)
-    return replace(
-        rows, values=values, columns=columns, basis=orthonormal_basis(columns)
-    )
+    left = rows.columns
+    if correction.uses_gravity and model.effects.first_moments:
+        left = _with_others_yielding(rows, index)
+    left = np.delete(left, np.arange(own.start, own.stop), axis=1)
+    return replace(rows, values=values, columns=left, basis=orthonormal_basis(left))
+
+
+def _with_others_yielding(rows: ObservationEquations, index: int) -> Floats:
+    """Compute A with first moments as if one effect did not yield to them."""
+    model = _effects(rows)
+    effects = model.at(rows.adjustment.state.arm.amplitudes)
+    yielding = [
+        one
+        for at, one in enumerate(effects.corrections)
+        if isinstance(one, Compliance) and at != index
+    ]
+    found = rows.columns.copy()
+    moved = effect_columns(rows, effects, effects.first_moments, yielding)
+    first = _columns(rows, slice(0, 0)).start
+    found[:, first:][:, model.moments] = moved * model.tolerances[model.moments]
+    return found
+
+
+def effect_columns(
+    rows: ObservationEquations,
+    effects: ArmEffects,
+    corrections: Sequence[Correction],
+    yielding: Sequence[Compliance] | None = None,
+) -> Floats:
+    """Compute how rows change with each value of some effects, (n_rows, n_values).
+
+    Args:
+        rows: Of a fit.
+        effects: Those that are applied.
+        corrections: Whose values; they need not be applied.
+        yielding: What first moments of mass move instead of those applied.
+    """
+
+    def moved(*, turns: bool) -> Floats:
+        return rows.each_tool(
+            lambda geometry, at: columns(
+                geometry,
+                effects,
+                rows.block.part(at),
+                corrections,
+                yielding,
+                turns=turns,
+            )
+        )
+
+    turned = moved(turns=True) if rows.has_turns else None
+    return rows.moved(moved(turns=False), turned)
 
 
 def estimates_of(rows: ObservationEquations, index: int) -> dict[str, Estimate]:
@@ -148,10 +203,17 @@ def estimates_of(rows: ObservationEquations, index: int) -> dict[str, Estimate]:
 
 
 def _value_covariance(rows: ObservationEquations, index: int) -> Floats:
+    """Find the covariance of an effect's values; of a compliance by moments as found.
+
+    How heavy the arm is would else be most of it where no mass is known.
+    """
     model = _effects(rows)
     coordinates = model.coordinates(rows.adjustment.state.arm.geometry, index)
     own = _columns(rows, coordinates)
-    others = np.delete(rows.columns, np.arange(own.start, own.stop), axis=1)
+    at = [*range(own.start, own.stop)]
+    if model.effects.corrections[index].uses_gravity:
+        at += [_columns(rows, slice(0, 0)).start + moment for moment in model.moments]
+    others = np.delete(rows.columns, at, axis=1)
     basis = orthonormal_basis(others)
     mine = rows.columns[:, own]
     left = mine - basis @ (basis.T @ mine)

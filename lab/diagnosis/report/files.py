@@ -26,6 +26,7 @@ from traverse.lab.diagnosis.model.result import (
 from traverse.lab.diagnosis.report.discrepancies import write_discrepancies
 from traverse.lab.diagnosis.report.page import report_page
 from traverse.lab.diagnosis.report.pictures import plots_of
+from traverse.lab.identification.results.mass_distribution import mass_distribution
 from traverse.lab.report.plain_values import plain_values
 from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
 from traverse.strict_toml.files import text_of
@@ -80,6 +81,7 @@ def diagnosis_json(
     lines = sorted(diagnosis.campaign.poses.lines[diagnosis.excluded].tolist())
     noise, ids = diagnosis.noise, [one.id for one in diagnosis.campaign.artefacts]
     unwritten = terms_without_epoch(diagnosis)
+    masses = mass_distribution(diagnosis.all_terms)
     values = {
         "schema": SCHEMA,
         "provenance": (provenance or campaign_provenance(diagnosis.campaign)).values,
@@ -114,6 +116,7 @@ def diagnosis_json(
         "seed": diagnosis.seed,
         "holdout_by": diagnosis.holdout_by,
         **family_json(diagnosis.campaign.prior),
+        **({"mass_distribution": masses} if masses else {}),
     }
     if diagnosis.campaign.tools:
         vectors_mm = diagnosis.after.state.arm.tools_mm

@@ -17,6 +17,7 @@ from traverse.lab.diagnosis.report.names import (
     term_size_text,
 )
 from traverse.lab.diagnosis.report.pictures import Plots
+from traverse.lab.identification.results.mass_distribution import mass_distribution
 from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
 from traverse.lab.report.templates import Filters, Words, page
 
@@ -48,6 +49,7 @@ _FILTERS: Filters = {
     "moves_base": moves_base,
     "depends_on_time": depends_on_time,
     "terms_without_epoch": terms_without_epoch,
+    "mass_distribution": mass_distribution,
     "n_judged": _n_judged,
     "estimate_rows": _estimate_rows,
 }

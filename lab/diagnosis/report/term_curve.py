@@ -19,6 +19,10 @@ from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.result import Diagnosis, Term
 from traverse.lab.diagnosis.report.discrepancies import Discrepancies
+from traverse.lab.identification.equations.first_moments import (
+    first_moments,
+    states_no_mass,
+)
 from traverse.lab.identification.equations.network import each_tool
 from traverse.lab.identification.equations.parameters import ArmValues
 from traverse.plurals import counted
@@ -198,7 +202,8 @@ def term_curve(
     campaign, arm = diagnosis.campaign, diagnosis.adapted
     if term.effect is None or EFFECT_KINDS[term.candidate.kind].family is Family.LENGTH:
         return None
-    effects = effects_of(arm, (term.effect,), campaign.span)
+    needed = first_moments(arm) if states_no_mass(arm) else ()
+    effects = effects_of(arm, (term.effect, *needed), campaign.span)
     tools_mm = diagnosis.all_terms.state.arm.tools_mm
     scene = _Scene(ArmValues(geometry_from_arm(arm), np.empty(0), tools_mm), campaign)
     covariance = value_covariance(diagnosis, term, effects)

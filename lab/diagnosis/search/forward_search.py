@@ -37,6 +37,7 @@ from traverse.lab.diagnosis.model.observation_equations import (
 )
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.diagnosis.search.outlier_recovery import recover_outliers
+from traverse.lab.identification.equations.first_moments import own_effects
 
 # Takes draws (n_rows, n_draws); returns per draw the largest T and its degrees.
 Scan = Callable[[Floats], tuple[Floats, int]]
@@ -204,6 +205,7 @@ def _choices(
             strict=True,
         )
         if len(found.singular_values)
+        and found.is_plausible(residuals)
         and not has_own_curve(found.candidate, joints_with_own_curve)
     ]
 
@@ -270,7 +272,7 @@ def forward_search(
     first = stage
     thresholds = family_thresholds(stage, options)
     fit, terms = start, list[AddedTerm]()
-    n_given = len(start.arm.effects)
+    n_given = len(own_effects(start.arm))
     stuck: ScoredCandidate | None = None
     while len(terms) < options.most_terms:
         joints_with_own_curve = joints_with_curve(terms)

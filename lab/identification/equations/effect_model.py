@@ -5,11 +5,12 @@ across an axis has three values but two freedoms, called v and w; one along it h
 one called u.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
-from traverse.arrays import Floats
+from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.kinematics.effect_table import EFFECT_KINDS, key_unit
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
@@ -18,6 +19,11 @@ from traverse.kinematics.effects.columns import columns
 from traverse.kinematics.effects.contacts.touching import ArtefactLength
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.campaign.campaign import Campaign, Poses
+from traverse.lab.identification.equations.first_moments import (
+    AssumedMoments,
+    assumed_moments,
+    states_no_mass,
+)
 
 # A direction with a larger standard deviation (in plausible sizes) is held.
 _HOPELESS = 50.0
@@ -32,6 +38,7 @@ class EffectModel:
         names: Of the coordinates along which values move, (n_coordinates,).
         tolerances: Hopeless standard deviations of the coordinates.
         campaign: That is adjusted.
+        assumed: First moments of an arm without masses, or None.
     """
 
     effects: ArmEffects
@@ -39,6 +46,7 @@ class EffectModel:
     units: tuple[str, ...]
     tolerances: Floats
     campaign: Campaign
+    assumed: AssumedMoments | None = None
 
     def at(self, values: Floats) -> ArmEffects:
         """Make the effects of some sizes, (n_values,)."""
@@ -70,6 +78,39 @@ class EffectModel:
         block = self.campaign.block(poses)
         by_values = columns(geometry, self.at(values), block, turns=turns)
         return by_values @ self.directions(geometry)
+
+    @property
+    def moments(self) -> list[int]:
+        """Coordinates that are first moments of mass."""
+        weighing = {self.effects.name(one) for one in self.effects.first_moments}
+        return [n for n, x in enumerate(self.names) if x.rsplit(".", 2)[0] in weighing]
+
+    def moments_with(self, free: Collection[str]) -> tuple[str, ...]:
+        """Name the first moments that belong to free coordinates of compliances.
+
+        None where the masses are known.
+        """
+        effects = self.effects
+        yielding = [effects.name(c) for c in effects.corrections if c.uses_gravity]
+        if self.assumed is None or not any(
+            name.rpartition(".")[0] in yielding for name in free
+        ):
+            return ()
+        return tuple(self.names[at] for at in self.moments)
+
+    def expectations(self, values: Floats, free: Booleans) -> Floats:
+        """White equations of what is expected of free first moments.
+
+        Of all coordinates, of which some are free, (n_coordinates,); the right side is
+        last, (n, n_coordinates + 1).
+        """
+        at = self.moments
+        found = np.zeros((len(at) + 1, len(self.names) + 1))
+        if self.assumed is None or not np.any(free[at]):
+            return found[:0]
+        rows = self.assumed.expectations(self.at(values).first_moments)
+        found[:, [*at, -1]] = rows
+        return found[[*free[at], True]]
 
     def length_errors(self, values: Floats, artefact: str) -> tuple[float, Floats]:
         """Return by how many ppm a standard is longer than its certificate says.
@@ -118,6 +159,7 @@ def effect_model(
         units=tuple(units),
         tolerances=np.array(tolerances),
         campaign=campaign,
+        assumed=assumed_moments(arm) if states_no_mass(arm) else None,
     )
     lacks = list(built.lacks(campaign.block()))
     if lacks:

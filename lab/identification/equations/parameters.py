@@ -269,10 +269,21 @@ class Parameters:
         return replace(arm, geometry=there.geometry, amplitudes=amplitudes)
 
     def expectations(self, arm: ArmValues) -> Floats:
-        """White equations of the free parameters by the arm's family.
+        """White equations of the free parameters: by the arm's family, of masses.
 
-        The right side is last, (n, n_free + 1); n is that of its free parameters.
+        The right side is last, (n, n_free + 1).
         """
+        found = self.family_expectations(arm)
+        if self.effects is None:
+            return found
+        free = self.free[self.n_geometric :]
+        of_masses = self.effects.expectations(arm.amplitudes, free)
+        rows = np.zeros((len(of_masses), self.n_free + 1))
+        rows[:, self.n_free - np.count_nonzero(free) :] = of_masses[:, [*free, True]]
+        return np.vstack([found, rows])
+
+    def family_expectations(self, arm: ArmValues) -> Floats:
+        """As `expectations`, by the family alone; n is that of its free parameters."""
         if self.expected is None:
             return np.empty((0, self.n_free + 1))
         there, names = self.expected, self.free_names

@@ -8,6 +8,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.lab.identification.equations.datum import probe_effects_mm
 from traverse.lab.identification.report.pictures import pictures_of
+from traverse.lab.identification.results.mass_distribution import mass_distribution
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.identification.uncertainty_map import (
     UncertaintyMap,
@@ -35,6 +36,7 @@ def combination(direction: Mapping[str, float]) -> str:
 
 _FILTERS: Filters = {
     "combination": combination,
+    "mass_distribution": mass_distribution,
     "median": lambda values: float(np.median(list(values))),
     "most_travel_deg": lambda result: float(
         np.degrees(np.max(np.ptp(result.campaign.poses.angles_rad, axis=0)))

@@ -16,6 +16,7 @@ from traverse.kinematics.arm_file.arm import Arm, arm_digest, write_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.prior import family_json
+from traverse.lab.identification.results.mass_distribution import mass_distribution
 from traverse.lab.identification.results.result import (
     ArtefactResult,
     CartesianCovariance,
@@ -80,6 +81,7 @@ def identification_json(
 ) -> dict[str, Any]:
     """Put a result into the plain values of `identification.json`."""
     effects_mm = result.undetermined_effects_mm
+    masses = mass_distribution(result.adjustment)
     return {
         "schema": SCHEMA,
         "provenance": (provenance or campaign_provenance(result.campaign)).values,
@@ -118,6 +120,7 @@ def identification_json(
         "orientations": result.orientations and result.orientations.values,
         "holdout": result.holdout,
         **family_json(result.campaign.prior),
+        **({"mass_distribution": masses} if masses else {}),
         "alternating": list(result.alternating),
         "contradictions": [
             {

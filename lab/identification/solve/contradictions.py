@@ -102,7 +102,7 @@ def contradicted_expectation(adjustment: Adjustment) -> tuple[str, float] | None
     And by how many standard deviations, as in Baarda's test of single observations.
     """
     parameters = adjustment.network.parameters
-    expected = parameters.expectations(adjustment.state.arm)
+    expected = parameters.family_expectations(adjustment.state.arm)
     if len(expected) == 0:
         return None
     inverse = expected[:, :-1] @ adjustment.split.inverse

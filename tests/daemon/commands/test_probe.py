@@ -91,6 +91,19 @@ def test_an_arm_with_another_probe_is_that_of_a_file_with_it(tmp_path):
     assert model_with_probe(found, again).digest == model.digest
 
 
+def test_estimated_moments_stay_with_another_probe(tmp_path):
+    soft = 'kind = "joint_compliance"\njoint = "J2"\ncompliance_rad_nm = 1e-5\n'
+    moment = 'kind = "first_moment"\njoint = "J3"\nmoment_kg_m = [0.5, 0.0, 0.0]\n'
+    tables = "".join(f"[[effects]]\n{table}" for table in (soft, moment))
+    model = arm_model(tmp_path, ARM + tables)
+    for name in ("long", "ball-6"):
+        found = model_with_probe(model, read_probes(library(tmp_path)).named(name))
+        levers_kg_mm = [
+            one.effects.levers_kg_mm(one.geometry) for one in (found, model)
+        ]
+        assert levers_kg_mm[0] == pytest.approx(levers_kg_mm[1])
+
+
 def test_what_is_known_of_a_probe_goes_with_it(tmp_path):
     names = ["J1.link.x", "probe.vector.x", "probe.vector.z"]
     file = tmp_path / "arm.cov.npz"

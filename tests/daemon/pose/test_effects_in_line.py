@@ -20,7 +20,7 @@ from tests.daemon.effect_entries import (
     effect,
 )
 from tests.daemon.pose.test_pipeline import ZEROS, probe_by_hand
-from tests.daemon.values import SetClock, arm_model, count_samples
+from tests.daemon.values import ARM, SetClock, arm_model, count_samples
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects.base.block import Block
@@ -153,9 +153,28 @@ def test_what_is_off_line_only_changes_no_bit(tmp_path):
     assert not poses.quality.any()
 
 
+def test_first_moments_serve_where_no_mass_is_known(tmp_path):
+    """Those of the masses, which are not stated: the same place."""
+    soft = effect("joint_compliance", joint='"J2"', compliance_rad_nm=1e-4)
+    weighed = arm_model(tmp_path, MASSES + soft)
+    levers_kg_m = 1e-3 * weighed.effects.levers_kg_mm(weighed.geometry)
+    moments = [
+        effect("first_moment", joint=f'"{joint.name}"', moment_kg_m=lever)
+        for joint, lever in zip(weighed.arm.joints, levers_kg_m.tolist(), strict=True)
+    ]
+    model = arm_model(tmp_path, "".join([ARM, soft, *moments]))
+    assert all(joint.mass_kg is None for joint in model.arm.joints)
+    samples = count_samples(counts_of())
+    poses = Pipeline(model, SetClock()).poses(samples, TEMPERATURE_C)
+    wanted = posed(tmp_path, soft)
+    assert np.allclose(poses.xyz_mm, wanted.xyz_mm, atol=1e-9)
+    assert np.abs(poses.xyz_mm - posed(tmp_path).xyz_mm).max() > 0.005
+    assert not poses.quality.any()
+
+
 def test_every_kind_of_the_arm_file_is_tested_here():
     here = {"thermal_expansion", "base_step", "base_drift", "empirical"}
-    here |= {*READINGS, *OF_POSTURE, *CONTACTS, "artefact_length"}
+    here |= {*READINGS, *OF_POSTURE, *CONTACTS, "artefact_length", "first_moment"}
     assert here == set(EFFECT_KINDS)
 
 

@@ -27,6 +27,7 @@ GOOD = {
     "joint_compliance": ("L", 'joint = "J2"\ncompliance_rad_nm = 2e-5'),
     "bearing_compliance": ("L", 'joint = "J2"\ncompliance_rad_nm = 2e-5'),
     "mount_compliance": ("L", "compliance_rad_nm = 2e-6"),
+    "first_moment": ("L", 'joint = "J2"\nmoment_kg_m = [0.5, -0.1, 0]'),
     "thermal_expansion": ("L", 'joint = "J2"\nexpansion_per_c = 2.3e-5'),
     "axis_wobble": (
         "L",

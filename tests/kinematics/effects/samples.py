@@ -43,6 +43,7 @@ EVERY_KIND = (
     effect("joint_compliance", joint="J2", compliance_rad_nm=2e-6),
     effect("bearing_compliance", joint="J3", compliance_rad_nm=3e-6),
     effect("mount_compliance", compliance_rad_nm=1e-6),
+    effect("first_moment", joint="J3", moment_kg_m=[0.6, -0.2, 0.3]),
     effect("thermal_expansion", expansion_per_c=1e-5),
     effect("thermal_expansion", joint="J6", expansion_per_c=2e-5),
     effect("axis_wobble", joint="J2", order=2, cos_rad=WOBBLE[0], sin_rad=WOBBLE[1]),

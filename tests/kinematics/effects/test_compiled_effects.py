@@ -33,7 +33,7 @@ compiled = pytest.importorskip("traverse.kinematics.kernel.compiled")
 VARIANTS = compiled.runnable_variants()
 ROOT = Path(__file__).parents[3]
 ALL = effects_of(ARM, EVERY_KIND, CAMPAIGN)
-LEVERS_KG_M = 1e-3 * ALL.bodies.levers_kg_mm(GEOMETRY)
+LEVERS_KG_M = 1e-3 * ALL.levers_kg_mm(GEOMETRY)
 GRAVITY = ALL.gravity_m_s2.tolist()
 
 

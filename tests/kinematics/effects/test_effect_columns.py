@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.kinematics.effects.reference import effect
 from tests.kinematics.effects.samples import (
     ARM,
     CAMPAIGN,
@@ -55,7 +56,7 @@ def test_columns_of_each_kind_are_central_differences(one, geometry):
     effects = effects_of(ARM, (one,), CAMPAIGN)
     analytic, found = differences(effects, BLOCK, geometry)
     assert analytic.shape == (9, 3, len(effects.parameter_names))
-    if one.kind != "artefact_length":
+    if one.kind not in ("artefact_length", "first_moment"):
         assert np.abs(analytic).max(axis=(0, 1)).min() > 0.0
     # Two small vectors of wobble do not commute: half their size is left over.
     assert_close(analytic, found, 1e-4 if one.kind == "axis_wobble" else 2e-7)
@@ -78,7 +79,8 @@ def test_candidates_that_are_not_applied_get_the_columns_of_zero_amplitude():
 
 def test_amplitudes_enter_linearly_but_for_the_phase_of_lobes():
     """x - x_rigid = columns at zero times values, to the second order."""
-    linear = tuple(one for one in EVERY_KIND if one.kind != "probe_lobing")
+    products = ("probe_lobing", "first_moment")
+    linear = tuple(one for one in EVERY_KIND if one.kind not in products)
     effects = effects_of(ARM, linear, CAMPAIGN)
     none = effects.with_values(np.zeros(len(effects.values)))
     moved = corrected_pose(GEOMETRY, effects, BLOCK)[0]
@@ -86,6 +88,48 @@ def test_amplitudes_enter_linearly_but_for_the_phase_of_lobes():
     shift = columns(GEOMETRY, none, BLOCK) @ effects.values
     assert np.abs(moved - rigid).max() > 0.1
     np.testing.assert_allclose(moved - rigid, shift, atol=5e-4)
+
+
+def test_a_first_moment_moves_what_yields_to_it_and_nothing_else():
+    (first,) = [one for one in EVERY_KIND if one.kind == "first_moment"]
+    for kind, joint in [("joint_compliance", "J2"), ("bearing_compliance", "J3")]:
+        yielding = effect(kind, joint=joint, compliance_rad_nm=3e-6)
+        effects = effects_of(ARM, (yielding, first), CAMPAIGN)
+        analytic, found = differences(effects, BLOCK)
+        # A tilt of a tenth of a milliradian does not commute with its change.
+        assert_close(analytic, found, 2e-7 if kind == "joint_compliance" else 1e-4)
+        assert np.abs(analytic[:, :, 1:]).max() > 1e-3
+    beyond = effect("joint_compliance", joint="J4", compliance_rad_nm=3e-6)
+    effects = effects_of(ARM, (beyond, first), CAMPAIGN)
+    assert not np.any(columns(GEOMETRY, effects, BLOCK)[:, :, 1:])
+
+
+def test_a_first_moment_says_the_same_as_masses():
+    """Of an element with a mass at its centre and all that it carries at its end."""
+    compliance = effect("joint_compliance", joint="J2", compliance_rad_nm=2e-4)
+    weighed = effects_of(ARM, (compliance,), CAMPAIGN)
+    levers_kg_m = 1e-3 * weighed.levers_kg_mm(GEOMETRY)
+    bare = ARM.model_copy(
+        update={
+            "joints": tuple(
+                joint.model_copy(update={"mass_kg": None, "centre_of_mass_mm": None})
+                for joint in ARM.joints
+            ),
+            "probe": ARM.probe.model_copy(update={"mass_kg": None}),
+        }
+    )
+    moments = tuple(
+        effect("first_moment", joint=joint.name, moment_kg_m=[*lever])
+        for joint, lever in zip(ARM.joints, levers_kg_m, strict=True)
+    )
+    stated = effects_of(bare, (compliance, *moments), CAMPAIGN)
+    assert stated.levers_kg_mm(GEOMETRY) == pytest.approx(1e3 * levers_kg_m)
+    found_mm, wanted_mm, plain_mm = (
+        corrected_pose(GEOMETRY, effects, BLOCK)[0]
+        for effects in (stated, weighed, effects_of(ARM, (), CAMPAIGN))
+    )
+    np.testing.assert_allclose(found_mm, wanted_mm, atol=1e-10)
+    assert np.abs(wanted_mm - plain_mm).max() > 0.01
 
 
 def test_free_directions_keep_the_law_of_the_kind():

@@ -97,7 +97,7 @@ def test_an_effect_that_is_held_undoes_what_the_simulator_plays(kind):
     network, state = network_of(campaign, true_arm(poses, poses.effects))
     assert not any(network.parameters.free[-len(network.parameters.effects.names) :])
     assert rms_mm(network, state) < 2e-5
-    if kind != "artefact_length":
+    if kind not in ("artefact_length", "first_moment"):  # which move nothing
         without = network_of(campaign, true_arm(poses, ()))
         assert rms_mm(*without) > 1e-3
 

@@ -40,6 +40,7 @@ TABLES = {
     "joint_compliance": {"joint": "J2", "compliance_rad_nm": 5e-5},
     "bearing_compliance": {"joint": "J4", "compliance_rad_nm": 2e-4},
     "mount_compliance": {"compliance_rad_nm": 5e-5},
+    "first_moment": {"joint": "J4", "moment_kg_m": [0.9, 0.1, -0.2]},
     "thermal_expansion": {"expansion_per_c": 1.2e-4},
     "axis_wobble": {
         "joint": "J3",

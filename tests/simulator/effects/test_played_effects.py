@@ -42,7 +42,7 @@ RIGID = make_poses(
     ),
     seed=4,
 )
-OF_ARM = sorted(set(TABLES) - {"artefact_length"})
+OF_ARM = sorted(set(TABLES) - {"artefact_length", "first_moment"})
 # For every kind: both follow the same table to the letter, second orders included, so
 # that what is left is the tolerance of the posture, 1e-10 mm an axis, and rounding.
 SAME_MM = 1e-9
@@ -83,6 +83,26 @@ def test_an_effect_is_undone_by_its_correction_and_by_nothing_else(kind):
     poses = with_effects(RIGID, [example(kind)])
     assert worst_mm(poses, poses.effects) < SAME_MM
     assert worst_mm(poses, ()) > 0.01
+
+
+@pytest.mark.parametrize(
+    "kind", ["joint_compliance", "bearing_compliance", "mount_compliance"]
+)
+def test_first_moments_weigh_beside_the_masses(kind):
+    effects = [
+        example(kind),
+        example("first_moment"),
+        example("first_moment", joint="J7"),
+    ]
+    poses = with_effects(RIGID, effects)
+    assert worst_mm(poses, poses.effects) < SAME_MM
+    assert worst_mm(poses, poses.effects[:2]) > 1e-3
+    assert worst_mm(poses, poses.effects[:1]) > 1e-3
+
+
+def test_first_moments_alone_move_nothing():
+    poses = with_effects(RIGID, [example("first_moment")])
+    np.testing.assert_array_equal(poses.turns_rad, RIGID.turns_rad)
 
 
 def test_axial_runout_is_undone_too():

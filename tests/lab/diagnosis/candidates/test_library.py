@@ -16,8 +16,15 @@ from traverse.lab.diagnosis.candidates.library import absent_candidates, library
 from traverse.lab.diagnosis.candidates.scoring import project
 from traverse.lab.diagnosis.model.candidate import Bank, effect_of_candidate
 from traverse.lab.diagnosis.model.observation_equations import equations_of
+from traverse.lab.identification.equations.first_moments import first_moments
 
-NOT_LISTED = {"empirical", "count_slip", "base_step", "transmission_error"}
+NOT_LISTED = {
+    "empirical",
+    "count_slip",
+    "base_step",
+    "transmission_error",
+    "first_moment",
+}
 
 
 def chosen(bank, **wanted):
@@ -157,6 +164,9 @@ def test_what_the_campaign_does_not_say_is_absent_with_a_reason():
         approaches=np.ones_like(measured().campaign.poses.approaches),
     )
     arm = arm_value(seven_joints())
+    first, *others = arm.joints
+    first = first.model_copy(update={"mass_kg": 1.0})
+    arm = arm.model_copy(update={"joints": (first, *others)})
     rows = given.rows()
     reasons = {c.kind: why for c, why in absent_candidates(rows, arm)}
     assert reasons == {
@@ -166,13 +176,13 @@ def test_what_the_campaign_does_not_say_is_absent_with_a_reason():
         "backlash": "the direction of approach does not vary",
         "joint_compliance": "no mass is known from J7 outwards",
         "bearing_compliance": "no mass is known from J7 outwards",
-        "mount_compliance": "no mass is known from J1 outwards",
         "probe_radius": "no direction of a touched surface is known",
         "probe_lobing": "no direction of a touched surface is known",
         "stylus_bending": "no direction of a touched surface is known",
     }
     kinds = {candidate.kind for candidate in library_bank(rows, arm).candidates}
-    assert kinds == set(EFFECT_KINDS) - NOT_LISTED - set(reasons)
+    of_first = {"joint_compliance", "bearing_compliance"}
+    assert kinds == set(EFFECT_KINDS) - NOT_LISTED - set(reasons) | of_first
 
 
 def test_a_temperature_that_is_constant_says_nothing():
@@ -227,3 +237,33 @@ def test_preferences_are_those_of_the_method():
     assert EFFECT_KINDS["encoder_latency"].preference("J1", None) == -0.7
     assert EFFECT_KINDS["bearing_compliance"].preference("J1", None) == -0.5
     assert EFFECT_KINDS["encoder_temperature"].preference("J1", None) == -0.5
+
+
+def test_without_any_mass_other_moments_than_assumed_are_columns_beside():
+    """Each is the change of what the compliance does by a standard deviation of one."""
+    arm = arm_value(seven_joints())
+    rows = measured_rows()
+    bank = library_bank(rows, arm)
+    found, columns = chosen(bank, kind="joint_compliance", joint="J3")
+    assert found.parameters == (
+        "compliance_rad_nm",
+        *(f"J{number}.{axis}" for number in (3, 4, 5, 6, 7) for axis in "xyz"),
+    )
+    moments = first_moments(arm)
+    effect = effect_of_candidate(found, np.array(found.scales), rows)
+    assert effect.values == {"compliance_rad_nm": found.scales[0]}
+    geometry = rows.adjustment.state.arm.geometry
+    own = effects_of(arm, (effect, *moments), rows.adjustment.network.campaign.span)
+    plain_mm = corrected_pose(geometry, own, rows.block)[0]
+    for at, (moment, axis) in enumerate(
+        [(m, a) for m in moments[2:] for a in range(3)]
+    ):
+        changed = np.array(moment.moment_kg_m)
+        changed[axis] += found.scales[1 + at] / found.scales[0]
+        other = moment.model_copy(update={"moment_kg_m": tuple(changed)})
+        swapped = tuple(other if one is moment else one for one in moments)
+        heavier = effects_of(arm, (effect, *swapped))
+        moves_mm = corrected_pose(geometry, heavier, rows.block)[0] - plain_mm
+        wanted = rows.moved(moves_mm[:, :, np.newaxis])[:, 0]
+        scale = np.abs(wanted).max() + 1e-6
+        np.testing.assert_allclose(columns[:, 1 + at], wanted, atol=1e-3 * scale)

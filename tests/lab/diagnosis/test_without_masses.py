@@ -1,0 +1,142 @@
+"""Arms whose file states no masses: what gravity does is found all the same."""
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks.blind.hidden.poses import without_masses
+from tests.lab.diagnosis.engine_campaigns import (
+    DECISION,
+    OPTIONS,
+    hidden,
+    measured_with,
+    poses,
+)
+from traverse.kinematics.arm_file.arm import parse_arm, read_arm
+from traverse.kinematics.effects.arm_effects import effects_from_arm
+from traverse.kinematics.effects.pose import corrected_pose
+from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.lab.diagnosis.advice.minimal_detectable import planned
+from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.lab.diagnosis.report.files import write_diagnosis
+from traverse.lab.diagnosis.report.page import summary_lines
+from traverse.lab.identification.equations.first_moments import (
+    assumed_moments,
+    with_first_moments,
+)
+from traverse.lab.identification.prediction import placed, places_of, predict
+from traverse.lab.identification.results.mass_distribution import mass_distribution
+from traverse.strict_toml.writing import arm_text
+
+BARE = without_masses(poses().arm)
+# How much worse than with the true masses held-out poses are predicted, at most.
+NEAR = 1.05
+
+
+def kinds(arm):
+    return [effect.kind for effect in arm.effects]
+
+
+@pytest.mark.parametrize(
+    ("kind", "joint"),
+    [
+        ("joint_compliance", "J2"),
+        ("joint_compliance", "J3"),
+        ("bearing_compliance", "J3"),
+        ("mount_compliance", None),
+    ],
+)
+def test_what_yields_is_named_and_predicts_nearly_as_with_the_true_masses(kind, joint):
+    campaign = measured_with(hidden(kind, 25.0, joint))
+    known = diagnose(campaign, poses().arm, DECISION)
+    found = diagnose(campaign, BARE, DECISION)
+    (term,) = found.terms
+    assert (found.verdict, term.candidate.kind, term.candidate.joint) == (
+        "named",
+        kind,
+        joint,
+    )
+    assert found.gap.after.rms_mm < NEAR * known.gap.after.rms_mm
+    assert found.gap.after.rms_mm < 0.7 * found.gap.before.rms_mm
+    compliance = term.estimates["compliance_rad_nm"]
+    assert compliance.value > 10.0 * compliance.std
+    assert mass_distribution(known.all_terms) == {}
+    masses = mass_distribution(found.all_terms)
+    assert 0 < len(masses["determined"]) < masses["combinations"]
+
+
+def test_the_arm_that_is_written_is_applied_as_it_is(tmp_path):
+    campaign = measured_with(hidden("joint_compliance", 25.0, "J3"))
+    source = tmp_path / "source.toml"
+    source.write_text(arm_text(BARE.model_dump(by_alias=True, exclude_unset=True)))
+    found = diagnose(campaign, read_arm(source), OPTIONS)
+    write_diagnosis(tmp_path / "out", found, source)
+    arm = read_arm(tmp_path / "out" / "arm.toml")
+    assert kinds(arm) == ["joint_compliance", *["first_moment"] * 5]
+    assert [e.joint for e in arm.effects] == ["J3", "J3", "J4", "J5", "J6", "J7"]
+    values = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    told = values["mass_distribution"]
+    mass_kg = assumed_moments(BARE).mass_kg
+    assert told["assumed_mass_kg"] == pytest.approx(mass_kg, rel=1e-3)
+    assert list(told["first_moments_kg_m"]) == ["J3", "J4", "J5", "J6", "J7"]
+    assert told["combinations"] == 15
+    for one in told["determined"]:
+        assert one["std"] < 0.5
+        assert all(".first_moment.moment_kg_m." in name for name in one["direction"])
+    lines = " ".join(summary_lines(found))
+    assert "states no masses" in lines
+    assert f"determine {len(told['determined'])} of its 15 combinations" in lines
+    assert "states no masses" in (tmp_path / "out" / "report.html").read_text()
+    distances_mm = [
+        predict(campaign, of, places_of(placed(campaign, of))).distances_mm
+        for of in (arm, arm.model_copy(update={"effects": ()}))
+    ]
+    assert np.mean(distances_mm[0]) < 0.7 * np.mean(distances_mm[1])
+    block = campaign.block()
+    effects = effects_from_arm(parse_arm((tmp_path / "out" / "arm.toml").read_text()))
+    moved = corrected_pose(geometry_from_arm(arm), effects, block)[0]
+    rigid = corrected_pose(geometry_from_arm(arm), effects_from_arm(BARE), block)[0]
+    assert np.abs(moved - rigid).max() > 0.005
+
+
+def test_nothing_is_found_and_nothing_written_where_nothing_yields():
+    found = diagnose(measured_with(), BARE, DECISION)
+    assert found.verdict == "clean"
+    assert found.adapted.effects == ()
+    assert mass_distribution(found.all_terms) == {}
+
+
+def test_an_eccentricity_is_none_of_it():
+    found = diagnose(
+        measured_with(hidden("encoder_eccentricity", 25.0, "J2")), BARE, DECISION
+    )
+    assert [t.candidate.kind for t in found.terms] == ["encoder_eccentricity"]
+    assert kinds(found.adapted) == ["encoder_eccentricity"]
+
+
+def test_an_arm_that_was_diagnosed_is_diagnosed_again():
+    campaign = measured_with(hidden("joint_compliance", 25.0, "J3"))
+    first = diagnose(campaign, BARE, DECISION)
+    again = diagnose(campaign, first.adapted, DECISION)
+    assert again.verdict == "clean"
+    assert kinds(again.adapted) == kinds(first.adapted)
+    assert again.gap.after.rms_mm == pytest.approx(first.gap.after.rms_mm, rel=1e-3)
+
+
+def test_sizes_that_could_be_found_are_those_of_the_assumed_masses():
+    campaign = measured_with()
+    with_masses, without = (
+        {(e.candidate.kind, e.candidate.joint): e for e in planned(campaign, arm)}
+        for arm in (poses().arm, BARE)
+    )
+    one = "joint_compliance", "J2"
+    assert set(with_masses) == set(without)
+    assert without[one].key == "compliance_rad_nm"
+    assert without[one].minimum == without[one].best
+    assert 0.1 < without[one].minimum / with_masses[one].minimum < 1.0
+
+
+def test_masses_that_are_known_are_left_alone():
+    arm = poses().arm
+    assert with_first_moments(arm) is arm
