@@ -94,9 +94,10 @@ def excess_p_value(found: int, of: int, others_found: int, of_others: int) -> fl
     """
     total = found + others_found
 
-    def log_ways(n: Floats | int, k: Floats | int) -> Floats:
-        ways: Floats = special.gammaln(np.add(n, 1.0)) - special.gammaln(np.add(k, 1.0))
-        return ways - special.gammaln(np.subtract(n, k) + 1.0)
+    def log_ways(n: int, k: Floats | int) -> Floats:
+        ways: Floats = -special.gammaln(np.add(k, 1.0))
+        ways -= special.gammaln(np.subtract(n, k) + 1.0)
+        return ways + float(special.gammaln(n + 1.0))
 
     here = np.arange(found, min(of, total) + 1.0)
     here = here[total - here <= of_others]

@@ -345,10 +345,10 @@ def find_blunders(
     contradicts = w > -normal_quantile(0.5 * _FAMILY_LEVEL / n_judged)
     found = held_out & contradicts
     p_value = excess_p_value(
-        np.count_nonzero(found),
-        np.count_nonzero(held_out),
-        np.count_nonzero(choosing & contradicts),
-        np.count_nonzero(choosing),
+        int(np.count_nonzero(found)),
+        int(np.count_nonzero(held_out)),
+        int(np.count_nonzero(choosing & contradicts)),
+        int(np.count_nonzero(choosing)),
     )
     return found if p_value >= _SHARE_LEVEL else np.zeros_like(held_out)
 
