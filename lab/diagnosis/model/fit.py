@@ -9,10 +9,11 @@ import numpy as np
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.kinematics.effect_table import EFFECT_KINDS, key_unit
+from traverse.kinematics.effects import EFFECTS
 from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.kinematics.effects.base.correction import Correction
 from traverse.kinematics.effects.columns import columns
-from traverse.kinematics.effects.mechanics.deformations import Compliance
+from traverse.kinematics.effects.mechanics.deformations import Compliance, FirstMoment
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import (
@@ -26,13 +27,16 @@ from traverse.lab.identification.equations.first_moments import with_first_momen
 from traverse.lab.identification.equations.network import network_of
 from traverse.lab.identification.identify import prepared
 from traverse.lab.identification.results.postprocessing import arm_of_adjustment
-from traverse.lab.identification.solve.adjustment import Adjustment
+from traverse.lab.identification.solve.adjustment import MOST_ITERATIONS, Adjustment
 from traverse.lab.identification.solve.iterative_adjustment import (
     Options,
     iterate,
 )
 from traverse.lab.identification.solve.reliability import PoseStatistics
 from traverse.lab.identification.solve.starting_values import with_tools_fitted
+
+# Moments of weight that the poses do not bear out wander; sound ones take up to 51.
+MOST_ITERATIONS_WITH_MOMENTS = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +80,11 @@ def fitted(
     noise = None if before is None else before.adjustment.network.noise
     network = network_of(campaign, radius_mm, eligible, parameters, noise)
     first = None if before is None else before.included
-    found = iterate(network, design, options, radius_mm, first=first)
+    yields = any(EFFECTS[effect.kind] is FirstMoment for effect in arm.effects)
+    most = MOST_ITERATIONS_WITH_MOMENTS if yields else MOST_ITERATIONS
+    found = iterate(
+        network, design, options, radius_mm, first=first, most_iterations=most
+    )
     adapted = arm_of_adjustment(arm, found.adjustment)
     return Fit(adapted, found.adjustment, found.statistics, found.included)
 
