@@ -122,9 +122,8 @@ def identify(
             no parameter.
     """
     options, given, source = options or Options(), campaign, arm
-    arm = with_first_moments(arm)
     _check_same_joints(campaign, arm)
-    design, parameters = prepared(campaign, arm, options)
+    arm, design, parameters = _begun_with(campaign, arm, options)
     radius_mm = arm.probe.radius_mm
     every = np.ones(len(campaign.poses), dtype=np.bool_)
     network = network_of(campaign, radius_mm, every, parameters)
@@ -244,6 +243,24 @@ def identify(
             excluded=wrong,
         ),
     )
+
+
+def _begun_with(
+    campaign: Campaign, arm: Arm, options: Options
+) -> tuple[Arm, ArmValues, Parameters]:
+    """Prepare an adjustment; moments of weight are assumed only to be estimated.
+
+    An effect that is held yields to what the arm file states, or is refused.
+
+    Raises:
+        IdentificationError: A pattern fits no parameter, or effects do not fit.
+    """
+    extended = with_first_moments(arm)
+    design, parameters = prepared(campaign, extended, options)
+    effects = parameters.effects
+    if effects is None or effects.moments_with(parameters.free_names):
+        return extended, design, parameters
+    return (arm, *prepared(campaign, arm, options))
 
 
 def _check_same_joints(campaign: Campaign, arm: Arm) -> None:

@@ -61,6 +61,7 @@ def course(script: Script) -> Course:
         links_mm=nowhere,
         masses_kg=np.zeros(3),
         centres_mm=np.zeros((3, 3)),
+        first_moments_kg_m=np.zeros((2, 3)),
         gravity_m_s2=np.zeros(3),
         gearing=np.eye(2),
     )
