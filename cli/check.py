@@ -10,7 +10,7 @@ import typer
 
 from traverse.cli.options import Json
 from traverse.cli.refusals import REFUSED
-from traverse.strict_toml.problems import FileError, Problem, toml_table, toml_text
+from traverse.strict_toml.problems import FileError, toml_table, toml_text
 
 
 def check(
@@ -38,7 +38,7 @@ def check(
     try:
         if file.is_file() and not file.stat().st_size:
             what = "is empty; expected an arm file, a configuration, a campaign, ..."
-            raise FileError(str(file), [Problem("", what)])
+            raise FileError(file, what)
         read(file)
     except StartupError as error:
         wrong = error.files

@@ -28,7 +28,7 @@ def check_schema(content: bytes, file: Path, schemas: Path) -> None:
     found = schema_problems(read_xml(content, str(file)), schemas, SCHEMA)
     problems = [Problem("", f"schema: {told}") for told in found]
     if problems:
-        raise FileError(str(file), problems)
+        raise FileError(file, problems)
 
 
 def schema_words(schemas: Path | None) -> str:

@@ -80,10 +80,10 @@ def read_inputs(path: Path, embedded: bool) -> Inputs:
     failures: list[FileError] = []
     if not embedded and configuration.broker is None:
         text = "is missing; add a table [broker], or use --embedded-broker"
-        failures.append(FileError(str(path), [Problem("broker", text)]))
+        failures.append(FileError(path, [Problem("broker", text)]))
     elif not embedded and configuration.broker is not None:
         found = list(credentials_problems(configuration.broker, path.parent))
-        failures += [FileError(str(path), found)] if found else []
+        failures += [FileError(path, found)] if found else []
     ids = {device.id: device for device in configuration.device}
     try:
         model = read_model(path.parent / configuration.arm.file, ids)
@@ -111,7 +111,7 @@ def read_inputs(path: Path, embedded: bool) -> Inputs:
         )
         problems.append(Problem("assembly.clock", text))
     if problems:
-        failures.append(FileError(str(path), problems))
+        failures.append(FileError(path, problems))
     if failures:
         raise StartupError(failures, REFUSED)
     return Inputs(configuration, model, probes, signer)

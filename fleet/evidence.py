@@ -36,10 +36,10 @@ def add_evidence(database: Database, path: Path) -> str:
     file = path / "certificate.json" if path.is_dir() else path
     if not file.is_file():
         message = "there is no such file; name a verification's folder or interim.db"
-        raise FileError(str(file), [Problem("", message)])
+        raise FileError(file, message)
     if file.name == "certificate.json":
         if problems := certificate_problems(file):
-            raise FileError(str(path), [Problem("", text) for text in problems])
+            raise FileError(path, [Problem("", text) for text in problems])
         rows = list(_certificate_rows(file))
         with database.transaction() as run:
             database.many(run, _CERTIFICATE, rows)
@@ -47,7 +47,7 @@ def add_evidence(database: Database, path: Path) -> str:
     try:
         checks = [check for arm in arms_of(file) for check in checks_of(file, arm)]
     except sqlite3.Error as error:
-        raise FileError(str(file), [Problem("", str(error))]) from error
+        raise FileError(file, str(error)) from error
     rows = [
         (
             *(check.arm, check.data_digest, check.time_utc, check.arm_digest),

@@ -18,7 +18,7 @@ from traverse.recording.maps import bytes_to_map
 from traverse.recording.torn import PROFILE, TornRecords
 from traverse.recording.values import TIMES, Conditions, Recording, Samples, Touching
 from traverse.strict_toml.files import open_regular
-from traverse.strict_toml.problems import FileError, Problem, problem_from_error
+from traverse.strict_toml.problems import FileError, problem_from_error
 
 SCHEMA = "traverse/recording/1"
 TOPICS = ("samples", "touching", "conditions")
@@ -142,9 +142,9 @@ def read_recording(path: str | Path) -> Recording:
     except OSError as error:
         reason = error.strerror or str(error)
         message = f"cannot be read: {reason}; check the path"
-        raise FileError(str(path), [Problem("", message)]) from error
+        raise FileError(path, message) from error
     except ValueError as error:
-        raise FileError(str(path), [Problem("", str(error))]) from error
+        raise FileError(path, str(error)) from error
 
 
 def _joints(table: dict[str, str]) -> tuple[str, ...]:

@@ -82,7 +82,7 @@ def _run(path: Path) -> int:
             except OSError as error:
                 key = next((k for k in ("port", "ports") if hasattr(table, k)), "id")
                 where = f"device[{number}].{key}"
-                raise FileError(str(path), [Problem(where, str(error))]) from error
+                raise FileError(path, [Problem(where, str(error))]) from error
             life.callback(device.close)
             devices.append(device)
         for device in devices:

@@ -165,7 +165,7 @@ def build_sources(
     if missing:
         message = f"no column {', '.join(missing)}; columns are named after the "
         message += "encoders' sources in the arm file"
-        raise FileError(str(folder / first.file), [Problem("line 1", message)])
+        raise FileError(folder / first.file, [Problem("line 1", message)])
     return [
         recorded_counts(recording, own, encoders.moduli, config.repeat)
         for own, encoders in zip(names, arm.encoders, strict=True)

@@ -40,7 +40,7 @@ from traverse.lab.report.provenance import (
     digest_of_files,
     report_provenance,
 )
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.problems import FileError
 
 
 def compute_alignment(
@@ -186,7 +186,7 @@ def _touches(
         return read_touch_table(source, options.coordinates), []
     points = standing(list(points_of(source)))
     if not points:
-        raise FileError(str(source), [Problem("", "holds no points; measure some")])
+        raise FileError(source, "holds no points; measure some")
     shared_mm, remarks = None, []
     if options.std is None and all(p.covariance_mm2 is not None for p in points):
         try:

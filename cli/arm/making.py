@@ -110,10 +110,10 @@ def _convention(path: Path, file: DHFile, wished: str | None) -> Convention:
     said = file.convention
     if said is None and wished is None:
         what = "is not given; use --convention classic or --convention modified"
-        raise FileError(str(path), [Problem("convention", what)])
+        raise FileError(path, [Problem("convention", what)])
     if said is not None and wished is not None and said != wished:
         what = f"is {said} in the file, but --convention says {wished}; drop one"
-        raise FileError(str(path), [Problem("convention", what)])
+        raise FileError(path, [Problem("convention", what)])
     return "modified" if (said or wished) == "modified" else "classic"
 
 
@@ -154,7 +154,7 @@ def _joints(
         what = (
             f"{', '.join(idle)}: a sign or source, but no encoder; give counts per turn"
         )
-        raise FileError(str(path), [Problem("", what)])
+        raise FileError(path, what)
     return [
         JointParts(
             name=names[k],

@@ -170,4 +170,4 @@ def _cone(folder: Path, campaign: Campaign, wanted: str | None) -> int:
         if wanted is None
         else f"has no cone {wanted!r}; it has: {known}"
     )
-    raise FileError(str(folder / "campaign.toml"), [Problem("artefacts", text)])
+    raise FileError(folder / "campaign.toml", [Problem("artefacts", text)])

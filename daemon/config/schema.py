@@ -323,8 +323,7 @@ def read_configuration(path: Path) -> Configuration:
             else "a daemon's configuration, which has no key `schema`"
         )
         raise FileError(
-            str(path),
-            [Problem("schema", f"this is a file {kind!r}; expected {wanted}")],
+            path, [Problem("schema", f"this is a file {kind!r}; expected {wanted}")]
         )
     return parse_strict(text, str(path), Configuration, _cross_check)
 

@@ -228,9 +228,7 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
     try:
         effects = effects_from_arm(arm)
     except ValueError as error:
-        raise FileError(
-            str(path), [*problems, Problem("effects", str(error))]
-        ) from None
+        raise FileError(path, [*problems, Problem("effects", str(error))]) from None
     problems += [*covariate_problems(effects), *epoch_problems(arm)]
     in_line = _inline_effects(effects)
     covariance = None
@@ -239,7 +237,7 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
     except ValueError as error:
         problems.append(Problem("identification.covariance_file", str(error)))
     if problems:
-        raise FileError(str(path), problems)
+        raise FileError(path, problems)
     encoders = [joint.encoder for joint in arm.joints if joint.encoder is not None]
     return ArmModel(
         arm.name,

@@ -20,7 +20,6 @@ from traverse.kinematics.arm_file.checks import arm_problems
 from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind, Vector
 from traverse.strict_toml.problems import (
     FileError,
-    Problem,
     toml_text,
     unknown_name_message,
 )
@@ -205,9 +204,7 @@ def write_arm(path: str | Path, arm: Arm) -> None:
     values = arm.model_dump(by_alias=True, exclude_unset=True)
     text = arm_text(values, _text_before(Path(path)))
     if parse_arm(text, str(path)) != arm:
-        raise FileError(
-            str(path), [Problem("", "would not hold all values of this arm")]
-        )
+        raise FileError(path, "would not hold all values of this arm")
     write_atomically(Path(path), text)
 
 

@@ -288,10 +288,10 @@ def _parse_csv(text: str, source: str, units: Units) -> DHFile:
             if line.strip() and not line.lstrip().startswith("#")
         ]
     except csv.Error as error:
-        raise FileError(source, [Problem("", f"is not CSV: {error}")]) from error
+        raise FileError(source, f"is not CSV: {error}") from error
     if len(lines) < 2:
         what = "holds no table: a header line and then a line for each joint"
-        raise FileError(source, [Problem("", what)])
+        raise FileError(source, what)
     (number, keys), *body = lines
     columns, wrong = columns_of(keys, units)
     problems = [Problem(f"line {number}, column {k}", why) for k, why in wrong]

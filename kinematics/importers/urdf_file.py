@@ -85,10 +85,10 @@ def read_urdf(path: Path) -> Robot:
             content = file.read(_LARGEST_BYTES + 1)
     except OSError as error:
         what = f"cannot be read: {error.strerror or error}; check the path"
-        raise FileError(source, [Problem("", what)]) from error
+        raise FileError(source, what) from error
     if len(content) > _LARGEST_BYTES:
         what = f"is larger than {_LARGEST_BYTES} bytes; a robot description is not"
-        raise FileError(source, [Problem("", what)])
+        raise FileError(source, what)
     root, lines = _elements(content, source)
     return _Reading(source, lines).robot(root)
 

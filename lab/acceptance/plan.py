@@ -27,7 +27,7 @@ from traverse.lab.campaign.campaign_file import EXAMPLE, read_campaign_file
 from traverse.lab.collection.plan import PLAN, read_plan
 from traverse.lab.measured_points.measurement import reach_of
 from traverse.plurals import counted
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.writing import write_atomically
 
 SPHERE = {"kind": "sphere", "radius_mm": 12.7, "radius_std_mm": 0.0003}
@@ -234,7 +234,7 @@ def write_plan(plan: Plan, standard: str, folder: Path) -> dict[str, Any]:
     for name in (CAMPAIGN, PLAN):
         if (folder / name).exists():
             told = "is there already; give another folder, or move it away"
-            raise FileError(str(folder / name), [Problem("", told)])
+            raise FileError(folder / name, told)
     marked = replace(plan, artefacts=dict(_marked(plan.artefacts)))
     write_atomically(
         folder / CAMPAIGN,

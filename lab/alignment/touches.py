@@ -144,7 +144,7 @@ def read_touch_table(path: Path, coordinates: Coordinates) -> list[Touch]:
             except ValueError as error:
                 problems.append(Problem(f"line {line}", str(error)))
     if problems:
-        raise FileError(str(path), problems)
+        raise FileError(path, problems)
     return touches
 
 

@@ -271,12 +271,12 @@ def read_campaign(
     path = Path(folder) / "campaign.toml"
     file = read_campaign_file(path)
     if problems := example_problems(file):
-        raise FileError(str(path), problems)
+        raise FileError(path, problems)
     poses = path.parent / file.poses
     features = {artefact.id: artefact.features for artefact in file.artefacts}
     if poses.suffix != SUFFIX and not poses.exists():
         text = f"no poses yet: `traverse collect {path.parent}` writes {poses.name}"
-        raise FileError(str(path), [Problem("poses", text)])
+        raise FileError(path, [Problem("poses", text)])
     if poses.suffix == SUFFIX:
         table = read_stream_table(poses, joint_names, features, file.start_utc)
     else:
@@ -287,7 +287,7 @@ def read_campaign(
             *([] if orientations else _orientation_problems(table)),
         ]
         if problems:
-            raise FileError(str(poses), problems)
+            raise FileError(poses, problems)
     return _campaign(path, file, table, tuple(joint_names))
 
 
@@ -398,7 +398,7 @@ def _check_lengths(path: Path, file: CampaignFile, poses: Poses) -> None:
         for at in np.flatnonzero(expected != found)[:_MOST_PROBLEMS]
     ]
     if problems:
-        raise FileError(str(path), problems)
+        raise FileError(path, problems)
 
 
 def _check_orientations(path: Path, file: CampaignFile, poses: Poses) -> None:
@@ -415,7 +415,7 @@ def _check_orientations(path: Path, file: CampaignFile, poses: Poses) -> None:
         for artefact in [file.artefacts[poses.artefacts[at]]]
     ]
     if problems:
-        raise FileError(str(path), problems[:_MOST_PROBLEMS])
+        raise FileError(path, problems[:_MOST_PROBLEMS])
 
 
 def _places(artefacts: Sequence[Artefact], poses: Poses) -> Floats:

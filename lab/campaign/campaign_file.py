@@ -155,7 +155,7 @@ def read_points(path: Path) -> dict[str, tuple[float, float, float]]:
             message = (
                 f"columns are {shown(header)}, expected {','.join(_POINT_COLUMNS)}"
             )
-            raise FileError(str(path), [Problem("line 1", message)])
+            raise FileError(path, [Problem("line 1", message)])
         lines = list(enumerate(rows(range(1, len(header))), 2))
     for line, cells in lines:
         where = f"line {line}"
@@ -175,7 +175,7 @@ def read_points(path: Path) -> dict[str, tuple[float, float, float]]:
     if not points and not problems:
         problems.append(Problem("", "holds no points; give at least one"))
     if problems:
-        raise FileError(str(path), problems)
+        raise FileError(path, problems)
     return points
 
 

@@ -47,7 +47,7 @@ def csv_rows(path: Path, key: str) -> Iterator[tuple[list[str], Rows]]:
             try:
                 mark = _separator(line)
             except ValueError as error:
-                raise FileError(str(path), [Problem("line 1", str(error))]) from error
+                raise FileError(path, [Problem("line 1", str(error))]) from error
             reader = csv.reader(chain([line], file), delimiter=mark)
             header = [name.strip() for name in next(reader, [])]
 
@@ -60,10 +60,10 @@ def csv_rows(path: Path, key: str) -> Iterator[tuple[list[str], Rows]]:
     except OSError as error:
         reason = error.strerror or str(error)
         message = f"cannot be read: {reason}; check `{key}`"
-        raise FileError(str(path), [Problem("", message)]) from error
+        raise FileError(path, message) from error
     except (UnicodeDecodeError, csv.Error) as error:
         message = f"is not CSV in UTF-8: {error}"
-        raise FileError(str(path), [Problem("", message)]) from error
+        raise FileError(path, message) from error
 
 
 def _with_decimal_points(
@@ -93,5 +93,5 @@ def _with_decimal_points(
                 f"has decimal commas ({first[',']}) and decimal points ({first['.']}); "
                 "write all numbers with one of them, and none between thousands"
             )
-            raise FileError(str(path), [Problem("", message)])
+            raise FileError(path, message)
         yield cells

@@ -257,7 +257,7 @@ def read_pose_table(
     with csv_rows(path, "poses") as (header, rows):
         columns = columns_from_header(header, joint_names, tools)
         if isinstance(columns, list):
-            raise FileError(str(path), columns)
+            raise FileError(path, columns)
         numeric = (*columns.numeric, *columns.optional.values())
         return _read_rows(path, rows(numeric), columns, features)
 
@@ -292,7 +292,7 @@ def _read_rows(
     if not blocks and not problems:
         problems.append(Problem("", "holds no poses; measure some"))
     if problems:
-        raise FileError(str(path), problems)
+        raise FileError(path, problems)
     numbers = np.concatenate([block[2] for block in blocks])
     return PoseTable(
         artefacts=np.concatenate([block[0] for block in blocks]),

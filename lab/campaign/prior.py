@@ -119,14 +119,14 @@ def read_prior(path: Path, design: Arm, patterns: Sequence[str] = ()) -> Prior:
             f"'{design.name}' ({arm_digest(design)[:12]}); give the arm file that all "
             "of the family began with"
         )
-        raise FileError(str(path), [Problem("design", message)])
+        raise FileError(path, [Problem("design", message)])
     known = [name for name in family.parameters if not name.startswith("tool.")]
     used = dict.fromkeys(known if not patterns else ())
     for pattern in patterns:
         fitting = [name for name in known if fnmatchcase(name, pattern)]
         if not fitting:
             message = f"'{pattern}' fits no parameter; there are {', '.join(known)}"
-            raise FileError(str(path), [Problem("parameters", message)])
+            raise FileError(path, [Problem("parameters", message)])
         used.update(dict.fromkeys(fitting))
     entries = [family.parameters[name] for name in used]
     return Prior(

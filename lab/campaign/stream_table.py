@@ -140,7 +140,7 @@ def read_stream_table(
     recording = read_recording(path)
     problems = list(_problems(recording, joint_names, features))
     if problems:
-        raise FileError(str(path), problems)
+        raise FileError(path, problems)
     samples = recording.samples
     arm = parse_arm(recording.arm_text)
     encoders = encoders_from_arm(arm)
@@ -155,7 +155,7 @@ def read_stream_table(
     poses = np.flatnonzero((artefacts >= 0) & np.isfinite(speeds_rad_s[:, 0]))
     if len(poses) == 0:
         message = "nothing is touched in any sample; see the channel `touching`"
-        raise FileError(str(path), [Problem("", message)])
+        raise FileError(path, message)
     optional = _conditions(recording)
     for joint, name in enumerate(joint_names):
         optional[f"{name}_speed_rad_s"] = speeds_rad_s[:, joint]

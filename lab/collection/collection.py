@@ -115,7 +115,7 @@ class Collection:
                     f"is there, and was not written by `traverse collect` ({JOURNAL} "
                     "is missing); move it away, or name another file in the campaign"
                 )
-                raise FileError(str(table), [Problem("", told)])
+                raise FileError(table, told)
             return
         problems = []
         lines = bytes_of(journal).split(b"\n")
@@ -135,7 +135,7 @@ class Collection:
             told += "; mend it, or move the file and the poses away and begin anew"
             problems.append(Problem(f"line {number}", told))
         if problems:
-            raise FileError(str(journal), problems)
+            raise FileError(journal, problems)
         self._write_table()
 
     def take(self, touch: CollectedTouch) -> bool:

@@ -28,7 +28,7 @@ from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.arrays import Booleans, Floats
 from traverse.strict_toml.files import json_of
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.writing import write_atomically
 
 SCHEMA = "traverse/family/1"
@@ -131,10 +131,10 @@ def _read(path: Path) -> dict[str, Any]:
             float(one["value"]), float(one["std"]), one["name"], one["unit"]
     except OSError as error:
         reason = error.strerror or str(error)
-        raise FileError(str(file), [Problem("", reason)]) from error
+        raise FileError(file, reason) from error
     except (ValueError, KeyError, TypeError) as error:
         message = f"is no result of `traverse identify`: {error}"
-        raise FileError(str(file), [Problem("", message)]) from error
+        raise FileError(file, message) from error
     return values
 
 

@@ -79,7 +79,7 @@ def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
         if name not in header
     ]
     if problems:
-        raise FileError(str(path), problems)
+        raise FileError(path, problems)
     artefacts = {artefact.id: artefact for artefact in file.artefacts}
     names: tuple[list[str], list[str]] = ([], [])
     numbers: list[list[float]] = []
@@ -111,7 +111,7 @@ def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
     if not numbers and not problems:
         problems.append(Problem("", "holds no points; measure some"))
     if problems:
-        raise FileError(str(path), problems)
+        raise FileError(path, problems)
     occasion = _occasion(file, times_ns)
     return measurement_of_touches(
         arm, artefacts, names, np.array(numbers), (), occasion=occasion
@@ -148,7 +148,7 @@ def read_by_tool(
     # Coordinates in place of readings?
     if poses.suffix == ".csv" and _PLACE[0] in _header(poses):
         if problems := example_problems(file):
-            raise FileError(str(data / "campaign.toml"), problems)
+            raise FileError(data / "campaign.toml", problems)
         return (read_points_table(poses, file, arm),)
     names = [joint.name for joint in arm.joints]
     campaign = read_campaign(data, names, several_tools=several_tools)
@@ -161,7 +161,7 @@ def read_by_tool(
     missing = [tool.name for tool in tools.values() if tool.vector_mm is None]
     if missing:
         problems = [Problem(f"tools.{name}.vector_mm", _NO_VECTOR) for name in missing]
-        raise FileError(str(data / "campaign.toml"), problems)
+        raise FileError(data / "campaign.toml", problems)
     each = []
     for number, tool in tools.items():
         probe = arm.probe.model_copy(update={"vector_mm": tool.vector_mm})
@@ -192,7 +192,7 @@ def files_read(data: Path) -> tuple[Path, ...]:
     elsewhere = [path for path in found if path.parent != data]
     if elsewhere:
         raise FileError(
-            str(data / "campaign.toml"),
+            data / "campaign.toml",
             [Problem("", f"names {p}; put it beside campaign.toml") for p in elsewhere],
         )
     return found
@@ -223,7 +223,7 @@ def measured_campaign(
         effects = effects_of(arm, own, campaign.span)
         places_mm, _, flags = corrected_pose(geometry, effects, block)
     except ValueError as error:
-        raise FileError(source, [Problem("", str(error))]) from error
+        raise FileError(source, str(error)) from error
     names = [artefact.id for artefact in campaign.artefacts]
     poses = campaign.poses
     touched = [names[index] for index in poses.artefacts.tolist()]
@@ -304,7 +304,7 @@ def _from_recording(path: Path, arm: Arm, arm_file: Path | None) -> Measurement:
             "holds no campaign.toml; put one into a folder that names the recording as "
             "its poses, and give the folder"
         )
-        raise FileError(str(path), [Problem("", message)])
+        raise FileError(path, message)
     parse_arm(recording.arm_text, f"{path}: arm.toml")
     table = tomlkit.parse(recording.campaign_text)
     table["poses"] = str(path.resolve())

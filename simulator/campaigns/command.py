@@ -40,7 +40,7 @@ def run_command(
         seed = file.seed if given.seed is None else given.seed
         summary = make(given.out, read_arm(given.spec.parent / file.arm), file, seed)
     except FileError as error:
-        problems = FileError(str(given.spec), error.problems)
+        problems = FileError(given.spec, error.problems)
         is_ours = error.source == "campaign specification"
         print(problems if is_ours else error, file=sys.stderr)  # noqa: T201 - how a command refuses a file
         return REFUSED

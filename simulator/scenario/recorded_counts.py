@@ -96,7 +96,7 @@ def read_recording(path: Path) -> Recording:
             rows = list(csv.reader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         message = f"cannot be read: {error}; check the path"
-        raise FileError(str(path), [Problem("", message)]) from error
+        raise FileError(path, message) from error
     header = rows[0] if rows else []
     problems = []
     if header[:1] != ["time_s"] or len(set(header)) != len(header):
@@ -125,7 +125,7 @@ def read_recording(path: Path) -> Recording:
             Problem("", f"{counted(len(values), 'row')} of counts; needs 2 or more")
         )
     if problems:
-        raise FileError(str(path), problems)
+        raise FileError(path, problems)
     table = np.array(values, dtype=np.int64)
     columns = {name: table[:, i] for i, name in enumerate(header[1:])}
     return Recording(np.array(times_s) - times_s[0], columns)

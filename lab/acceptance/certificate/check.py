@@ -26,7 +26,7 @@ from traverse.lab.report.provenance import (
     report_provenance,
 )
 from traverse.strict_toml.files import bytes_of, json_of
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.problems import FileError
 
 # When, by whom and with what it was computed.
 _NOT_COMPARED = ("date_utc", "provenance")
@@ -64,13 +64,11 @@ def _read(file: Path) -> dict[str, Any]:
         told = f"is not JSON: {error}"
         if isinstance(error, OSError):
             told = f"cannot be read: {error.strerror or error}; check the path"
-        raise FileError(str(file), [Problem("", told)]) from error
+        raise FileError(file, told) from error
     is_ours = isinstance(values, dict) and values.get("schema") == SCHEMA
     stated = values.get("digest") if is_ours else None
     if not isinstance(stated, dict) or not isinstance(stated.get("files"), dict):
-        raise FileError(
-            str(file), [Problem("", f"is no certificate: expected the schema {SCHEMA}")]
-        )
+        raise FileError(file, f"is no certificate: expected the schema {SCHEMA}")
     return dict(values)
 
 
