@@ -25,6 +25,7 @@ from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.campaign.campaign import Campaign, read_campaign
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
+from traverse.lab.diagnosis.report.files import arm_with_provenance
 from traverse.lab.identification.identify import IdentificationError, identify
 
 HEAD = (
@@ -119,7 +120,7 @@ def ours(
         return plainly, "-"
     begun_s = time.monotonic()
     found = diagnose(given, identified, DiagnosisOptions())
-    told = figures(distances_mm(measured, found.adapted))
+    told = figures(distances_mm(measured, arm_with_provenance(found)))
     n = sum(term.accepted for term in found.terms)
     taken_s = time.monotonic() - begun_s
     return plainly, f"{told}, {found.verdict}, {n} terms ({taken_s:.0f} s)"
