@@ -20,7 +20,9 @@ def artefact(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write a gauge with two sockets to be printed, and a campaign for it.
+    """Write a gauge to be printed, and its campaign.
+
+    A block with two conical sockets for a ball, as STL.
 
     Args:
         out: Folder for gauge.stl, campaign.toml.

@@ -32,10 +32,11 @@ def certify(
     schemas: Schemas = None,
     as_json: Json = False,
 ) -> None:
-    """Make a digital calibration certificate (DCC 3.3.0), signed where a key is given.
+    """Make a digital calibration certificate.
 
-    Computes every figure again from the raw data first. Writes dcc.xml, the raw data
-    of an identification, and SHA256SUMS into the folder.
+    DCC 3.3.0, signed where a key is given. Computes every figure again from the raw
+    data first. Writes dcc.xml, the raw data of an identification, and SHA256SUMS into
+    the folder.
 
     Args:
         results: Folder of `traverse verify` or `identify`.

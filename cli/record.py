@@ -23,9 +23,10 @@ def record(
     note: str = "",
     as_json: Json = False,
 ) -> None:
-    """Record what an arm does, as an MCAP file on the daemon's disk.
+    """Record what an arm does, on the daemon's disk.
 
-    The file begins some seconds before the command, where the flight recorder is on.
+    The MCAP file begins some seconds before the command, where the flight recorder is
+    on.
 
     Args:
         name: New name for the recording.

@@ -41,7 +41,7 @@ def store(
     list_s: Annotated[float, typer.Option(min=1.0)] = 600.0,
     keep_s: Annotated[int, typer.Option(min=0)] = 3600,
 ) -> None:
-    """Store points, events, states and scans of all arms at a broker.
+    """Store what all arms publish at a broker.
 
     Points, events and states go into a database, scans into Parquet by arm and day. A
     message is acknowledged once it is stored; each counts once; what is missing is

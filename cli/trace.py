@@ -20,9 +20,10 @@ def trace(
     key: Path | None = None,
     as_json: Json = False,
 ) -> None:
-    """Show what a file follows from, and what of it is missing or altered.
+    """Show the chain of evidence behind a file.
 
-    Exit status 1: something is missing or altered.
+    What it follows from, and what of that is missing or altered. Exit status 1:
+    something is missing or altered.
 
     Args:
         file: Results, a campaign, an arm file, a recording, or points (.jsonl).

@@ -43,7 +43,7 @@ inputs = [
 
 microscribe = CommandGroup(
     "microscribe",
-    help="MicroScribe arms: an arm file from the geometry that the arm stores. "
+    help="MicroScribe arms: make an arm file. From the geometry that the arm stores. "
     "The daemon must not be using the port.",
 )
 
