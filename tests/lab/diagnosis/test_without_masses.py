@@ -42,9 +42,9 @@ def kinds(arm):
     ("kind", "joint"),
     [
         ("joint_compliance", "J2"),
-        ("joint_compliance", "J3"),
+        pytest.param("joint_compliance", "J3", marks=pytest.mark.slow),
         ("bearing_compliance", "J3"),
-        ("mount_compliance", None),
+        pytest.param("mount_compliance", None, marks=pytest.mark.slow),
     ],
 )
 def test_what_yields_is_named_and_predicts_nearly_as_with_the_true_masses(kind, joint):

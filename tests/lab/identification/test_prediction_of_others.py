@@ -80,13 +80,14 @@ def plainly(angles_rad, places_mm):
     return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("link_mm", "axis_rad", "most"),
     [
         # Far from its design: what the design says of weak directions is worth little.
         (20.0, 0.1, 1.15),
         # Close to it: plain least squares does not use that.
-        pytest.param(1.0, 0.005, 0.9, marks=pytest.mark.slow),
+        (1.0, 0.005, 0.9),
     ],
 )
 def test_few_poses_of_an_arm_far_from_its_design(link_mm, axis_rad, most):

@@ -198,6 +198,7 @@ def folder(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_the_commands_take_a_family_and_say_so(folder):
     given = (folder / "short", "--arm", folder / "design.toml")
     family = ("--family", folder / "family.toml")
