@@ -162,7 +162,7 @@ async def _program(
 
 
 async def _fail_with(daemon: asyncio.subprocess.Process, folder: Path) -> None:
-    """Wait for the daemon's end, which nobody has asked for."""
+    """Wait for the end of the daemon, which nobody requested."""
     await daemon.wait()
     raise DemoError(f"the daemon ended:\n{_said_in(folder / 'daemon.log')}")
 
