@@ -34,7 +34,6 @@ from traverse.daemon.pose.poses import PoseBlock
 from traverse.daemon.pose.probe_library import LibraryProbe
 from traverse.daemon.pose.quality_monitor import QualityMonitor
 from traverse.daemon.pose.references import (
-    MAX_SPEED_RAD_S,
     ReferenceMemory,
     ReferenceMonitor,
 )
@@ -377,8 +376,7 @@ class Measurement(MeasurementContext):
             or self.joint_devices.first_mismatched is not None
         ):
             return
-        speed_rad_s = getattr(device.section, "max_speed_rad_s", MAX_SPEED_RAD_S)
-        self.quality.references.add(samples, speed_rad_s)
+        self.quality.references.add(samples, device.max_speed_rad_s)
         waited_ns = self.clock.running.monotonic_ns() - samples.received_ns
         self.sinks.latencies["queue_wait"].add(waited_ns)
         if self.joint_devices.is_single and samples.skew_ns is None:
