@@ -383,11 +383,12 @@ def turn_dependent_joints(
     turns_rad = 2.0 * np.pi * np.vstack([np.zeros(n_joints), np.eye(n_joints)])
     for share in POSTURES_RAD:
         posture_rad = zeros_rad + share * np.arange(1, n_joints + 1)
-        block, _ = CovariateBuilder(model, clock).block(
-            np.full(n_joints + 1, clock.monotonic_ns()),
-            posture_rad + turns_rad,
-            model.reference_temperature_c,
-            np.zeros(n_joints + 1, dtype=np.uint32),
+        times_ns = np.full(n_joints + 1, clock.monotonic_ns())
+        angles_rad, quality = posture_rad + turns_rad, np.zeros(n_joints + 1, np.uint32)
+        builder = CovariateBuilder(model, clock)
+        motion = builder.motion(times_ns, angles_rad, quality)
+        block, _ = builder.block(
+            times_ns, angles_rad, model.reference_temperature_c, quality, motion
         )
         xyz_mm, _, _ = corrected_pose(model.geometry, model.effects, block)
         moved |= np.linalg.norm(xyz_mm[1:] - xyz_mm[0], axis=1) > SAME_MM
