@@ -51,32 +51,48 @@ USUAL_LENGTH = 2000
 """Most characters of a text; stated where it is another."""
 
 
-def field_table(schema: Schema) -> list[str]:
+def field_table(schema: Schema, heading: str, seen: dict[str, str]) -> list[str]:
     """A Markdown table of the fields of an object; not of its schema and arm.
 
-    Fields of an inner structure follow it: `outer.field`, `list[].field`.
+    Fields of an inner structure follow it: `outer.field`, `list[].field`. Fields that
+    an earlier table has, equal in all, are only named.
+
+    Args:
+        schema: of the object.
+        heading: that of this table.
+        seen: headings of the first tables by field, which this adds to.
     """
-    rows = list(_field_rows(schema, schema.get("$defs", {}), ""))
-    head = ["| field | type | meaning |", "|---|---|---|"]
-    return [*head, *rows] if rows else ["No fields."]
-
-
-def _field_rows(schema: Schema, inner: Schema, path: str) -> Iterator[str]:
+    rows: list[str] = []
+    again: dict[str, list[str]] = {}
     for key, field in schema.get("properties", {}).items():
-        if not path and key in ("schema", "arm"):
+        first = seen.setdefault(json.dumps([key, field]), heading)
+        if key in ("schema", "arm"):
             continue
-        meaning = " ".join(str(field.get("description", "")).split())
-        kind = type_text(field)
-        if "default" in field:
-            kind += f", default {json.dumps(field['default'])}"
-        yield f"| `{path}{key}` | {kind} | {meaning} |"
-        for one in field.get("anyOf", [field]):
-            named = one.get("patternProperties", {}).values()
-            parts = [("", one), ("[]", one.get("items", {}))]
-            for mark, part in [*parts, *((".<name>", each) for each in named)]:
-                if "$ref" in part:
-                    target = inner[part["$ref"].rsplit("/", 1)[-1]]
-                    yield from _field_rows(target, inner, f"{path}{key}{mark}.")
+        if first == heading:
+            rows += _field_rows(key, field, schema.get("$defs", {}))
+        else:
+            link = f"[{first}](#{first.lower().replace('/', '')})"
+            again.setdefault(link, []).append(f"`{key}`")
+    places = "; in ".join(f"{link}: {', '.join(keys)}" for link, keys in again.items())
+    lines = [f"As in {places}.", ""] if places else []
+    head = ["| field | type | meaning |", "|---|---|---|"]
+    return [*lines, *head, *rows] if rows else lines or ["No fields."]
+
+
+def _field_rows(path: str, field: Schema, inner: Schema) -> Iterator[str]:
+    meaning = " ".join(str(field.get("description", "")).split())
+    kind = type_text(field)
+    if "default" in field:
+        kind += f", default {json.dumps(field['default'])}"
+    yield f"| `{path}` | {kind} | {meaning} |"
+    for one in field.get("anyOf", [field]):
+        named = one.get("patternProperties", {}).values()
+        parts = [("", one), ("[]", one.get("items", {}))]
+        for mark, part in [*parts, *((".<name>", each) for each in named)]:
+            if "$ref" in part:
+                target = inner[part["$ref"].rsplit("/", 1)[-1]]
+                for key, each in target["properties"].items():
+                    yield from _field_rows(f"{path}{mark}.{key}", each, inner)
 
 
 def type_text(schema: Schema) -> str:
@@ -107,7 +123,7 @@ def _structure_text(schema: Schema) -> str:
         return "time"
     if schema.get("minLength") == 1 and schema["maxLength"] == 64:
         return "name"
-    return f"{_KINDS[str(kind)]}{_limits(schema)}"
+    return f"{_KINDS[str(kind)]}{_limits(schema)}".replace("integer from 0", "count")
 
 
 _KINDS = {
