@@ -49,8 +49,10 @@ RULES = f"""\
   refusal]({GOLDEN_FOLDER}/reply-error.json).
 - **Left out of the tables:** `schema` (another number at its end means another
   layout), and `arm`, which all but commands and replies have.
-- **Keys** are always present, null where the type says so. Those with a default may
-  be left out. Units are in their names.
+- **Keys** are always present; what may be left out has its default (`=null`). Units are
+  in their names.
+- **Types.** `name?` may be null, `number[3]` is a list of three, `name[]` a list,
+  `float64[n,3]` an array, `text(64)` has at most so many characters, `0..` is a range.
 - **Numbers** are finite; integers have at most 53 bits, and one is accepted where a
   number is expected. A **count** is an integer from 0.
 - A **time** is nanoseconds since 1970 in UTC, which needs 61 bits: an integer in

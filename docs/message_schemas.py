@@ -80,10 +80,10 @@ def field_table(schema: Schema, heading: str, seen: dict[str, str]) -> list[str]
 
 
 def _field_rows(path: str, field: Schema, inner: Schema) -> Iterator[str]:
-    meaning = " ".join(str(field.get("description", "")).split())
+    meaning = " ".join(str(field.get("description", "")).split()).replace(" [UTC]", "")
     kind = type_text(field)
     if "default" in field:
-        kind += f", default {json.dumps(field['default'])}"
+        kind += f" ={json.dumps(field['default'])}"
     yield f"| `{path}` | {kind} | {meaning} |"
     for one in field.get("anyOf", [field]):
         named = one.get("patternProperties", {}).values()
@@ -96,63 +96,38 @@ def _field_rows(path: str, field: Schema, inner: Schema) -> Iterator[str]:
 
 
 def type_text(schema: Schema) -> str:
-    """A type in words that fit both encodings."""
+    """A type in a word that fits both encodings."""
     if "anyOf" in schema:
-        return " or ".join(type_text(one) for one in schema["anyOf"])
-    if "$ref" in schema:
-        return "map"
-    if "const" in schema:
-        return f'`"{schema["const"]}"`'
-    if "enum" in schema:
-        return ", ".join(f'`"{value}"`' for value in schema["enum"])
-    return _structure_text(schema)
-
-
-def _structure_text(schema: Schema) -> str:
-    """What is made of elements, and what is a single value."""
+        kind, _, limits = type_text(schema["anyOf"][0]).partition(" ")
+        return f"{kind}? {limits}".rstrip()
+    if "const" in schema or "enum" in schema:
+        values = schema.get("enum", [schema.get("const")])
+        return ", ".join(f'`"{value}"`' for value in values)
     if "x-dtype" in schema:
-        shape = ", ".join(map(str, schema["x-shape"]))
-        return f"array {schema['x-dtype']} ({shape})"
-    kind = schema.get("type")
+        return f"{schema['x-dtype']}[{','.join(map(str, schema['x-shape']))}]"
+    kind = schema.get("type", "object")
     if kind == "array":
-        return _list_text(schema)
+        items = schema.get("prefixItems", [])
+        return f"{type_text([*items, schema.get('items')][0])}[{len(items) or ''}]"
     if kind == "object":
         values = schema.get("additionalProperties")
-        return f"map of names to {type_text(values)}" if values else "map"
+        return f"map of {type_text(values)}" if values else "map"
+    return _scalar_text(schema, kind)
+
+
+def _scalar_text(schema: Schema, kind: str) -> str:
+    """A single value, with limits that say something: not those of 53 bits."""
     if schema.get("format") == "time-ns":
         return "time"
-    if schema.get("minLength") == 1 and schema["maxLength"] == 64:
-        return "name"
-    return f"{_KINDS[str(kind)]}{_limits(schema)}".replace("integer from 0", "count")
-
-
-_KINDS = {
-    "string": "text",
-    "number": "number",
-    "integer": "integer",
-    "boolean": "bool",
-    "null": "null",
-}
-
-
-def _list_text(schema: Schema) -> str:
-    if "prefixItems" in schema:
-        items = schema["prefixItems"]
-        return f"[{len(items)}] {type_text(items[0])}"
-    return f"list of {type_text(schema['items'])}"
-
-
-def _limits(schema: Schema) -> str:
-    """Only limits that say something: not those of 53 bits."""
-    if schema.get("maximum", 0) >= 2**53 - 1:
-        return " from 0" if schema.get("minimum") == 0 else ""
-    texts = []
-    if "exclusiveMinimum" in schema:
-        texts.append(f"above {schema['exclusiveMinimum']:g}")
-    if "minimum" in schema:
-        texts.append(f"from {schema['minimum']}")
-    if "maximum" in schema:
-        texts.append(f"to {schema['maximum']}")
-    if schema.get("maxLength", USUAL_LENGTH) != USUAL_LENGTH:
-        texts.append(f"up to {schema['maxLength']} characters")
-    return " " + " ".join(texts) if texts else ""
+    if kind == "string":
+        longest = schema.get("maxLength", USUAL_LENGTH)
+        if schema.get("minLength") == 1 and longest == 64:
+            return "name"
+        return "text" if longest == USUAL_LENGTH else f"text({longest})"
+    largest = schema.get("maximum", "")
+    if largest and largest >= 2**53 - 1:
+        return "count" if schema["minimum"] == 0 else kind
+    above = schema.get("exclusiveMinimum")
+    least = schema.get("minimum", "") if above is None else f">{above:g}"
+    limits = f" {least}..{largest}" if f"{least}{largest}" else ""
+    return f"{kind.removesuffix('ean')}{limits}"

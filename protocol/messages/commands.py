@@ -161,9 +161,7 @@ class SessionArgs(Args):
 
 
 class ResendArgs(Args):
-    """Send points or scan blocks again, in order, with the same ids and bytes.
-
-    They are sent on `point` or `scan`, to every subscriber.
+    """Send points or scan blocks again to all, in order, with the same ids and bytes.
 
     - With `session`: points of the outbox. Result `{session, from_seq, to_seq, points,
       first_seq, last_seq}`: how many will be sent, and which numbers of the session are
@@ -221,8 +219,7 @@ class CovarianceArgs(Args):
     with_arm, points: [{id, xyz_mm, covariance_mm2, shared_mm}]}`: of each point its own
     covariance as the point has it, and three rows S; points i and j have the covariance
     S_i S_j^T. Without a covariance file of the arm `with_arm` is false, rows are empty,
-    and the arm's part is not in `covariance_mm2` either. The daemon remembers the
-    latest 1000 points since it began.
+    and the arm's part is not in `covariance_mm2` either.
     """
 
     command = "covariance"
