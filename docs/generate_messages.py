@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 import asyncapi
-from message_schemas import field_table, json_schema, json_schemas, name
+from message_schemas import field_list, json_schema, json_schemas, name
 
 from traverse.protocol import arrays
 from traverse.protocol.encoding import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS
@@ -47,7 +47,7 @@ RULES = f"""\
 - **More examples**: [a retraction]({GOLDEN_FOLDER}/point-retraction.json), [the last
   will]({GOLDEN_FOLDER}/status-offline.json), [a
   refusal]({GOLDEN_FOLDER}/reply-error.json).
-- **Left out of the tables:** `schema` (another number at its end means another
+- **Left out below:** `schema` (another number at its end means another
   layout), and `arm`, which all but commands and replies have.
 - **Keys** are always present; what may be left out has its default (`=null`). Units are
   in their names.
@@ -129,7 +129,7 @@ def reference_page() -> str:
     for flag, meaning in FLAG_MEANINGS.items():
         bit, remark = flag.bit_length() - 1, "remark: " if flag & REMARKS else ""
         lines.append(f"| {bit} | `{str(flag.name).lower()}` | {remark}{meaning} |")
-    lines += _word_table("Counters", COUNTERS) + _word_table("Latencies", LATENCIES)
+    lines += _word_list("Counters", COUNTERS) + _word_list("Latencies", LATENCIES)
     lines += ["", "## Arrays", "", inspect.getdoc(arrays) or ""]
     return "\n".join(lines)
 
@@ -149,8 +149,8 @@ def _message_row(message: type[Message]) -> str:
 
 
 def _section(heading: str, value: type[Value], seen: dict[str, str]) -> list[str]:
-    table = field_table(json_schema(value), heading.lstrip("# "), seen)
-    return [heading, "", inspect.getdoc(value) or "", "", *table, ""]
+    fields = field_list(json_schema(value), heading.lstrip("# "), seen)
+    return [heading, "", inspect.getdoc(value) or "", "", *fields, ""]
 
 
 def _command_sections(seen: dict[str, str]) -> list[str]:
@@ -167,9 +167,9 @@ def _golden(file: str) -> str:
     return (GOLDEN / file).read_text().rstrip()
 
 
-def _word_table(title: str, words: dict[str, str]) -> list[str]:
-    rows = [f"| `{word}` | {meaning} |" for word, meaning in words.items()]
-    return ["", f"## {title}", "", "| name | meaning |", "|---|---|", *rows]
+def _word_list(title: str, words: dict[str, str]) -> list[str]:
+    rows = [f"- `{word}`: {meaning}" for word, meaning in words.items()]
+    return ["", f"## {title}", "", *rows]
 
 
 def _compare(files: dict[Path, str], old: set[Path]) -> int:

@@ -1,6 +1,7 @@
-"""JSON Schemas (2020-12) of the MQTT messages, and tables of their fields."""
+"""JSON Schemas (2020-12) of the MQTT messages, and lists of their fields."""
 
 import json
+import textwrap
 from collections.abc import Iterator
 from typing import Any
 
@@ -47,20 +48,21 @@ def command_schema(args: type[Args]) -> Schema:
     return schema | ({"$defs": definitions} if definitions else {})
 
 
+WIDTH = 120
 USUAL_LENGTH = 2000
 """Most characters of a text; stated where it is another."""
 
 
-def field_table(schema: Schema, heading: str, seen: dict[str, str]) -> list[str]:
-    """A Markdown table of the fields of an object; not of its schema and arm.
+def field_list(schema: Schema, heading: str, seen: dict[str, str]) -> list[str]:
+    """The fields of an object as a list in Markdown; not its schema and arm.
 
     Fields of an inner structure follow it: `outer.field`, `list[].field`. Fields that
-    an earlier table has, equal in all, are only named.
+    an earlier list has, equal in all, are only named.
 
     Args:
         schema: of the object.
-        heading: that of this table.
-        seen: headings of the first tables by field, which this adds to.
+        heading: that of this list.
+        seen: headings of the first lists by field, which this adds to.
     """
     rows: list[str] = []
     again: dict[str, list[str]] = {}
@@ -75,8 +77,7 @@ def field_table(schema: Schema, heading: str, seen: dict[str, str]) -> list[str]
             again.setdefault(link, []).append(f"`{key}`")
     places = "; in ".join(f"{link}: {', '.join(keys)}" for link, keys in again.items())
     lines = [f"As in {places}.", ""] if places else []
-    head = ["| field | type | meaning |", "|---|---|---|"]
-    return [*lines, *head, *rows] if rows else lines or ["No fields."]
+    return [*lines, *rows] or ["No fields."]
 
 
 def _field_rows(path: str, field: Schema, inner: Schema) -> Iterator[str]:
@@ -84,7 +85,8 @@ def _field_rows(path: str, field: Schema, inner: Schema) -> Iterator[str]:
     kind = type_text(field)
     if "default" in field:
         kind += f" ={json.dumps(field['default'])}"
-    yield f"| `{path}` | {kind} | {meaning} |"
+    text = f"- `{path}` ({kind}): {meaning}"
+    yield textwrap.fill(text, WIDTH, subsequent_indent="  ", break_on_hyphens=False)
     for one in field.get("anyOf", [field]):
         named = one.get("patternProperties", {}).values()
         parts = [("", one), ("[]", one.get("items", {}))]

@@ -164,12 +164,10 @@ class ResendArgs(Args):
     """Send points or scan blocks again to all, in order, with the same ids and bytes.
 
     - With `session`: points of the outbox. Result `{session, from_seq, to_seq, points,
-      first_seq, last_seq}`: how many will be sent, and which numbers of the session are
-      stored, null where there are none.
-    - With `scan`: the blocks that hold the points from_seq to to_seq, of scans with
-      `delivery = "complete"`. Result `{scan, session, from_seq, to_seq, blocks,
-      first_seq, last_seq, total}`: how many will be sent, which points are stored, and
-      how many the scan has, null before its end.
+      first_seq, last_seq}`: how many will be sent, and which are stored, null for none.
+    - With `scan`: the blocks that hold the points, of scans with `delivery =
+      "complete"`. Result `{scan, session, from_seq, to_seq, blocks, first_seq,
+      last_seq, total}`; the total is null before the scan's end.
     - With neither: nothing is sent. Result `{sessions: [{session, begun_ns, first_seq,
       last_seq}], scans: [{scan, session, begun_ns, first_seq, last_block_seq}]}`,
       oldest first, the latest 1000 of each; times are strings of digits.
