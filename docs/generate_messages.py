@@ -79,9 +79,7 @@ FLAGS = """\
 
 The bits of `quality` in a scan, and their names in other messages. All but remarks make
 `ok` false.
-
-| bit | name | meaning |
-|---|---|---|"""
+"""
 COMMAND_HEAD = """\
 The reply is sent to the MQTT 5 response topic if the command has one, which must be
 below `reply/` ([why](../security.md#answers)), else to `reply/<name>`. Choose a new
@@ -128,7 +126,7 @@ def reference_page() -> str:
     lines.append(FLAGS)
     for flag, meaning in FLAG_MEANINGS.items():
         bit, remark = flag.bit_length() - 1, "remark: " if flag & REMARKS else ""
-        lines.append(f"| {bit} | `{str(flag.name).lower()}` | {remark}{meaning} |")
+        lines.append(f"- {bit} `{str(flag.name).lower()}`: {remark}{meaning}")
     lines += _word_list("Counters", COUNTERS) + _word_list("Latencies", LATENCIES)
     lines += ["", "## Arrays", "", inspect.getdoc(arrays) or ""]
     return "\n".join(lines)
