@@ -121,7 +121,7 @@ class BrokerClient(DiagnosingClient):
         self._unread = b""
         self._failure: OSError | None = None  # of reading
         self._unwritten = bytearray()
-        self._is_corked = False
+        self._gathers = False
         self._acknowledged = acknowledged
         self._received = received
         self._writable = writable
@@ -156,12 +156,12 @@ class BrokerClient(DiagnosingClient):
         number = self._client._mid_generate() if message.qos else 0  # noqa: SLF001
         packet = publish_packet(message, number, properties)
         self._unwritten += packet
-        if not self._is_corked or len(self._unwritten) > WRITE_BYTES:
+        if not self._gathers or len(self._unwritten) > WRITE_BYTES:
             self._write()
         return number
 
     @contextlib.contextmanager
-    def corked(self) -> Iterator[None]:
+    def together(self) -> Iterator[None]:
         """What is sent within the block is written at its end, all at once.
 
         The broker is woken once, and each waking costs as much as encoding a message.
@@ -169,11 +169,11 @@ class BrokerClient(DiagnosingClient):
         Raises:
             aiomqtt.MqttError: there is no connection any more.
         """
-        self._is_corked = True
+        self._gathers = True
         try:
             yield
         finally:
-            self._is_corked = False
+            self._gathers = False
             if self._unwritten:
                 self._write()
 

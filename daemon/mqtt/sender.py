@@ -76,7 +76,7 @@ class PublishLoop:
         several = self.queue.n_waiting > 1
         self._is_sending = True
         try:
-            with client.corked() if several else contextlib.nullcontext():
+            with client.together() if several else contextlib.nullcontext():
                 while (
                     len(self._in_flight) < client.max_in_flight
                     and not client.is_congested

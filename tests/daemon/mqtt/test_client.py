@@ -51,7 +51,7 @@ async def test_messages_that_are_sent_together_leave_together():
     async with connected() as (client, line):
         client.send(OutgoingMessage("live", b"abc"), b"\0")
         assert line.recv(1000) == POSE  # at once, where it is alone
-        with client.corked():
+        with client.together():
             client.send(OutgoingMessage("live", b"abc"), b"\0")
             client.send(OutgoingMessage("live", b"abc"), b"\0")
             with pytest.raises(BlockingIOError):
@@ -63,7 +63,7 @@ async def test_what_the_socket_does_not_take_follows_whole_and_in_order():
     told = []
     async with connected(writable=lambda: told.append(True)) as (client, line):
         messages = [OutgoingMessage("live", bytes((i,)) * 500_000) for i in range(30)]
-        with client.corked():
+        with client.together():
             for message in messages:
                 client.send(message, b"\0")
         assert client.is_congested
@@ -78,7 +78,7 @@ async def test_what_the_socket_does_not_take_follows_whole_and_in_order():
 
 async def test_a_connection_that_is_gone_is_told_by_sending_and_not_by_holding_back():
     client = BrokerClient("nowhere")
-    with pytest.raises(aiomqtt.MqttError), client.corked():
+    with pytest.raises(aiomqtt.MqttError), client.together():
         client.send(OutgoingMessage("live", b"abc"), b"\0")
 
 
