@@ -10,7 +10,6 @@ from traverse.kinematics.fits.enclosing import (
     enclosing_sphere,
     spread_about_mean,
 )
-from traverse.kinematics.fits.plane import Line, Plane, fit_line, fit_plane
+from traverse.kinematics.fits.plane import Plane, fit_plane
 from traverse.kinematics.fits.plausible import PLAUSIBLE_MM, off_seat, off_sphere
-from traverse.kinematics.fits.round import Circle, Cylinder, fit_circle, fit_cylinder
 from traverse.kinematics.fits.sphere import Sphere, fit_sphere, fit_sphere_of_radius

@@ -237,15 +237,3 @@ def cloud_of(points_mm: Floats, at_least: int) -> Cloud:
             "too"
         )
     return Cloud(local_mm / extent_mm, mean_mm, extent_mm, axes, sizes_mm / extent_mm)
-
-
-def frames_across(directions: Floats) -> Floats:
-    """Find two unit vectors across each of many, (n, 3), as columns: (n, 3, 2)."""
-    least = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
-    along = np.einsum("ni,ni->n", least, directions)
-    first = least - along[:, np.newaxis] * directions
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    x, y, z = directions.T
-    u, v, w = first.T
-    second = np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)
-    return np.stack([first, second], axis=2)
