@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from traverse.cli.options import Json, campaign_folder
-from traverse.cli.refusals import print_report, refusals, refuse
+from traverse.cli.common.options import Json, campaign_folder
+from traverse.cli.common.refusals import print_report, refusals, refuse
 
 KEY_PASSWORD_VARIABLE = "TRAVERSE_KEY_PASSWORD"
 Schemas = Annotated[

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import typer
 
-from traverse.cli.options import Json
-from traverse.cli.refusals import REFUSED
+from traverse.cli.common.options import Json
+from traverse.cli.common.refusals import REFUSED
 from traverse.strict_toml.problems import FileError, toml_table, toml_text
 
 

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.campaign_inputs import (
+from traverse.cli.common.campaign_inputs import (
     CampaignFolder,
     Family,
     PriorPatterns,
     adjustment_errors,
     read_noted,
 )
-from traverse.cli.options import HoldoutBy, Json, Operator
-from traverse.cli.refusals import (
+from traverse.cli.common.options import HoldoutBy, Json, Operator
+from traverse.cli.common.refusals import (
     FAILED,
     check_results,
     print_report,

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from traverse.cli.certify import Schemas
-from traverse.cli.options import Json, Operator, campaign_folder
-from traverse.cli.refusals import FAILED, print_report, refusals, refuse
+from traverse.cli.common.options import Json, Operator, campaign_folder
+from traverse.cli.common.refusals import FAILED, print_report, refusals, refuse
 from traverse.strict_toml.files import bytes_of
 
 if TYPE_CHECKING:

@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions
+from traverse.cli.common.broker_options import BrokerOptions
+from traverse.cli.common.options import Json, Operator
+from traverse.cli.common.refusals import FAILED, print_report, refusals, refuse
 from traverse.cli.control import send_command
-from traverse.cli.options import Json, Operator
-from traverse.cli.refusals import FAILED, print_report, refusals, refuse
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

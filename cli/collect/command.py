@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions
-from traverse.cli.options import Json
-from traverse.cli.refusals import FAILED, refusals, refuse
+from traverse.cli.common.broker_options import BrokerOptions
+from traverse.cli.common.options import Json
+from traverse.cli.common.refusals import FAILED, refusals, refuse
 
 
 def collect(

@@ -18,7 +18,7 @@ from rich.live import Live as LivePicture
 
 from traverse.broker.address import BrokerAddress
 from traverse.cli.collect.view import instruction, shown, summary
-from traverse.cli.refusals import UNREACHABLE
+from traverse.cli.common.refusals import UNREACHABLE
 from traverse.client.cancel_tasks import run_until_first
 from traverse.client.mqtt.subscription import connection, received, subscribe
 from traverse.daemon.pose.joint_motion import JointMotionTracker

@@ -12,7 +12,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from tests.docs.pages import COMMANDS, code_words, tables, text_of
-from traverse.cli.broker_options import BrokerOptions
+from traverse.cli.common.broker_options import BrokerOptions
 from traverse.daemon.commands.rate_limit import Limit
 from traverse.daemon.config import schema
 from traverse.daemon.config.devices import DeviceSection

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.options import campaign_folder
-from traverse.cli.refusals import FAILED, end, refusals, refuse
+from traverse.cli.common.options import campaign_folder
+from traverse.cli.common.refusals import FAILED, end, refusals, refuse
 
 if TYPE_CHECKING:
     from traverse.kinematics.arm_file.arm import Arm

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from traverse.broker.address import BrokerAddress
-from traverse.cli.refusals import REFUSED, UNREACHABLE, end, refusals
+from traverse.cli.common.refusals import REFUSED, UNREACHABLE, end, refusals
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.protocol import message_examples as examples
-from traverse.cli.message_lines import line
+from traverse.cli.common.message_lines import line
 from traverse.protocol.messages import Message, Scan
 
 

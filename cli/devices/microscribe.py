@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from traverse.cli.options import CommandGroup, Force, Json
-from traverse.cli.refusals import (
+from traverse.cli.common.options import CommandGroup, Force, Json
+from traverse.cli.common.refusals import (
     check_target,
     device_errors,
     print_report,
@@ -72,8 +72,10 @@ def arm_file(
         device: Its id in the daemon's configuration.
         radius_mm: Radius of the ball; 0 for a pointed stylus.
     """
-    from traverse.cli.microscribe.arm_values import arm_from_microscribe  # noqa: PLC0415
-    from traverse.cli.microscribe.inquiry import query_microscribe  # noqa: PLC0415
+    from traverse.cli.devices.microscribe_arm import (  # noqa: PLC0415
+        arm_from_microscribe,
+        query_microscribe,
+    )
     from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415
     from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
 

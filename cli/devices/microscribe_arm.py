@@ -1,15 +1,28 @@
-"""Make an arm file of the properties that a MicroScribe reports.
+"""Read what a MicroScribe reports, and make an arm file of it.
 
 Its table has six of Craig's rows, without offsets: theta is the reading. Rows behind
 the last joint with an encoder do not turn and carry the stylus. The base posture is
 the home position, where the arm must be while it is switched on.
 """
 
+import os
+import re
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.drivers.io.serial_port import SerialPort
+from traverse.drivers.microscribe.line import MicroscribeLine
+from traverse.drivers.microscribe.session import (
+    BAUD_RATES,
+    MicroscribeIdentification,
+    read_identification,
+    sign_on_at_any_rate,
+)
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.importers.arm_values import (
     JointParts,
@@ -19,7 +32,7 @@ from traverse.kinematics.importers.arm_values import (
 from traverse.kinematics.importers.dh import DHTable, geometry_from_dh, probe_transforms
 from traverse.kinematics.model.geometry import Geometry, unit_vectors
 from traverse.kinematics.model.quaternion import rotate, turn
-from traverse.protocol.microscribe.session import Kinematics
+from traverse.protocol.microscribe.session import DH_FORMAT, Kinematics, kinematics_of
 from traverse.strict_toml.problems import FileError, Problem
 
 N_ROWS = 6
@@ -42,6 +55,64 @@ class MicroscribeDescription:
     kinematics: Kinematics
     maxes: tuple[int, ...]
     home: tuple[int, ...]
+
+
+def query_microscribe(
+    port: str, baud_rate: int | None, name: str | None
+) -> tuple[MicroscribeIdentification, MicroscribeDescription]:
+    """The properties that an arm reports, with its geometry.
+
+    Without a baud rate all are tried; without a name it has the reported one.
+
+    Raises:
+        DeviceError: no MicroScribe answers.
+        FileError: its geometry is not one that can be read.
+    """
+    rates = BAUD_RATES if baud_rate is None else (baud_rate,)
+    with _session(port, rates) as (line, arm):
+        said, comment = line.text("format"), line.text("comment")
+        if said != DH_FORMAT:
+            what = f"the arm keeps its geometry as {said!r}, expected {DH_FORMAT!r}; "
+            what += "make the arm file with `traverse arm from-dh`"
+            raise FileError(port, [Problem("format", what)])
+        try:
+            kinematics = kinematics_of(line.kinematics(), comment)
+        except ValueError as error:
+            what = f"{error}; make the arm file with `traverse arm from-dh`"
+            raise FileError(port, [Problem("geometry", what)]) from error
+        home = (*line.home(), *[0] * len(arm.maxes.encoders))
+    maxes = arm.maxes.encoders
+    return arm, MicroscribeDescription(
+        name or topic_name(arm.name), port, kinematics, maxes, home
+    )
+
+
+def topic_name(text: str) -> str:
+    """A text as a name of an arm, which is a part of its topics."""
+    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-") or "microscribe"
+
+
+@contextmanager
+def _session(
+    port: str, rates: Sequence[int]
+) -> Iterator[tuple[MicroscribeLine, MicroscribeIdentification]]:
+    """A session with the arm; ends with the block."""
+    wake_read, wake_write = os.pipe2(os.O_NONBLOCK)
+
+    def open_line(rate: int) -> MicroscribeLine:
+        serial_port = SerialPort(port, rate, wake_read)
+        return MicroscribeLine(serial_port, rate, time.monotonic_ns, lambda: False)
+
+    try:
+        line, box = sign_on_at_any_rate(open_line, rates)
+        with line:
+            try:
+                yield line, read_identification(line, box)
+            finally:
+                line.end()
+    finally:
+        os.close(wake_read)
+        os.close(wake_write)
 
 
 def arm_from_microscribe(

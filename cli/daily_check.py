@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from traverse.broker.address import BrokerAddress
-from traverse.cli.broker_options import BrokerOptions
-from traverse.cli.options import Json
-from traverse.cli.refusals import (
+from traverse.cli.common.broker_options import BrokerOptions
+from traverse.cli.common.options import Json
+from traverse.cli.common.refusals import (
     FAILED,
     REFUSED,
     end,
@@ -117,7 +117,7 @@ def daily_check(
             )
 
             write_charts(report, out)
-    from traverse.cli.daily_check.view import report_lines  # noqa: PLC0415 - quick help
+    from traverse.lab.daily_check.chart_pictures import report_lines  # noqa: PLC0415
     from traverse.lab.daily_check.report import report_values  # noqa: PLC0415
 
     print_report(report_values(report), report_lines(report), as_json=as_json)

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.campaign_inputs import (
+from traverse.cli.common.campaign_inputs import (
     Family,
     PriorPatterns,
     adjustment_errors,
     read_noted,
 )
-from traverse.cli.options import HoldoutBy, Json, Operator, campaign_folder
-from traverse.cli.refusals import (
+from traverse.cli.common.options import HoldoutBy, Json, Operator, campaign_folder
+from traverse.cli.common.refusals import (
     FAILED,
     check_results,
     print_report,
@@ -131,7 +131,6 @@ class _Progress:
 
 def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -> None:
     """Compare two arms at the probe, within a campaign's ranges if there is one."""
-    from traverse.cli.identify.comparison import comparison_values  # noqa: PLC0415
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
     from traverse.lab.identification.results import arm_comparison  # noqa: PLC0415
     from traverse.lab.runs import read_inputs  # noqa: PLC0415
@@ -144,7 +143,7 @@ def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -
         ranges = (angles_rad.min(axis=0), angles_rad.max(axis=0))
     with refusals(arm_comparison.ComparisonError):
         found = arm_comparison.compare_arms(arms[0], arms[1], ranges)
-    values = comparison_values(files, arms, found)
+    values = arm_comparison.comparison_values(files, arms, found)
     from traverse.lab.identification.report import page as pages  # noqa: PLC0415
 
     print_report(values, pages.comparison_lines(values), as_json=as_json)

@@ -10,7 +10,7 @@ import typer
 from typer.testing import CliRunner
 
 from tests.cli.test_json_everywhere import commands
-from traverse.cli.options import CommandGroup, Json
+from traverse.cli.common.options import CommandGroup, Json
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.cli.options import CommandGroup, Json, Yes
-from traverse.cli.refusals import device_errors, print_report, refuse
+from traverse.cli.common.options import CommandGroup, Json, Yes
+from traverse.cli.common.refusals import device_errors, print_report, refuse
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
