@@ -18,7 +18,7 @@ from traverse.kinematics.helmert.volume import (
     place_covariances,
     volume_error,
 )
-from traverse.lab.report.plain_values import plain_values
+from traverse.lab.report.plain_values import picked
 from traverse.lab.report.provenance import (
     ReportProvenance,
     ReportSource,
@@ -55,12 +55,10 @@ class AlignmentTest(GlobalTest):
     def values(self) -> dict[str, Any]:
         """As in alignment.json."""
         return {
-            "p_value": self.p_value,
             "level": GLOBAL_LEVEL,
-            "passed": self.passed,
             "power": POWER,
+            **picked(self, "p_value", "passed", "found_noncentrality"),
             "found_factor": None if self.p_value is None else self.found_factor,
-            "found_noncentrality": self.found_noncentrality,
         }
 
 
@@ -238,14 +236,7 @@ def alignment_values(
             "index": error_values(found.index),
             **predicted_values(found.volume, found.centre_mm, found.covariance),
         },
-        **plain_values(
-            {
-                "points": found.points,
-                "features": found.features,
-                "flags": found.flags,
-                "remarks": found.remarks,
-            }
-        ),
+        **picked(found, "points", "features", "flags", "remarks"),
     }
 
 

@@ -21,3 +21,9 @@ def plain_values(value: Any) -> Any:  # noqa: ANN401 - as of json
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     return value
+
+
+def picked(value: object, *names: str, **renamed: str) -> dict[str, Any]:
+    """Take attributes of a value as plain values; renamed ones by their new names."""
+    attributes = dict(zip(names, names, strict=True)) | renamed
+    return {key: plain_values(getattr(value, n)) for key, n in attributes.items()}

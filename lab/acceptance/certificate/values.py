@@ -15,6 +15,7 @@ from traverse.lab.acceptance.conformity.figure import (
     Verification,
 )
 from traverse.lab.acceptance.conformity.limits import Limits
+from traverse.lab.report.plain_values import picked, plain_values
 from traverse.lab.report.provenance import ReportProvenance
 
 SCHEMA = "traverse/acceptance/1"
@@ -66,21 +67,11 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
         "arm": {"name": certificate.arm.name, "digest": arm_digest(certificate.arm)},
         "verdict": found.verdict,
         "complete": not found.missing,
-        "decision": {
-            "rule": limits.decision,
-            "guard_factor": limits.guard_factor,
-            "coverage_factor": limits.coverage_factor,
-        },
+        "decision": picked(limits, "guard_factor", "coverage_factor", rule="decision"),
         "figures": [_figure(figure, limits) for figure in found.figures],
-        "missing": [
-            {"name": missing.name, "what": list(missing.what)}
-            for missing in found.missing
-        ],
+        "missing": plain_values(found.missing),
         "lengths": [_of_tool(asdict(error)) for error in found.lengths],
-        "scatters": [
-            {"name": scatter.name, "deviations_mm": list(scatter.deviations_mm)}
-            for scatter in found.scatters
-        ],
+        "scatters": plain_values(found.scatters),
         **predicted,
         "remarks": list(found.remarks),
     }
@@ -91,10 +82,7 @@ def _predicted(
 ) -> dict[str, Any]:
     return {
         "coverage_factor": PREDICTED_FACTOR,
-        "inside": found.n_inside,
-        "sigma0": found.sigma0,
-        "p_value": found.p_value,
-        "explains": found.explains,
+        **picked(found, "sigma0", "p_value", "explains", inside="n_inside"),
         "lengths": [
             {"artefact": error.artefact, "repeat": error.repeat, "standard_mm": std_mm}
             for error, std_mm in zip(errors, found.stds_mm, strict=True)
@@ -132,12 +120,7 @@ def _of_tool(values: dict[str, Any]) -> dict[str, Any]:
 def _figure(figure: Figure, limits: Limits) -> dict[str, Any]:
     decision, standard_mm = figure.decision, figure.budget.standard_mm
     found = {
-        "key": figure.key,
-        "name": figure.name,
-        "definition": figure.definition,
-        "source": figure.source,
-        "confirm": figure.confirm,
-        "value_mm": figure.value_mm,
+        **picked(figure, "key", "name", "definition", "source", "confirm", "value_mm"),
         "expanded_uncertainty_mm": None
         if standard_mm is None
         else limits.coverage_factor * standard_mm,

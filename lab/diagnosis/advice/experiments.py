@@ -15,7 +15,9 @@ from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.model.result import Alternative
 from traverse.lab.diagnosis.search.decision import NamedTerm
-from traverse.plurals import counted
+from traverse.lab.report.templates import Words
+
+WORDS = Words("diagnosis/advice/words.jinja")
 
 # Evidence that takes a name out of the printed set, as natural logarithm.
 _SETTLED = float(np.log(100.0))
@@ -23,8 +25,6 @@ _SETTLED = float(np.log(100.0))
 _SURE = 1.28
 _MOST_POSES = 40
 _MOST_RIVALS = 4
-# Correlation below which two effects are hardly ever taken for each other.
-_UNLIKE = 0.3
 # How far a joint may go beyond what it has travelled.
 _BEYOND_RAD = 1.0
 # Correlation above which a pair of the table that is one by structure is one here.
@@ -37,11 +37,13 @@ def separate_by(naming: NamedTerm, rows: ObservationEquations, arm: Arm) -> str:
     told, apart = [], []
     named = [o for o in naming.alternatives if not o.candidate.is_curve]
     if not named or own.is_curve:
-        return _curve_in_words(own, naming.alternatives)
+        if not naming.alternatives:
+            return ""
+        return WORDS.curve(own if own.is_curve else naming.alternatives[0].candidate)
     for other in named:
         known = known_pair(own, other.candidate, rows)
         if _is_structural(other, known):
-            told.append(_alias_in_words(own, other.candidate, known))
+            told.append(WORDS.alias(own, other.candidate, known))
         else:
             apart.append(other)
     if not apart:
@@ -53,7 +55,8 @@ def separate_by(naming: NamedTerm, rows: ObservationEquations, arm: Arm) -> str:
             told.insert(0, _poses_in_words(own, others, found, rows))
             break
     else:
-        told.insert(0, _experiment_in_words(own, apart[0], rows))
+        known = known_pair(own, apart[0].candidate, rows)
+        told.insert(0, WORDS.experiment(own, apart[0], known, _MOST_POSES))
     return " ".join(told[:2])
 
 
@@ -142,52 +145,10 @@ def postures_text(poses_rad: Floats, campaign: Campaign, joints: Sequence[str]) 
     return "in postures all over the travelled ranges"
 
 
-def _curve_in_words(own: Candidate, alternatives: Sequence[Alternative]) -> str:
-    """Return what becomes of curves, which fit whatever depends on the same."""
-    if not alternatives:
-        return ""
-    curve = own if own.is_curve else alternatives[0].candidate
-    what = curve.covariate or "the readings"
-    return (
-        f"A curve over {what} imitates every effect that depends on it: poses spread "
-        f"evenly over the whole range of {what} show whether its shape is that of a "
-        "named effect."
-    )
-
-
 def _is_structural(other: Alternative, known: KnownPair | None) -> bool:
     if known is not None and known.is_structural:
         return other.correlation >= _NEARLY_ALIAS
     return known is None and other.correlation >= ALIAS
-
-
-def _alias_in_words(own: Candidate, other: Candidate, known: KnownPair | None) -> str:
-    why = "they do the same to every pose of this kind"
-    remedy = "use another stylus, payload, base attitude or sensor"
-    if known is not None:
-        why, remedy = known.why, known.experiment
-    return (
-        f"{own.name} and {other.name} are aliases by structure: {why}. No further "
-        f"poses of this kind tell them apart; {remedy}."
-    )
-
-
-def _experiment_in_words(
-    own: Candidate, other: Alternative, rows: ObservationEquations
-) -> str:
-    beginning = f"To tell {own.name} from {other.candidate.name}: "
-    known = known_pair(own, other.candidate, rows)
-    if known is not None:
-        return f"{beginning}{known.experiment} ({known.why})."
-    if other.correlation < _UNLIKE:
-        return (
-            f"{beginning}repeat the campaign; the two are unlike, and only the scatter "
-            "of so small an effect leaves the other name open."
-        )
-    return (
-        f"{beginning}turn the joints through wider ranges, or change the stylus or the "
-        f"payload; {_MOST_POSES} further poses like those so far are not enough."
-    )
 
 
 def _poses_in_words(
@@ -203,14 +164,8 @@ def _poses_in_words(
     where = postures_text(found.poses.angles_rad, campaign, tuple(joints))
     touched = np.bincount(found.poses.artefacts, minlength=len(campaign.artefacts))
     best = int(np.argmax(touched))
-    mostly = "" if touched[best] == n else "mostly "
+    at = f"{'' if touched[best] == n else 'mostly '}at {campaign.artefacts[best].id}"
     chance = max(100.0 * float(np.max(found.chances[-1])), 0.1)
-    names = " and ".join(other.candidate.name for other in others)
+    names = [other.candidate.name for other in others]
     known = known_pair(own, others[0].candidate, rows)
-    instead = "" if known is None else f"; or {known.experiment}"
-    poses = counted(n, "more pose")
-    return (
-        f"To tell {own.name} from {names}: {poses} {where}, "
-        f"{mostly}at {campaign.artefacts[best].id}, bring the chance of a wrong name "
-        f"to {chance:.1f} %{instead}."
-    )
+    return WORDS.poses(own, names, n, where, at, chance, known)
