@@ -46,6 +46,11 @@ class ArmOptions:
     radius_mm: Annotated[float, typer.Option(min=0.0)] = 0.0
     switching: bool = False
 
+    @property
+    def probe_kind(self) -> str:
+        """As in an arm file."""
+        return "switching" if self.switching else "hard"
+
 
 arm = CommandGroup(
     "arm", help="Arm files: show one, or make one of a DH table or URDF."

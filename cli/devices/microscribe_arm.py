@@ -26,7 +26,6 @@ from traverse.drivers.microscribe.session import (
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.importers.arm_values import (
     JointParts,
-    ProbeParts,
     assemble_arm,
 )
 from traverse.kinematics.importers.dh import DHTable, geometry_from_dh, probe_transforms
@@ -133,8 +132,7 @@ def arm_from_microscribe(
     )
     joints = [JointParts(f"J{k + 1}", counts[k], 1, f"{device}/{k}") for k in range(n)]
     geometry = geometry_of(told.kinematics, home_rad)
-    probe = ProbeParts(radius_mm, "hard")
-    return assemble_arm(told.name, geometry, joints, probe, told.source)
+    return assemble_arm(told.name, geometry, joints, told.source, radius_mm=radius_mm)
 
 
 def geometry_of(kinematics: Kinematics, base_posture_rad: Floats) -> Geometry:

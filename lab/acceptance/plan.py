@@ -13,7 +13,6 @@ import tomlkit
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.acceptance.procedures.b89 import N_BARS, ZONES
-from traverse.lab.acceptance.procedures.interim_test import POSITIONS as CHECK_POSITIONS
 from traverse.lab.acceptance.procedures.length_tests import LENGTHS, POSITIONS
 from traverse.lab.acceptance.procedures.lengths import SET
 from traverse.lab.acceptance.standards import (
@@ -188,7 +187,7 @@ def _b89(reach_mm: float) -> Iterator[_Test]:
 
 def _checks(reach_mm: float) -> Iterator[_Test]:
     length_mm = float(np.ceil(0.6 * reach_mm / 10.0) * 10.0)
-    for position in range(1, CHECK_POSITIONS + 1):
+    for position in range(1, POSITIONS + 1):
         name, way = f"check-{position}", _WAYS[position - 1]
         say = f"bar of {length_mm:.0f} mm {way}, {PER_BALL} points on sphere"
         yield name, _bar(length_mm), _repeated(name, ("1", "2"), PER_BALL, say, SET)

@@ -35,7 +35,7 @@ from traverse.lab.alignment.result import (
     global_test,
     point_p_value,
 )
-from traverse.lab.alignment.touches import CommonPoints, Place
+from traverse.lab.alignment.touches import CommonPoints, Place, places_mm
 
 _MIRRORED = 0.1
 
@@ -55,7 +55,7 @@ def best_fit_alignment(
         HelmertError: The points do not determine it; says what is left open.
         ValueError: Errors are stated of some points only.
     """
-    from_mm, to_mm = _places_mm(common.measured), _places_mm(common.nominal)
+    from_mm, to_mm = places_mm(common.measured), places_mm(common.nominal)
     from_covariance, to_covariance, is_stated = _errors(common)
     adjusted = adjusted_helmert(
         from_mm,
@@ -108,10 +108,6 @@ def best_fit_alignment(
         flags=tuple(flags),
         remarks=tuple(remarks),
     )
-
-
-def _places_mm(places: Sequence[Place]) -> Floats:
-    return np.array([place.place_mm for place in places]).reshape(-1, 3)
 
 
 def _shared_mm(places: Sequence[Place]) -> Floats | None:

@@ -2,10 +2,9 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,8 +19,8 @@ from traverse.lab.campaign.campaign_file import (
     example_problems,
     read_campaign_file,
 )
-from traverse.lab.campaign.copies import without_copies
 from traverse.lab.campaign.pose_table import PoseTable, read_pose_table
+from traverse.lab.campaign.poses import Poses, without_copies
 from traverse.lab.campaign.prior import Prior
 from traverse.lab.campaign.stream_table import SUFFIX, read_stream_table
 from traverse.protocol.printable import spreadsheet_cell
@@ -33,70 +32,6 @@ _CHUNK_BYTES = 1 << 20
 _NO_START = datetime(2000, 1, 1, tzinfo=UTC)
 _MOST_PROBLEMS = 20
 _MARGIN = timedelta(milliseconds=1)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Poses:
-    """Probed poses, one a row; NaN where a file had an empty cell.
-
-    Attributes:
-        lines: Line of each in the file, or number of the sample in a
-            stream, counting from 1, (n_poses,).
-        time_s: Since the campaign's start, (n_poses,).
-        artefacts: Index of the touched artefact, (n_poses,).
-        features: Index into `Campaign.feature_names` of the artefact, (n_poses,).
-        angles_rad: Readings, (n_poses, n_joints).
-        temperature_c: (n_poses,).
-        joint_temperatures_c: (n_poses, n_joints).
-        approaches: Sense of the last motion, -1, 0, +1, (n_poses, n_joints).
-        speeds_rad_s: (n_poses, n_joints).
-        directions: Unit vectors from the ball towards the material, (n_poses, 3).
-        force_n: (n_poses,).
-        lengths_mm: As read by artefacts that read lengths, (n_poses,).
-        tools: Number of `Campaign.tools`, from 1 on; 0 for the arm's own, (n_poses,).
-        orientations: Unit quaternions of the instrument's probe in the artefact's frame
-            as measured, (n_poses, 4).
-    """
-
-    lines: Integers
-    time_s: Floats
-    artefacts: Integers
-    features: Integers
-    angles_rad: Floats
-    temperature_c: Floats | None = None
-    joint_temperatures_c: Floats | None = None
-    approaches: Floats | None = None
-    speeds_rad_s: Floats | None = None
-    directions: Floats | None = None
-    force_n: Floats | None = None
-    lengths_mm: Floats | None = None
-    tools: Integers | None = None
-    orientations: Floats | None = None
-
-    @property
-    def oriented(self) -> Booleans:
-        """Which have a measured orientation, (n_poses,)."""
-        if self.orientations is None:
-            return np.zeros(len(self), dtype=np.bool_)
-        return np.isfinite(self.orientations[:, 0])
-
-    @property
-    def mounted(self) -> tuple[int, ...]:
-        """Numbers of the tools that orientations were measured with, rising."""
-        if self.tools is None:
-            return (0,) if np.any(self.oriented) else ()
-        return tuple(np.unique(self.tools[self.oriented]).tolist())
-
-    def __len__(self) -> int:
-        return len(self.time_s)
-
-    def part(self, rows: Booleans | Integers | slice) -> "Poses":
-        """Take some of the poses."""
-        taken: dict[str, Any] = {}
-        for field in fields(self):
-            column = getattr(self, field.name)
-            taken[field.name] = None if column is None else column[rows]
-        return Poses(**taken)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -95,9 +95,21 @@ def thinned(poses: Integers) -> Integers:
     return poses[np.sort(chosen)]
 
 
-def dot_size(n_dots: int) -> float:
-    """Choose larger dots where there are few."""
-    return float(np.clip(200.0 / np.sqrt(n_dots + 1.0), 4.0, 14.0))
+def draw_dots(
+    axes: Axes, x: Floats, y: Floats, look: Look, alpha: float, *, size: float = 1.0
+) -> None:
+    """Draw poses as marks without rims, larger ones where there are few."""
+    colour, mark, label = look
+    axes.scatter(
+        x,
+        y,
+        s=size * float(np.clip(200.0 / np.sqrt(len(x) + 1.0), 4.0, 14.0)),
+        color=colour,
+        marker=mark,
+        alpha=alpha,
+        linewidths=0.0,
+        label=label,
+    )
 
 
 def symmetric_limit(values: Floats, part: float = 0.999) -> float:

@@ -91,21 +91,16 @@ def articulation(measured: Measurement, limits: Limits) -> Iterator[Part]:
         )
 
 
-def bar_names() -> list[str]:
-    """List the ids of all bar positions."""
-    return [f"volumetric-{number:02d}" for number in range(1, N_BARS + 1)]
-
-
 def volumetric(measured: Measurement, limits: Limits) -> Iterator[Part]:
     """Volumetric test: bars `volumetric-01` to `volumetric-20`, measured once each."""
-    sets, problems = length_sets(
-        measured, bar_names(), "volumetric_max", limits, {1: "once"}
+    names = [f"volumetric-{number:02d}" for number in range(1, N_BARS + 1)]
+    sets, parts = length_sets(
+        measured, names, "volumetric_max", limits, {1: "once"}, title="volumetric"
     )
-    if problems:
-        yield Missing("volumetric", tuple(problems))
+    yield from parts
+    if not sets:
         return
     found = [error for errors in sets for error in errors]
-    yield from found
     values = np.array([error.error_mm for error in found])
     worst, budget = largest_of(found, measured, limits)
     yield judged_figure(

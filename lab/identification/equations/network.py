@@ -26,7 +26,8 @@ from traverse.kinematics.model.forward import body_rotations, probe_centre
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.model.quaternion import conjugate, multiply
 from traverse.lab.artefacts.artefact import Artefact, Touches
-from traverse.lab.campaign.campaign import Campaign, Poses
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.poses import Poses
 from traverse.lab.identification.equations.parameters import ArmValues, Parameters
 
 DEFAULT_ENCODER_RAD = 5e-6

@@ -20,7 +20,8 @@ from traverse.kinematics.model.quaternion import (
     multiply,
     rotation_vectors,
 )
-from traverse.lab.campaign.campaign import Campaign, Poses
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.poses import Poses
 from traverse.lab.campaign.prior import Prior
 from traverse.lab.identification.equations.effect_model import (
     EffectModel,

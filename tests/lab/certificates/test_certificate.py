@@ -13,7 +13,7 @@ from traverse.lab.certificates.certificate import (
     certify,
     checked_certificate,
 )
-from traverse.lab.certificates.document import (
+from traverse.lab.certificates.evidence import (
     UNITS,
     certificate_text,
     quantity,

@@ -1,21 +1,86 @@
-"""Duplicate rows of a table."""
+"""Poses of a campaign as arrays, and duplicate rows among them."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from traverse.arrays import Booleans, Floats, Integers
 
-if TYPE_CHECKING:
-    from traverse.lab.campaign.campaign import Poses
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Poses:
+    """Probed poses, one a row; NaN where a file had an empty cell.
+
+    Attributes:
+        lines: Line of each in the file, or number of the sample in a
+            stream, counting from 1, (n_poses,).
+        time_s: Since the campaign's start, (n_poses,).
+        artefacts: Index of the touched artefact, (n_poses,).
+        features: Index into `Campaign.feature_names` of the artefact, (n_poses,).
+        angles_rad: Readings, (n_poses, n_joints).
+        temperature_c: (n_poses,).
+        joint_temperatures_c: (n_poses, n_joints).
+        approaches: Sense of the last motion, -1, 0, +1, (n_poses, n_joints).
+        speeds_rad_s: (n_poses, n_joints).
+        directions: Unit vectors from the ball towards the material, (n_poses, 3).
+        force_n: (n_poses,).
+        lengths_mm: As read by artefacts that read lengths, (n_poses,).
+        tools: Number of `Campaign.tools`, from 1 on; 0 for the arm's own, (n_poses,).
+        orientations: Unit quaternions of the instrument's probe in the artefact's frame
+            as measured, (n_poses, 4).
+    """
+
+    lines: Integers
+    time_s: Floats
+    artefacts: Integers
+    features: Integers
+    angles_rad: Floats
+    temperature_c: Floats | None = None
+    joint_temperatures_c: Floats | None = None
+    approaches: Floats | None = None
+    speeds_rad_s: Floats | None = None
+    directions: Floats | None = None
+    force_n: Floats | None = None
+    lengths_mm: Floats | None = None
+    tools: Integers | None = None
+    orientations: Floats | None = None
+
+    @property
+    def oriented(self) -> Booleans:
+        """Which have a measured orientation, (n_poses,)."""
+        if self.orientations is None:
+            return np.zeros(len(self), dtype=np.bool_)
+        return np.isfinite(self.orientations[:, 0])
+
+    @property
+    def mounted(self) -> tuple[int, ...]:
+        """Numbers of the tools that orientations were measured with, rising."""
+        if self.tools is None:
+            return (0,) if np.any(self.oriented) else ()
+        return tuple(np.unique(self.tools[self.oriented]).tolist())
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def part(self, rows: Booleans | Integers | slice) -> "Poses":
+        """Take some of the poses."""
+        taken: dict[str, Any] = {}
+        for field in fields(self):
+            column = getattr(self, field.name)
+            taken[field.name] = None if column is None else column[rows]
+        return Poses(**taken)
+
 
 _MOST_LINES = 8
+# What a table may say of a pose beside what was touched, with which tool, and when.
+_OPTIONAL = [one.name for one in fields(Poses)[5:] if one.name != "tools"]
 # Instead of empty cells, which would differ from themselves.
 _EMPTY = 1e300
 
 
-def without_copies(poses: "Poses", places: Floats) -> tuple["Poses", tuple[str, ...]]:
+def without_copies(poses: Poses, places: Floats) -> tuple[Poses, tuple[str, ...]]:
     """Count rows once that are there several times.
 
     A row that agrees with an earlier one in every column is a copy. So is one that
@@ -37,18 +102,10 @@ def without_copies(poses: "Poses", places: Floats) -> tuple["Poses", tuple[str, 
     candidates = _with_equals(touched)
     if len(candidates) == 0:
         return poses, ()
+    columns = (getattr(poses, name) for name in _OPTIONAL)
     optional = [
         column.reshape(len(poses), -1)[candidates]
-        for column in (
-            poses.temperature_c,
-            poses.joint_temperatures_c,
-            poses.approaches,
-            poses.speeds_rad_s,
-            poses.directions,
-            poses.force_n,
-            poses.lengths_mm,
-            poses.orientations,
-        )
+        for column in columns
         if column is not None
     ]
     rest = np.column_stack([touched[candidates], *optional])
