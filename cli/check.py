@@ -93,7 +93,7 @@ def _by(module: str, function: str) -> Callable[[Path], object]:
 
 
 _read_probes = _by("daemon.pose.probe_library", "read_probes")
-_read_limits = _by("lab.acceptance.conformity.limits", "read_limits")
+_read_limits = _by("lab.acceptance.conformity", "read_limits")
 _read_laboratory = _by("lab.certificates.laboratory", "read_laboratory")
 _read_nominal = _by("lab.alignment.nominal", "read_nominal")
 _read_plan = _by("lab.collection.plan", "read_plan")

@@ -214,7 +214,7 @@ def _checked(folder: Path, arm: "Arm", begins: str) -> "Check":
 def _report(
     checks: "list[Check]", arm: str, limits: Path | None, acceptance: Path | None
 ) -> "DailyCheckReport":
-    from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits  # noqa: PLC0415
+    from traverse.lab.acceptance.conformity import NO_LIMITS, read_limits  # noqa: PLC0415
     from traverse.lab.daily_check.report import (  # noqa: PLC0415 - quick help
         read_certificate,
         report_of,

@@ -97,12 +97,12 @@ def _certificate(
     limits_file: Path | None,
     computed_by: str | None,
 ) -> "SealedCertificate":
-    from traverse.lab.acceptance.certificate.administration import (  # noqa: PLC0415
+    from traverse.lab.acceptance.certificate.check import ARM, LIMITS  # noqa: PLC0415
+    from traverse.lab.acceptance.certificate.values import (  # noqa: PLC0415
+        SealedCertificate,
         administration_of,
     )
-    from traverse.lab.acceptance.certificate.check import ARM, LIMITS  # noqa: PLC0415
-    from traverse.lab.acceptance.certificate.values import SealedCertificate  # noqa: PLC0415
-    from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits  # noqa: PLC0415
+    from traverse.lab.acceptance.conformity import NO_LIMITS, read_limits  # noqa: PLC0415
     from traverse.lab.acceptance.standards import verified  # noqa: PLC0415
     from traverse.lab.measured_points.reading import files_read, read_by_tool  # noqa: PLC0415
     from traverse.lab.report import provenance as sources  # noqa: PLC0415

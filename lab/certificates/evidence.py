@@ -17,13 +17,13 @@ import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm, arm_digest, read_arm
 from traverse.kinematics.uncertainty.arm_covariance import read_arm_covariance
-from traverse.lab.acceptance.certificate.administration import administration_of
 from traverse.lab.acceptance.certificate.check import (
     CERTIFICATE,
     DATA,
     PAGES,
     certificate_problems,
 )
+from traverse.lab.acceptance.certificate.values import administration_of
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.lab.certificates.laboratory import Laboratory
 from traverse.lab.identification.identify import IdentificationError, Options, identify
@@ -38,7 +38,7 @@ from traverse.lab.identification.results.files import (
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.measured_points.reading import files_read, read_measured
 from traverse.lab.report.checksums import sums_of
-from traverse.lab.report.differences import differences
+from traverse.lab.report.plain_values import differences
 from traverse.lab.report.provenance import digest_of_files
 from traverse.lab.report.templates import Filters, MissingValueError, page
 from traverse.strict_toml.files import json_of

@@ -7,19 +7,19 @@ from pathlib import Path
 from typing import Any
 
 from traverse.kinematics.arm_file.arm import read_arm
-from traverse.lab.acceptance.certificate.administration import administration_of
 from traverse.lab.acceptance.certificate.values import (
     PREDICTED,
     SCHEMA,
     SealedCertificate,
+    administration_of,
     digest_values,
     result_values,
 )
-from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
+from traverse.lab.acceptance.conformity import NO_LIMITS, read_limits
 from traverse.lab.acceptance.standards import STANDARDS, verified
 from traverse.lab.measured_points.reading import files_read, read_by_tool
 from traverse.lab.report.checksums import SUMS, sums_problems
-from traverse.lab.report.differences import differences
+from traverse.lab.report.plain_values import differences
 from traverse.lab.report.provenance import (
     ReportSource,
     digest_of_files,

@@ -4,15 +4,15 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from traverse.lab.acceptance.conformity.figure import (
+from traverse.lab.acceptance.conformity import (
     LengthError,
+    Limits,
     Missing,
     Part,
     Scatter,
     fixture_budget,
     judged_figure,
 )
-from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.acceptance.procedures.lengths import largest_of, length_sets
 from traverse.lab.acceptance.procedures.point_distribution import direction_remarks
 from traverse.lab.acceptance.procedures.probing import refuse_another_count

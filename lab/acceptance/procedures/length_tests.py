@@ -9,10 +9,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from traverse.lab.acceptance.conformity.figure import (
+from traverse.lab.acceptance.conformity import (
     Decision,
     Figure,
     LengthError,
+    Limits,
     Part,
     Verdict,
     decision_of,
@@ -21,7 +22,6 @@ from traverse.lab.acceptance.conformity.figure import (
     rule_text,
     worst,
 )
-from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.acceptance.procedures.lengths import SET, largest_of, length_sets
 from traverse.lab.acceptance.procedures.point_distribution import direction_remarks
 from traverse.lab.measured_points.measurement import Measurement

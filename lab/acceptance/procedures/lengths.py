@@ -18,14 +18,14 @@ from itertools import chain
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.lab.acceptance.conformity.figure import (
+from traverse.lab.acceptance.conformity import (
     Budget,
     LengthError,
+    Limits,
     Missing,
     Part,
     length_budget,
 )
-from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.artefacts.parallel_planes import ParallelPlanes

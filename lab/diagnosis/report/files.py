@@ -26,7 +26,7 @@ from traverse.lab.diagnosis.model.result import (
 from traverse.lab.diagnosis.report.discrepancies import write_discrepancies
 from traverse.lab.diagnosis.report.page import report_page
 from traverse.lab.diagnosis.report.pictures import plots_of
-from traverse.lab.identification.results.mass_distribution import mass_distribution
+from traverse.lab.identification.results.undetermined import mass_distribution
 from traverse.lab.report.plain_values import picked, plain_values
 from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
 from traverse.strict_toml.files import text_of

@@ -17,7 +17,7 @@ from traverse.lab.diagnosis.report.names import (
     term_size_text,
 )
 from traverse.lab.diagnosis.report.pictures import Plots
-from traverse.lab.identification.results.mass_distribution import mass_distribution
+from traverse.lab.identification.results.undetermined import mass_distribution
 from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
 from traverse.lab.report.templates import Filters, Words, page
 

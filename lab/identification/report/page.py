@@ -8,8 +8,8 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.lab.identification.equations.datum import probe_effects_mm
 from traverse.lab.identification.report.pictures import pictures_of
-from traverse.lab.identification.results.mass_distribution import mass_distribution
 from traverse.lab.identification.results.result import Identification
+from traverse.lab.identification.results.undetermined import mass_distribution
 from traverse.lab.identification.uncertainty_map import (
     UncertaintyMap,
     arm_uncertainty,

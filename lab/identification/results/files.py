@@ -15,12 +15,12 @@ from traverse.kinematics.arm_file.arm import Arm, arm_digest, write_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.prior import family_json
-from traverse.lab.identification.results.mass_distribution import mass_distribution
 from traverse.lab.identification.results.result import (
     ArtefactResult,
     CartesianCovariance,
     Identification,
 )
+from traverse.lab.identification.results.undetermined import mass_distribution
 from traverse.lab.report.plain_values import picked, plain_values
 from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
 from traverse.strict_toml.files import bytes_of

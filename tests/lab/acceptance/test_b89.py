@@ -11,7 +11,7 @@ from tests.lab.measurements import (
     of_kind,
     touches,
 )
-from traverse.lab.acceptance.conformity.figure import Figure, LengthError, Missing
+from traverse.lab.acceptance.conformity import Figure, LengthError, Missing
 from traverse.lab.acceptance.procedures.b89 import (
     ZONES,
     articulation,

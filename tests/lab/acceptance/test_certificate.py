@@ -11,13 +11,15 @@ import pytest
 from tests.docs.pages import CHECKOUT
 from tests.lab.report.pages import Page
 from traverse.kinematics.arm_file.arm import read_arm
-from traverse.lab.acceptance.certificate.administration import administration_of
 from traverse.lab.acceptance.certificate.check import certificate_problems
 from traverse.lab.acceptance.certificate.files import write_certificate
 from traverse.lab.acceptance.certificate.page import figure_lines
 from traverse.lab.acceptance.certificate.pdf import certificate_pdf
-from traverse.lab.acceptance.certificate.values import SealedCertificate
-from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
+from traverse.lab.acceptance.certificate.values import (
+    SealedCertificate,
+    administration_of,
+)
+from traverse.lab.acceptance.conformity import NO_LIMITS, read_limits
 from traverse.lab.acceptance.standards import verified
 from traverse.lab.measured_points.reading import files_read, read_measured
 from traverse.lab.report.checksums import read_sums, sums_of, write_sums

@@ -5,11 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.lab.measurements import limits
-from traverse.lab.acceptance.conformity.figure import decision_of, worst
-from traverse.lab.acceptance.conformity.limits import (
+from traverse.lab.acceptance.conformity import (
     NO_LIMITS,
     LengthLimit,
+    decision_of,
     read_limits,
+    worst,
 )
 from traverse.strict_toml.problems import FileError
 

@@ -16,7 +16,7 @@ from tests.lab.measurements import (
     on_a_ball,
     touches,
 )
-from traverse.lab.acceptance.conformity.figure import Figure, LengthError, Missing
+from traverse.lab.acceptance.conformity import Figure, LengthError, Missing
 from traverse.lab.acceptance.procedures.length_tests import (
     check_names,
     interim_test,
