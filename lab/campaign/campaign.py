@@ -32,6 +32,14 @@ _CHUNK_BYTES = 1 << 20
 _NO_START = datetime(2000, 1, 1, tzinfo=UTC)
 _MOST_PROBLEMS = 20
 _MARGIN = timedelta(milliseconds=1)
+_ONE_TOOL = (
+    "only `traverse identify`, `diagnose`, `predict` and `verify` take several "
+    "tools; take the poses of one, and leave the column out"
+)
+_NO_ORIENTATIONS = (
+    "only `traverse identify`, `diagnose` and `predict` take measured "
+    "orientations; leave these columns out"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -217,60 +225,20 @@ def read_campaign(
     else:
         tools = [tool.name for tool in file.tools]
         table = read_pose_table(poses, joint_names, features, tools)
-        problems = [
-            *([] if several_tools else _tool_problems(table)),
-            *([] if orientations else _orientation_problems(table)),
-        ]
+        problems = []
+        if table.poses.tools is not None and not several_tools:
+            problems.append(Problem("tool", _ONE_TOOL))
+        if np.any(table.poses.oriented) and not orientations:
+            problems.append(Problem("orientation_w", _NO_ORIENTATIONS))
         if problems:
             raise FileError(poses, problems)
     return _campaign(path, file, table, tuple(joint_names))
 
 
-def _tool_problems(table: PoseTable) -> list[Problem]:
-    if table.tools is None:
-        return []
-    what = (
-        "only `traverse identify`, `diagnose`, `predict` and `verify` take several "
-        "tools; take the poses of one, and leave the column out"
-    )
-    return [Problem("tool", what)]
-
-
-def _orientation_problems(table: PoseTable) -> list[Problem]:
-    if not np.any(np.isfinite(table.optional.get("orientation_w", np.nan))):
-        return []
-    what = (
-        "only `traverse identify`, `diagnose` and `predict` take measured "
-        "orientations; leave these columns out"
-    )
-    return [Problem("orientation_w", what)]
-
-
 def _campaign(
     path: Path, file: CampaignFile, table: PoseTable, joint_names: tuple[str, ...]
 ) -> Campaign:
-    directions = _unit_vectors(table, [f"direction_{axis}" for axis in "xyz"])
-    orientations = _unit_vectors(table, [f"orientation_{part}" for part in "wxyz"])
-
-    def each(quantity: str) -> Floats | None:
-        return _columns(table, [f"{name}_{quantity}" for name in joint_names])
-
-    poses = Poses(
-        lines=table.lines,
-        time_s=table.time_s,
-        artefacts=table.artefacts,
-        features=table.features,
-        angles_rad=table.angles_rad,
-        temperature_c=table.optional.get("temperature_c"),
-        joint_temperatures_c=each("temperature_c"),
-        approaches=each("approach"),
-        speeds_rad_s=each("speed_rad_s"),
-        directions=directions,
-        force_n=table.optional.get("force_n"),
-        lengths_mm=table.optional.get("length_mm"),
-        tools=table.tools,
-        orientations=orientations,
-    )
+    poses = table.poses
     _check_lengths(path.parent / file.poses, file, poses)
     _check_orientations(path.parent / file.poses, file, poses)
     is_stream = Path(file.poses).suffix == SUFFIX
@@ -363,22 +331,6 @@ def _places(artefacts: Sequence[Artefact], poses: Poses) -> Floats:
             known_mm = np.array(list(artefact.points_mm.values()))
             places[mine] = known_mm[poses.features[mine]]
     return places
-
-
-def _unit_vectors(table: PoseTable, names: Sequence[str]) -> Floats | None:
-    vectors = _columns(table, names)
-    if vectors is None:
-        return None
-    units: Floats = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-    return units
-
-
-def _columns(table: PoseTable, names: Sequence[str]) -> Floats | None:
-    """Put optional columns side by side; None where none of them is there."""
-    if not any(name in table.optional for name in names):
-        return None
-    empty = np.full(len(table.time_s), np.nan)
-    return np.column_stack([table.optional.get(name, empty) for name in names])
 
 
 def campaign_digest(path: Path, file: CampaignFile) -> str:

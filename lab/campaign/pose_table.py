@@ -15,6 +15,7 @@ import numpy as np
 
 from traverse.arrays import Floats, Integers
 from traverse.lab.campaign.csv_rows import csv_rows
+from traverse.lab.campaign.poses import Poses
 from traverse.plurals import counted
 from traverse.strict_toml.problems import (
     LARGEST,
@@ -27,10 +28,16 @@ from traverse.strict_toml.problems import (
 
 # The cells of some rows, column by column.
 _Columns = Sequence[tuple[str, ...]]
+# Columns of one number, by their attribute of `Poses`.
+_NUMBERS = {
+    "temperature_c": ("temperature_c",),
+    "force_n": ("force_n",),
+    "lengths_mm": ("length_mm",),
+}
 # Columns that are filled together: a vector of length 1, all components or none.
 _UNIT_VECTORS = {
-    "direction": tuple(f"direction_{axis}" for axis in "xyz"),
-    "orientation": tuple(f"orientation_{part}" for part in "wxyz"),
+    "directions": tuple(f"direction_{axis}" for axis in "xyz"),
+    "orientations": tuple(f"orientation_{part}" for part in "wxyz"),
 }
 
 
@@ -41,6 +48,8 @@ class PoseColumns:
     Attributes:
         angles: Of every joint's angle, in the order of the arm.
         optional: Index by name of every optional column that is there.
+        quantities: Optional columns by their attribute of `Poses`, as far as any of
+            them is there.
         tool: Of tool, where it is there.
         tools: What that column may name.
     """
@@ -51,6 +60,7 @@ class PoseColumns:
     feature: int
     angles: tuple[int, ...]
     optional: dict[str, int]
+    quantities: dict[str, tuple[str, ...]]
     tool: int | None = None
     tools: tuple[str, ...] = ()
 
@@ -68,7 +78,8 @@ def columns_from_header(
     if problems:
         return problems
     places = {name: index for index, name in enumerate(header)}
-    optional = set(optional_columns(joint_names))
+    quantities = optional_columns(joint_names)
+    optional = {name for names in quantities.values() for name in names}
     return PoseColumns(
         names=tuple(header),
         time=places["time_s"],
@@ -76,29 +87,33 @@ def columns_from_header(
         feature=places["feature"],
         angles=tuple(places[f"{name}_rad"] for name in joint_names),
         optional={name: at for name, at in places.items() if name in optional},
+        quantities={
+            quantity: names
+            for quantity, names in quantities.items()
+            if not places.keys().isdisjoint(names)
+        },
         tool=places.get("tool"),
         tools=tuple(tools),
     )
 
 
-def optional_columns(joint_names: Sequence[str]) -> tuple[str, ...]:
-    """List the columns that a table may have beyond the required ones."""
-    return (
-        "temperature_c",
-        "force_n",
-        "length_mm",
-        *(name for names in _UNIT_VECTORS.values() for name in names),
-        *(f"{name}_temperature_c" for name in joint_names),
-        *(f"{name}_approach" for name in joint_names),
-        *(f"{name}_speed_rad_s" for name in joint_names),
-    )
+def optional_columns(joint_names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Name the columns that a table may have besides, by attribute of `Poses`."""
+    return {
+        **_NUMBERS,
+        **_UNIT_VECTORS,
+        "joint_temperatures_c": tuple(f"{name}_temperature_c" for name in joint_names),
+        "approaches": tuple(f"{name}_approach" for name in joint_names),
+        "speeds_rad_s": tuple(f"{name}_speed_rad_s" for name in joint_names),
+    }
 
 
 def _header_problems(
     header: Sequence[str], joint_names: Sequence[str]
 ) -> Iterator[Problem]:
     required = ("time_s", "artefact", "feature", *(f"{n}_rad" for n in joint_names))
-    known = (*required, "tool", *optional_columns(joint_names))
+    optional = optional_columns(joint_names).values()
+    known = (*required, "tool", *(name for names in optional for name in names))
     for name in required:
         if name not in header:
             yield Problem("line 1", f"column '{name}' is missing; add it")
@@ -121,32 +136,20 @@ _MOST_PROBLEMS = 100
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseTable:
-    """The columns of a file.
+    """What a file contains.
 
     Attributes:
-        artefacts: Index into the campaign's artefacts, (n_poses,).
-        features: Index into the artefact's features; for artefacts without a list
-            of features an index into `free_features`, (n_poses,).
+        poses: Their artefacts and features are indices into those of the campaign's
+            file; for artefacts without a list of features into `free_features`.
         free_features: Names met at artefacts without a list of features.
-        time_s: (n_poses,).
-        angles_rad: (n_poses, n_joints).
-        optional: Numbers by name of optional column, NaN where empty, (n_poses,).
-        lines: Of the file, or numbers of the samples of a stream, from 1, (n_poses,).
-        start_utc: Zero of time_s, where the table itself contains it.
+        start_utc: Zero of the poses' times, where the table itself contains it.
         notes: What is not as it should be, but no reason to refuse.
-        tools: 0 for the arm's own, else number of the tool, (n_poses,).
     """
 
-    artefacts: Integers
-    features: Integers
+    poses: Poses
     free_features: tuple[str, ...]
-    time_s: Floats
-    angles_rad: Floats
-    optional: Mapping[str, Floats]
-    lines: Integers
     start_utc: datetime | None = None
     notes: tuple[str, ...] = ()
-    tools: Integers | None = None
 
 
 def read_pose_table(
@@ -240,16 +243,33 @@ class _RowReader:
         artefacts, features, tools, numbers = (
             np.concatenate(part) for part in zip(*self._blocks, strict=True)
         )
-        return PoseTable(
+        poses = Poses(
+            lines=np.arange(2, len(numbers) + 2),
+            time_s=numbers[:, columns.time],
             artefacts=artefacts,
             features=features,
-            free_features=tuple(self._free),
-            time_s=numbers[:, columns.time],
             angles_rad=np.ascontiguousarray(numbers[:, columns.angles]),
-            optional={n: numbers[:, at].copy() for n, at in columns.optional.items()},
-            lines=np.arange(2, len(numbers) + 2),
             tools=tools if np.any(tools) else None,
+            **{
+                quantity: self._optional(numbers, quantity)
+                for quantity in columns.quantities
+            },
         )
+        return PoseTable(poses, tuple(self._free))
+
+    def _optional(self, numbers: Floats, quantity: str) -> Floats:
+        """Put the columns of a quantity side by side, NaN for those that lack."""
+        at = self._columns.optional
+        empty = np.full(len(numbers), np.nan)
+        values: Floats = np.column_stack(
+            [
+                numbers[:, at[name]] if name in at else empty
+                for name in self._columns.quantities[quantity]
+            ]
+        )
+        if quantity in _UNIT_VECTORS:
+            values /= np.linalg.norm(values, axis=1, keepdims=True)
+        return values[:, 0] if quantity in _NUMBERS else values
 
     def _name_problems(self, by_column: _Columns) -> Iterator[tuple[int, str]]:
         """Yield the rows whose artefact, feature or tool is not known."""
@@ -313,10 +333,11 @@ class _RowReader:
                     (at, f"{name} is {shown(cells[at])}; expected -1, 0 or 1")
                     for at in np.flatnonzero(off).tolist()
                 ]
-        for what, names in _UNIT_VECTORS.items():
-            if names[0] in columns.optional:
+        for quantity, names in _UNIT_VECTORS.items():
+            if quantity in columns.quantities:
                 at = [columns.optional[name] for name in names]
                 texts = [by_column[index] for index in at]
+                what = quantity.removesuffix("s")
                 wrong += _unit_vector_problems(what, texts, numbers[:, at])
         return numbers, wrong
 
