@@ -9,10 +9,11 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
+from traverse.lab.campaign.campaign import Campaign
 from traverse.strict_toml.files import open_regular
 
 # Names who computes, where that is not the user of the computer.
@@ -69,20 +70,6 @@ def report_provenance(
         },
         campaign=campaign,
     )
-
-
-class Campaign(Protocol):
-    """Requirements on a campaign."""
-
-    @property
-    def name(self) -> str:
-        """Of its folder."""
-        ...
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 over its files."""
-        ...
 
 
 def campaign_provenance(

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from traverse.kinematics import fits
 from traverse.lab.acceptance.conformity import (
     LengthError,
     Limits,
@@ -19,7 +20,6 @@ from traverse.lab.acceptance.procedures.probing import refuse_another_count
 from traverse.lab.measured_points.measurement import (
     IncompleteError,
     Measurement,
-    articulation_of,
 )
 from traverse.plurals import counted
 
@@ -55,8 +55,8 @@ def articulation(measured: Measurement, limits: Limits) -> Iterator[Part]:
         except IncompleteError as error:
             problems.append(str(error))
             continue
-        seat = articulation_of(touched)
-        largest[zone], two_s[zone] = seat.largest_mm, seat.two_s_mm
+        seat = fits.spread_about_mean(touched.places_mm)
+        largest[zone], two_s[zone] = seat.max_deviation_mm, seat.two_s_mm
         half_mm = 0.5 * np.ptp(touched.places_mm, axis=0)
         spans += [
             (f"{zone}, (max - min)/2 {axis}", float(half))
@@ -70,7 +70,7 @@ def articulation(measured: Measurement, limits: Limits) -> Iterator[Part]:
             )
         if len(set(touched.features)) < 2:
             remarks.append(f"{name}: features do not tell on which side the elbow was")
-        yield Scatter(name, tuple(seat.delta_mm.tolist()))
+        yield Scatter(name, tuple(seat.deviations_mm.tolist()))
     if problems:
         yield Missing("SPAT", tuple(problems))
         return
