@@ -12,8 +12,7 @@ from traverse.cli.export.sources import points_of
 from traverse.client.exports.point_table import standing
 from traverse.kinematics.arm_file.arm import Arm, read_arm
 from traverse.lab.alignment.best_fit import best_fit_alignment
-from traverse.lab.alignment.chained_alignment import chained_values
-from traverse.lab.alignment.files import read_alignment
+from traverse.lab.alignment.files import chained_values, read_alignment
 from traverse.lab.alignment.nominal import (
     Nominal,
     VolumeFunction,

@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.fits.adjustment import checked_points
+from traverse.kinematics.fits.shapes import checked_points
 
 _ROUNDING = 1e-12  # of the extent of the points
 _DEPENDENT = 1e-10

@@ -16,24 +16,22 @@ from traverse.kinematics.helmert.adjustment import (
 from traverse.kinematics.helmert.shape import shape_of
 from traverse.kinematics.helmert.transformation import mirrored_share
 from traverse.kinematics.helmert.volume import Volume, disposition_index, mean_motions
-from traverse.lab.alignment.flags import (
-    WORDS,
-    disposition_flags,
-    revealed_flags,
-    scale_flags,
-    scatter_flags,
-    turn_problem,
-)
 from traverse.lab.alignment.nominal import VolumeFunction
 from traverse.lab.alignment.result import (
     FOUND,
     POINT_LEVEL,
+    WORDS,
     AlignmentResult,
     AlignmentWarning,
     Detectable,
     PointResult,
+    disposition_flags,
     global_test,
     point_p_value,
+    revealed_flags,
+    scale_flags,
+    scatter_flags,
+    turn_problem,
 )
 from traverse.lab.alignment.touches import CommonPoints, Place, places_mm
 

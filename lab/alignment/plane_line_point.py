@@ -18,22 +18,20 @@ from traverse.kinematics.helmert.shape import shape_of
 from traverse.kinematics.helmert.transformation import N_RIGID, Helmert, motions
 from traverse.kinematics.helmert.volume import VolumeError, mean_motions
 from traverse.kinematics.helmert.volume import volume_error as error_in
-from traverse.lab.alignment.flags import (
-    POOR_INDEX,
-    STRAIGHT,
-    WORDS,
-    revealed_flags,
-    turn_problem,
-)
 from traverse.lab.alignment.nominal import Nominal, VolumeFunction
 from traverse.lab.alignment.result import (
     FOUND,
+    POOR_INDEX,
+    STRAIGHT,
+    WORDS,
     AlignmentResult,
     AlignmentWarning,
     Detectable,
     PointResult,
     global_test,
     point_p_value,
+    revealed_flags,
+    turn_problem,
 )
 from traverse.lab.alignment.touches import Touch, places_mm, stated_errors
 from traverse.plurals import counted

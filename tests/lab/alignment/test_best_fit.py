@@ -16,8 +16,12 @@ from tests.lab.alignment.aligned import (
 )
 from traverse.kinematics.helmert.adjustment import HelmertError
 from traverse.lab.alignment.best_fit import best_fit_alignment
-from traverse.lab.alignment.chained_alignment import chained_values
-from traverse.lab.alignment.files import WORDS, alignment_lines, transformation_of
+from traverse.lab.alignment.files import (
+    WORDS,
+    alignment_lines,
+    chained_values,
+    transformation_of,
+)
 from traverse.lab.alignment.nominal import fixed_volume
 from traverse.lab.alignment.result import global_test
 from traverse.lab.alignment.touches import CommonPoints, Place
