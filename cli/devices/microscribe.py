@@ -17,29 +17,7 @@ from traverse.cli.common.refusals import (
 )
 from traverse.plurals import counted
 
-CONFIGURATION = """\
-# Made by `traverse microscribe arm-file` of {name}. Measure with
-#     traverse run --config {file} --embedded-broker
-# or with a broker of your own.
-
-[arm]
-file = {arm}
-
-[broker]
-host = "localhost"
-
-[[device]]
-id = {device}
-driver = "microscribe"
-port = {port}
-baud_rate = {baud_rate}
-
-[capture]
-inputs = [
-    {{ source = "{id}/0", trigger = "button" }},  # the right pedal
-    {{ source = "{id}/1", trigger = "button" }},  # the left one
-]
-"""
+CONFIGURATION = Path(__file__).with_name("microscribe.toml.template")
 
 microscribe = CommandGroup(
     "microscribe",
@@ -77,6 +55,7 @@ def arm_file(
         query_microscribe,
     )
     from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415
+    from traverse.strict_toml.files import text_of  # noqa: PLC0415
     from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
 
     config = out.with_name("traverse.toml")
@@ -84,7 +63,7 @@ def arm_file(
     with refusals(), device_errors():
         said, told = query_microscribe(port, baud_rate, name)
         arm = arm_from_microscribe(told, device, radius_mm)
-        text = CONFIGURATION.format(
+        text = text_of(CONFIGURATION).format(
             name=said.name,
             file=config.name,
             arm=json.dumps(out.name),
