@@ -4,8 +4,10 @@ Some pairs of effects are known to be hard to separate: why, and what separates 
 Some are aliases by structure: no poses of the same kind ever would.
 """
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -31,6 +33,7 @@ from traverse.lab.diagnosis.model.observation_equations import ObservationEquati
 from traverse.lab.diagnosis.model.result import Alternative
 from traverse.lab.diagnosis.search.decision import NamedTerm
 from traverse.lab.report.templates import Words
+from traverse.strict_toml.files import text_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +83,11 @@ def known_pair(
             f"measure {more} calibrated length, of another standard",
             is_only and ThermalExpansion.kind in kinds,
         )
-    for one, other, why, remedy in _FAMILIES:
-        if families in ((one, other), (other, one)) or (
-            other is None and one in families
-        ):
-            return KnownPair(why, remedy)
+    names = sorted(family.name for family in families)
+    for pair in _PAIRS:
+        alike = pair["families"]
+        if names == sorted(alike) or (len(alike) == 1 and alike[0] in names):
+            return KnownPair(pair["why"], pair["experiment"])
     return None
 
 
@@ -129,77 +132,7 @@ def _family(candidate: Candidate) -> Family:
     return EFFECT_KINDS[candidate.kind].family
 
 
-_WITH_AND_WITHOUT_MASS = (
-    "the moment of gravity is a first harmonic of a joint that is not vertical",
-    "measure with a known mass at the wrist and without (only what gravity does "
-    "grows), or with the base tilted",
-)
-# Two families (None: any), why they are alike, and what separates them: the first that
-# fits counts.
-_FAMILIES: tuple[tuple[Family, Family | None, str, str], ...] = (
-    (
-        Family.GRAVITY,
-        Family.GRAVITY,
-        "both follow the moments of the arm's own weight",
-        "hang a known mass at the wrist and then at the elbow, or tilt the base",
-    ),
-    (Family.GRAVITY, Family.OWN_ANGLE, *_WITH_AND_WITHOUT_MASS),
-    (Family.GRAVITY, Family.AXIS_MOTION, *_WITH_AND_WITHOUT_MASS),
-    (
-        Family.CONTACT,
-        Family.CONTACT,
-        "both act along the normal of a touched surface",
-        "touch a sphere all around with the shank in many attitudes and two forces",
-    ),
-    (
-        Family.MOVING,
-        Family.MOVING,
-        "both follow the sense of the last motion",
-        "approach the same points at two speeds, from both sides, turning one "
-        "joint at a time",
-    ),
-    (
-        Family.MOVING,
-        None,
-        "poses and motions went together",
-        "repeat the same poses at another speed and from the other side",
-    ),
-    (
-        Family.WARM,
-        Family.SLOW,
-        "the temperature went up while time went by",
-        "let the temperature go up and down again while measuring, and repeat the "
-        "first artefact at the end",
-    ),
-    (
-        Family.WARM,
-        Family.WARM,
-        "one warm-up moves everything at once",
-        "touch stretched and bent at the same temperature, and warm one link "
-        "after the other",
-    ),
-    (
-        Family.SLOW,
-        Family.SLOW,
-        "both change slowly with time",
-        "go through the artefacts in turn, all around the base, and touch one "
-        "cone again every 20 poses",
-    ),
-    (
-        Family.WARM,
-        None,
-        "poses and temperatures went together",
-        "repeat the same poses at another temperature",
-    ),
-    (
-        Family.SLOW,
-        None,
-        "poses were measured in an order that follows a joint",
-        "repeat the same poses later, in another order",
-    ),
-)
-
-
+_PAIRS = tomllib.loads(text_of(Path(__file__).with_name("known_pairs.toml")))["pairs"]
 WORDS = Words("diagnosis/advice/words.jinja")
 
 # Evidence that takes a name out of the printed set, as natural logarithm.
