@@ -99,7 +99,7 @@ def test_every_other_file_of_a_package_is_package_data() -> None:
         for file in (CHECKOUT / name).rglob("*.*")
         if file.suffix
         in {".css", ".html", ".jinja", ".js", ".json"}
-        | {".sql", ".template", ".toml", ".xsd"}
+        | {".mplstyle", ".sql", ".template", ".toml", ".xsd"}
     }
     assert len(others) > 10
     assert others <= data
