@@ -13,10 +13,10 @@ import sys
 from pathlib import Path
 
 import asyncapi
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from message_schemas import field_table, json_schema, json_schemas, name
 
-from traverse.protocol import arrays
-from traverse.protocol.encoding import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS
+from traverse.protocol import arrays, encoding
 from traverse.protocol.messages import (
     COMMANDS,
     COUNTERS,
@@ -24,64 +24,18 @@ from traverse.protocol.messages import (
     LATENCIES,
     MESSAGES,
     REMARKS,
-    Message,
 )
 from traverse.protocol.topics import CHANNELS
 
 HERE = Path(__file__).parent
 REFERENCE = HERE / "reference"
 GOLDEN = HERE.parent / "tests" / "protocol" / "golden"
-GOLDEN_FOLDER = "../../tests/protocol/golden"
-
-HEAD = """\
-# MQTT messages
-
-Made from `protocol/messages` by `make schemas` (do not edit), like the [JSON
-Schemas](schemas/README.md) and the [AsyncAPI 3 document](asyncapi.json). Programs to
-copy: [read points](../how-to/read-points-in-your-program.md).
-"""
-RULES = f"""\
-- **Encoding.** A payload is one MessagePack map, or one JSON object (first byte: a
-  brace) with `encoding = "json"` in the daemon's configuration. A command may use
-  either. The content type of MQTT 5 is `application/msgpack` or `application/json`.
-- **Examples** are linked, also [a retraction]({GOLDEN_FOLDER}/point-retraction.json),
-  [the last will]({GOLDEN_FOLDER}/status-offline.json) and [a
-  refusal]({GOLDEN_FOLDER}/reply-error.json).
-- **Left out of the tables:** `schema`, the name above them (another number at its end
-  means another layout), and `arm`, which all but commands and replies have.
-- **Keys** are always present, null where the type says so. Those with a default may
-  be left out. Units are in their names.
-- **Numbers** are finite; integers have at most 53 bits, and one is accepted where a
-  number is expected.
-- A **time** is nanoseconds since 1970 in UTC, which needs 61 bits: an integer in
-  MessagePack (in JavaScript decode with `useBigInt64: true`), a **string** of digits
-  in JSON.
-- An **array** is an [extension type](#arrays) in MessagePack, nested lists in JSON.
-  Without points, its free dimensions are 0.
-- A **name** has 1 to 64 characters, a text at most 2000 where nothing else is stated. A
-  **map** has names as keys, and any values.
-- Our reader refuses more than {MAX_BYTES} bytes, {MAX_DEPTH} levels of nesting, and
-  MessagePack lists or maps of more than {MAX_ELEMENTS} elements, unknown and repeated
-  keys.
-"""
 SCHEMAS = """\
 # JSON Schemas
 
 Made from `protocol/messages` by `make schemas` (do not edit): one file for every
 [message](../mqtt-messages.md) and every command, `point.schema.json` or
 `command-scan.schema.json`, in JSON Schema 2020-12, for payloads in JSON.
-"""
-DELIVERY = """\
-A point is delivered at least once. Within a `session`, `seq` has no gaps, retractions
-included: request missing numbers with [`cmd/resend`](#cmdresend). Use a point only
-where `quality.ok` is true.
-"""
-COMMAND_HEAD = """\
-The reply is sent to the MQTT 5 response topic if the command has one, which must be
-below `reply/` ([why](../security.md#answers)), else to `reply/<name>`. Choose a new
-`request` for each command: a repeated one gets the first reply again and is not
-carried out again. The daemon remembers 256 replies, and those to `point` and `undo`
-over a restart, for ten minutes. What `args` holds depends on the name:
 """
 
 
@@ -110,72 +64,33 @@ def main() -> int:
 
 def reference_page() -> str:
     """The page, in Markdown."""
-    lines = [HEAD, "| topic | payload | QoS |", "|---|---|---|"]
-    for message in MESSAGES:
-        topic, quality = _delivery(name(message))
-        link = f"[{message.__name__}](#{name(message)})"
-        lines.append(f"| `{topic}` | {link} | {quality} |")
-    lines += ["", RULES]
-    for message in MESSAGES:
-        lines += _message_section(message)
-        if name(message) == "point":
-            lines += ["```json", _golden("point.json"), "```", "", DELIVERY]
-        if name(message) == "command":
-            lines += _command_sections()
-    lines += [
-        "## Quality flags",
-        "",
-        "The bits of `quality` in a scan, and their names in other messages. All but "
-        "remarks make `ok` false.",
-        "",
-        "| bit | name | meaning |",
-        "|---|---|---|",
-    ]
-    for flag, meaning in FLAG_MEANINGS.items():
-        bit, remark = flag.bit_length() - 1, "remark: " if flag & REMARKS else ""
-        lines.append(f"| {bit} | `{str(flag.name).lower()}` | {remark}{meaning} |")
-    lines += _word_table("Counters", COUNTERS) + _word_table("Latencies", LATENCIES)
-    lines += ["", "## Arrays", "", inspect.getdoc(arrays) or ""]
-    return "\n".join(lines)
-
-
-def _delivery(key: str) -> tuple[str, str]:
-    """Topic of a message, and its quality of service."""
-    topic = {"command": "cmd"}.get(key, key)
-    channel = CHANNELS[topic]
-    level = "/<name>" if key in ("command", "reply") else ""
-    retained = ", retained" if channel.retained else ""
-    return f"traverse/<arm>/{topic}{level}", f"{channel.qos}{retained}"
-
-
-def _message_section(message: type[Message]) -> list[str]:
-    schema, key = json_schema(message), name(message)
-    lines = [f"## {message.__name__}", "", inspect.getdoc(message) or "", ""]
-    example = f"{GOLDEN_FOLDER}/{'command-point' if key == 'command' else key}"
-    shown = f"[JSON]({example}.json) and [MessagePack]({example}.msgpack.hex)"
-    linked = f"[`{schema['$id']}`](schemas/{key}.schema.json)"
-    lines += [f"Schema {linked}; example in {shown}.", ""]
-    return [*lines, *field_table(schema), ""]
-
-
-def _command_sections() -> list[str]:
-    lines = [COMMAND_HEAD]
-    for command, args in COMMANDS.items():
-        lines += [f"### cmd/{command}", "", inspect.getdoc(args) or "", ""]
-        lines += [*field_table(json_schema(args)), ""]
-        shown = json.loads(_golden(f"command-{command}.json"))["args"]
-        link = f"[Schema](schemas/command-{command}.schema.json)"
-        lines += [f"{link}; example: `{json.dumps(shown)}`", ""]
-    return lines
-
-
-def _golden(file: str) -> str:
-    return (GOLDEN / file).read_text().rstrip()
-
-
-def _word_table(title: str, words: dict[str, str]) -> list[str]:
-    rows = [f"| `{word}` | {meaning} |" for word, meaning in words.items()]
-    return ["", f"## {title}", "", "| name | meaning |", "|---|---|", *rows]
+    made = Environment(
+        loader=FileSystemLoader(HERE),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters |= {
+        "doc": lambda value: inspect.getdoc(value) or "",
+        "example": lambda key: (GOLDEN / f"{key}.json").read_text().rstrip(),
+        "field_table": field_table,
+        "json_schema": json_schema,
+        "name": name,
+        "parsed": json.loads,
+        "text": json.dumps,
+    }
+    return made.get_template("mqtt_messages.jinja").render(
+        messages=MESSAGES,
+        commands=COMMANDS,
+        channels=CHANNELS,
+        encoding=encoding,
+        flags=FLAG_MEANINGS,
+        remarks=REMARKS,
+        counters=COUNTERS,
+        latencies=LATENCIES,
+        arrays=arrays,
+        golden="../../tests/protocol/golden",
+    )
 
 
 def _compare(files: dict[Path, str], old: set[Path]) -> int:

@@ -27,7 +27,7 @@ def check(docs: Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture
 def copied_docs(tmp_path):
-    for path in DOCS.glob("*.py"):
+    for path in (*DOCS.glob("*.py"), *DOCS.glob("*.jinja")):
         (tmp_path / "docs").mkdir(exist_ok=True)
         shutil.copy(path, tmp_path / "docs")
     shutil.copytree(DOCS / "reference", tmp_path / "docs" / "reference")
