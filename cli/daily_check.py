@@ -214,13 +214,14 @@ def _checked(folder: Path, arm: "Arm", begins: str) -> "Check":
 def _report(
     checks: "list[Check]", arm: str, limits: Path | None, acceptance: Path | None
 ) -> "DailyCheckReport":
-    from traverse.lab.acceptance.conformity import NO_LIMITS, read_limits  # noqa: PLC0415
+    from traverse.lab.acceptance.conformity import NO_LIMITS, Limits  # noqa: PLC0415
     from traverse.lab.daily_check.report import (  # noqa: PLC0415 - quick help
         read_certificate,
         report_of,
     )
+    from traverse.strict_toml.reader import read_strict  # noqa: PLC0415
 
-    permitted = NO_LIMITS if limits is None else read_limits(limits)
+    permitted = NO_LIMITS if limits is None else read_strict(limits, Limits)
     beside: dict[str, Any] | None = None
     if acceptance is not None:
         beside = read_certificate(acceptance, arm)

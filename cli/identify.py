@@ -144,6 +144,6 @@ def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -
     with refusals(arm_comparison.ComparisonError):
         found = arm_comparison.compare_arms(arms[0], arms[1], ranges)
     values = arm_comparison.comparison_values(files, arms, found)
-    from traverse.lab.identification.report import page as pages  # noqa: PLC0415
+    from traverse.lab.identification.report.page import WORDS  # noqa: PLC0415
 
-    print_report(values, pages.comparison_lines(values), as_json=as_json)
+    print_report(values, WORDS.lines("comparison", values), as_json=as_json)

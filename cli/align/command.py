@@ -103,7 +103,7 @@ def align(
         if out is not None:
             files.write_alignment(values, out)
     wrote = f"wrote {out}: alignment.json, alignment.html"
-    lines = [*files.alignment_lines(values), *([] if out is None else [wrote])]
+    lines = [*files.WORDS.lines("summary", values), *([] if out is None else [wrote])]
     print_report(values, lines, as_json=as_json)
     if not values["passed"] or (strict and values["flags"]):
         raise typer.Exit(FAILED)

@@ -19,13 +19,12 @@ stood (in the manner of ISO/TS 23165 [K]).
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, PlainValidator
 
-from traverse.strict_toml.reader import StrictModel, read_strict
+from traverse.strict_toml.reader import StrictModel
 
 # ISO 14253-1:2017: 95 % for one limit needs 1.65 standard uncertainties.
 GUARD_FACTOR = 1.65
@@ -124,15 +123,6 @@ class Limits(StrictModel):
 
 
 NO_LIMITS = Limits(schema="traverse/acceptance-limits/1")
-
-
-def read_limits(path: str | Path) -> Limits:
-    """Read a file of limits.
-
-    Raises:
-        FileError: With everything that is wrong.
-    """
-    return read_strict(path, Limits)
 
 
 Verdict = Literal["accept", "reject", "neither", "undecided"]

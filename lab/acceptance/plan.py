@@ -23,10 +23,11 @@ from traverse.lab.acceptance.standards import (
     UNIDIRECTIONAL,
 )
 from traverse.lab.campaign.campaign_file import EXAMPLE, read_campaign_file
-from traverse.lab.collection.plan import PLAN, read_plan
+from traverse.lab.collection.plan import PLAN, PlanFile
 from traverse.lab.measured_points.measurement import reach_of
 from traverse.plurals import counted
 from traverse.strict_toml.problems import FileError
+from traverse.strict_toml.reader import read_strict
 from traverse.strict_toml.writing import write_atomically
 
 SPHERE = {"kind": "sphere", "radius_mm": 12.7, "radius_std_mm": 0.0003}
@@ -242,7 +243,7 @@ def write_plan(plan: Plan, standard: str, folder: Path) -> dict[str, Any]:
     )
     write_atomically(folder / PLAN, plan_text(plan))
     read_campaign_file(folder / CAMPAIGN)
-    read_plan(folder / PLAN)
+    read_strict(folder / PLAN, PlanFile)
     return {
         "folder": str(folder),
         "files": [CAMPAIGN, PLAN],

@@ -42,11 +42,6 @@ _FILTERS: Filters = {
 WORDS = Words("alignment/words.jinja", **_FILTERS)
 
 
-def alignment_lines(values: Mapping[str, Any]) -> list[str]:
-    """Describe an alignment in lines."""
-    return WORDS.lines("summary", values)
-
-
 def alignment_page(values: Mapping[str, Any]) -> str:
     """Make the page; the text is complete in itself."""
     return page(

@@ -64,11 +64,6 @@ def summary_lines(result: Identification, found: UncertaintyMap) -> list[str]:
     return WORDS.lines("summary", result, found, effects_mm)
 
 
-def comparison_lines(values: Mapping[str, Any]) -> list[str]:
-    """Describe in lines how two arms differ, as `traverse identify --compare` says."""
-    return WORDS.lines("comparison", values)
-
-
 def report_page(
     result: Identification,
     found: UncertaintyMap,
