@@ -159,7 +159,6 @@ def _points(
     return tuple(
         PointResult(
             name=name,
-            measured_mm=common.measured[row].place_mm,
             nominal_mm=common.nominal[row].place_mm,
             residual_mm=adjusted.misclosures_mm[row],
             residual_length_mm=float(np.linalg.norm(adjusted.misclosures_mm[row])),

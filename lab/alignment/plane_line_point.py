@@ -365,7 +365,6 @@ def _point(
     statistic = (residual_mm / std_mm) ** 2 if share else 0.0
     return PointResult(
         name=touch.names[0],
-        measured_mm=touch.place_mm,
         nominal_mm=None,
         residual_mm=residual_mm * way,
         residual_length_mm=float(np.linalg.norm(residual_mm * way)),

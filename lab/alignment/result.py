@@ -122,7 +122,6 @@ class PointResult:
     """A common point, or a touch of a feature.
 
     Attributes:
-        measured_mm: In the arm's system, (3,).
         nominal_mm: In the system that it leads to, (3,); None of touches on features.
         residual_mm: Nominal less transformed, (3,).
         touches: How many it is the mean of.
@@ -136,7 +135,6 @@ class PointResult:
     """
 
     name: str
-    measured_mm: Floats
     nominal_mm: Floats | None
     residual_mm: Floats
     residual_length_mm: float
