@@ -77,7 +77,6 @@ def identify(
             refuse(f"{', '.join(missing)} missing; or give --compare A B")
         check_results(out, arm)
         from traverse.lab import runs  # noqa: PLC0415
-        from traverse.lab.report.provenance import campaign_provenance  # noqa: PLC0415
 
         options = _options(hold or [], free or [], masks)
         kept = None if holdout is None else runs.KeptAside(holdout, holdout_by, seed)
@@ -85,7 +84,7 @@ def identify(
         with adjustment_errors():
             progress = _Progress if sys.stderr.isatty() else None
             result = runs.identified(measured, design, options, kept, progress)
-        provenance = campaign_provenance(result.campaign, operator)
+        provenance = result.campaign.provenance(operator)
         lines = runs.write_identified(result, out, provenance)
     from traverse.lab.identification.results import files as files_of  # noqa: PLC0415
 

@@ -23,6 +23,11 @@ from traverse.lab.campaign.pose_table import PoseTable, read_pose_table
 from traverse.lab.campaign.poses import Poses, without_copies
 from traverse.lab.campaign.prior import Prior
 from traverse.lab.campaign.stream_table import SUFFIX, read_stream_table
+from traverse.lab.report.provenance import (
+    ReportProvenance,
+    ReportSource,
+    report_provenance,
+)
 from traverse.protocol.printable import spreadsheet_cell
 from traverse.strict_toml.files import bytes_of
 from traverse.strict_toml.problems import FileError, Problem
@@ -88,6 +93,13 @@ class Campaign:
     def start(self) -> datetime:
         """When its time is 0."""
         return self.start_utc or _NO_START
+
+    def provenance(
+        self, computed_by: str | None = None, when: datetime | None = None
+    ) -> ReportProvenance:
+        """Make the provenance of a report about it; see `report_provenance`."""
+        source = ReportSource(self.name, self.digest)
+        return report_provenance(source, computed_by, when)
 
     @property
     def span(self) -> Span:

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from traverse.lab.campaign.campaign import Campaign
 from traverse.strict_toml.files import open_regular
 
 # Names who computes, where that is not the user of the computer.
@@ -70,14 +69,6 @@ def report_provenance(
         },
         campaign=campaign,
     )
-
-
-def campaign_provenance(
-    campaign: Campaign, computed_by: str | None = None, when: datetime | None = None
-) -> ReportProvenance:
-    """Make the provenance of a report about a campaign; see `report_provenance`."""
-    source = ReportSource(campaign.name, campaign.digest)
-    return report_provenance(source, computed_by, when)
 
 
 def utc_text(moment: datetime) -> str:

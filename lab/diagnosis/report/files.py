@@ -28,7 +28,7 @@ from traverse.lab.diagnosis.report.page import report_page
 from traverse.lab.diagnosis.report.pictures import plots_of
 from traverse.lab.identification.results.undetermined import mass_distribution
 from traverse.lab.report.plain_values import picked, plain_values
-from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
+from traverse.lab.report.provenance import ReportProvenance
 from traverse.strict_toml.files import text_of
 from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.writing import arm_text, write_atomically
@@ -57,7 +57,7 @@ def write_diagnosis(
     target.mkdir(parents=True, exist_ok=True)
     arm = arm_with_provenance(diagnosis, when)
     write_adapted(target / "arm.toml", arm, Path(source))
-    origin = provenance or campaign_provenance(diagnosis.campaign, when=when)
+    origin = provenance or diagnosis.campaign.provenance(when=when)
     values = diagnosis_json(diagnosis, origin)
     text = json.dumps(values, indent=1, allow_nan=False)
     write_atomically(target / "diagnosis.json", text + "\n")
@@ -84,7 +84,7 @@ def diagnosis_json(
     masses = mass_distribution(diagnosis.all_terms)
     values = {
         "schema": SCHEMA,
-        "provenance": (provenance or campaign_provenance(diagnosis.campaign)).values,
+        "provenance": (provenance or diagnosis.campaign.provenance()).values,
         "verdict": diagnosis.verdict,
         "visible": {"n": diagnosis.n_visible, "of": diagnosis.n_library},
         "terms": [

@@ -16,7 +16,7 @@ from traverse.lab.identification.uncertainty_map import (
     noise_deviations_mm,
     uncertainty_map,
 )
-from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
+from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.report.templates import Filters, Words, page
 
 _SEED = 4
@@ -82,7 +82,7 @@ def report_page(
         found=found,
         words=WORDS,
         pictures=pictures_of(result, found),
-        provenance=provenance or campaign_provenance(result.campaign),
+        provenance=provenance or result.campaign.provenance(),
         controllability=_known(result, result.statistics.controllability),
         detectable_mm=_known(result, result.statistics.detectable_mm),
         effects_mm=effects_mm,

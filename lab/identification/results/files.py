@@ -22,7 +22,7 @@ from traverse.lab.identification.results.result import (
 )
 from traverse.lab.identification.results.undetermined import mass_distribution
 from traverse.lab.report.plain_values import picked, plain_values
-from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
+from traverse.lab.report.provenance import ReportProvenance
 from traverse.strict_toml.files import bytes_of
 from traverse.strict_toml.writing import write_atomically
 
@@ -84,7 +84,7 @@ def identification_json(
     masses = mass_distribution(result.adjustment)
     values = {
         "schema": SCHEMA,
-        "provenance": (provenance or campaign_provenance(result.campaign)).values,
+        "provenance": (provenance or result.campaign.provenance()).values,
         "inputs": {
             "arm_digest": arm_digest(result.design),
             **picked(result.options, "hold", "free"),
