@@ -30,21 +30,16 @@ def paintings(values: Mapping[str, Any]) -> Iterator[tuple[str, float, Paint]]:
     """List the pictures to paint: title, height in mm, and how."""
     decided = [f for f in values["figures"] if f["limit_mm"]]
     if decided:
-        height_mm = 25.0 + 9.0 * len(decided)
-        yield (
-            "Figures as parts of their limits",
-            height_mm,
-            partial(_against_limits, decided),
-        )
+        paint, height_mm = partial(_against_limits, decided), 25.0 + 9.0 * len(decided)
+        yield "Figures as parts of their limits", height_mm, paint
     if values["lengths"]:
         yield "Errors of length", 75.0, partial(_lengths, values["lengths"])
     if values["scatters"]:
-        height_mm = 20.0 + 28.0 * len(values["scatters"])
-        yield (
-            "Distances of the touches",
-            height_mm,
+        paint, n_panels = (
             partial(_scatters, values["scatters"]),
+            len(values["scatters"]),
         )
+        yield "Distances of the touches", 20.0 + 28.0 * n_panels, paint
 
 
 def _against_limits(figures: list[Mapping[str, Any]], figure: Figure) -> None:
