@@ -16,30 +16,30 @@ except ValueError as error:
     sys.stderr.write(f"traverse: {error}\n")
     sys.exit(2)
 from traverse.cli.align.command import align
-from traverse.cli.amt21 import amt21
 from traverse.cli.arm.command import arm
 from traverse.cli.artefact import artefact
-from traverse.cli.can import can
 from traverse.cli.certify import certify
 from traverse.cli.check import check
 from traverse.cli.collect.command import collect
+from traverse.cli.common.options import CommandGroup
+from traverse.cli.common.refusals import REFUSED, RefusalError, end, missing_library
 from traverse.cli.control import confirm, label, point, reload, scan, session, undo
-from traverse.cli.daily_check.command import daily_check
+from traverse.cli.daily_check import daily_check
 from traverse.cli.demo import demo
+from traverse.cli.devices.amt21 import amt21
+from traverse.cli.devices.can import can
+from traverse.cli.devices.microscribe import microscribe
 from traverse.cli.diagnose import diagnose
 from traverse.cli.export.command import export
 from traverse.cli.fleet import fleet
 from traverse.cli.gateway.command import gateway
-from traverse.cli.identify.command import identify
-from traverse.cli.microscribe.command import microscribe
-from traverse.cli.options import CommandGroup
+from traverse.cli.identify import identify
 from traverse.cli.page import page
 from traverse.cli.points.command import points
 from traverse.cli.predict import predict
 from traverse.cli.probe.command import probe
 from traverse.cli.record import record
-from traverse.cli.refusals import REFUSED, RefusalError, end, missing_library
-from traverse.cli.replay.command import replay
+from traverse.cli.replay import replay
 from traverse.cli.run import run
 from traverse.cli.simulate import simulate
 from traverse.cli.store import store

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from traverse.cli.options import Force, Json
-from traverse.cli.refusals import check_target, print_report, refusals, refuse
+from traverse.cli.common.options import Force, Json
+from traverse.cli.common.refusals import check_target, print_report, refusals, refuse
 
 
 def artefact(

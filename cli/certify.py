@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from traverse.cli.options import Json, campaign_folder
-from traverse.cli.refusals import print_report, refusals, refuse
+from traverse.cli.common.options import Json, campaign_folder
+from traverse.cli.common.refusals import print_report, refusals, refuse
 
 KEY_PASSWORD_VARIABLE = "TRAVERSE_KEY_PASSWORD"
 Schemas = Annotated[
@@ -50,14 +50,15 @@ def certify(
         from traverse.lab.certificates.certificate import certify as made  # noqa: PLC0415
         from traverse.lab.certificates.certificate import issue_date  # noqa: PLC0415
         from traverse.lab.certificates.evidence import add_data  # noqa: PLC0415
-        from traverse.lab.certificates.laboratory import read_laboratory  # noqa: PLC0415
+        from traverse.lab.certificates.laboratory import Laboratory  # noqa: PLC0415
         from traverse.lab.certificates.signature import read_signing_key  # noqa: PLC0415
+        from traverse.strict_toml.reader import read_strict  # noqa: PLC0415
 
         if (campaign is None) != (arm is None):
             refuse("--campaign and --arm belong together; give both")
         if (key is None) != (certificate is None):
             refuse("--key and --certificate belong together; give both")
-        issued = issue_date(read_laboratory(laboratory))
+        issued = issue_date(read_strict(laboratory, Laboratory))
         signing = None
         if key is not None and certificate is not None:
             password = os.environ.get(KEY_PASSWORD_VARIABLE)

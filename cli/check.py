@@ -8,8 +8,8 @@ from pathlib import Path
 
 import typer
 
-from traverse.cli.options import Json
-from traverse.cli.refusals import REFUSED
+from traverse.cli.common.options import Json
+from traverse.cli.common.refusals import REFUSED
 from traverse.strict_toml.problems import FileError, toml_table, toml_text
 
 
@@ -83,20 +83,23 @@ def _read_simulator(path: Path) -> object:
     return read_strict(path, SimulatorConfig, config_problems)
 
 
-def _by(module: str, function: str) -> Callable[[Path], object]:
-    """A reader whose module is imported when it reads, which keeps --help quick."""
+def _by(module: str, name: str) -> Callable[[Path], object]:
+    """A reader, or a class, imported when it reads, which keeps --help quick."""
 
     def read(path: Path) -> object:
-        return getattr(import_module(f"traverse.{module}"), function)(path)
+        from traverse.strict_toml.reader import read_strict  # noqa: PLC0415
+
+        found = getattr(import_module(f"traverse.{module}"), name)
+        return read_strict(path, found) if isinstance(found, type) else found(path)
 
     return read
 
 
 _read_probes = _by("daemon.pose.probe_library", "read_probes")
-_read_limits = _by("lab.acceptance.conformity.limits", "read_limits")
-_read_laboratory = _by("lab.certificates.laboratory", "read_laboratory")
+_read_limits = _by("lab.acceptance.conformity", "Limits")
+_read_laboratory = _by("lab.certificates.laboratory", "Laboratory")
 _read_nominal = _by("lab.alignment.nominal", "read_nominal")
-_read_plan = _by("lab.collection.plan", "read_plan")
+_read_plan = _by("lab.collection.plan", "PlanFile")
 
 
 def _read_daemon(path: Path) -> object:

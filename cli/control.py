@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, only_arm
-from traverse.cli.options import Json
-from traverse.cli.refusals import client_errors, refuse
+from traverse.cli.common.broker_options import BrokerOptions, only_arm
+from traverse.cli.common.options import Json
+from traverse.cli.common.refusals import client_errors, refuse
 
 if TYPE_CHECKING:
     from traverse.client.arm import Arm
@@ -201,7 +201,7 @@ def _place(text: str) -> tuple[float, float, float]:
 
 
 def _show_point(taken: "Point", *, as_json: bool) -> None:
-    from traverse.cli.message_lines import line  # noqa: PLC0415 - keeps --help quick
+    from traverse.cli.common.message_lines import line  # noqa: PLC0415 - keeps --help quick
 
     values = taken.model_dump(mode="json", by_alias=True)
     _show(values, line(taken.arm, taken), as_json=as_json)

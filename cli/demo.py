@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from traverse.broker.address import BrokerAddress
-from traverse.cli.refusals import UNREACHABLE, end
+from traverse.cli.common.refusals import UNREACHABLE, end
 from traverse.installation import missing
 
 if TYPE_CHECKING:
@@ -187,7 +187,7 @@ async def _follow(
     broker: BrokerAddress, measured: "Round", once: bool, rate_hz: float
 ) -> None:
     """Print and note the arm's messages, until a round is complete."""
-    from traverse.cli.message_lines import line  # noqa: PLC0415
+    from traverse.cli.common.message_lines import line  # noqa: PLC0415
     from traverse.client.mqtt.subscription import received, subscribe  # noqa: PLC0415
     from traverse.protocol.encoding import encode  # noqa: PLC0415
     from traverse.protocol.messages import Command, Event, Point, Scan, ScanArgs  # noqa: PLC0415

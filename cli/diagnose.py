@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.campaign_inputs import (
+from traverse.cli.common.campaign_inputs import (
     CampaignFolder,
     Family,
     PriorPatterns,
     adjustment_errors,
     read_noted,
 )
-from traverse.cli.options import HoldoutBy, Json, Operator
-from traverse.cli.refusals import (
+from traverse.cli.common.options import HoldoutBy, Json, Operator
+from traverse.cli.common.refusals import (
     FAILED,
     check_results,
     print_report,
@@ -81,7 +81,6 @@ def diagnose(
             accept_tentative=accept_tentative,
         )
         from traverse.lab import runs  # noqa: PLC0415
-        from traverse.lab.report.provenance import campaign_provenance  # noqa: PLC0415
 
         design, measured = read_noted(campaign, arm, family, prior)
         progress = _Progress() if sys.stderr.isatty() else None
@@ -92,7 +91,7 @@ def diagnose(
             if progress is not None:
                 progress.close()
         result = found[0]
-        provenance = campaign_provenance(result.campaign, operator)
+        provenance = result.campaign.provenance(operator)
         lines = runs.write_diagnosed(found, arm, out, provenance, accept=accept)
     from traverse.lab.diagnosis.report.files import diagnosis_json  # noqa: PLC0415
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.campaign_inputs import Family, PriorPatterns, check_prior
-from traverse.cli.options import CommandGroup, HoldoutBy, Json, Operator
-from traverse.cli.refusals import FAILED, print_report, refusals, refuse
+from traverse.cli.common.campaign_inputs import Family, PriorPatterns, check_prior
+from traverse.cli.common.options import CommandGroup, HoldoutBy, Json, Operator
+from traverse.cli.common.refusals import FAILED, print_report, refusals, refuse
 from traverse.fleet.database import (
     BadValueError,
     Database,

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions, only_arm
-from traverse.cli.refusals import refusals
+from traverse.cli.common.broker_options import BrokerOptions, only_arm
+from traverse.cli.common.refusals import refusals
 
 if TYPE_CHECKING:
     from traverse.client.display.arm_state import Change

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from traverse.broker.address import BrokerAddress
-from traverse.cli.broker_options import BrokerOptions
-from traverse.cli.options import Json
-from traverse.cli.refusals import client_errors
+from traverse.cli.common.broker_options import BrokerOptions
+from traverse.cli.common.options import Json
+from traverse.cli.common.refusals import client_errors
 from traverse.plurals import counted
 
 

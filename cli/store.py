@@ -8,15 +8,15 @@ from typing import Annotated
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions
-from traverse.cli.gateway.running import report, until_signal
-from traverse.cli.refusals import (
+from traverse.cli.common.broker_options import BrokerOptions
+from traverse.cli.common.refusals import (
     UNREACHABLE,
     client_errors,
     end,
     refusals,
     refuse,
 )
+from traverse.cli.gateway.running import report, until_signal
 from traverse.fleet.database import (
     BadValueError,
     StoreAwayError,

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from traverse.cli.options import Json
+from traverse.cli.common.options import Json
+from traverse.cli.common.refusals import FAILED, print_report, refusals
 from traverse.cli.points.command import read_public_key_file
-from traverse.cli.refusals import FAILED, print_report, refusals
 
 
 def trace(

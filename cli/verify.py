@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from traverse.cli.certify import Schemas
-from traverse.cli.options import Json, Operator, campaign_folder
-from traverse.cli.refusals import FAILED, print_report, refusals, refuse
+from traverse.cli.common.options import Json, Operator, campaign_folder
+from traverse.cli.common.refusals import FAILED, print_report, refusals, refuse
 from traverse.strict_toml.files import bytes_of
 
 if TYPE_CHECKING:
@@ -72,10 +72,10 @@ def verify(
             from traverse.lab.acceptance.certificate.files import write_certificate  # noqa: PLC0415
 
             write_certificate(certificate, out)
-    from traverse.lab.acceptance.certificate.page import figure_lines  # noqa: PLC0415
+    from traverse.lab.acceptance.certificate.page import WORDS  # noqa: PLC0415
 
     wrote = f"wrote {out}: certificate.json, .html, .pdf, data"
-    lines = [*figure_lines(values), *([] if out is None else [wrote])]
+    lines = [*WORDS.lines("summary", values), *([] if out is None else [wrote])]
     print_report(values, lines, as_json=as_json)
     if not certificate.verification.is_good:
         raise typer.Exit(FAILED)
@@ -97,18 +97,19 @@ def _certificate(
     limits_file: Path | None,
     computed_by: str | None,
 ) -> "SealedCertificate":
-    from traverse.lab.acceptance.certificate.administration import (  # noqa: PLC0415
+    from traverse.lab.acceptance.certificate.check import ARM, LIMITS  # noqa: PLC0415
+    from traverse.lab.acceptance.certificate.values import (  # noqa: PLC0415
+        SealedCertificate,
         administration_of,
     )
-    from traverse.lab.acceptance.certificate.check import ARM, LIMITS  # noqa: PLC0415
-    from traverse.lab.acceptance.certificate.values import SealedCertificate  # noqa: PLC0415
-    from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits  # noqa: PLC0415
+    from traverse.lab.acceptance.conformity import NO_LIMITS, Limits  # noqa: PLC0415
     from traverse.lab.acceptance.standards import verified  # noqa: PLC0415
     from traverse.lab.measured_points.reading import files_read, read_by_tool  # noqa: PLC0415
     from traverse.lab.report import provenance as sources  # noqa: PLC0415
+    from traverse.strict_toml.reader import read_strict  # noqa: PLC0415
 
     arm, text = _arm(data, arm_file)
-    permitted = NO_LIMITS if limits_file is None else read_limits(limits_file)
+    permitted = NO_LIMITS if limits_file is None else read_strict(limits_file, Limits)
     covariance = _covariance_beside(arm, arm_file)
     measured = read_by_tool(data, arm, None if covariance is None else arm_file)
     files = {path.name: bytes_of(path) for path in files_read(data)}

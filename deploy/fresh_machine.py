@@ -30,27 +30,7 @@ PACKAGES = ("git", "make", "ca-certificates")
 # Environment variables that are settings of pip, npm and the network.
 SETTINGS = re.compile("(?i)(pip|npm_config|uv)_.*|.*_proxy|.*_ca_certs|.*_cert(_file)?")
 # Processes, terminals and devices of its own, then the command.
-INSIDE = """
-set -e
-mount -t proc proc /proc
-mount -t sysfs -o ro sysfs /sys
-mount -t tmpfs tmpfs /dev
-mkdir /dev/pts /dev/shm
-mount -t devpts -o newinstance,ptmxmode=0666,mode=620 devpts /dev/pts
-mount -t tmpfs tmpfs /dev/shm
-for device in "null 1 3" "zero 1 5" "full 1 7" "random 1 8" "urandom 1 9" "tty 5 0"
-do
-    set -- $device
-    mknod -m 666 /dev/$1 c $2 $3
-done
-ln -s pts/ptmx /dev/ptmx
-ln -s /proc/self/fd /dev/fd
-ln -s fd/0 /dev/stdin
-ln -s fd/1 /dev/stdout
-ln -s fd/2 /dev/stderr
-cd {folder}
-{command}
-"""
+INSIDE = (CHECKOUT / "deploy" / "fresh_machine.sh.template").read_text("utf-8")
 CLONE = "/srv/traverse"
 FAILED, NOT_HERE = 1, 2
 

@@ -16,7 +16,7 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.identification.identify import IdentificationError, Options
-from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
+from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.runs import (
     BreakdownError,
     diagnosed,
@@ -159,7 +159,7 @@ def _task(name: str, folder: Path, request: Request, date: datetime) -> Task:
     if arm_file.is_dir():
         arm_file = arm_file / name / ARM
     arm, campaign = read_inputs(folder, arm_file, request.family, request.prior)
-    provenance = campaign_provenance(campaign, request.operator, date)
+    provenance = campaign.provenance(request.operator, date)
     content = bytes_of(arm_file)
     return Task(name, campaign, arm, content, request.options, provenance)
 

@@ -56,7 +56,7 @@ def test_the_untouched_copy_passes(tmp_path: Path) -> None:
 
 PLANTED = {
     "each layer of the house": [
-        ("drivers/base/driver.py", "traverse.cli.message_lines"),
+        ("drivers/base/driver.py", "traverse.cli.common.message_lines"),
         ("broker/reasons.py", "traverse.__main__"),
         ("daemon/clock.py", "traverse.simulator.pacing"),
         ("daemon/pose/live.py", "traverse.client.mqtt.subscription"),
@@ -176,7 +176,7 @@ PLANTED = {
     "kinematics is mathematics only": [("kinematics/model/forward.py", "asyncio")],
     "scipy stays in the lab": [
         ("kinematics/model/geometry.py", "scipy"),
-        ("cli/message_lines.py", "matplotlib"),
+        ("cli/common/message_lines.py", "matplotlib"),
     ],
 }
 UNKNOWN = [

@@ -97,7 +97,9 @@ def test_every_other_file_of_a_package_is_package_data() -> None:
         file
         for name in PACKAGES
         for file in (CHECKOUT / name).rglob("*.*")
-        if file.suffix in {".css", ".jinja", ".js", ".toml"}
+        if file.suffix
+        in {".css", ".html", ".jinja", ".js", ".json"}
+        | {".mplstyle", ".sql", ".template", ".toml", ".xsd"}
     }
     assert len(others) > 10
     assert others <= data

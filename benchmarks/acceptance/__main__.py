@@ -28,7 +28,7 @@ from benchmarks.acceptance.arms import (
 from benchmarks.tools.rounds import write_json
 from benchmarks.tools.workers import add_workers, ordered
 from traverse.arrays import Floats
-from traverse.lab.acceptance.conformity.figure import decision_of
+from traverse.lab.acceptance.conformity import decision_of
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -10,13 +10,15 @@ import numpy as np
 from traverse.kinematics.arm_file.arm import Arm, read_arm
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import geometry_from_arm
-from traverse.lab.acceptance.conformity.figure import (
+from traverse.lab.acceptance.conformity import (
     Figure,
     LengthError,
+    Limits,
+    Mpe,
+    Standards,
     Verdict,
     decision_of,
 )
-from traverse.lab.acceptance.conformity.limits import Limits, Mpe, Standards
 from traverse.lab.acceptance.procedures.length_tests import (
     AGAIN,
     MOST_SETS,

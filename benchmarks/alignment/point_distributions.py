@@ -6,8 +6,9 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.helmert.adjustment import HelmertError
-from traverse.kinematics.helmert.transformation import Helmert, rotation_matrix
+from traverse.kinematics.helmert.transformation import Helmert
 from traverse.kinematics.helmert.volume import Box, disposition_index, volume_error
+from traverse.kinematics.model.quaternion import rotation_matrix
 from traverse.lab.alignment.best_fit import best_fit_alignment
 from traverse.lab.alignment.nominal import fixed_volume
 from traverse.lab.alignment.touches import CommonPoints, Place

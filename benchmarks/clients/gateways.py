@@ -24,7 +24,7 @@ from benchmarks.tools import rig
 from tests.client.gateways.desktop import SIZE, desktop
 from tests.client.gateways.foxglove_viewer import Viewer
 from traverse.client import Arm
-from traverse.kinematics.helmert.transformation import rotation_matrix
+from traverse.kinematics.model.quaternion import rotation_matrix
 from traverse.recording.views import bytes_to_cloud
 
 ARM = Path(__file__).parent.parent.parent / "cli" / "demo_data" / "arm.toml"

@@ -16,7 +16,8 @@ from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.derivatives import derivative_chunks
 from traverse.kinematics.model.geometry import geometry_from_arm
-from traverse.lab.campaign.campaign import Campaign, Poses
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.poses import Poses
 from traverse.lab.identification.equations.datum import with_datum
 from traverse.lab.identification.equations.network import (
     Network,

@@ -10,7 +10,8 @@ import numpy as np
 
 from traverse.lab.artefacts import artefact_from_table
 from traverse.lab.artefacts.artefact import Artefact
-from traverse.lab.campaign.campaign import Campaign, Poses
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.poses import Poses
 from traverse.simulator.campaigns import Campaign as SimulatedColumns
 
 _FIRST_LINE = 2

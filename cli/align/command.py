@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions
+from traverse.cli.common.broker_options import BrokerOptions
+from traverse.cli.common.options import Json, Operator
+from traverse.cli.common.refusals import FAILED, print_report, refusals, refuse
 from traverse.cli.control import send_command
-from traverse.cli.options import Json, Operator
-from traverse.cli.refusals import FAILED, print_report, refusals, refuse
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,7 +103,7 @@ def align(
         if out is not None:
             files.write_alignment(values, out)
     wrote = f"wrote {out}: alignment.json, alignment.html"
-    lines = [*files.alignment_lines(values), *([] if out is None else [wrote])]
+    lines = [*files.WORDS.lines("summary", values), *([] if out is None else [wrote])]
     print_report(values, lines, as_json=as_json)
     if not values["passed"] or (strict and values["flags"]):
         raise typer.Exit(FAILED)

@@ -12,8 +12,7 @@ from traverse.cli.export.sources import points_of
 from traverse.client.exports.point_table import standing
 from traverse.kinematics.arm_file.arm import Arm, read_arm
 from traverse.lab.alignment.best_fit import best_fit_alignment
-from traverse.lab.alignment.chained_alignment import chained_values
-from traverse.lab.alignment.files import read_alignment
+from traverse.lab.alignment.files import chained_values, read_alignment
 from traverse.lab.alignment.nominal import (
     Nominal,
     VolumeFunction,
@@ -30,11 +29,15 @@ from traverse.lab.alignment.touches import (
     common_points,
     names_of,
     places_by_name,
+    places_mm,
     read_touch_table,
     touches_of_points,
 )
-from traverse.lab.measured_points.reading import files_read, read_measured
-from traverse.lab.measured_points.uncertainty import shared_by_points
+from traverse.lab.measured_points.reading import (
+    files_read,
+    read_measured,
+    shared_by_points,
+)
 from traverse.lab.report.provenance import (
     ReportSource,
     digest_of_files,
@@ -129,8 +132,7 @@ def _leapfrog(
         touches, list(first), std_mm=options.std, spheres=options.spheres
     )
     if options.volume is None:
-        places_mm = np.array([touch.place_mm for touch in before])
-        volume_of = fixed_volume(box_around(places_mm))
+        volume_of = fixed_volume(box_around(places_mm(before)))
         source = "around all that the first station touched"
     else:
         volume_of, source = volume_from_text(options.volume, arm), "--volume"
@@ -155,13 +157,13 @@ def _volume(
         return volume_from_text(options.volume, arm), "--volume"
     if nominal.volume is not None:
         return fixed_volume(nominal.volume.volume()), "of the nominal file"
-    places_mm = nominal.places_mm()
-    if not len(places_mm) or not np.any(np.ptp(places_mm, axis=0)):
+    around_mm = nominal.places_mm()
+    if not len(around_mm) or not np.any(np.ptp(around_mm, axis=0)):
         raise ValueError(
             "the volume in which the alignment is used is not known; give --volume, "
             "or [volume] in the nominal file"
         )
-    return fixed_volume(box_around(places_mm)), "around all nominal points"
+    return fixed_volume(box_around(around_mm)), "around all nominal points"
 
 
 def _touches(

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from traverse.cli.options import CommandGroup, Force, Json
-from traverse.cli.qif_check import QifSchemas, check_schema, schema_words
-from traverse.cli.refusals import check_target, print_report, refusals
+from traverse.cli.common.options import CommandGroup, Force, Json
+from traverse.cli.common.qif_check import QifSchemas, check_schema, schema_words
+from traverse.cli.common.refusals import check_target, print_report, refusals
 from traverse.plurals import counted
 
 if TYPE_CHECKING:
@@ -45,6 +45,11 @@ class ArmOptions:
     tool_rpy_rad: str | None = None
     radius_mm: Annotated[float, typer.Option(min=0.0)] = 0.0
     switching: bool = False
+
+    @property
+    def probe_kind(self) -> str:
+        """As in an arm file."""
+        return "switching" if self.switching else "hard"
 
 
 arm = CommandGroup(

@@ -12,12 +12,10 @@ from traverse.cli.arm.command import ArmOptions
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.importers.arm_values import (
     JointParts,
-    ProbeParts,
     assemble_arm,
 )
-from traverse.kinematics.importers.dh import DHTable, geometry_from_dh
+from traverse.kinematics.importers.dh import Convention, DHTable, geometry_from_dh
 from traverse.kinematics.importers.dh_file import (
-    Convention,
     DHFile,
     Placement,
     Units,
@@ -67,8 +65,9 @@ def arm_from_dh_file(
         wishes.name or file.name or path.stem,
         geometry_from_dh(table, np.array(posture_rad)),
         joints,
-        _probe(wishes),
         str(path),
+        radius_mm=wishes.radius_mm,
+        probe_kind=wishes.probe_kind,
     )
 
 
@@ -97,13 +96,10 @@ def arm_from_urdf_file(
         wishes.name or robot.name or path.stem,
         arm.geometry,
         joints,
-        _probe(wishes),
         str(path),
+        radius_mm=wishes.radius_mm,
+        probe_kind=wishes.probe_kind,
     )
-
-
-def _probe(wishes: ArmOptions) -> ProbeParts:
-    return ProbeParts(wishes.radius_mm, "switching" if wishes.switching else "hard")
 
 
 def _convention(path: Path, file: DHFile, wished: str | None) -> Convention:

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions
-from traverse.cli.options import Json
-from traverse.cli.refusals import FAILED, refusals, refuse
+from traverse.cli.common.broker_options import BrokerOptions
+from traverse.cli.common.options import Json
+from traverse.cli.common.refusals import FAILED, refusals, refuse
 
 
 def collect(
@@ -44,7 +44,7 @@ def collect(
     with refusals():
         from traverse.cli.collect.session import collection_of, run_collection  # noqa: PLC0415
         from traverse.lab.campaign import campaign_file  # noqa: PLC0415
-        from traverse.lab.collection.report import collection_report  # noqa: PLC0415
+        from traverse.lab.collection.collection import collection_report  # noqa: PLC0415
         from traverse.protocol.messages.quality import FLAG_MEANINGS  # noqa: PLC0415
 
         known = {str(flag.name).lower() for flag in FLAG_MEANINGS}

@@ -18,7 +18,7 @@ from rich.live import Live as LivePicture
 
 from traverse.broker.address import BrokerAddress
 from traverse.cli.collect.view import instruction, shown, summary
-from traverse.cli.refusals import UNREACHABLE
+from traverse.cli.common.refusals import UNREACHABLE
 from traverse.client.cancel_tasks import run_until_first
 from traverse.client.mqtt.subscription import connection, received, subscribe
 from traverse.daemon.pose.joint_motion import JointMotionTracker
@@ -30,6 +30,7 @@ from traverse.lab.collection.figures import implausible_mm, same_place
 from traverse.lab.collection.plan import Target
 from traverse.plurals import counted
 from traverse.protocol.messages import Live, Point
+from traverse.strict_toml.reader import read_strict
 
 APPROACH_BAND_RAD = 5e-4  # hands that rest tremble less
 RETRY_S = 1.0
@@ -42,7 +43,7 @@ def collection_of(
 ) -> Collection:
     """Collect into the folder of a campaign: by the plan in it, or so many of each."""
     path = folder / plans.PLAN
-    plan = plans.read_plan(path) if path.is_file() else None
+    plan = read_strict(path, plans.PlanFile) if path.is_file() else None
     if plan is None:
         targets = plans.targets_of(file, each)
     else:

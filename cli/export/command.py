@@ -7,9 +7,9 @@ from typing import Literal
 
 import typer
 
-from traverse.cli.options import Force, Json
-from traverse.cli.qif_check import QifSchemas
-from traverse.cli.refusals import check_target, refusals, refuse
+from traverse.cli.common.options import Force, Json
+from traverse.cli.common.qif_check import QifSchemas
+from traverse.cli.common.refusals import check_target, refusals, refuse
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

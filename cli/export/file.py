@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from traverse.cli.common.qif_check import check_schema, schema_words
 from traverse.cli.export.command import Wanted
 from traverse.cli.export.sources import PIECE, points_of, scans_of, tear_of
-from traverse.cli.qif_check import check_schema, schema_words
 from traverse.client.exports.formats import FORMATS
 from traverse.client.exports.point_table import PointTable, Sink, table_of
 from traverse.daemon.config.filters import AnyFilter, filter_chain

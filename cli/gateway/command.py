@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions
+from traverse.cli.common.broker_options import BrokerOptions
+from traverse.cli.common.options import CommandGroup
+from traverse.cli.common.refusals import client_errors, refusals, refuse
 from traverse.cli.gateway.running import (
     Kind,
     host_port,
@@ -16,8 +18,6 @@ from traverse.cli.gateway.running import (
     send,
     until_signal,
 )
-from traverse.cli.options import CommandGroup
-from traverse.cli.refusals import client_errors, refusals, refuse
 from traverse.plurals import counted
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
-from traverse.cli.refusals import client_errors, refuse, system_refusal
+from traverse.cli.common.refusals import client_errors, refuse, system_refusal
 from traverse.plurals import counted
 from traverse.protocol.printable import printable
 

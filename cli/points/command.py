@@ -9,16 +9,16 @@ from typing import IO, TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from traverse.cli.broker_options import BrokerOptions
-from traverse.cli.control import send_command
-from traverse.cli.options import CommandGroup, Force, Json
-from traverse.cli.refusals import (
+from traverse.cli.common.broker_options import BrokerOptions
+from traverse.cli.common.options import CommandGroup, Force, Json
+from traverse.cli.common.refusals import (
     FAILED,
     check_target,
     print_report,
     refusals,
     refuse,
 )
+from traverse.cli.control import send_command
 from traverse.plurals import counted
 from traverse.strict_toml.files import table_lines, text_of
 

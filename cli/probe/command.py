@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from traverse.cli.campaign_inputs import CampaignFolder
+from traverse.cli.common.campaign_inputs import CampaignFolder
+from traverse.cli.common.options import CommandGroup, Json
+from traverse.cli.common.refusals import FAILED, print_report, refusals, refuse
 from traverse.cli.control import use_probe
-from traverse.cli.options import CommandGroup, Json
-from traverse.cli.refusals import FAILED, print_report, refusals, refuse
 
 if TYPE_CHECKING:
     from traverse.daemon.pose.probe_library import LibraryProbe, ProbeLibrary

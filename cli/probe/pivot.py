@@ -16,6 +16,7 @@ from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.model.geometry import Geometry, geometry_from_arm
 from traverse.kinematics.probing.pivot import Pivot, fit_pivot
 from traverse.lab.campaign.campaign import Campaign, read_campaign
+from traverse.lab.report.plain_values import picked
 from traverse.plurals import counted
 from traverse.strict_toml.problems import FileError, Problem
 from traverse.strict_toml.writing import arm_text, write_atomically
@@ -45,17 +46,11 @@ class Check:
         """As JSON."""
         pivot = self.pivot
         return {
-            "cone": self.cone,
-            "poses": self.n,
-            "vector_mm": pivot.vector_mm.tolist(),
+            **picked(self, "cone", poses="n"),
             "std_mm": np.sqrt(np.diag(pivot.covariance_mm2)).tolist(),
             "covariance_mm2": six_of(pivot),
-            "seat_mm": pivot.seat_mm.tolist(),
-            "rms_mm": pivot.rms_mm,
-            "redundancy": pivot.redundancy,
-            "known_vector_mm": self.known_mm.tolist(),
-            "off_mm": self.off_mm,
-            "off_sigma": self.off_sigma,
+            **picked(pivot, "vector_mm", "seat_mm", "rms_mm", "redundancy"),
+            **picked(self, "off_mm", "off_sigma", known_vector_mm="known_mm"),
         }
 
     def lines(self) -> list[str]:

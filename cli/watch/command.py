@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from traverse.broker.address import BrokerAddress
-from traverse.cli.broker_options import BrokerOptions, arms_at
-from traverse.cli.refusals import UNREACHABLE
+from traverse.cli.common.broker_options import BrokerOptions, arms_at
+from traverse.cli.common.refusals import UNREACHABLE
 
 FIND_S = 2.0
 DISPLAY_S = 0.1
@@ -101,7 +101,7 @@ async def _write(
 ) -> None:
     import aiomqtt  # noqa: PLC0415 - keeps --help quick
 
-    from traverse.cli.message_lines import line  # noqa: PLC0415
+    from traverse.cli.common.message_lines import line  # noqa: PLC0415
     from traverse.client.mqtt.subscription import connection, received, subscribe  # noqa: PLC0415
     from traverse.protocol.encoding import encode  # noqa: PLC0415
 

@@ -11,6 +11,7 @@ import json
 import re
 from collections.abc import Callable
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any, get_args
 
 import aiomqtt
@@ -24,57 +25,15 @@ from traverse.protocol import topics
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import Health, Status
+from traverse.strict_toml.files import text_of
 
 CONNECT_S = 10.0
 _NOT_IN_ID = re.compile(r"[^a-zA-Z0-9_-]")
 
-_YES = "{{{{ 'ON' if value_json.{} else 'OFF' }}}}"
-ENTITIES: dict[str, dict[str, Any]] = {
-    "online": {
-        "platform": "binary_sensor",
-        "name": "Connected",
-        "device_class": "connectivity",
-        "value_template": _YES.format("online"),
-    },
-    "state": {
-        "platform": "sensor",
-        "name": "State",
-        "device_class": "enum",
-        "options": get_args(Status.model_fields["state"].annotation),
-    },
-    "problem": {
-        "platform": "binary_sensor",
-        "name": "Alarm",
-        "device_class": "problem",
-        "value_template": _YES.format("problem"),
-        "json_attributes_template": "{{ {'alarms': value_json.alarms} | to_json }}",
-    },
-    "temperature_c": {
-        "platform": "sensor",
-        "name": "Temperature",
-        "device_class": "temperature",
-        "state_class": "measurement",
-        "unit_of_measurement": "°C",
-        "suggested_display_precision": 1,
-    },
-    "points": {
-        "platform": "sensor",
-        "name": "Points taken",
-        "state_class": "total_increasing",
-        "unit_of_measurement": "points",
-    },
-    "points_waiting": {
-        "platform": "sensor",
-        "name": "Points not sent",
-        "state_class": "measurement",
-        "unit_of_measurement": "points",
-    },
-    "last_check": {
-        "platform": "sensor",
-        "name": "Last check",
-        "device_class": "timestamp",
-    },
-}
+ENTITIES: dict[str, dict[str, Any]] = json.loads(
+    text_of(Path(__file__).with_name("home_assistant.json"))
+)
+ENTITIES["state"]["options"] = get_args(Status.model_fields["state"].annotation)
 """By the key of the state that each shows, as Home Assistant's MQTT integration has it:
 https://www.home-assistant.io/integrations/mqtt/#device-discovery-payload"""
 

@@ -30,14 +30,7 @@ PROTECTION = (
     (b"referrer-policy", b"same-origin"),
 )
 LOCAL_NAMES = frozenset(("localhost", "127.0.0.1", "[::1]"))
-FORM = """<!doctype html><html lang="en"><meta charset="utf-8">
-<meta name="viewport" content="width=device-width"><title>Traverse</title>
-<style>body{{font:1.4rem system-ui;background:#0e1116;color:#e8eef7;display:grid;
-place-items:center;min-height:90vh}}input,button{{font:inherit;padding:.6rem 1rem;
-border-radius:.5rem;border:1px solid #556;display:block;margin:.6rem 0}}</style>
-<form method="post" action="/login"><h1>Traverse</h1><p role="alert">{said}</p>
-<label>Token<input name="token" type="password" autofocus
-autocomplete="current-password"></label><button>Open the page</button></form></html>"""
+FORM = text_of(Path(__file__).with_name("login.html"))
 
 
 def read_token(path: Path) -> str:
@@ -128,7 +121,7 @@ class Guard:
             text = f"{MAX_WRONG} wrong tokens in a minute; wait a minute"
             return _refusal(scope, 429, text)
         if scope["method"] != "POST":
-            return HTMLResponse(FORM.format(said=""))
+            return HTMLResponse(FORM.replace("{said}", ""))
         given = parse_qs((await _body(receive)).decode("utf-8", "replace"))
         token = given.get("token", [""])[0].encode()
         if hmac.compare_digest(token, (self._token or "").encode()):
@@ -139,7 +132,7 @@ class Guard:
             cookie = f"{COOKIE}={self._key}; {flags}"
             return RedirectResponse("/", 303, {"set-cookie": cookie})
         self._wrong_s.append(now_s)
-        return HTMLResponse(FORM.format(said="This is not the token."), 401)
+        return HTMLResponse(FORM.replace("{said}", "This is not the token."), 401)
 
 
 def _name(host: str) -> str:

@@ -8,7 +8,7 @@ from nicegui import ui
 from traverse.client.display.arm_state import ArmSight
 from traverse.client.display.follower import Follower
 from traverse.client.display.guided_check import CheckDesk, GuidedCheck
-from traverse.client.page.dialogs import Dialogs
+from traverse.client.page.controls import Dialogs
 from traverse.client.page.health_tables import coverage_bars
 
 CHECKS = (("Single point", "articulation", 10), ("Sphere", "sphere", 9))

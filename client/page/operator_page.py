@@ -13,8 +13,7 @@ from traverse.client.display.guided_check import CheckDesk
 from traverse.client.page.arm_scene import ArmScene
 from traverse.client.page.banner import Banner
 from traverse.client.page.check_panel import CheckPanel
-from traverse.client.page.controls import Act, Controls, Soft
-from traverse.client.page.dialogs import Dialogs
+from traverse.client.page.controls import Act, Controls, Dialogs, Soft
 from traverse.client.page.health_tables import alarm_list, health_table
 from traverse.client.page.points_panel import PointsPanel
 from traverse.client.page.readout import Choices, Figures

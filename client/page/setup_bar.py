@@ -9,7 +9,7 @@ from traverse.client.display.condition import needs_reference
 from traverse.client.display.figures import INCH, MM, SYSTEMS
 from traverse.client.display.follower import Follower
 from traverse.client.display.nominal import Nominal
-from traverse.client.page.dialogs import Dialogs
+from traverse.client.page.controls import Dialogs
 from traverse.client.page.readout import NAMES, Choices
 
 

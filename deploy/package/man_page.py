@@ -4,6 +4,7 @@ import re
 import sys
 from collections.abc import Iterator
 from importlib.metadata import version
+from pathlib import Path
 
 import typer
 import typer.main
@@ -12,36 +13,7 @@ from typer.core import TyperCommand, TyperGroup
 from traverse.cli.__main__ import app
 
 AnyCommand = TyperCommand | TyperGroup
-HEAD = """\
-.TH TRAVERSE 1 "" "traverse {version}" "User commands"
-.SH NAME
-traverse \\- measurement daemon of an articulated-arm coordinate measuring machine
-.SH SYNOPSIS
-.B traverse
-.RI [ OPTION "]... " COMMAND " [" ARGUMENT ]...
-.SH DESCRIPTION
-"""
-TAIL = """\
-.SH EXIT STATUS
-0: done. 1: the answer is no. 2: the input was refused. 3: a device or broker could not
-be reached.
-.SH FILES
-.TP
-.I /etc/traverse/ARM/traverse.toml
-Configuration of the daemon traverse@ARM.service.
-.TP
-.I /etc/traverse/ARM/page.token
-What traverse\\-page@ARM.service, the operator's page, asks for.
-.TP
-.I /etc/traverse/environment, /etc/traverse/ARM/environment
-More options and variables of the daemon.
-.TP
-.I /var/lib/traverse/ARM/
-What the daemon keeps: points, recordings.
-.TP
-.I /usr/share/doc/traverse/examples/
-Configurations of daemon, simulator, broker, CAN interface, journal.
-"""
+TEMPLATE = Path(__file__).with_name("traverse.1.template")
 
 
 def escaped(text: str) -> str:
@@ -79,12 +51,17 @@ def sections(command: AnyCommand, name: str) -> Iterator[str]:
 def page() -> str:
     """The whole page."""
     top = typer.main.get_command(app)
-    parts = [HEAD.format(version=version("traverse-cmm")) + paragraphs(top.help or "")]
-    parts += [".SH OPTIONS", *parameters(top), ".SH COMMANDS"]
+    parts = [
+        paragraphs(top.help or ""),
+        ".SH OPTIONS",
+        *parameters(top),
+        ".SH COMMANDS",
+    ]
     for word, command in getattr(top, "commands", {}).items():
         if not command.hidden:  # an old name
             parts += sections(command, f"traverse {word}")
-    return "\n".join([*parts, TAIL])
+    template = TEMPLATE.read_text("utf-8")
+    return template.format(version=version("traverse-cmm"), text="\n".join(parts))
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from traverse.cli.__main__ import app
-from traverse.cli.broker_options import BrokerOptions
+from traverse.cli.common.broker_options import BrokerOptions
 
 DOCS = Path(__file__).resolve().parent.parent
 CHECKOUT = DOCS.parent

@@ -139,19 +139,9 @@ class ArmEffects:
                     )
 
 
-def effects_from_arm(arm: "Arm", campaign_utc: Span | None = None) -> ArmEffects:
-    """Build the effects of an arm file.
-
-    Args:
-        arm: The arm.
-        campaign_utc: Start and end of the campaign that drifts were found in. Without
-            it a drift is believed from its epoch to the date of the identification;
-            without that date only at its epoch, where it is zero.
-
-    Raises:
-        ValueError: Effects cannot be applied to this arm; names all of them.
-    """
-    return effects_of(arm, arm.effects, campaign_utc)
+def effects_from_arm(arm: "Arm") -> ArmEffects:
+    """Build the effects of an arm file; see `effects_of`."""
+    return effects_of(arm, arm.effects)
 
 
 def effects_of(
@@ -162,7 +152,9 @@ def effects_of(
     Args:
         arm: The arm.
         effects: Used instead of the arm's own.
-        campaign_utc: As for `effects_from_arm`.
+        campaign_utc: Start and end of the campaign that drifts were found in. Without
+            it a drift is believed from its epoch to the date of the identification;
+            without that date only at its epoch, where it is zero.
 
     Raises:
         ValueError: Effects cannot be applied to this arm; names all of them.

@@ -24,6 +24,7 @@ from traverse.kinematics.model.quaternion import (
     chain_rotations,
     multiply,
     rotate,
+    small_turn,
     turn,
 )
 
@@ -133,12 +134,3 @@ def deflection(
         steps_mm[:, :-1] += shifts_mm
     positions_mm = np.cumsum(steps_mm, axis=1)
     return Deflection(geometry, rotations, mount, pivot_mm, positions_mm)
-
-
-def small_turn(vectors_rad: Floats) -> Floats:
-    """Make the quaternions of rotation vectors, exactly: (3, ...) -> (4, ...)."""
-    x, y, z = vectors_rad
-    lengths = np.sqrt(x * x + y * y + z * z)
-    is_turn = lengths > 0.0
-    scale = np.where(is_turn, np.sin(0.5 * lengths) / np.where(is_turn, lengths, 1), 0)
-    return np.stack([np.cos(0.5 * lengths), scale * x, scale * y, scale * z])

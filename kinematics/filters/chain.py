@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 
-from traverse.kinematics.filters.point_filter import PointFilter
-from traverse.kinematics.filters.points import PointBlock
+from traverse.kinematics.filters.point_filter import PointBlock, PointFilter
 from traverse.kinematics.filters.sections import Sections
 from traverse.kinematics.filters.selections import Ball, Box, Slab, Speed, Unflagged
 from traverse.kinematics.filters.thinning import BallSpacing, Distance, GridSpacing

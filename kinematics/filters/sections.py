@@ -7,12 +7,12 @@ import numpy as np
 
 from traverse.arrays import Floats, Indices, Integers
 from traverse.kinematics.filters.point_filter import (
+    PointBlock,
     PointFilter,
     Vector,
     check_positive,
     unit,
 )
-from traverse.kinematics.filters.points import PointBlock
 
 
 @dataclass(slots=True)

@@ -8,12 +8,12 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.filters.point_filter import (
+    PointBlock,
     Selection,
     Vector,
     check_positive,
     unit,
 )
-from traverse.kinematics.filters.points import PointBlock
 
 
 @dataclass(slots=True)

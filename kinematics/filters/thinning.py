@@ -14,10 +14,10 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats, Indices, Integers
 from traverse.kinematics.filters.point_filter import (
+    PointBlock,
     PointFilter,
     check_positive,
 )
-from traverse.kinematics.filters.points import PointBlock
 
 FIRST_LOOK, LONGEST_LOOK = 32, 4096
 

@@ -1,7 +1,7 @@
 """Fits of measured points: shapes by least squares, and the smallest sphere around.
 
 Distances are orthogonal: those of the points from the shape. Every shape says how well
-it is known, see `traverse.kinematics.fits.adjustment`.
+it is known, see `traverse.kinematics.fits.shapes`.
 """
 
 from traverse.kinematics.fits.enclosing import (
@@ -10,7 +10,11 @@ from traverse.kinematics.fits.enclosing import (
     enclosing_sphere,
     spread_about_mean,
 )
-from traverse.kinematics.fits.plane import Line, Plane, fit_line, fit_plane
 from traverse.kinematics.fits.plausible import PLAUSIBLE_MM, off_seat, off_sphere
-from traverse.kinematics.fits.round import Circle, Cylinder, fit_circle, fit_cylinder
-from traverse.kinematics.fits.sphere import Sphere, fit_sphere, fit_sphere_of_radius
+from traverse.kinematics.fits.shapes import (
+    Plane,
+    Sphere,
+    fit_plane,
+    fit_sphere,
+    fit_sphere_of_radius,
+)

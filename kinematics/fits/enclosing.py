@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.fits.adjustment import checked_points
+from traverse.kinematics.fits.shapes import checked_points
 
 _ROUNDING = 1e-12  # of the extent of the points
 _DEPENDENT = 1e-10
@@ -111,19 +111,31 @@ class Spread:
 
     Attributes:
         mean_mm: (3,).
-        max_deviation_mm: Largest distance from the mean.
-        rms_mm: Root mean square of the distances from the mean.
+        deviations_mm: Distances from the mean, (n_points,).
     """
 
     mean_mm: Floats
-    max_deviation_mm: float
-    rms_mm: float
+    deviations_mm: Floats
+
+    @property
+    def max_deviation_mm(self) -> float:
+        """Return the largest distance d."""
+        return float(self.deviations_mm.max())
+
+    @property
+    def rms_mm(self) -> float:
+        """Return the root mean square of the distances."""
+        return float(np.sqrt(np.mean(np.square(self.deviations_mm))))
+
+    @property
+    def two_s_mm(self) -> float:
+        """Return 2 s of two or more points, s = sqrt(sum d^2 / (n - 1))."""
+        squares_mm2 = float(self.deviations_mm @ self.deviations_mm)
+        return 2.0 * float(np.sqrt(squares_mm2 / (len(self.deviations_mm) - 1)))
 
 
 def spread_about_mean(points_mm: Floats) -> Spread:
     """Return how points that should coincide do: (n_points, 3), at least one."""
     points_mm = checked_points(points_mm, at_least=1)
     mean_mm = points_mm.mean(axis=0)
-    distances_mm = np.linalg.norm(points_mm - mean_mm, axis=1)
-    rms_mm = float(np.sqrt(np.mean(np.square(distances_mm))))
-    return Spread(mean_mm, float(distances_mm.max()), rms_mm)
+    return Spread(mean_mm, np.linalg.norm(points_mm - mean_mm, axis=1))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.fits.sphere import fit_sphere
+from traverse.kinematics.fits.shapes import fit_sphere
 
 PLAUSIBLE_MM = 5.0
 """No arm that measures is so far off: such a touch is of another seat or place."""

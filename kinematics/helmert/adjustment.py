@@ -38,8 +38,8 @@ from traverse.kinematics.helmert.transformation import (
     Helmert,
     closed_helmert,
     motions,
-    turned_by,
 )
+from traverse.kinematics.model.quaternion import rotation_matrix, small_turn
 
 _MOST_STEPS = 100
 _SMALL_STEP = 1e-12  # of the points' extent
@@ -263,7 +263,7 @@ def _cofactors(
 
 def _moved(transformation: Helmert, centre_mm: Floats, change: Floats) -> Helmert:
     """Apply xi: y becomes c + shift + (1 + k) turn (y - c)."""
-    turn = turned_by(change[3:6])
+    turn = rotation_matrix(small_turn(change[3:6]))
     grown = 1.0 + (float(change[6]) if len(change) > N_RIGID else 0.0)
     shift_mm = centre_mm + change[:3] - grown * (turn @ centre_mm)
     return Helmert(turn, shift_mm, grown).after(transformation)

@@ -17,6 +17,7 @@ from typing import Self
 import numpy as np
 
 from traverse.arrays import Floats
+from traverse.kinematics.model.quaternion import rotation_matrix
 
 N_RIGID = 6
 PARAMETERS = (
@@ -71,22 +72,6 @@ def skew_vector(matrix: Floats) -> Floats:
     """Take the vector (3,) of M - M', for M (3, 3)."""
     m = matrix
     return np.array([m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]])
-
-
-def rotation_matrix(quaternion: Floats) -> Floats:
-    """Write a unit quaternion, scalar first, (4,), as a matrix (3, 3)."""
-    scalar, vector = quaternion[0], quaternion[1:]
-    cross = cross_matrices(vector[np.newaxis])[0]
-    turned: Floats = np.eye(3) + 2.0 * (scalar * cross + cross @ cross)
-    return turned
-
-
-def turned_by(turn_rad: Floats) -> Floats:
-    """Make the rotation of a rotation vector (3,), as a matrix (3, 3)."""
-    angle_rad = float(np.linalg.norm(turn_rad))
-    # np.sinc(x) is sin(pi x) / (pi x), and right at zero.
-    vector = 0.5 * np.sinc(0.5 * angle_rad / np.pi) * turn_rad
-    return rotation_matrix(np.concatenate([[np.cos(0.5 * angle_rad)], vector]))
 
 
 def motions(from_centre_mm: Floats, n_parameters: int) -> Floats:

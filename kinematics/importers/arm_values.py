@@ -36,22 +36,18 @@ class JointParts:
     mimic: Mimic | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class ProbeParts:
-    """Keys of the probe in an arm file beside its geometry."""
-
-    radius_mm: float
-    kind: str
-
-
 def assemble_arm(
     name: str,
     geometry: Geometry,
     joints: Sequence[JointParts],
-    probe: ProbeParts,
     source: str,
+    *,
+    radius_mm: float,
+    probe_kind: str = "hard",
 ) -> Arm:
     """Put an arm together, at 20 degrees Celsius and gravity along -z.
+
+    The probe has a ball of this radius and is of this kind.
 
     Raises:
         FileError: A value is not allowed in an arm file; lists all, for `source`.
@@ -62,8 +58,8 @@ def assemble_arm(
         "origin_mm": rounded(geometry.origin_mm, MM_DECIMALS),
         "joints": [_joint(geometry, k, parts) for k, parts in enumerate(joints)],
         "probe": {
-            "radius_mm": probe.radius_mm,
-            "kind": probe.kind,
+            "radius_mm": radius_mm,
+            "kind": probe_kind,
             "vector_mm": rounded(geometry.probe_vector_mm, MM_DECIMALS),
             "direction": rounded(geometry.probe_direction, RAD_DECIMALS),
         },

@@ -22,7 +22,7 @@ from traverse.kinematics.importers.arm_values import (
     RAD_DECIMALS,
     rounded,
 )
-from traverse.kinematics.importers.dh import DHTable
+from traverse.kinematics.importers.dh import Convention, DHTable
 from traverse.kinematics.importers.urdf import roll_pitch_yaw
 from traverse.plurals import counted
 from traverse.strict_toml.problems import (
@@ -217,9 +217,6 @@ def _part_of_pi(value: object) -> float | None:
     below = float(divisor or 1.0)
     part = float(factor or 1.0) * math.pi
     return None if below == 0.0 else (-part if sign == "-" else part) / below
-
-
-Convention = Literal["classic", "modified"]
 
 
 class Placement(StrictModel):

@@ -13,7 +13,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.model.geometry import Geometry, unit_vectors
-from traverse.kinematics.model.quaternion import rotate, turn
+from traverse.kinematics.model.quaternion import rotation_matrix, turn
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,8 +160,7 @@ def roll_pitch_yaw(rotation: Floats) -> Floats:
 def turned_by(axis: Floats, angle_rad: float) -> Floats:
     """Make the transform that turns about an axis through the origin, (4, 4)."""
     turned = np.eye(4)
-    quaternion = turn(axis[:, np.newaxis], np.array([angle_rad]))
-    turned[:3, :3] = rotate(quaternion, np.eye(3))
+    turned[:3, :3] = rotation_matrix(turn(axis, np.array(angle_rad)))
     return turned
 
 

@@ -71,6 +71,20 @@ def rotate(q: Floats, vectors: Floats) -> Floats:
     )
 
 
+def small_turn(vectors_rad: Floats) -> Floats:
+    """Make the quaternions of rotation vectors, exactly: (3, ...) -> (4, ...)."""
+    x, y, z = vectors_rad
+    lengths = np.sqrt(x * x + y * y + z * z)
+    is_turn = lengths > 0.0
+    scale = np.where(is_turn, np.sin(0.5 * lengths) / np.where(is_turn, lengths, 1), 0)
+    return np.stack([np.cos(0.5 * lengths), scale * x, scale * y, scale * z])
+
+
+def rotation_matrix(q: Floats) -> Floats:
+    """Write a rotation, (4,), as a matrix (3, 3)."""
+    return rotate(q[:, np.newaxis], np.eye(3))
+
+
 def rotation_vectors(q: Floats) -> Floats:
     """Axis times angle in rad, at most pi: (4, ...) -> (3, ...)."""
     sine = np.linalg.norm(q[1:], axis=0)

@@ -20,8 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.fits.plane import Plane, fit_plane
-from traverse.kinematics.fits.sphere import Sphere, fit_sphere
+from traverse.kinematics.fits.shapes import Plane, Sphere, fit_plane, fit_sphere
 from traverse.kinematics.model.geometry import across
 
 COVERAGE_FACTOR = 2.0

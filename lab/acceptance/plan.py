@@ -13,7 +13,6 @@ import tomlkit
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.acceptance.procedures.b89 import N_BARS, ZONES
-from traverse.lab.acceptance.procedures.interim_test import POSITIONS as CHECK_POSITIONS
 from traverse.lab.acceptance.procedures.length_tests import LENGTHS, POSITIONS
 from traverse.lab.acceptance.procedures.lengths import SET
 from traverse.lab.acceptance.standards import (
@@ -24,10 +23,11 @@ from traverse.lab.acceptance.standards import (
     UNIDIRECTIONAL,
 )
 from traverse.lab.campaign.campaign_file import EXAMPLE, read_campaign_file
-from traverse.lab.collection.plan import PLAN, read_plan
+from traverse.lab.collection.plan import PLAN, PlanFile
 from traverse.lab.measured_points.measurement import reach_of
 from traverse.plurals import counted
 from traverse.strict_toml.problems import FileError
+from traverse.strict_toml.reader import read_strict
 from traverse.strict_toml.writing import write_atomically
 
 SPHERE = {"kind": "sphere", "radius_mm": 12.7, "radius_std_mm": 0.0003}
@@ -188,7 +188,7 @@ def _b89(reach_mm: float) -> Iterator[_Test]:
 
 def _checks(reach_mm: float) -> Iterator[_Test]:
     length_mm = float(np.ceil(0.6 * reach_mm / 10.0) * 10.0)
-    for position in range(1, CHECK_POSITIONS + 1):
+    for position in range(1, POSITIONS + 1):
         name, way = f"check-{position}", _WAYS[position - 1]
         say = f"bar of {length_mm:.0f} mm {way}, {PER_BALL} points on sphere"
         yield name, _bar(length_mm), _repeated(name, ("1", "2"), PER_BALL, say, SET)
@@ -243,7 +243,7 @@ def write_plan(plan: Plan, standard: str, folder: Path) -> dict[str, Any]:
     )
     write_atomically(folder / PLAN, plan_text(plan))
     read_campaign_file(folder / CAMPAIGN)
-    read_plan(folder / PLAN)
+    read_strict(folder / PLAN, PlanFile)
     return {
         "folder": str(folder),
         "files": [CAMPAIGN, PLAN],

@@ -16,26 +16,24 @@ from traverse.kinematics.helmert.adjustment import (
 from traverse.kinematics.helmert.shape import shape_of
 from traverse.kinematics.helmert.transformation import mirrored_share
 from traverse.kinematics.helmert.volume import Volume, disposition_index, mean_motions
-from traverse.lab.alignment.flags import (
+from traverse.lab.alignment.nominal import VolumeFunction
+from traverse.lab.alignment.result import (
+    FOUND,
+    POINT_LEVEL,
     WORDS,
+    AlignmentResult,
+    AlignmentWarning,
+    Detectable,
+    PointResult,
     disposition_flags,
+    global_test,
+    point_p_value,
     revealed_flags,
     scale_flags,
     scatter_flags,
     turn_problem,
 )
-from traverse.lab.alignment.nominal import VolumeFunction
-from traverse.lab.alignment.result import (
-    FOUND,
-    POINT_LEVEL,
-    AlignmentResult,
-    AlignmentWarning,
-    Detectable,
-    PointResult,
-    global_test,
-    point_p_value,
-)
-from traverse.lab.alignment.touches import CommonPoints, Place
+from traverse.lab.alignment.touches import CommonPoints, Place, places_mm
 
 _MIRRORED = 0.1
 
@@ -55,7 +53,7 @@ def best_fit_alignment(
         HelmertError: The points do not determine it; says what is left open.
         ValueError: Errors are stated of some points only.
     """
-    from_mm, to_mm = _places_mm(common.measured), _places_mm(common.nominal)
+    from_mm, to_mm = places_mm(common.measured), places_mm(common.nominal)
     from_covariance, to_covariance, is_stated = _errors(common)
     adjusted = adjusted_helmert(
         from_mm,
@@ -110,10 +108,6 @@ def best_fit_alignment(
     )
 
 
-def _places_mm(places: Sequence[Place]) -> Floats:
-    return np.array([place.place_mm for place in places]).reshape(-1, 3)
-
-
 def _shared_mm(places: Sequence[Place]) -> Floats | None:
     """Factors of what places share, (n, 3, rank); None where it is not known of all."""
     known = [
@@ -165,7 +159,6 @@ def _points(
     return tuple(
         PointResult(
             name=name,
-            measured_mm=common.measured[row].place_mm,
             nominal_mm=common.nominal[row].place_mm,
             residual_mm=adjusted.misclosures_mm[row],
             residual_length_mm=float(np.linalg.norm(adjusted.misclosures_mm[row])),

@@ -216,6 +216,11 @@ class Place:
     shared_mm: Floats | None = None
 
 
+def places_mm(touched: Sequence[Touch | Place]) -> Floats:
+    """List where touches or places are, (n, 3)."""
+    return np.array([one.place_mm for one in touched]).reshape(-1, 3)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CommonPoints:
     """Places that are known in the arm's system and in that it leads to, (n,) each."""
@@ -284,24 +289,23 @@ def stated_errors(
 
     What they share is known of all or, with rank 0, of none.
     """
-    places_mm = np.array([touch.place_mm for touch in touches])
-    n = len(touches)
+    at_mm, n = places_mm(touches), len(touches)
     nothing = np.zeros((n, 3, 0))
     if std_mm is not None:
         own = np.tile(std_mm**2 * np.eye(3), (n, 1, 1))
-        return JointCovariance(places_mm, own, nothing)
+        return JointCovariance(at_mm, own, nothing)
     stated = [t.covariance_mm2 for t in touches if t.covariance_mm2 is not None]
     if len(stated) < n:
         return None
     known = [touch.shared_mm for touch in touches if touch.shared_mm is not None]
     shared = np.array(known) if len(known) == n else nothing
-    return JointCovariance(places_mm, np.array(stated), shared)
+    return JointCovariance(at_mm, np.array(stated), shared)
 
 
 def _mean_place(group: Sequence[Touch], errors: JointCovariance | None) -> Place:
-    places_mm = np.array([touch.place_mm for touch in group])
-    mean_mm = places_mm.mean(axis=0)
-    spread_mm = float(np.sqrt(np.mean(np.sum((places_mm - mean_mm) ** 2, axis=1))))
+    at_mm = places_mm(group)
+    mean_mm = at_mm.mean(axis=0)
+    spread_mm = float(np.sqrt(np.mean(np.sum((at_mm - mean_mm) ** 2, axis=1))))
     covariance = shared = None
     if errors is not None:
         shared = errors.shared_mm.mean(axis=0)
@@ -317,14 +321,14 @@ def _mean_place(group: Sequence[Touch], errors: JointCovariance | None) -> Place
 
 def _sphere_centre(group: Sequence[Touch], errors: JointCovariance | None) -> Place:
     """Fit a sphere; a touch scatters as stated, or as the fit says if that is more."""
-    places_mm = np.array([touch.place_mm for touch in group])
-    sphere = fit_sphere(places_mm)
+    at_mm = places_mm(group)
+    sphere = fit_sphere(at_mm)
     found_mm = sphere.precision.std_mm
     covariance = shared = None
     if errors is not None:
         own_mm2 = float(np.mean(np.einsum("nii->n", errors.own_mm2)) / 3.0)
         more = max(1.0, (found_mm or 0.0) ** 2 / own_mm2)
-        both, shared_all = errors.combined(sphere_weights(places_mm, sphere))
+        both, shared_all = errors.combined(sphere_weights(at_mm, sphere))
         common = shared_all @ shared_all.T
         covariance = (common + more * (both - common))[:3, :3]
         shared = shared_all[:3]

@@ -11,7 +11,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -90,6 +90,21 @@ class Equations:
     by_centre: Floats
     by_unknowns: Floats
 
+    @classmethod
+    def of_surface(
+        cls, misclosures_mm: Floats, by_centre: Floats, by_unknowns: Floats
+    ) -> Self:
+        """Take one condition a pose: (n_poses,), (n_poses, 3), (n_poses, n_unknowns).
+
+        By the centre it may be the same at all poses, (3,).
+        """
+        units = np.broadcast_to(by_centre, (len(misclosures_mm), 3))
+        return cls(
+            misclosures_mm[:, np.newaxis],
+            units[:, np.newaxis],
+            by_unknowns[:, np.newaxis],
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrientationEquations:
@@ -157,8 +172,15 @@ class Artefact(StrictModel):
     """A table `[[artefacts]]`; a child a kind.
 
     Attributes:
+        rows_per_pose: Conditions per pose: 3 for a known point, 1 for a surface.
+        reads_lengths: Whether each of its poses has a length of its own.
+        has_orientations: Whether orientations may be measured in its frame.
         id: What poses call it.
     """
+
+    rows_per_pose: ClassVar[int] = 1
+    reads_lengths: ClassVar[bool] = False
+    has_orientations: ClassVar[bool] = False
 
     id: str = Field(min_length=1)
     kind: str
@@ -186,23 +208,8 @@ class Artefact(StrictModel):
         """
         return self
 
-    @property
-    def rows_per_pose(self) -> int:
-        """Conditions per pose: 3 for a known point, 1 for a surface."""
-        return 1
-
-    @property
-    def reads_lengths(self) -> bool:
-        """Whether each of its poses has a length of its own."""
-        return False
-
     def fixes_scale(self, touches: Touches) -> bool:
         """Return whether these touches determine the scale of the arm."""
-        return False
-
-    @property
-    def has_orientations(self) -> bool:
-        """Whether orientations may be measured in its frame."""
         return False
 
     def measured_orientations(self, state: Floats, touches: Touches) -> Floats:

@@ -104,18 +104,15 @@ class BallBar(Artefact):
         distances_mm, units = distances(centres_mm, grown_mm)
         growths = 1.0 + touches.growths
         radii_mm = state[6:][mine] * growths
-        by_unknowns = np.zeros((len(centres_mm), 1, 8))
+        by_unknowns = np.zeros((len(centres_mm), 8))
         rows = np.arange(len(centres_mm))
         for component in range(3):
             unit = units[:, component]
-            by_unknowns[rows, 0, 3 * mine + component] = -unit * (1.0 + half[:, 0])
-            by_unknowns[rows, 0, 3 * (1 - mine) + component] = unit * half[:, 0]
-        by_unknowns[rows, 0, 6 + mine] = -growths
-        return Equations(
-            (distances_mm - radii_mm - touches.radius_mm)[:, np.newaxis],
-            units[:, np.newaxis, :],
-            by_unknowns,
-        )
+            by_unknowns[rows, 3 * mine + component] = -unit * (1.0 + half[:, 0])
+            by_unknowns[rows, 3 * (1 - mine) + component] = unit * half[:, 0]
+        by_unknowns[rows, 6 + mine] = -growths
+        misclosures_mm = distances_mm - radii_mm - touches.radius_mm
+        return Equations.of_surface(misclosures_mm, units, by_unknowns)
 
     def certificate(self, state: Floats, touches: Touches) -> Certificate:
         """Distance and radii."""

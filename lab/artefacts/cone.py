@@ -17,12 +17,8 @@ PLACE_SCALE_MM = 1000.0
 class Cone(Artefact):
     """A conical seat that centres the ball."""
 
+    rows_per_pose = 3
     kind: Literal["cone"]
-
-    @property
-    def rows_per_pose(self) -> int:
-        """Three coordinates."""
-        return 3
 
     def unknown_scales(self, touches: Touches) -> Floats:
         """The point."""

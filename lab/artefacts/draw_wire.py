@@ -28,14 +28,10 @@ from traverse.lab.artefacts.sphere import FLAT, distances, polished
 class DrawWire(Artefact):
     """A wire whose end is held at the ball's centre; state: anchor and offset."""
 
+    reads_lengths = True
     kind: Literal["draw_wire"]
     offset_mm: float | None = None
     offset_std_mm: float | None = Field(default=None, gt=0.0)
-
-    @property
-    def reads_lengths(self) -> bool:
-        """Its poses have a length each."""
-        return True
 
     def fixes_scale(self, touches: Touches) -> bool:
         """Return whether it was drawn out by more than one length."""
@@ -78,11 +74,7 @@ class DrawWire(Artefact):
         away_mm, units = distances(centres_mm, state[:3])
         misclosures_mm = away_mm - touches.known_lengths_mm - state[3]
         by_unknowns = np.column_stack([-units, -np.ones(len(units))])
-        return Equations(
-            misclosures_mm[:, np.newaxis],
-            units[:, np.newaxis, :],
-            by_unknowns[:, np.newaxis, :],
-        )
+        return Equations.of_surface(misclosures_mm, units, by_unknowns)
 
     def certificate(self, state: Floats, touches: Touches) -> Certificate:
         """The offset, where it is known."""

@@ -87,18 +87,10 @@ class ParallelPlanes(Artefact):
         misclosures_mm = (
             centres_mm @ normal - state[3] - signs * (halves * state[4] + offset_mm)
         )
-        by_unknowns = np.column_stack(
-            [
-                centres_mm @ tangent_basis(normal).T,
-                -np.ones(len(centres_mm)),
-                -signs * halves,
-            ]
-        )
-        return Equations(
-            misclosures_mm[:, np.newaxis],
-            np.broadcast_to(normal, (len(centres_mm), 1, 3)),
-            by_unknowns[:, np.newaxis, :],
-        )
+        turned_mm = centres_mm @ tangent_basis(normal).T
+        rest = -np.ones(len(centres_mm)), -signs * halves
+        by_unknowns = np.column_stack([turned_mm, *rest])
+        return Equations.of_surface(misclosures_mm, normal, by_unknowns)
 
     def certificate(self, state: Floats, touches: Touches) -> Certificate:
         """The distance."""

@@ -91,11 +91,7 @@ class Plane(Artefact):
         by_unknowns = np.column_stack(
             [centres_mm @ tangent_basis(normal).T, -np.ones(len(centres_mm))]
         )
-        return Equations(
-            misclosures_mm[:, np.newaxis],
-            np.broadcast_to(normal, (len(centres_mm), 1, 3)),
-            by_unknowns[:, np.newaxis, :],
-        )
+        return Equations.of_surface(misclosures_mm, normal, by_unknowns)
 
     def place(self, state: Floats) -> dict[str, Any]:
         """The outer normal, and its product with any point of the plane."""

@@ -22,8 +22,13 @@ from pydantic import Field
 
 from traverse.arrays import Floats
 from traverse.kinematics.effect_table import Vector
-from traverse.kinematics.helmert.transformation import quaternion_of
-from traverse.kinematics.model.quaternion import conjugate, multiply, rotate
+from traverse.kinematics.helmert.transformation import closed_helmert, quaternion_of
+from traverse.kinematics.model.quaternion import (
+    conjugate,
+    multiply,
+    rotate,
+    rotation_matrix,
+)
 from traverse.lab.artefacts.artefact import (
     REFERENCE_TEMPERATURE_C,
     Artefact,
@@ -41,6 +46,8 @@ _N_FRAME_UNKNOWNS = {"arm": 0, "own": 6, "own_scaled": 7}
 class Points(Artefact):
     """A set of points with known coordinates in some system."""
 
+    rows_per_pose = 3
+    has_orientations = True
     kind: Literal["points"]
     frame: Literal["arm", "own", "own_scaled"]
     points_mm: dict[str, Vector] | str
@@ -59,11 +66,6 @@ class Points(Artefact):
             return self
         kept = {name: self.points_mm[name] for name in touched}
         return self.model_copy(update={"points_mm": kept})
-
-    @property
-    def rows_per_pose(self) -> int:
-        """Three coordinates."""
-        return 3
 
     def fixes_scale(self, touches: Touches) -> bool:
         """Return whether known points determine the scale, which is not estimated."""
@@ -87,22 +89,24 @@ class Points(Artefact):
         )
 
     def start(self, centres_mm: Floats, touches: Touches) -> Floats:
-        """Fit a similarity by singular values; blunders are weighted down."""
+        """Fit a similarity in closed form; blunders are weighted down."""
         known_mm = self._known_mm(touches)
         frame = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
         if self.frame != "arm":
             grown_mm = known_mm[touches.features]
             weights = np.ones(len(centres_mm))
+            with_scale = self.frame == "own_scaled" and bool(
+                np.any(np.ptp(grown_mm, axis=0))
+            )
             for _ in range(10):
-                rotation, shift_mm, scale = _similarity(
-                    grown_mm, centres_mm, weights, self.frame == "own_scaled"
+                found = closed_helmert(
+                    grown_mm, centres_mm, weights, with_scale=with_scale
                 )
-                away_mm = np.linalg.norm(
-                    centres_mm - shift_mm - scale * grown_mm @ rotation.T, axis=1
-                )
+                away_mm = np.linalg.norm(centres_mm - found.places_mm(grown_mm), axis=1)
                 least_mm = max(3.0 * float(np.median(away_mm)), 1e-9)
                 weights = 1.0 / (1.0 + (away_mm / least_mm) ** 2)
-            frame = np.array([*quaternion_of(rotation), *shift_mm, scale])
+            turn, shift_mm = quaternion_of(found.rotation), found.translation_mm
+            frame = np.array([*turn, *shift_mm, found.scale])
         return np.concatenate([frame, known_mm.ravel()])
 
     def equations(
@@ -124,7 +128,7 @@ class Points(Artefact):
         if n_frame > 6:
             by_unknowns[:, :, 6] = -placed_mm / state[7]
         if self.points_std_mm:
-            columns = rotate(state[:4, np.newaxis], np.eye(3))
+            columns = rotation_matrix(state[:4])
             rows = np.arange(n_poses)
             for component in range(3):
                 by_unknowns[rows, :, n_frame + 3 * touches.features + component] = (
@@ -135,11 +139,6 @@ class Points(Artefact):
             np.broadcast_to(np.eye(3), (n_poses, 3, 3)),
             by_unknowns,
         )
-
-    @property
-    def has_orientations(self) -> bool:
-        """The frame of the points is that of the instrument."""
-        return True
 
     def measured_orientations(self, state: Floats, touches: Touches) -> Floats:
         """R(q) O of poses that have orientations, (4, n_poses)."""
@@ -185,7 +184,7 @@ class Points(Artefact):
     def place(self, state: Floats) -> dict[str, Any]:
         """R, t, s of x = t + s R A, with A the known coordinates."""
         return {
-            "rotation": rotate(state[:4, np.newaxis], np.eye(3)).tolist(),
+            "rotation": rotation_matrix(state[:4]).tolist(),
             "translation_mm": state[4:7].tolist(),
             "scale": float(state[7]),
         }
@@ -207,18 +206,3 @@ class Points(Artefact):
         if not isinstance(self.points_mm, dict):
             raise TypeError(f"points of {self.id!r} are still in {self.points_mm!r}")
         return np.array([self.points_mm[name] for name in touches.feature_names])
-
-
-def _similarity(
-    known_mm: Floats, centres_mm: Floats, weights: Floats, scaled: bool
-) -> tuple[Floats, Floats, float]:
-    """Find R, t, s that take known points (n, 3) to centres (n, 3) best."""
-    mean_known = np.average(known_mm, axis=0, weights=weights)
-    mean_centres = np.average(centres_mm, axis=0, weights=weights)
-    known, centres = known_mm - mean_known, centres_mm - mean_centres
-    left, sizes, right = np.linalg.svd((weights[:, np.newaxis] * centres).T @ known)
-    proper = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-    rotation: Floats = (left * proper) @ right
-    size = float(np.sum(weights * np.einsum("ij,ij->i", known, known)))
-    scale = float(sizes @ proper) / size if scaled and size > 0.0 else 1.0
-    return rotation, mean_centres - scale * rotation @ mean_known, scale

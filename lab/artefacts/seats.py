@@ -39,6 +39,7 @@ class SeatDistance(StrictModel):
 class Seats(Artefact):
     """Two or more seats; state: their points."""
 
+    rows_per_pose = 3
     kind: Literal["seats"]
     distance_mm: float | None = Field(default=None, gt=0.0)
     distance_std_mm: float | None = Field(default=None, gt=0.0)
@@ -78,11 +79,6 @@ class Seats(Artefact):
     def features(self) -> tuple[str, ...]:
         """The names of the seats."""
         return tuple(dict.fromkeys(chain.from_iterable(o.between for o in self.known)))
-
-    @property
-    def rows_per_pose(self) -> int:
-        """Three coordinates."""
-        return 3
 
     def fixes_scale(self, touches: Touches) -> bool:
         """Return whether both ends of a known distance were touched."""

@@ -184,11 +184,8 @@ class Sphere(Artefact):
         growths = 1.0 + touches.growths
         offset_mm = offset_sign(self.side) * touches.radius_mm
         misclosures_mm = distances_mm - state[3] * growths - offset_mm
-        return Equations(
-            misclosures_mm[:, np.newaxis],
-            units[:, np.newaxis, :],
-            np.column_stack([-units, -growths])[:, np.newaxis, :],
-        )
+        by_unknowns = np.column_stack([-units, -growths])
+        return Equations.of_surface(misclosures_mm, units, by_unknowns)
 
     def certificate(self, state: Floats, touches: Touches) -> Certificate:
         """The radius, where it is known."""

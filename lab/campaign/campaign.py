@@ -2,10 +2,9 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,10 +19,15 @@ from traverse.lab.campaign.campaign_file import (
     example_problems,
     read_campaign_file,
 )
-from traverse.lab.campaign.copies import without_copies
 from traverse.lab.campaign.pose_table import PoseTable, read_pose_table
+from traverse.lab.campaign.poses import Poses, without_copies
 from traverse.lab.campaign.prior import Prior
 from traverse.lab.campaign.stream_table import SUFFIX, read_stream_table
+from traverse.lab.report.provenance import (
+    ReportProvenance,
+    ReportSource,
+    report_provenance,
+)
 from traverse.protocol.printable import spreadsheet_cell
 from traverse.strict_toml.files import bytes_of
 from traverse.strict_toml.problems import FileError, Problem
@@ -33,70 +37,14 @@ _CHUNK_BYTES = 1 << 20
 _NO_START = datetime(2000, 1, 1, tzinfo=UTC)
 _MOST_PROBLEMS = 20
 _MARGIN = timedelta(milliseconds=1)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Poses:
-    """Probed poses, one a row; NaN where a file had an empty cell.
-
-    Attributes:
-        lines: Line of each in the file, or number of the sample in a
-            stream, counting from 1, (n_poses,).
-        time_s: Since the campaign's start, (n_poses,).
-        artefacts: Index of the touched artefact, (n_poses,).
-        features: Index into `Campaign.feature_names` of the artefact, (n_poses,).
-        angles_rad: Readings, (n_poses, n_joints).
-        temperature_c: (n_poses,).
-        joint_temperatures_c: (n_poses, n_joints).
-        approaches: Sense of the last motion, -1, 0, +1, (n_poses, n_joints).
-        speeds_rad_s: (n_poses, n_joints).
-        directions: Unit vectors from the ball towards the material, (n_poses, 3).
-        force_n: (n_poses,).
-        lengths_mm: As read by artefacts that read lengths, (n_poses,).
-        tools: Number of `Campaign.tools`, from 1 on; 0 for the arm's own, (n_poses,).
-        orientations: Unit quaternions of the instrument's probe in the artefact's frame
-            as measured, (n_poses, 4).
-    """
-
-    lines: Integers
-    time_s: Floats
-    artefacts: Integers
-    features: Integers
-    angles_rad: Floats
-    temperature_c: Floats | None = None
-    joint_temperatures_c: Floats | None = None
-    approaches: Floats | None = None
-    speeds_rad_s: Floats | None = None
-    directions: Floats | None = None
-    force_n: Floats | None = None
-    lengths_mm: Floats | None = None
-    tools: Integers | None = None
-    orientations: Floats | None = None
-
-    @property
-    def oriented(self) -> Booleans:
-        """Which have a measured orientation, (n_poses,)."""
-        if self.orientations is None:
-            return np.zeros(len(self), dtype=np.bool_)
-        return np.isfinite(self.orientations[:, 0])
-
-    @property
-    def mounted(self) -> tuple[int, ...]:
-        """Numbers of the tools that orientations were measured with, rising."""
-        if self.tools is None:
-            return (0,) if np.any(self.oriented) else ()
-        return tuple(np.unique(self.tools[self.oriented]).tolist())
-
-    def __len__(self) -> int:
-        return len(self.time_s)
-
-    def part(self, rows: Booleans | Integers | slice) -> "Poses":
-        """Take some of the poses."""
-        taken: dict[str, Any] = {}
-        for field in fields(self):
-            column = getattr(self, field.name)
-            taken[field.name] = None if column is None else column[rows]
-        return Poses(**taken)
+_ONE_TOOL = (
+    "only `traverse identify`, `diagnose`, `predict` and `verify` take several "
+    "tools; take the poses of one, and leave the column out"
+)
+_NO_ORIENTATIONS = (
+    "only `traverse identify`, `diagnose` and `predict` take measured "
+    "orientations; leave these columns out"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,6 +93,13 @@ class Campaign:
     def start(self) -> datetime:
         """When its time is 0."""
         return self.start_utc or _NO_START
+
+    def provenance(
+        self, computed_by: str | None = None, when: datetime | None = None
+    ) -> ReportProvenance:
+        """Make the provenance of a report about it; see `report_provenance`."""
+        source = ReportSource(self.name, self.digest)
+        return report_provenance(source, computed_by, when)
 
     @property
     def span(self) -> Span:
@@ -282,60 +237,20 @@ def read_campaign(
     else:
         tools = [tool.name for tool in file.tools]
         table = read_pose_table(poses, joint_names, features, tools)
-        problems = [
-            *([] if several_tools else _tool_problems(table)),
-            *([] if orientations else _orientation_problems(table)),
-        ]
+        problems = []
+        if table.poses.tools is not None and not several_tools:
+            problems.append(Problem("tool", _ONE_TOOL))
+        if np.any(table.poses.oriented) and not orientations:
+            problems.append(Problem("orientation_w", _NO_ORIENTATIONS))
         if problems:
             raise FileError(poses, problems)
     return _campaign(path, file, table, tuple(joint_names))
 
 
-def _tool_problems(table: PoseTable) -> list[Problem]:
-    if table.tools is None:
-        return []
-    what = (
-        "only `traverse identify`, `diagnose`, `predict` and `verify` take several "
-        "tools; take the poses of one, and leave the column out"
-    )
-    return [Problem("tool", what)]
-
-
-def _orientation_problems(table: PoseTable) -> list[Problem]:
-    if not np.any(np.isfinite(table.optional.get("orientation_w", np.nan))):
-        return []
-    what = (
-        "only `traverse identify`, `diagnose` and `predict` take measured "
-        "orientations; leave these columns out"
-    )
-    return [Problem("orientation_w", what)]
-
-
 def _campaign(
     path: Path, file: CampaignFile, table: PoseTable, joint_names: tuple[str, ...]
 ) -> Campaign:
-    directions = _unit_vectors(table, [f"direction_{axis}" for axis in "xyz"])
-    orientations = _unit_vectors(table, [f"orientation_{part}" for part in "wxyz"])
-
-    def each(quantity: str) -> Floats | None:
-        return _columns(table, [f"{name}_{quantity}" for name in joint_names])
-
-    poses = Poses(
-        lines=table.lines,
-        time_s=table.time_s,
-        artefacts=table.artefacts,
-        features=table.features,
-        angles_rad=table.angles_rad,
-        temperature_c=table.optional.get("temperature_c"),
-        joint_temperatures_c=each("temperature_c"),
-        approaches=each("approach"),
-        speeds_rad_s=each("speed_rad_s"),
-        directions=directions,
-        force_n=table.optional.get("force_n"),
-        lengths_mm=table.optional.get("length_mm"),
-        tools=table.tools,
-        orientations=orientations,
-    )
+    poses = table.poses
     _check_lengths(path.parent / file.poses, file, poses)
     _check_orientations(path.parent / file.poses, file, poses)
     is_stream = Path(file.poses).suffix == SUFFIX
@@ -428,22 +343,6 @@ def _places(artefacts: Sequence[Artefact], poses: Poses) -> Floats:
             known_mm = np.array(list(artefact.points_mm.values()))
             places[mine] = known_mm[poses.features[mine]]
     return places
-
-
-def _unit_vectors(table: PoseTable, names: Sequence[str]) -> Floats | None:
-    vectors = _columns(table, names)
-    if vectors is None:
-        return None
-    units: Floats = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-    return units
-
-
-def _columns(table: PoseTable, names: Sequence[str]) -> Floats | None:
-    """Put optional columns side by side; None where none of them is there."""
-    if not any(name in table.optional for name in names):
-        return None
-    empty = np.full(len(table.time_s), np.nan)
-    return np.column_stack([table.optional.get(name, empty) for name in names])
 
 
 def campaign_digest(path: Path, file: CampaignFile) -> str:

@@ -20,6 +20,7 @@ from traverse.kinematics.model.readings import (
     encoders_from_arm,
 )
 from traverse.lab.campaign.pose_table import PoseTable
+from traverse.lab.campaign.poses import Poses
 from traverse.plurals import counted
 from traverse.recording.reader import read_recording
 from traverse.recording.values import Recording
@@ -156,21 +157,20 @@ def read_stream_table(
     if len(poses) == 0:
         message = "nothing is touched in any sample; see the channel `touching`"
         raise FileError(path, message)
-    optional = _conditions(recording)
-    for joint, name in enumerate(joint_names):
-        optional[f"{name}_speed_rad_s"] = speeds_rad_s[:, joint]
-        optional[f"{name}_approach"] = senses[:, joint]
-    return PoseTable(
-        artefacts=artefacts[poses],
-        features=feature_indices[poses],
-        free_features=free,
-        time_s=since_s[poses] + (first_utc - start_utc).total_seconds(),
-        angles_rad=np.ascontiguousarray(angles_rad[poses]),
-        optional={name: values[poses] for name, values in optional.items()},
-        lines=poses + 1,
-        start_utc=start_utc,
-        notes=tuple(_notes(recording, since_s)),
+    conditions = _conditions(recording)
+    samples_of_all = Poses(
+        lines=np.arange(1, len(since_s) + 1),
+        time_s=since_s + (first_utc - start_utc).total_seconds(),
+        artefacts=artefacts,
+        features=feature_indices,
+        angles_rad=angles_rad,
+        approaches=senses,
+        speeds_rad_s=speeds_rad_s,
+        temperature_c=conditions.get("temperature_c"),
+        force_n=conditions.get("force_n"),
     )
+    notes = tuple(_notes(recording, since_s))
+    return PoseTable(samples_of_all.part(poses), free, start_utc, notes)
 
 
 def _problems(

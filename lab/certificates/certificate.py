@@ -18,7 +18,7 @@ from traverse.lab.certificates.evidence import (
     evidence_problems,
     evidence_text,
 )
-from traverse.lab.certificates.laboratory import Laboratory, read_laboratory
+from traverse.lab.certificates.laboratory import Laboratory
 from traverse.lab.certificates.signature import (
     SIGNATURE,
     Checked,
@@ -36,6 +36,7 @@ from traverse.lab.certificates.xml import (
 from traverse.lab.report.checksums import sums_of, sums_problems, write_sums
 from traverse.strict_toml.files import bytes_of
 from traverse.strict_toml.problems import FileError
+from traverse.strict_toml.reader import read_strict
 from traverse.strict_toml.writing import replacing, write_atomically
 
 _ISSUED = "{https://ptb.de/dcc}issueDate"
@@ -58,7 +59,7 @@ def certify(
     problems = list(sums_problems(folder)) or list(evidence_problems(folder))
     if problems:
         raise FileError(folder, problems)
-    stated = read_laboratory(laboratory)
+    stated = read_strict(laboratory, Laboratory)
     text = bytes_of(laboratory).decode("utf-8")
     write_atomically(folder / DATA / LABORATORY, text)
     root = _document(folder, stated, issue_date(stated))
@@ -101,7 +102,8 @@ def checked_certificate(
     for found in root.findall(SIGNATURE):
         root.remove(found)
     etree.indent(root, space=" ")
-    expected = _document(folder, read_laboratory(folder / DATA / LABORATORY), issued)
+    stated = read_strict(folder / DATA / LABORATORY, Laboratory)
+    expected = _document(folder, stated, issued)
     problems += [
         f"{DCC} was altered, or does not follow from the files: {one}"
         for one in _differing(root, expected)

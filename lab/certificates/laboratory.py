@@ -1,12 +1,11 @@
 """The TOML file of a laboratory: who certifies, for whom, under which number."""
 
 from datetime import date
-from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from traverse.strict_toml.reader import StrictModel, read_strict
+from traverse.strict_toml.reader import StrictModel
 
 Text = Annotated[str, Field(pattern=r"^\S+(\s+\S+)*$", max_length=500)]
 CountryCode = Annotated[str, Field(pattern="^[A-Z]{2}$")]
@@ -67,12 +66,3 @@ class Laboratory(StrictModel):
     customer: Contact
     persons: tuple[Person, ...] = Field(min_length=1)
     arm: Item = Item()
-
-
-def read_laboratory(path: str | Path) -> Laboratory:
-    """Read the file of a laboratory.
-
-    Raises:
-        FileError: With everything that is wrong with it.
-    """
-    return read_strict(path, Laboratory)

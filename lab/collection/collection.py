@@ -21,6 +21,11 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from traverse.lab.campaign.campaign_file import CampaignFile
 from traverse.lab.collection.plan import PlanFile, Target
+from traverse.lab.report.provenance import (
+    ReportSource,
+    digest_of_files,
+    report_provenance,
+)
 from traverse.plurals import counted
 from traverse.protocol.messages import Point
 from traverse.strict_toml.files import bytes_of, text_of
@@ -295,3 +300,27 @@ def touch_of(
         xyz_mm=list(point.xyz_mm),
         model=point.model,
     )
+
+
+def collection_report(collection: Collection) -> dict[str, Any]:
+    """Touches of every feature, and whether they reach the target."""
+    # The last target of a recurring feature includes all its touches.
+    last = {(one.artefact, one.feature): one for one in collection.targets}
+    table = collection.folder / collection.file.poses
+    files = [path for path in (collection.folder / CAMPAIGN, table) if path.is_file()]
+    source = ReportSource(collection.folder.resolve().name, digest_of_files(files))
+    return {
+        "campaign": str(collection.folder),
+        "provenance": report_provenance(source).values,
+        "poses": len(collection.touches),
+        "complete": not collection.unfinished(),
+        "features": [
+            {
+                "artefact": one.artefact,
+                "feature": one.feature or None,
+                "touches": collection.count(one),
+                "wanted": one.wanted,
+            }
+            for one in last.values()
+        ],
+    }

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -12,7 +11,7 @@ from traverse.arrays import Floats, Integers
 from traverse.kinematics.effect_table import Vector
 from traverse.lab.campaign.campaign_file import CampaignFile
 from traverse.strict_toml.problems import FileError, Problem, unknown_name_message
-from traverse.strict_toml.reader import StrictModel, read_strict
+from traverse.strict_toml.reader import StrictModel
 
 PLAN = "plan.toml"
 SHELLS = 3
@@ -35,15 +34,6 @@ class PlanFile(StrictModel):
     centre_mm: Vector = (0.0, 0.0, 0.0)
     reach_mm: float | None = Field(default=None, gt=0.0)
     steps: tuple[PlanStep, ...] = Field(min_length=1)
-
-
-def read_plan(path: Path) -> PlanFile:
-    """Read a plan.
-
-    Raises:
-        FileError: With everything that is wrong with it.
-    """
-    return read_strict(path, PlanFile)
 
 
 def volume_picture(

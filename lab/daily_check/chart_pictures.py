@@ -1,6 +1,6 @@
-"""Control charts as pictures: PNG and HTML, and as characters for a terminal."""
+"""Control charts: pictures in PNG and HTML, and a check in lines for a terminal."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from traverse.arrays import Integers
-from traverse.lab.daily_check.control_chart import EWMA_LIMIT, ChartPoint
-from traverse.lab.daily_check.report import DailyCheckReport, FigureChart
+from traverse.lab.daily_check.control_chart import EWMA_LIMIT, ChartPoint, rules
+from traverse.lab.daily_check.report import WORDS, DailyCheckReport, FigureChart
 from traverse.lab.report.figures import BLUE, GREY, ORANGE, VERMILION, picture
 from traverse.lab.report.provenance import ReportSource, report_provenance
 from traverse.lab.report.templates import page
@@ -17,6 +17,7 @@ from traverse.strict_toml.writing import write_atomically
 
 ROWS = 9
 SHOWN = 60
+CHECKS_A_YEAR = 250
 _UM = 1000.0
 
 
@@ -83,6 +84,21 @@ def chart_lines(chart: FigureChart, width: int = SHOWN) -> list[str]:
     return [
         f"{high - row * step:9.1f} |{''.join(cells)}|" for row, cells in enumerate(grid)
     ]
+
+
+def report_lines(report: DailyCheckReport) -> Iterator[str]:
+    """Describe a check in lines: figures, charts, warnings."""
+    yield from WORDS.lines("head", report)
+    for chart in report.charts:
+        yield ""
+        yield from WORDS.lines("figure", chart)
+        if chart.last.q is not None:
+            yield from chart_lines(chart)
+        yield from WORDS.lines("warnings", chart)
+    yield ""
+    yield from report.remarks
+    yield WORDS.false_alarms(report, rules("both"), CHECKS_A_YEAR)
+    yield report.word
 
 
 def _paint_values(cell: Axes, chart: FigureChart, numbers: Integers) -> None:

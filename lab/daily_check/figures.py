@@ -7,13 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.kinematics.fits import PLAUSIBLE_MM, off_seat
+from traverse.kinematics.fits import PLAUSIBLE_MM, off_seat, spread_about_mean
 from traverse.lab.acceptance.plan import CAMPAIGN, Plan, Step, campaign_text, plan_text
 from traverse.lab.collection.plan import PLAN
 from traverse.lab.measured_points.measurement import (
     IncompleteError,
     Measurement,
-    articulation_of,
     certified_sphere,
     fitted_sphere,
     reach_of,
@@ -128,9 +127,10 @@ def daily_check_figures(measured: Measurement) -> DailyCheckFigures:
         if n < fewest:
             said = counted(n, "touch")
             raise IncompleteError(f"{name}: {said}, expected {fewest} or more")
-    scatter, found = articulation_of(seat), fitted_sphere(sphere, touched, ball)
+    scatter = spread_about_mean(seat.places_mm)
+    found = fitted_sphere(sphere, touched, ball)
     off_mm = off_seat(seat.places_mm, seat.places_mm)
-    if scatter.largest_mm > PLAUSIBLE_MM:
+    if scatter.max_deviation_mm > PLAUSIBLE_MM:
         raise IncompleteError(
             f"{cone}: touch {int(off_mm.argmax()) + 1} of {len(seat)} is "
             f"{off_mm.max():.1f} mm off the others; was it the right seat? Check again"
@@ -152,7 +152,7 @@ def daily_check_figures(measured: Measurement) -> DailyCheckFigures:
     known_c = warm_c[np.isfinite(warm_c)]
     return DailyCheckFigures(
         spat_2s_mm=scatter.two_s_mm,
-        spat_max_mm=scatter.largest_mm,
+        spat_max_mm=scatter.max_deviation_mm,
         sphere_form_mm=found.form_mm,
         sphere_diameter_mm=found.size_mm,
         n_cone=len(seat),

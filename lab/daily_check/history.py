@@ -10,28 +10,11 @@ from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 from traverse.lab.daily_check.figures import DailyCheckFigures
+from traverse.strict_toml.files import text_of
 
 VERSION = 1
 APPLICATION = 0x54525649  # "TRVI"
-_TABLE = """
-CREATE TABLE checks (
-    number INTEGER PRIMARY KEY AUTOINCREMENT,
-    time_utc TEXT NOT NULL,
-    arm TEXT NOT NULL,
-    arm_digest TEXT NOT NULL,
-    data_digest TEXT NOT NULL,
-    begins TEXT NOT NULL,
-    spat_2s_mm REAL NOT NULL,
-    spat_max_mm REAL NOT NULL,
-    sphere_form_mm REAL NOT NULL,
-    sphere_diameter_mm REAL NOT NULL,
-    n_cone INTEGER NOT NULL,
-    n_sphere INTEGER NOT NULL,
-    sphere_radius_mm REAL NOT NULL,
-    temperature_c REAL,
-    UNIQUE (arm, data_digest)
-)
-"""
+_TABLE = text_of(Path(__file__).with_name("history.sql"))
 
 
 class HistoryRefusedError(Exception):

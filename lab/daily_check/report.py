@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from traverse.lab.acceptance.certificate.values import SCHEMA as CERTIFICATE
-from traverse.lab.acceptance.conformity.limits import NO_LIMITS, Limits
+from traverse.lab.acceptance.conformity import NO_LIMITS, Limits
 from traverse.lab.daily_check.control_chart import ChartPoint, Rule, charted, rules
 from traverse.lab.daily_check.figures import KINDS, FigureKind
 from traverse.lab.daily_check.history import Check, since_base
 from traverse.lab.measured_points.reading import OWN_PROBE
+from traverse.lab.report.plain_values import picked
 from traverse.lab.report.provenance import ReportSource, report_provenance
 from traverse.lab.report.templates import Words
 from traverse.strict_toml.files import json_of
@@ -169,20 +170,10 @@ def report_values(report: DailyCheckReport) -> dict[str, Any]:
 def _values(chart: FigureChart) -> dict[str, Any]:
     last = chart.last
     return {
-        "key": chart.kind.key,
-        "name": chart.kind.name,
-        "definition": chart.kind.definition,
-        "value_mm": last.value,
-        "centre_mm": last.centre,
-        "low_mm": last.low,
-        "high_mm": last.high,
-        "q": last.q,
-        "moving_range": last.moving_range,
-        "ewma": last.ewma,
-        "limit_mm": chart.limit_mm,
-        "exceeds_limit": chart.exceeds,
-        "accepted_mm": chart.accepted_mm,
-        "alarms": list(last.alarms),
+        **picked(chart.kind, "key", "name", "definition"),
+        **picked(last, value_mm="value", centre_mm="centre", low_mm="low"),
+        **picked(last, "q", "moving_range", "ewma", "alarms", high_mm="high"),
+        **picked(chart, "limit_mm", "accepted_mm", exceeds_limit="exceeds"),
         "rules": [
             {"name": rule.name, "false_alarms_per_check": rule.rate}
             for rule in chart.rules

@@ -27,10 +27,12 @@ import tomlkit
 from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.arrays import Booleans, Floats
+from traverse.lab.report.templates import Words
 from traverse.strict_toml.files import json_of
 from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.writing import write_atomically
 
+WORDS = Words("identification/family.jinja")
 SCHEMA = "traverse/family/1"
 RESULT = "traverse/identification/1"
 LEVEL = 0.01
@@ -251,18 +253,7 @@ def family_values(family: FamilyResults) -> dict[str, Any]:
 
 def family_lines(values: Mapping[str, Any]) -> list[str]:
     """Say it in lines: a parameter a line, then who leaves the family."""
-    lines = [f"{len(values['arms'])} arms of the design {values['design'][:12]}"]
-    lines += [
-        f"{one['name']}: mean {one['mean']:+.3g} {one['unit']}, spread "
-        f"{one['spread']:.3g} {one['unit']} (known to {one['median_std']:.2g})"
-        for one in values["parameters"]
-    ]
-    lines += [
-        f"{one['arm']}: {one['parameter']} is {one['value']:+.4g} {one['unit']}, "
-        f"{abs(one['spreads']):.1f} spreads from its family (p = {one['p_value']:.1g})"
-        for one in values["alarms"]
-    ]
-    return lines if values["alarms"] else [*lines, "no arm leaves its family"]
+    return WORDS.lines("family", values)
 
 
 def write_family(values: Mapping[str, Any], path: Path) -> None:

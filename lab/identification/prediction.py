@@ -6,6 +6,7 @@ else says it, from the judged poses themselves; then distances are somewhat too 
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,12 +24,15 @@ from traverse.lab.identification.equations.network import (
     orientation_errors,
 )
 from traverse.lab.identification.identify import Options, identify, prepared
+from traverse.lab.identification.results.files import texts, write_poses
 from traverse.lab.identification.results.orientations import (
     Mounting,
     orientation_sizes,
 )
 from traverse.lab.identification.results.result import Identification
+from traverse.lab.report.templates import Words
 
+WORDS = Words("identification/prediction.jinja")
 _ARM = ("*.axis.?", "*.link.?", "origin.?")
 # All poses count, whether they agree or not.
 _PLACING = Options(hold=_ARM, snooping=False, coarse_start=False, n_suggestions=0)
@@ -197,6 +201,20 @@ def predict(
         of_station_mm = misclosures_mm(network, station, values, state)
         found_mm[station.poses, : artefact.rows_per_pose] = of_station_mm
     return Prediction(campaign, found_mm, frozenset(own), errors_rad)
+
+
+def write_prediction(result: Prediction, path: Path) -> None:
+    """Write a line for each pose: distance, and the misclosures that make it up.
+
+    With orientations also by how much they are off about each axis.
+    """
+    header = ["distance_mm", "w1_mm", "w2_mm", "w3_mm"]
+    columns = [result.distances_mm, result.misclosures_mm]
+    if np.any(result.campaign.poses.oriented):
+        header += [f"orientation_{axis}_rad" for axis in "xyz"]
+        columns.append(result.orientation_errors_rad)
+    values = np.column_stack(columns)
+    write_poses(path, result.campaign, header, lambda at: texts(values[at]))
 
 
 def holdout_figures(

@@ -24,7 +24,7 @@ from traverse.arrays import Booleans, Floats
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import Geometry, across
-from traverse.lab.campaign.campaign import Poses
+from traverse.lab.campaign.poses import Poses
 from traverse.lab.identification.equations.parameters import ArmValues, Parameters
 
 _N_SAMPLES = 4000

@@ -7,6 +7,7 @@ also differs in shape.
 import io
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -35,34 +36,16 @@ _GROUPS = 6
 _INCHES_PER_MM = 1.0 / 25.4
 _DPI = 150
 _SEED = 1
-_LOOK = {
-    "font.family": "DejaVu Sans",
-    "font.size": 8.0,
-    "text.parse_math": False,  # names may hold dollar signs
-    "axes.titlesize": 8.5,
-    "axes.titlelocation": "left",
-    "axes.labelsize": 8.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.linewidth": 0.6,
-    "axes.axisbelow": True,
-    "axes.formatter.useoffset": False,
-    "xtick.labelsize": 7.5,
-    "ytick.labelsize": 7.5,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "grid.color": "#dddddd",
-    "grid.linewidth": 0.5,
-    "legend.frameon": False,
-    "legend.fontsize": 7.5,
-}
+_LOOK = mpl.rc_params_from_file(
+    Path(__file__).with_name("look.mplstyle"), use_default_template=False
+)
 
 
 def picture(
     width_mm: float, height_mm: float, paint: Callable[..., None], *what: object
 ) -> bytes:
     """Paint what is given into a figure of a size and return it as PNG."""
-    with mpl.rc_context(_LOOK):  # type: ignore[arg-type] # the stubs want literal keys
+    with mpl.rc_context(_LOOK):
         figure = Figure(
             figsize=(width_mm * _INCHES_PER_MM, height_mm * _INCHES_PER_MM),
             layout="constrained",
@@ -95,9 +78,21 @@ def thinned(poses: Integers) -> Integers:
     return poses[np.sort(chosen)]
 
 
-def dot_size(n_dots: int) -> float:
-    """Choose larger dots where there are few."""
-    return float(np.clip(200.0 / np.sqrt(n_dots + 1.0), 4.0, 14.0))
+def draw_dots(
+    axes: Axes, x: Floats, y: Floats, look: Look, alpha: float, *, size: float = 1.0
+) -> None:
+    """Draw poses as marks without rims, larger ones where there are few."""
+    colour, mark, label = look
+    axes.scatter(
+        x,
+        y,
+        s=size * float(np.clip(200.0 / np.sqrt(len(x) + 1.0), 4.0, 14.0)),
+        color=colour,
+        marker=mark,
+        alpha=alpha,
+        linewidths=0.0,
+        label=label,
+    )
 
 
 def symmetric_limit(values: Floats, part: float = 0.999) -> float:

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -69,28 +69,6 @@ def report_provenance(
         },
         campaign=campaign,
     )
-
-
-class Campaign(Protocol):
-    """Requirements on a campaign."""
-
-    @property
-    def name(self) -> str:
-        """Of its folder."""
-        ...
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 over its files."""
-        ...
-
-
-def campaign_provenance(
-    campaign: Campaign, computed_by: str | None = None, when: datetime | None = None
-) -> ReportProvenance:
-    """Make the provenance of a report about a campaign; see `report_provenance`."""
-    source = ReportSource(campaign.name, campaign.digest)
-    return report_provenance(source, computed_by, when)
 
 
 def utc_text(moment: datetime) -> str:

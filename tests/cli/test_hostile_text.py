@@ -14,7 +14,7 @@ import traverse.cli
 from tests.cli.test_align import NOMINAL, measured, table
 from tests.protocol.message_examples import EVENT, POINT, STATUS
 from traverse.cli.__main__ import app
-from traverse.cli.message_lines import line
+from traverse.cli.common.message_lines import line
 from traverse.cli.points.outbox import point_line, session_line
 from traverse.cli.watch.view import picture
 from traverse.client.display.arm_state import ArmSight

@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from traverse.cli.__main__ import app
-from traverse.cli.replay.report import report_of, report_text
+from traverse.cli.replay import report_of, report_text
 from traverse.daemon.replay.compare import (
     PointComparison,
     ReplayResult,

@@ -15,7 +15,7 @@ import pytest
 from playwright.async_api import async_playwright, expect
 
 from tests.docs.pages import CHECKOUT, COMMANDS, PAGES
-from traverse.cli.broker_options import BrokerOptions
+from traverse.cli.common.broker_options import BrokerOptions
 
 END_S = 100.0
 

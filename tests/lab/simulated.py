@@ -13,7 +13,8 @@ import numpy as np
 from traverse.kinematics.arm_file.arm import Arm, parse_arm
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.artefacts import artefact_from_table
-from traverse.lab.campaign.campaign import Campaign, Poses
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.poses import Poses
 
 PROBE_RADIUS_MM = 3.0
 

@@ -11,7 +11,7 @@ amount. That one formula a kind gives both the correction and its derivatives.
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
@@ -80,9 +80,10 @@ class Correction(ABC):
 
     @classmethod
     def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
-        """Take what a class has besides from the entry and the arm."""
-        del effect, setting
-        return {}
+        """Take what a class has besides, from the entry or the arm, by name."""
+        about = {"reference_temperature_c": setting.reference_temperature_c}
+        known = {**about, **effect.values}
+        return {one.name: known[one.name] for one in fields(cls) if one.name in known}
 
     @property
     def parameters(self) -> tuple[str, ...]:

@@ -1,18 +1,14 @@
 """Corrections at a contact, which need the direction of the surface; standards."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.effects.base.contact import Contact
-from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import ContactCorrection, Correction
 from traverse.kinematics.model.quaternion import dot
-
-if TYPE_CHECKING:
-    from traverse.kinematics.arm_file.arm import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,9 +91,3 @@ class ArtefactLength(Correction):
     artefact: str
 
     kind: ClassVar[str] = "artefact_length"
-
-    @classmethod
-    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
-        """Take the standard."""
-        del setting
-        return {"artefact": effect.values["artefact"]}

@@ -5,11 +5,10 @@ M_k is the moment about the joint's origin of all weights beyond it, a_k the axi
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import ClassVar
 
 from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Covariate
-from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import (
     BodyCorrection,
     Correction,
@@ -18,9 +17,6 @@ from traverse.kinematics.effects.base.correction import (
 from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.kernel.terms import Form, Quantity, Source, Term
 from traverse.kinematics.model.quaternion import dot
-
-if TYPE_CHECKING:
-    from traverse.kinematics.arm_file.arm import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,22 +119,16 @@ class ThermalExpansion(BodyCorrection):
     vector is no element: it does not grow.
     """
 
-    reference_c: float
+    reference_temperature_c: float
 
     kind: ClassVar[str] = "thermal_expansion"
     target: ClassVar[Target] = Target.GROWTH
     covariate: ClassVar[Covariate | None] = Covariate.TEMPERATURE
 
-    @classmethod
-    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
-        """Take the reference temperature."""
-        del effect
-        return {"reference_c": setting.reference_temperature_c}
-
     def unit_amounts(self, posture: Posture) -> Floats:
         """T - T_ref, (1, n_chosen, n_samples)."""
         temperatures_c = posture.block.temperatures_c(self.joints)
-        return (temperatures_c - self.reference_c)[None]
+        return (temperatures_c - self.reference_temperature_c)[None]
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -148,7 +138,7 @@ class ThermalExpansion(BodyCorrection):
                 form=Form.GROWTH_RATE,
                 joint=joint,
                 values=self.values,
-                of=Quantity(Source.TEMPERATURE, joint, self.reference_c),
+                of=Quantity(Source.TEMPERATURE, joint, self.reference_temperature_c),
             )
             for joint in self.affected
         )

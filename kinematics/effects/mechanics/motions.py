@@ -6,12 +6,11 @@ An error motion of an axis is a vector that goes round with the turn of the join
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import BodyCorrection, Target
 from traverse.kinematics.effects.base.epochs import (
     DriftTime,
@@ -23,9 +22,6 @@ from traverse.kinematics.effects.base.posture import Posture
 from traverse.kinematics.kernel.terms import Form, Term
 from traverse.kinematics.model.geometry import Geometry, across
 
-if TYPE_CHECKING:
-    from traverse.kinematics.arm_file.arm import Effect
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisMotion(BodyCorrection):
@@ -33,26 +29,16 @@ class AxisMotion(BodyCorrection):
 
     Attributes:
         order: Periods a turn.
-        is_along: Whether the vectors lie along the axis, else across it.
     """
 
     order: int
-    is_along: bool
 
     form: ClassVar[Form]
-
-    @classmethod
-    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
-        """Take the order and the component."""
-        del setting
-        values = effect.values
-        is_along = values.get("component") == "axial"
-        return {"order": values["order"], "is_along": is_along}
 
     def free_directions(self, geometry: Geometry) -> Floats:
         """Across the axis, (6, 4), or along it, (6, 2)."""
         axis = geometry.axes[self.joints.start]
-        if self.is_along:
+        if "axial" in self.variety:
             one = axis[:, np.newaxis]
         else:
             first, second = across(axis)

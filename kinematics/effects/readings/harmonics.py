@@ -23,16 +23,9 @@ if TYPE_CHECKING:
 class EncoderHarmonic(ReadingCorrection):
     """So many periods a turn: disc tilt, ellipticity, sub-division error."""
 
-    order: float  # periods a turn
+    order: float = 1  # periods a turn
 
     kind: ClassVar[str] = "encoder_harmonic"
-    key: ClassVar[str] = "order"
-
-    @classmethod
-    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
-        """Take the order."""
-        del setting
-        return {"order": effect.values.get(cls.key, 1)}
 
     def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
         """cos(order alpha) and sin(order alpha), (2, 1, n_samples)."""
@@ -67,4 +60,9 @@ class TransmissionError(EncoderHarmonic):
     """
 
     kind: ClassVar[str] = "transmission_error"
-    key: ClassVar[str] = "cycles"
+
+    @classmethod
+    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
+        """Take the cycles."""
+        del setting
+        return {"order": effect.values["cycles"]}

@@ -2,13 +2,12 @@
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.effects.base.block import Block, Covariate
-from traverse.kinematics.effects.base.context import EffectContext
 from traverse.kinematics.effects.base.correction import ReadingCorrection
 from traverse.kinematics.effects.base.epochs import (
     DriftTime,
@@ -18,9 +17,6 @@ from traverse.kinematics.effects.base.epochs import (
 )
 from traverse.kinematics.kernel.terms import Form, Quantity, Source, Term
 from traverse.kinematics.model.geometry import Geometry
-
-if TYPE_CHECKING:
-    from traverse.kinematics.arm_file.arm import Effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,25 +110,21 @@ class EncoderTemperature(SingleRate):
     T is the joint's own temperature where it is known, else the arm's.
     """
 
-    reference_c: float
+    reference_temperature_c: float
 
     kind: ClassVar[str] = "encoder_temperature"
     covariate: ClassVar[Covariate | None] = Covariate.TEMPERATURE
 
-    @classmethod
-    def surroundings(cls, effect: "Effect", setting: EffectContext) -> dict[str, Any]:
-        """Take the reference temperature."""
-        del effect
-        return {"reference_c": setting.reference_temperature_c}
-
     def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
         """T - T_ref, (1, 1, n_samples)."""
         del geometry
-        return (block.temperatures_c(self.joints) - self.reference_c)[np.newaxis]
+        return (block.temperatures_c(self.joints) - self.reference_temperature_c)[
+            np.newaxis
+        ]
 
     def quantity(self, joint: int) -> Quantity:
         """T - T_ref."""
-        return Quantity(Source.TEMPERATURE, joint, self.reference_c)
+        return Quantity(Source.TEMPERATURE, joint, self.reference_temperature_c)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,19 +7,19 @@ from pathlib import Path
 from typing import Any
 
 from traverse.kinematics.arm_file.arm import read_arm
-from traverse.lab.acceptance.certificate.administration import administration_of
 from traverse.lab.acceptance.certificate.values import (
     PREDICTED,
     SCHEMA,
     SealedCertificate,
+    administration_of,
     digest_values,
     result_values,
 )
-from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
+from traverse.lab.acceptance.conformity import NO_LIMITS, Limits
 from traverse.lab.acceptance.standards import STANDARDS, verified
 from traverse.lab.measured_points.reading import files_read, read_by_tool
 from traverse.lab.report.checksums import SUMS, sums_problems
-from traverse.lab.report.differences import differences
+from traverse.lab.report.plain_values import differences
 from traverse.lab.report.provenance import (
     ReportSource,
     digest_of_files,
@@ -27,6 +27,7 @@ from traverse.lab.report.provenance import (
 )
 from traverse.strict_toml.files import bytes_of, json_of
 from traverse.strict_toml.problems import FileError
+from traverse.strict_toml.reader import read_strict
 
 # When, by whom and with what it was computed.
 _NOT_COMPARED = ("date_utc", "provenance")
@@ -98,7 +99,7 @@ def _figure_problems(values: Mapping[str, Any], folder: Path) -> Iterator[str]:
         yield f"standard {standard!r} is not known here"
         return
     file = folder / LIMITS
-    limits = read_limits(file) if file.is_file() else NO_LIMITS
+    limits = read_strict(file, Limits) if file.is_file() else NO_LIMITS
     recordings = sorted(folder.glob("*.mcap"))
     has_campaign = (folder / "campaign.toml").is_file()
     data = folder if has_campaign or not recordings else recordings[0]

@@ -15,11 +15,6 @@ NOT_STATED = "not stated"
 _MOST_PLACES = 3
 
 
-def figure_lines(values: Mapping[str, Any]) -> list[str]:
-    """Describe a certificate in lines."""
-    return WORDS.lines("summary", values)
-
-
 def figure_cells(figure: Mapping[str, Any]) -> list[str]:
     """Write the row of a figure."""
     uncertainty_mm = figure["expanded_uncertainty_mm"]

@@ -1,4 +1,4 @@
-"""The certificate as plain values, and the digest that ties it to its data."""
+"""Statements of a certificate besides figures: who, where, when, which standards."""
 
 import hashlib
 import json
@@ -6,16 +6,80 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
 from traverse.kinematics.arm_file.arm import Arm, arm_digest
-from traverse.lab.acceptance.conformity.figure import (
+from traverse.lab.acceptance.conformity import (
     PREDICTED_FACTOR,
     Figure,
     LengthError,
+    Limits,
     PredictedLengths,
     Verification,
 )
-from traverse.lab.acceptance.conformity.limits import Limits
-from traverse.lab.report.provenance import ReportProvenance
+from traverse.lab.artefacts import Artefact
+from traverse.lab.measured_points.measurement import Measurement
+from traverse.lab.report.plain_values import picked, plain_values
+from traverse.lab.report.provenance import ReportProvenance, utc_text
+
+
+def administration_of(measured: Sequence[Measurement], arm: Arm) -> dict[str, Any]:
+    """Collect what campaign and arm file state, as plain values.
+
+    Times are ISO 8601 with Z, of the first and the last touch; temperatures are those
+    of all touches. None stands where something is not stated. There are `tools` where
+    the campaign names any.
+    """
+    occasion = measured[0].occasion
+    firsts = [at for one in measured if (at := one.occasion.first_utc) is not None]
+    lasts = [at for one in measured if (at := one.occasion.last_utc) is not None]
+    warm_c = np.concatenate([one.temperature_c for one in measured])
+    known = bool(len(warm_c))
+    identified = arm.identification and arm.identification.date
+    touched = {
+        name: artefact
+        for name, artefact in measured[0].artefacts.items()
+        if any(len(one.of(name)) for one in measured)
+    }
+    tools = [
+        {"name": one.tool.name, "vector_mm": list(one.tool.vector_mm or ())}
+        for one in measured
+        if one.tool is not None
+    ]
+    return {
+        "operator": occasion.operator,
+        "place": occasion.place,
+        "measured_from_utc": utc_text(min(firsts)) if firsts else None,
+        "measured_to_utc": utc_text(max(lasts)) if lasts else None,
+        "temperature_least_c": float(warm_c.min()) if known else None,
+        "temperature_mean_c": float(warm_c.mean()) if known else None,
+        "temperature_largest_c": float(warm_c.max()) if known else None,
+        "arm_name": arm.name,
+        "arm_serial_number": arm.serial_number,
+        "arm_calibration_date": str(identified) if identified else None,
+        "standards": _standards(touched),
+        **({"tools": tools} if tools else {}),
+    }
+
+
+def _standards(artefacts: Mapping[str, Artefact]) -> list[dict[str, Any]]:
+    """Name each standard once, however many places it was touched in."""
+    found: dict[tuple[str | None, ...], dict[str, Any]] = {}
+    for name, artefact in artefacts.items():
+        if artefact.kind in ("cone", "plane"):
+            continue  # not calibrated
+        calibrated = artefact.calibration_date
+        own: dict[str, Any] = {
+            "kind": artefact.kind,
+            "artefacts": [],
+            "serial_number": artefact.serial_number,
+            "calibration_date": None if calibrated is None else calibrated.isoformat(),
+            "certificate_number": artefact.certificate_number,
+        }
+        identity = tuple(text for key, text in own.items() if key != "artefacts")
+        found.setdefault(identity, own)["artefacts"].append(name)
+    return list(found.values())
+
 
 SCHEMA = "traverse/acceptance/1"
 ALGORITHM = "SHA-256"
@@ -66,21 +130,11 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
         "arm": {"name": certificate.arm.name, "digest": arm_digest(certificate.arm)},
         "verdict": found.verdict,
         "complete": not found.missing,
-        "decision": {
-            "rule": limits.decision,
-            "guard_factor": limits.guard_factor,
-            "coverage_factor": limits.coverage_factor,
-        },
+        "decision": picked(limits, "guard_factor", "coverage_factor", rule="decision"),
         "figures": [_figure(figure, limits) for figure in found.figures],
-        "missing": [
-            {"name": missing.name, "what": list(missing.what)}
-            for missing in found.missing
-        ],
+        "missing": plain_values(found.missing),
         "lengths": [_of_tool(asdict(error)) for error in found.lengths],
-        "scatters": [
-            {"name": scatter.name, "deviations_mm": list(scatter.deviations_mm)}
-            for scatter in found.scatters
-        ],
+        "scatters": plain_values(found.scatters),
         **predicted,
         "remarks": list(found.remarks),
     }
@@ -91,10 +145,7 @@ def _predicted(
 ) -> dict[str, Any]:
     return {
         "coverage_factor": PREDICTED_FACTOR,
-        "inside": found.n_inside,
-        "sigma0": found.sigma0,
-        "p_value": found.p_value,
-        "explains": found.explains,
+        **picked(found, "sigma0", "p_value", "explains", inside="n_inside"),
         "lengths": [
             {"artefact": error.artefact, "repeat": error.repeat, "standard_mm": std_mm}
             for error, std_mm in zip(errors, found.stds_mm, strict=True)
@@ -132,12 +183,7 @@ def _of_tool(values: dict[str, Any]) -> dict[str, Any]:
 def _figure(figure: Figure, limits: Limits) -> dict[str, Any]:
     decision, standard_mm = figure.decision, figure.budget.standard_mm
     found = {
-        "key": figure.key,
-        "name": figure.name,
-        "definition": figure.definition,
-        "source": figure.source,
-        "confirm": figure.confirm,
-        "value_mm": figure.value_mm,
+        **picked(figure, "key", "name", "definition", "source", "confirm", "value_mm"),
         "expanded_uncertainty_mm": None
         if standard_mm is None
         else limits.coverage_factor * standard_mm,

@@ -4,22 +4,22 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from traverse.lab.acceptance.conformity.figure import (
+from traverse.kinematics import fits
+from traverse.lab.acceptance.conformity import (
     LengthError,
+    Limits,
     Missing,
     Part,
     Scatter,
     fixture_budget,
     judged_figure,
 )
-from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.acceptance.procedures.lengths import largest_of, length_sets
 from traverse.lab.acceptance.procedures.point_distribution import direction_remarks
 from traverse.lab.acceptance.procedures.probing import refuse_another_count
 from traverse.lab.measured_points.measurement import (
     IncompleteError,
     Measurement,
-    articulation_of,
 )
 from traverse.plurals import counted
 
@@ -55,8 +55,8 @@ def articulation(measured: Measurement, limits: Limits) -> Iterator[Part]:
         except IncompleteError as error:
             problems.append(str(error))
             continue
-        seat = articulation_of(touched)
-        largest[zone], two_s[zone] = seat.largest_mm, seat.two_s_mm
+        seat = fits.spread_about_mean(touched.places_mm)
+        largest[zone], two_s[zone] = seat.max_deviation_mm, seat.two_s_mm
         half_mm = 0.5 * np.ptp(touched.places_mm, axis=0)
         spans += [
             (f"{zone}, (max - min)/2 {axis}", float(half))
@@ -70,7 +70,7 @@ def articulation(measured: Measurement, limits: Limits) -> Iterator[Part]:
             )
         if len(set(touched.features)) < 2:
             remarks.append(f"{name}: features do not tell on which side the elbow was")
-        yield Scatter(name, tuple(seat.delta_mm.tolist()))
+        yield Scatter(name, tuple(seat.deviations_mm.tolist()))
     if problems:
         yield Missing("SPAT", tuple(problems))
         return
@@ -91,21 +91,16 @@ def articulation(measured: Measurement, limits: Limits) -> Iterator[Part]:
         )
 
 
-def bar_names() -> list[str]:
-    """List the ids of all bar positions."""
-    return [f"volumetric-{number:02d}" for number in range(1, N_BARS + 1)]
-
-
 def volumetric(measured: Measurement, limits: Limits) -> Iterator[Part]:
     """Volumetric test: bars `volumetric-01` to `volumetric-20`, measured once each."""
-    sets, problems = length_sets(
-        measured, bar_names(), "volumetric_max", limits, {1: "once"}
+    names = [f"volumetric-{number:02d}" for number in range(1, N_BARS + 1)]
+    sets, parts = length_sets(
+        measured, names, "volumetric_max", limits, {1: "once"}, title="volumetric"
     )
-    if problems:
-        yield Missing("volumetric", tuple(problems))
+    yield from parts
+    if not sets:
         return
     found = [error for errors in sets for error in errors]
-    yield from found
     values = np.array([error.error_mm for error in found])
     worst, budget = largest_of(found, measured, limits)
     yield judged_figure(

@@ -1,27 +1,27 @@
-"""E_UNI and E_BI: five lengths in seven positions, three times each.
+"""Lengths in seven positions, three times each: E_UNI and E_BI, the interim check.
 
-Rule for repeats, as of ISO 10360 [K]: of at most five of the 35 sets of three one error
-may exceed the acceptance limit; that length is measured ten times again in the
-same place, and all ten must be inside.
+E_UNI and E_BI are of five lengths. Rule for repeats, as of ISO 10360 [K]: of at most
+five of the 35 sets of three one error may exceed the acceptance limit; that length is
+measured ten times again in the same place, and all ten must be inside.
 """
 
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from traverse.lab.acceptance.conformity.figure import (
+from traverse.lab.acceptance.conformity import (
     Decision,
     Figure,
     LengthError,
-    Missing,
+    Limits,
     Part,
     Verdict,
     decision_of,
     guard_of,
+    judged_figure,
     rule_text,
     worst,
 )
-from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.acceptance.procedures.lengths import SET, largest_of, length_sets
 from traverse.lab.acceptance.procedures.point_distribution import direction_remarks
 from traverse.lab.measured_points.measurement import Measurement
@@ -56,13 +56,12 @@ def length_test(
 ) -> Iterator[Part]:
     """E_UNI or E_BI of ISO 10360-12."""
     times = {SET: str(SET), SET + AGAIN: f"{SET + AGAIN} with ten again"}
-    sets, problems = length_sets(measured, length_names(prefix), key, limits, times)
-    if problems:
-        yield Missing(key.upper(), tuple(problems))
-        return
-    for found in sets:
-        yield from found
-    yield _figure(measured, key, sets, limits)
+    sets, parts = length_sets(
+        measured, length_names(prefix), key, limits, times, title=key.upper()
+    )
+    yield from parts
+    if sets:
+        yield _figure(measured, key, sets, limits)
 
 
 def _figure(
@@ -153,3 +152,45 @@ def _range_remarks(
     lengths = {round(error.length_mm, 1) for error in counted}
     if len(lengths) < LENGTHS:
         yield f"{len(lengths)} different lengths, expected {LENGTHS}"
+
+
+INTERIM = "interim_length"
+_INTERIM_DEFINITION = (
+    "a ball bar in 7 positions, 3 times each: E = L_measured - L_certified, corrected "
+    "for expansion; the largest counts"
+)
+
+
+def check_names() -> list[str]:
+    """List the ids of all positions of the interim check."""
+    return [f"check-{position}" for position in range(1, POSITIONS + 1)]
+
+
+def interim_test(measured: Measurement, limits: Limits) -> Iterator[Part]:
+    """Interim check of VDI/VDE 2617-9: bars `check-1` to `check-7`."""
+    title = "interim check of length"
+    sets, parts = length_sets(
+        measured, check_names(), INTERIM, limits, {SET: str(SET)}, title=title
+    )
+    yield from parts
+    if not sets:
+        return
+    found = [error for errors in sets for error in errors]
+    values = np.array([error.error_mm for error in found])
+    worst, budget = largest_of(found, measured, limits)
+    within = [float(np.ptp([e.error_mm for e in errors])) for errors in sets]
+    yield judged_figure(
+        limits,
+        INTERIM,
+        title,
+        _INTERIM_DEFINITION,
+        worst.error_mm,
+        budget=budget,
+        length_mm=worst.length_mm,
+        parts=(
+            ("mean error", float(values.mean())),
+            ("range of all errors", float(np.ptp(values))),
+            ("largest range within a position", max(within)),
+        ),
+        remarks=direction_remarks(measured, check_names()),
+    )

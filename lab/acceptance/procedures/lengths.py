@@ -13,12 +13,19 @@ other, in the order of time; of two seats the r-th touches of both belong togeth
 """
 
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.lab.acceptance.conformity.figure import Budget, LengthError, length_budget
-from traverse.lab.acceptance.conformity.limits import Limits
+from traverse.lab.acceptance.conformity import (
+    Budget,
+    LengthError,
+    Limits,
+    Missing,
+    Part,
+    length_budget,
+)
 from traverse.lab.artefacts import Artefact
 from traverse.lab.artefacts.ball_bar import BallBar
 from traverse.lab.artefacts.parallel_planes import ParallelPlanes
@@ -197,13 +204,16 @@ def length_sets(
     key: str,
     limits: Limits,
     times: dict[int, str],
-) -> tuple[list[list[LengthError]], list[str]]:
+    *,
+    title: str,
+) -> tuple[list[list[LengthError]], Sequence[Part]]:
     """Measure lengths.
 
     The times say how often each may have been measured, with the words for it.
 
     Returns:
-        The errors by artefact, and what is missing.
+        The errors by artefact, and all of them; where anything is missing none, and
+        what is missing under the figure's title.
     """
     sets: list[list[LengthError]] = []
     problems: list[str] = []
@@ -219,7 +229,9 @@ def length_sets(
             problems.append(str(error))
             continue
         sets.append(errors)
-    return sets, problems
+    if problems:
+        return [], [Missing(title, tuple(problems))]
+    return sets, list(chain.from_iterable(sets))
 
 
 def largest_of(

@@ -17,7 +17,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.uncertainty.joint_covariance import fit_weights
-from traverse.lab.acceptance.conformity.figure import (
+from traverse.lab.acceptance.conformity import (
     PREDICTED_FACTOR,
     LengthError,
     PredictedLengths,

@@ -9,8 +9,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from traverse.kinematics.fits import enclosing_sphere
-from traverse.lab.acceptance.conformity.figure import (
+from traverse.lab.acceptance.conformity import (
     Budget,
+    Limits,
     Missing,
     Part,
     Scatter,
@@ -18,7 +19,6 @@ from traverse.lab.acceptance.conformity.figure import (
     judged_figure,
     length_budget,
 )
-from traverse.lab.acceptance.conformity.limits import Limits
 from traverse.lab.acceptance.procedures.point_distribution import half_sphere_remarks
 from traverse.lab.artefacts.sphere import Sphere
 from traverse.lab.measured_points.measurement import (

@@ -1,21 +1,139 @@
-"""Experiments that separate a finding from its alternatives, in words."""
+"""Experiments that separate a finding from its alternatives, in words.
 
+Some pairs of effects are known to be hard to separate: why, and what separates them.
+Some are aliases by structure: no poses of the same kind ever would.
+"""
+
+import tomllib
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.kinematics.effect_table import EFFECT_KINDS
+from traverse.kinematics.effect_table import EFFECT_KINDS, Family
+from traverse.kinematics.effects.contacts.touching import ProbeRadius, StylusBending
+from traverse.kinematics.effects.mechanics.deformations import (
+    BearingCompliance,
+    MountCompliance,
+    ThermalExpansion,
+)
+from traverse.kinematics.effects.mechanics.motions import AxisRunout, AxisWobble
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.diagnosis.advice.known_pairs import KnownPair, known_pair
+from traverse.lab.diagnosis.advice.minimal_detectable import (
+    is_vertical,
+    probe_is_on_axis,
+)
 from traverse.lab.diagnosis.advice.optimal_poses import Experiment, experiment
 from traverse.lab.diagnosis.candidates.scoring import ALIAS
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
 from traverse.lab.diagnosis.model.result import Alternative
 from traverse.lab.diagnosis.search.decision import NamedTerm
-from traverse.plurals import counted
+from traverse.lab.report.templates import Words
+from traverse.strict_toml.files import text_of
+
+
+@dataclass(frozen=True, slots=True)
+class KnownPair:
+    """Two effects that are hard to separate; by structure: no such poses ever would."""
+
+    why: str
+    experiment: str
+    is_structural: bool = False
+
+
+def known_pair(
+    first: Candidate, second: Candidate, rows: ObservationEquations
+) -> KnownPair | None:
+    """Look two effects up among the pairs that are hard to separate.
+
+    The rows of the fit say which joint is the last, and what each has travelled.
+    """
+    kinds = {first.kind, second.kind}
+    families = _family(first), _family(second)
+    base_joint = rows.adjustment.network.campaign.joint_names[0]
+    if kinds == {MountCompliance.kind, BearingCompliance.kind} and (
+        base_joint in (first.joint, second.joint)
+    ):
+        return KnownPair(
+            "both tilt everything above the base by the overturning moment",
+            "hang a known mass on the mount beside the arm, or touch a cone on the "
+            "mount plate and one on the floor, or measure with the base tilted",
+            is_vertical(rows, base_joint),
+        )
+    if first.joint is not None and first.joint == second.joint:
+        found = _of_one_joint(first.joint, kinds, set(families), rows)
+        if found is not None:
+            return found
+    if kinds == {ProbeRadius.kind, StylusBending.kind}:
+        return KnownPair(
+            "along the normal of a surface both are the same for a constant force",
+            "touch with two forces, a sphere from outside and one from inside, and a "
+            "cone",
+            True,
+        )
+    if Family.LENGTH in families:
+        is_only = len({of for _, of, _ in rows.certificates}) < 2
+        more = "a second" if is_only else "one more"
+        return KnownPair(
+            "an error of the standard's length changes the scale of the whole arm",
+            f"measure {more} calibrated length, of another standard",
+            is_only and ThermalExpansion.kind in kinds,
+        )
+    names = sorted(family.name for family in families)
+    for pair in _PAIRS:
+        alike = pair["families"]
+        if names == sorted(alike) or (len(alike) == 1 and alike[0] in names):
+            return KnownPair(pair["why"], pair["experiment"])
+    return None
+
+
+def _of_one_joint(
+    joint: str, kinds: set[str], families: set[Family], rows: ObservationEquations
+) -> KnownPair | None:
+    campaign = rows.adjustment.network.campaign
+    if families == {Family.OWN_ANGLE, Family.AXIS_MOTION}:
+        moving = [n for n in campaign.joint_names if not probe_is_on_axis(rows, n)]
+        if joint == (moving or campaign.joint_names)[-1]:
+            return KnownPair(
+                f"with one stylus an angle error of {joint} is a shift of the ball",
+                "measure with a second stylus of another length or offset",
+                True,
+            )
+        return KnownPair(
+            f"the probe is always about as far from the axis of {joint}",
+            f"touch with the joints beyond {joint} stretched and bent, and with a "
+            "stylus of another length",
+        )
+    if families == {Family.OWN_ANGLE} or (
+        families == {Family.AXIS_MOTION} and len(kinds) == 1
+    ):
+        at = campaign.joint_names.index(joint)
+        travelled_rad = float(np.ptp(campaign.poses.angles_rad[rows.used_poses, at]))
+        return KnownPair(
+            f"{joint} travelled {travelled_rad:.1f} rad only, where both look alike"
+            if travelled_rad < 2.0 * np.pi
+            else f"both are functions of the reading of {joint}",
+            f"turn {joint} through a wider range, out to both of its stops, with one "
+            "artefact close to the base and one far from it",
+        )
+    if kinds == {AxisWobble.kind, AxisRunout.kind}:
+        return KnownPair(
+            f"the lever arm from {joint} to the ball hardly varies",
+            "measure with styli of two lengths, the joints beyond stretched and bent",
+        )
+    return None
+
+
+def _family(candidate: Candidate) -> Family:
+    return EFFECT_KINDS[candidate.kind].family
+
+
+_PAIRS = tomllib.loads(text_of(Path(__file__).with_name("known_pairs.toml")))["pairs"]
+WORDS = Words("diagnosis/advice/words.jinja")
 
 # Evidence that takes a name out of the printed set, as natural logarithm.
 _SETTLED = float(np.log(100.0))
@@ -23,8 +141,6 @@ _SETTLED = float(np.log(100.0))
 _SURE = 1.28
 _MOST_POSES = 40
 _MOST_RIVALS = 4
-# Correlation below which two effects are hardly ever taken for each other.
-_UNLIKE = 0.3
 # How far a joint may go beyond what it has travelled.
 _BEYOND_RAD = 1.0
 # Correlation above which a pair of the table that is one by structure is one here.
@@ -37,11 +153,13 @@ def separate_by(naming: NamedTerm, rows: ObservationEquations, arm: Arm) -> str:
     told, apart = [], []
     named = [o for o in naming.alternatives if not o.candidate.is_curve]
     if not named or own.is_curve:
-        return _curve_in_words(own, naming.alternatives)
+        if not naming.alternatives:
+            return ""
+        return WORDS.curve(own if own.is_curve else naming.alternatives[0].candidate)
     for other in named:
         known = known_pair(own, other.candidate, rows)
         if _is_structural(other, known):
-            told.append(_alias_in_words(own, other.candidate, known))
+            told.append(WORDS.alias(own, other.candidate, known))
         else:
             apart.append(other)
     if not apart:
@@ -53,7 +171,8 @@ def separate_by(naming: NamedTerm, rows: ObservationEquations, arm: Arm) -> str:
             told.insert(0, _poses_in_words(own, others, found, rows))
             break
     else:
-        told.insert(0, _experiment_in_words(own, apart[0], rows))
+        known = known_pair(own, apart[0].candidate, rows)
+        told.insert(0, WORDS.experiment(own, apart[0], known, _MOST_POSES))
     return " ".join(told[:2])
 
 
@@ -142,52 +261,10 @@ def postures_text(poses_rad: Floats, campaign: Campaign, joints: Sequence[str]) 
     return "in postures all over the travelled ranges"
 
 
-def _curve_in_words(own: Candidate, alternatives: Sequence[Alternative]) -> str:
-    """Return what becomes of curves, which fit whatever depends on the same."""
-    if not alternatives:
-        return ""
-    curve = own if own.is_curve else alternatives[0].candidate
-    what = curve.covariate or "the readings"
-    return (
-        f"A curve over {what} imitates every effect that depends on it: poses spread "
-        f"evenly over the whole range of {what} show whether its shape is that of a "
-        "named effect."
-    )
-
-
 def _is_structural(other: Alternative, known: KnownPair | None) -> bool:
     if known is not None and known.is_structural:
         return other.correlation >= _NEARLY_ALIAS
     return known is None and other.correlation >= ALIAS
-
-
-def _alias_in_words(own: Candidate, other: Candidate, known: KnownPair | None) -> str:
-    why = "they do the same to every pose of this kind"
-    remedy = "use another stylus, payload, base attitude or sensor"
-    if known is not None:
-        why, remedy = known.why, known.experiment
-    return (
-        f"{own.name} and {other.name} are aliases by structure: {why}. No further "
-        f"poses of this kind tell them apart; {remedy}."
-    )
-
-
-def _experiment_in_words(
-    own: Candidate, other: Alternative, rows: ObservationEquations
-) -> str:
-    beginning = f"To tell {own.name} from {other.candidate.name}: "
-    known = known_pair(own, other.candidate, rows)
-    if known is not None:
-        return f"{beginning}{known.experiment} ({known.why})."
-    if other.correlation < _UNLIKE:
-        return (
-            f"{beginning}repeat the campaign; the two are unlike, and only the scatter "
-            "of so small an effect leaves the other name open."
-        )
-    return (
-        f"{beginning}turn the joints through wider ranges, or change the stylus or the "
-        f"payload; {_MOST_POSES} further poses like those so far are not enough."
-    )
 
 
 def _poses_in_words(
@@ -203,14 +280,8 @@ def _poses_in_words(
     where = postures_text(found.poses.angles_rad, campaign, tuple(joints))
     touched = np.bincount(found.poses.artefacts, minlength=len(campaign.artefacts))
     best = int(np.argmax(touched))
-    mostly = "" if touched[best] == n else "mostly "
+    at = f"{'' if touched[best] == n else 'mostly '}at {campaign.artefacts[best].id}"
     chance = max(100.0 * float(np.max(found.chances[-1])), 0.1)
-    names = " and ".join(other.candidate.name for other in others)
+    names = [other.candidate.name for other in others]
     known = known_pair(own, others[0].candidate, rows)
-    instead = "" if known is None else f"; or {known.experiment}"
-    poses = counted(n, "more pose")
-    return (
-        f"To tell {own.name} from {names}: {poses} {where}, "
-        f"{mostly}at {campaign.artefacts[best].id}, bring the chance of a wrong name "
-        f"to {chance:.1f} %{instead}."
-    )
+    return WORDS.poses(own, names, n, where, at, chance, known)

@@ -19,7 +19,7 @@ from scipy import special  # type: ignore[import-untyped] # scipy ships no types
 
 from traverse.arrays import Floats, Integers
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.lab.campaign.campaign import Poses
+from traverse.lab.campaign.poses import Poses
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.candidates.steps import step_columns
 from traverse.lab.diagnosis.candidates.waves import harmonic_bank, wave_columns

@@ -26,9 +26,9 @@ from traverse.lab.diagnosis.model.result import (
 from traverse.lab.diagnosis.report.discrepancies import write_discrepancies
 from traverse.lab.diagnosis.report.page import report_page
 from traverse.lab.diagnosis.report.pictures import plots_of
-from traverse.lab.identification.results.mass_distribution import mass_distribution
-from traverse.lab.report.plain_values import plain_values
-from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
+from traverse.lab.identification.results.undetermined import mass_distribution
+from traverse.lab.report.plain_values import picked, plain_values
+from traverse.lab.report.provenance import ReportProvenance
 from traverse.strict_toml.files import text_of
 from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.writing import arm_text, write_atomically
@@ -57,7 +57,7 @@ def write_diagnosis(
     target.mkdir(parents=True, exist_ok=True)
     arm = arm_with_provenance(diagnosis, when)
     write_adapted(target / "arm.toml", arm, Path(source))
-    origin = provenance or campaign_provenance(diagnosis.campaign, when=when)
+    origin = provenance or diagnosis.campaign.provenance(when=when)
     values = diagnosis_json(diagnosis, origin)
     text = json.dumps(values, indent=1, allow_nan=False)
     write_atomically(target / "diagnosis.json", text + "\n")
@@ -84,7 +84,7 @@ def diagnosis_json(
     masses = mass_distribution(diagnosis.all_terms)
     values = {
         "schema": SCHEMA,
-        "provenance": (provenance or campaign_provenance(diagnosis.campaign)).values,
+        "provenance": (provenance or diagnosis.campaign.provenance()).values,
         "verdict": diagnosis.verdict,
         "visible": {"n": diagnosis.n_visible, "of": diagnosis.n_library},
         "terms": [
@@ -104,8 +104,7 @@ def diagnosis_json(
             {
                 "bank": left.bank.name.lower(),
                 **_identity(left.candidate),
-                "log10_p": left.log10_p,
-                "threshold_log10_p": left.threshold_log10_p,
+                **picked(left, "log10_p", "threshold_log10_p"),
             }
             for left in diagnosis.leftovers
         ],
@@ -156,12 +155,9 @@ def pose_parts(diagnosis: Diagnosis) -> tuple[str, ...]:
 
 def _identity(candidate: Candidate) -> dict[str, Any]:
     return {
-        "kind": candidate.kind,
-        "joint": candidate.joint,
-        "order": candidate.order,
+        **picked(candidate, "kind", "joint", "order"),
         "cycles": dict(candidate.keys).get("cycles"),
-        "component": candidate.component,
-        "covariate": candidate.covariate,
+        **picked(candidate, "component", "covariate"),
         **({} if candidate.artefact is None else {"artefact": candidate.artefact}),
         **({} if candidate.at_s is None else {"at_s": candidate.at_s}),
     }
@@ -172,16 +168,14 @@ def _term(term: Term, *, written: bool) -> dict[str, Any]:
         "status": term.status,
         **_identity(term.candidate),
         **({} if term.harmonic is None else {"harmonic": term.harmonic}),
-        "parameters": {key: asdict(e) for key, e in term.estimates.items()},
+        "parameters": dict(term.estimates),
         "log_bayes_factor": term.log_bayes_factor,
         "p_value": 0.0 if term.log10_p < _LEAST_LOG10_P else 10.0**term.log10_p,
         "log10_p": term.log10_p,
         "alternatives": [
             {
                 **_identity(one.candidate),
-                "log_bayes_factor": one.log_bayes_factor,
-                "correlation": one.correlation,
-                "alias": one.alias,
+                **picked(one, "log_bayes_factor", "correlation", "alias"),
             }
             for one in term.alternatives
         ],
@@ -193,37 +187,30 @@ def _term(term: Term, *, written: bool) -> dict[str, Any]:
     if term.seen is not None:
         values["seen"] = dict(zip(("low", "high"), term.seen, strict=True))
     if term.cluster is not None:
-        values["poses"] = {
-            "low": term.cluster.low,
-            "high": term.cluster.high,
-            "excluded": term.cluster.n_excluded,
-            "all": term.cluster.n_poses,
-        }
+        values["poses"] = picked(
+            term.cluster, "low", "high", excluded="n_excluded", all="n_poses"
+        )
     if term.misfit is not None:
         values["held_out"] = {
-            "chi2": term.misfit.figures.chi2,
-            "rms_mm": term.misfit.figures.rms_mm,
-            "contradicting": term.misfit.n_contradicting,
-            "all": term.misfit.figures.n_poses,
-            "contradicting_there": term.misfit.n_contradicting_there,
-            "all_there": term.misfit.n_poses_there,
+            **picked(term.misfit.figures, "chi2", "rms_mm", all="n_poses"),
+            **picked(
+                term.misfit,
+                contradicting="n_contradicting",
+                contradicting_there="n_contradicting_there",
+                all_there="n_poses_there",
+            ),
         }
     return values
 
 
 def _ledger_line(step: Step) -> dict[str, Any]:
-    found: dict[str, Any] = {
-        "effect": step.effect,
-        "held_out_rms_mm": step.held_out.rms_mm,
-        "held_out_chi2": step.held_out.chi2,
-        "sigma0": step.sigma0,
-    }
+    def held_out(figures: HoldoutResult) -> dict[str, Any]:
+        return picked(figures, held_out_rms_mm="rms_mm", held_out_chi2="chi2")
+
+    found = {**picked(step, "effect", "sigma0"), **held_out(step.held_out)}
     rest = step.held_out.without_blunders
     if rest is not None:
-        found["without_blunders"] = {
-            "held_out_rms_mm": rest.rms_mm,
-            "held_out_chi2": rest.chi2,
-        }
+        found["without_blunders"] = held_out(rest)
     return found
 
 

@@ -17,8 +17,8 @@ from traverse.lab.diagnosis.report.names import (
     term_size_text,
 )
 from traverse.lab.diagnosis.report.pictures import Plots
-from traverse.lab.identification.results.mass_distribution import mass_distribution
-from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
+from traverse.lab.identification.results.undetermined import mass_distribution
+from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.report.templates import Filters, Words, page
 
 
@@ -71,7 +71,7 @@ def report_page(
         _FILTERS,
         diagnosis=diagnosis,
         plots=plots,
-        provenance=provenance or campaign_provenance(diagnosis.campaign),
+        provenance=provenance or diagnosis.campaign.provenance(),
         words=WORDS,
         step_names=step_names(diagnosis),
         joint_names=joint_names,

@@ -20,7 +20,7 @@ from traverse.lab.report.figures import (
     VERMILION,
     Bins,
     binned,
-    dot_size,
+    draw_dots,
     draw_means,
     picture,
     symmetric_limit,
@@ -131,15 +131,8 @@ def _paint_term(figure: Figure, curve: TermCurve, shown: Booleans) -> None:
 
 def _scattered(axes: Axes, x: Floats, y: Floats, colour: str) -> None:
     low, high = axes.get_ylim()
-    inside = (y > low) & (y < high)
-    axes.scatter(
-        x[inside],
-        y[inside],
-        s=0.5 * dot_size(len(x)),
-        color=colour,
-        alpha=0.25,
-        linewidths=0.0,
-    )
+    inside = np.where((y > low) & (y < high), y, np.nan)
+    draw_dots(axes, x, inside, (colour, "o", None), 0.25, size=0.5)
 
 
 _SEED = 3
@@ -188,16 +181,9 @@ def _paint_artefacts(
             values = factor * compared.misclosures_mm[thinned(mine)].ravel()
             values = values[np.isfinite(values)]
             spread = row + shift + rng.uniform(-0.13, 0.13, len(values))
-            axes.scatter(
-                np.clip(values, -limit, limit),
-                spread,
-                s=0.7 * dot_size(len(values)),
-                color=look[0],
-                marker=look[1],
-                alpha=0.4,
-                linewidths=0.0,
-                label=look[2] if row == 0 else None,
-            )
+            shown_as = (*look[:2], look[2] if row == 0 else None)
+            at = np.clip(values, -limit, limit)
+            draw_dots(axes, at, spread, shown_as, 0.4, size=0.7)
             rms = float(np.sqrt(np.mean(values**2)))
             axes.vlines([-rms, rms], row + shift - 0.18, row + shift + 0.18, "black")
     axes.axvline(0.0, color=GREY, linewidth=0.7)

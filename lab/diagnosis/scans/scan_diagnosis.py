@@ -37,6 +37,7 @@ from traverse.lab.diagnosis.scans.harmonics import (
     stream_harmonics,
 )
 from traverse.lab.diagnosis.search.forward_search import Progress, no_progress
+from traverse.lab.report.plain_values import picked
 
 # Of the probability of a false alarm: what the harmonics of all samples get.
 _SHARE = 0.1
@@ -220,9 +221,7 @@ def stream_json(result: StreamDiagnosis) -> dict[str, Any]:
         "terms_from_all_samples": result.n_from_stream,
         "harmonics": [
             {
-                "kind": one.candidate.kind,
-                "joint": one.candidate.joint,
-                "order": one.candidate.order,
+                **picked(one.candidate, "kind", "joint", "order"),
                 "cos_rad": one.amplitudes_rad[0],
                 "sin_rad": one.amplitudes_rad[1],
                 "std_rad": one.std_rad,

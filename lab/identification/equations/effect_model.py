@@ -18,7 +18,8 @@ from traverse.kinematics.effects.base.correction import Correction
 from traverse.kinematics.effects.columns import columns
 from traverse.kinematics.effects.contacts.touching import ArtefactLength
 from traverse.kinematics.model.geometry import Geometry
-from traverse.lab.campaign.campaign import Campaign, Poses
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.poses import Poses
 from traverse.lab.identification.equations.first_moments import (
     AssumedMoments,
     assumed_moments,

@@ -11,7 +11,6 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 from traverse.arrays import Booleans, Floats, Integers
-from traverse.kinematics.effects.deflection import small_turn
 from traverse.kinematics.effects.pose import (
     angle_corrections,
     corrected_pose,
@@ -24,9 +23,10 @@ from traverse.kinematics.model.derivatives import (
 )
 from traverse.kinematics.model.forward import body_rotations, probe_centre
 from traverse.kinematics.model.geometry import Geometry
-from traverse.kinematics.model.quaternion import conjugate, multiply
+from traverse.kinematics.model.quaternion import conjugate, multiply, small_turn
 from traverse.lab.artefacts.artefact import Artefact, Touches
-from traverse.lab.campaign.campaign import Campaign, Poses
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.poses import Poses
 from traverse.lab.identification.equations.parameters import ArmValues, Parameters
 
 DEFAULT_ENCODER_RAD = 5e-6

@@ -12,15 +12,16 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from traverse.arrays import Booleans, Floats
-from traverse.kinematics.effects.deflection import small_turn
 from traverse.kinematics.model.derivatives import ProbeDerivatives, turn_derivatives
 from traverse.kinematics.model.geometry import Geometry, unit_vectors
 from traverse.kinematics.model.quaternion import (
     conjugate,
     multiply,
     rotation_vectors,
+    small_turn,
 )
-from traverse.lab.campaign.campaign import Campaign, Poses
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.poses import Poses
 from traverse.lab.campaign.prior import Prior
 from traverse.lab.identification.equations.effect_model import (
     EffectModel,

@@ -8,15 +8,15 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.lab.identification.equations.datum import probe_effects_mm
 from traverse.lab.identification.report.pictures import pictures_of
-from traverse.lab.identification.results.mass_distribution import mass_distribution
 from traverse.lab.identification.results.result import Identification
+from traverse.lab.identification.results.undetermined import mass_distribution
 from traverse.lab.identification.uncertainty_map import (
     UncertaintyMap,
     arm_uncertainty,
     noise_deviations_mm,
     uncertainty_map,
 )
-from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
+from traverse.lab.report.provenance import ReportProvenance
 from traverse.lab.report.templates import Filters, Words, page
 
 _SEED = 4
@@ -64,11 +64,6 @@ def summary_lines(result: Identification, found: UncertaintyMap) -> list[str]:
     return WORDS.lines("summary", result, found, effects_mm)
 
 
-def comparison_lines(values: Mapping[str, Any]) -> list[str]:
-    """Describe in lines how two arms differ, as `traverse identify --compare` says."""
-    return WORDS.lines("comparison", values)
-
-
 def report_page(
     result: Identification,
     found: UncertaintyMap,
@@ -87,7 +82,7 @@ def report_page(
         found=found,
         words=WORDS,
         pictures=pictures_of(result, found),
-        provenance=provenance or campaign_provenance(result.campaign),
+        provenance=provenance or result.campaign.provenance(),
         controllability=_known(result, result.statistics.controllability),
         detectable_mm=_known(result, result.statistics.detectable_mm),
         effects_mm=effects_mm,

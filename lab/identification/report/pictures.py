@@ -13,7 +13,7 @@ from traverse.lab.report.figures import (
     ORANGE,
     VERMILION,
     binned,
-    dot_size,
+    draw_dots,
     draw_means,
     picture,
     symmetric_limit,
@@ -28,6 +28,7 @@ _SEED = 2
 _LEAST_FOR_MEANS = 40
 _SHOWN_W = 4.0
 _N_SECTORS = 36
+_POSE = (BLUE, "o", None)
 
 
 def pictures_of(
@@ -70,7 +71,9 @@ def _paint_artefacts(figure: Figure, result: Identification) -> None:
     for row, artefact in enumerate(result.artefacts):
         mine = result.campaign.poses.artefacts == indices[artefact.id]
         good = thinned(np.flatnonzero(mine & result.included))
-        _dots(axes, misclosures[good], row, rng, limit)
+        flat = misclosures[good][np.isfinite(misclosures[good])]
+        spread = row + rng.uniform(-0.28, 0.28, len(flat))
+        draw_dots(axes, np.clip(flat, -limit, limit), spread, _POSE, 0.5)
         bad = misclosures[np.flatnonzero(mine & ~result.included)]
         _crosses(axes, bad, row, limit)
         axes.vlines(
@@ -89,22 +92,6 @@ def _paint_artefacts(figure: Figure, result: Identification) -> None:
     )
     axes.set_xlabel(f"misclosure [{unit}]")
     axes.set_title("dots: poses; orange: ± rms; red crosses: excluded, also off scale")
-
-
-def _dots(
-    axes: Axes, values: Floats, row: int, rng: np.random.Generator, limit: float
-) -> None:
-    """Draw scalars (n, 3) with NaN in a row, spread across it."""
-    flat = values[np.isfinite(values)]
-    spread = row + rng.uniform(-0.28, 0.28, len(flat))
-    axes.scatter(
-        np.clip(flat, -limit, limit),
-        spread,
-        s=dot_size(len(flat)),
-        color=BLUE,
-        alpha=0.5,
-        linewidths=0.0,
-    )
 
 
 def _crosses(axes: Axes, values: Floats, row: int, limit: float) -> None:
@@ -131,14 +118,7 @@ def _paint_joints(figure: Figure, result: Identification) -> None:
         limit_rad = symmetric_limit(corrections[everyone, k], 0.995)
         factor, unit = shown_unit(limit_rad, "rad")
         values = factor * corrections[:, k]
-        axes.scatter(
-            angles_deg[shown, k],
-            values[shown],
-            s=dot_size(len(shown)),
-            color=BLUE,
-            alpha=0.4,
-            linewidths=0.0,
-        )
+        draw_dots(axes, angles_deg[shown, k], values[shown], _POSE, 0.4)
         if np.count_nonzero(np.isfinite(values[everyone])) >= _LEAST_FOR_MEANS:
             bins = binned(angles_deg[everyone, k], values[everyone])
             draw_means(axes, bins, (VERMILION, "o", None))

@@ -4,7 +4,10 @@ Both get the same readings; the best-fit motion of one arm as a whole is taken o
 because it depends on the datum only. What is left is how differently they measure.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +16,7 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.helmert.transformation import closed_helmert, skew_vector
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import geometry_from_arm
+from traverse.lab.report.plain_values import picked
 
 _SEED = 20_171_101
 _N_POSTURES = 5000
@@ -122,3 +126,33 @@ def _zones(parts: Floats, apart_mm: Floats) -> tuple[ZoneDifference, ...]:
 
 def _rms(lengths_mm: Floats) -> float:
     return float(np.sqrt(np.mean(np.square(lengths_mm))))
+
+
+def comparison_values(
+    files: Sequence[Path], arms: Sequence[Arm], found: Comparison
+) -> dict[str, Any]:
+    """Put a comparison into the plain values of `traverse identify --compare`."""
+    names = [joint.name for joint in arms[0].joints]
+    return {
+        "arms": [_provenance(file, arm) for file, arm in zip(files, arms, strict=True)],
+        **picked(found, "n_postures", "rms_mm", "median_mm", "largest_mm"),
+        "largest_at_mm": found.largest_at_mm.tolist(),
+        "largest_at_rad": dict(zip(names, found.largest_at_rad.tolist(), strict=True)),
+        "taken_out": picked(found, "turn_rad", rms_mm="shift_rms_mm"),
+        "zones": {
+            zone.name: picked(zone, "n_postures", "rms_mm", "largest_mm")
+            for zone in found.zones
+        },
+    }
+
+
+def _provenance(file: Path, arm: Arm) -> dict[str, Any]:
+    made = arm.identification
+    return {
+        "file": str(file),
+        "name": arm.name,
+        "date": None if made is None or made.date is None else str(made.date),
+        "sigma0": None if made is None else made.sigma0,
+        "redundancy": None if made is None else made.redundancy,
+        "effects": len(arm.effects),
+    }

@@ -4,7 +4,6 @@ import csv
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -16,13 +15,14 @@ from traverse.kinematics.arm_file.arm import Arm, arm_digest, write_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.prior import family_json
-from traverse.lab.identification.results.mass_distribution import mass_distribution
 from traverse.lab.identification.results.result import (
     ArtefactResult,
     CartesianCovariance,
     Identification,
 )
-from traverse.lab.report.provenance import ReportProvenance, campaign_provenance
+from traverse.lab.identification.results.undetermined import mass_distribution
+from traverse.lab.report.plain_values import picked, plain_values
+from traverse.lab.report.provenance import ReportProvenance
 from traverse.strict_toml.files import bytes_of
 from traverse.strict_toml.writing import write_atomically
 
@@ -82,104 +82,78 @@ def identification_json(
     """Put a result into the plain values of `identification.json`."""
     effects_mm = result.undetermined_effects_mm
     masses = mass_distribution(result.adjustment)
-    return {
+    values = {
         "schema": SCHEMA,
-        "provenance": (provenance or campaign_provenance(result.campaign)).values,
+        "provenance": (provenance or result.campaign.provenance()).values,
         "inputs": {
             "arm_digest": arm_digest(result.design),
-            "hold": list(result.options.hold),
-            "free": list(result.options.free),
+            **picked(result.options, "hold", "free"),
         },
         "converged": result.converged,
         "iterations": len(result.iterations),
         "sigma0": result.sigma0,
         "redundancy": result.redundancy,
-        "global_test": {
-            "p_value": result.global_test.p_value,
-            "passed": result.global_test.passed,
-            "noise_estimated": result.global_test.noise_estimated,
-        },
+        "global_test": picked(
+            result.global_test, "p_value", "passed", "noise_estimated"
+        ),
         "rms_mm": {"before": result.rms_before_mm, "after": result.rms_after_mm},
-        "parameters": [asdict(entry) for entry in result.parameters],
+        "parameters": result.parameters,
         "undetermined": [
-            {
-                "direction": entry.direction,
-                "probe_mm": float(effect_mm) if np.isfinite(effect_mm) else None,
-                "why": entry.why,
-            }
+            {"direction": entry.direction, "probe_mm": effect_mm, "why": entry.why}
             for entry, effect_mm in zip(result.undetermined, effects_mm, strict=True)
         ],
-        "weak": [asdict(entry) for entry in result.weak],
+        "weak": result.weak,
         "artefacts": {entry.id: _artefact(entry) for entry in result.artefacts},
         "tools": result.tools,
-        # Of an artefact that lost all poses none can be tested.
-        "excluded": [
-            {"line": e.line, "w": e.w if np.isfinite(e.w) else None, "part": e.part}
-            for e in result.excluded
-        ],
+        # Of an artefact that lost all poses none can be tested: `w` is null.
+        "excluded": result.excluded,
         "orientations": result.orientations and result.orientations.values,
         "holdout": result.holdout,
         **family_json(result.campaign.prior),
         **({"mass_distribution": masses} if masses else {}),
-        "alternating": list(result.alternating),
+        "alternating": result.alternating,
         "contradictions": [
             {
-                "artefact": entry.artefact,
-                "length": entry.name,
-                "certified_mm": entry.certified_mm,
-                "value_mm": length.value_mm,
-                "std_mm": length.std_mm,
-                "sigmas": entry.evidence,
-                "or_else": list(entry.rivals),
+                **picked(entry, "artefact", "certified_mm", length="name"),
+                **picked(entry, sigmas="evidence", or_else="rivals"),
+                **picked(
+                    result.length_of(entry.artefact, entry.name), "value_mm", "std_mm"
+                ),
             }
             for entry in result.contradictions
-            for length in [result.length_of(entry.artefact, entry.name)]
         ],
         "lost_poses": {
-            e.artefact: {"n_lost": e.n_lost, "n": e.n_poses} for e in result.lost_poses
+            e.artefact: picked(e, "n_lost", n="n_poses") for e in result.lost_poses
         },
         "clusters": [
             {
-                "covariate": place.covariate,
-                "joint": place.joint,
-                "artefact": place.artefact,
-                "low": None if place.artefact else place.low,
-                "high": None if place.artefact else place.high,
-                "n_excluded": place.n_excluded,
-                "n": place.n_poses,
-                "log10_p": place.log_p / np.log(10.0),
+                **picked(entry.cluster, "covariate", "joint", "artefact"),
+                # Null for an artefact.
+                **picked(entry.cluster, "low", "high", "n_excluded", n="n_poses"),
+                "log10_p": entry.cluster.log_p / np.log(10.0),
                 "taken_back": entry.taken_back,
             }
             for entry in result.clusters
-            for place in [entry.cluster]
         ],
         "still_moving": {} if result.converged else result.moving,
         "noise": {
-            "encoder_rad": result.noise.encoder_rad.tolist(),
+            "encoder_rad": result.noise.encoder_rad,
             "contact_mm": {e.id: e.contact_mm for e in result.artefacts},
         },
         "serial_noise": result.serial_noise
-        and {
-            "lasts_s": result.serial_noise.lasts_s,
-            "samples_per_mean": result.serial_noise.samples_per_mean,
-            "samples_per_square": result.serial_noise.samples_per_square,
-        },
+        and picked(
+            result.serial_noise, "lasts_s", "samples_per_mean", "samples_per_square"
+        ),
         "condition_number": result.condition_number,
-        "zero_offsets_rad": result.zero_offsets_rad.tolist(),
+        "zero_offsets_rad": result.zero_offsets_rad,
         "coverage": [
-            {
-                "joint": entry.joint,
-                "least_rad": entry.least_rad,
-                "largest_rad": entry.largest_rad,
-                "part_of_turn": entry.part_of_turn,
-            }
+            picked(entry, "joint", "least_rad", "largest_rad", "part_of_turn")
             for entry in result.coverage
         ],
-        "suggestions": [
-            asdict(entry) | {"angles_rad": entry.angles_rad.tolist()}
-            for entry in result.suggestions
-        ],
+        "suggestions": result.suggestions,
     }
+    plain: dict[str, Any] = plain_values(values)
+    return plain
 
 
 def _artefact(entry: ArtefactResult) -> dict[str, Any]:

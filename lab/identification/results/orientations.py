@@ -18,6 +18,7 @@ from traverse.lab.identification.equations.parameters import tool_key
 from traverse.lab.identification.solve.adjustment import Adjustment
 from traverse.lab.identification.solve.reliability import VarianceSums
 from traverse.lab.identification.solve.wrong_orientations import WrongOrientation
+from traverse.lab.report.plain_values import picked, plain_values
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,11 +83,8 @@ class OrientationResult:
             "rms_all_rad": self.rms_all_rad,
             "noise_rad": self.noise_rad,
             "sigma0": dict(self.sigma0),
-            "mountings": {
-                name: {"quaternion": list(m.quaternion), "std_rad": list(m.std_rad)}
-                for name, m in self.mountings.items()
-            },
-            "excluded": [{"line": e.line, "w": e.w} for e in self.excluded],
+            "mountings": plain_values(self.mountings),
+            "excluded": [picked(entry, "line", "w") for entry in self.excluded],
         }
 
 

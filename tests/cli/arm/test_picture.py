@@ -10,7 +10,6 @@ from tests.kinematics.arms import ARM_TEXT, random_geometry
 from traverse.cli.__main__ import app
 from traverse.kinematics.importers.arm_values import (
     JointParts,
-    ProbeParts,
     assemble_arm,
 )
 
@@ -54,8 +53,8 @@ def test_an_arm_without_any_symmetry_is_drawn(tmp_path, n_joints):
         "skew",
         random_geometry(3, n_joints),
         [JointParts(name, None, 1, "base/0") for name in names],
-        ProbeParts(2.0, "hard"),
         "skew",
+        radius_mm=2.0,
     )
     picture.draw_base_posture(skew, tmp_path / "skew.png")
     assert np.all(np.array(size_of_png(tmp_path / "skew.png")) > 400)

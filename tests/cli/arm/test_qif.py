@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from tests.docs.pages import CHECKOUT
 from tests.protocol.message_examples import POINT
 from traverse.cli.__main__ import app
-from traverse.cli.qif_check import SCHEMA, check_schema
+from traverse.cli.common.qif_check import SCHEMA, check_schema
 from traverse.kinematics.arm_file.arm import arm_digest, read_arm
 from traverse.protocol.encoding import encode
 from traverse.simulator.campaigns import NoiseTable, write_campaign

@@ -30,7 +30,7 @@ def told(encoders, *arguments, **more):
 
 def test_a_scan_lists_who_answers(encoders, monkeypatch):
     # Each silent address costs its time.
-    monkeypatch.setattr("traverse.cli.amt21.ADDRESSES", range(0x50, 0x64, 4))
+    monkeypatch.setattr("traverse.cli.devices.amt21.ADDRESSES", range(0x50, 0x64, 4))
     ran = told(encoders, "scan", "--json", *PATIENCE)
     assert ran.exit_code == 0, ran.output
     report = json.loads(ran.output)

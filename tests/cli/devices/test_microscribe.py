@@ -7,7 +7,7 @@ from typer.testing import CliRunner, Result
 
 from tests.drivers.microscribe.fake_arm import TABLE, TEXTS, FakeMicroscribe
 from traverse.cli.__main__ import app
-from traverse.cli.microscribe.inquiry import topic_name
+from traverse.cli.devices.microscribe_arm import topic_name
 from traverse.daemon.config.schema import read_configuration
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.simulator.devices.microscribe import box

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from traverse.cli.microscribe.arm_values import (
+from traverse.cli.devices.microscribe_arm import (
     MicroscribeDescription,
     arm_from_microscribe,
 )

@@ -15,8 +15,12 @@ from tests.protocol.message_examples import POINT, STATUS
 from traverse.client import Arm
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.gateways import keys
-from traverse.client.gateways.keyboards import KeyboardGoneError, UinputKeyboard
-from traverse.client.gateways.keys import KeysOutlet, keys_template
+from traverse.client.gateways.keys import (
+    KeyboardGoneError,
+    KeysOutlet,
+    UinputKeyboard,
+    keys_template,
+)
 from traverse.client.gateways.lines import LineForm, LineGateway
 from traverse.protocol.messages.quality import Quality
 

@@ -19,7 +19,7 @@ from traverse.client import Arm
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.gateways import live
 from traverse.client.gateways.live import LiveServer
-from traverse.kinematics.helmert.transformation import rotation_matrix
+from traverse.kinematics.model.quaternion import rotation_matrix
 from traverse.protocol.messages import Point
 from traverse.protocol.messages.quality import Quality
 from traverse.recording.views import CLOUD_TYPE, bytes_to_cloud

@@ -87,36 +87,3 @@ def plane(values: Numbers, point: Numbers) -> Numbers:
     """z = a x + b y + c, with orthogonal distances."""
     a, b, c = values
     return [(point[2] - a * point[0] - b * point[1] - c) / (1 + a * a + b * b).sqrt()]
-
-
-def _beside(point, x0, y0, direction):
-    """The foot at z = 0 is (x0, y0, 0): vector to the point, and the axis' length^2."""
-    away = [point[0] - x0, point[1] - y0, point[2]]
-    cross = [
-        away[1] * direction[2] - away[2] * direction[1],
-        away[2] * direction[0] - away[0] * direction[2],
-        away[0] * direction[1] - away[1] * direction[0],
-    ]
-    return sum(c * c for c in cross) / sum(d * d for d in direction)
-
-
-def line(values: Numbers, point: Numbers) -> Numbers:
-    """Values: where it meets z = 0 (x, y), and dx/dz, dy/dz."""
-    x0, y0, a, b = values
-    return [_beside(point, x0, y0, [a, b, Decimal(1)]).sqrt()]
-
-
-def cylinder(values: Numbers, point: Numbers) -> Numbers:
-    """Values: as of a line, and the radius."""
-    x0, y0, a, b, radius = values
-    return [_beside(point, x0, y0, [a, b, Decimal(1)]).sqrt() - radius]
-
-
-def circle(values: Numbers, point: Numbers) -> Numbers:
-    """Values: centre, slopes a, b of the plane with the normal (-a, -b, 1), radius."""
-    x, y, z, a, b, radius = values
-    length = (1 + a * a + b * b).sqrt()
-    away = [point[0] - x, point[1] - y, point[2] - z]
-    height = (-a * away[0] - b * away[1] + away[2]) / length
-    in_plane = (sum(v * v for v in away) - height * height).sqrt()
-    return [in_plane - radius, height]

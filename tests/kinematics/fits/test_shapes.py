@@ -5,18 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from tests.kinematics.fits import exact_fits
-from traverse.kinematics.fits import (
-    fit_circle,
-    fit_cylinder,
-    fit_line,
-    fit_plane,
-    fit_sphere,
-)
-
-# Gander, Golub and Strebel, BIT 34 (1994): a circle badly covered, and its best fit.
-GANDER_MM = np.array(
-    [[1, 7, 0], [2, 6, 0], [5, 8, 0], [7, 7, 0], [9, 5, 0], [3, 7, 0]], dtype=float
-)
+from traverse.kinematics.fits import fit_plane, fit_sphere
 
 
 def turned(seed, points):
@@ -47,12 +36,6 @@ def tilted(points):
     return points @ (x @ y).T + np.array([30.0, -20.0, 5.0])
 
 
-def test_published_circle_of_gander_golub_and_strebel():
-    circle = fit_circle(GANDER_MM)
-    np.testing.assert_allclose(circle.centre_mm, [4.7398, 2.9835, 0.0], atol=5e-5)
-    assert circle.radius_mm == pytest.approx(4.7142, abs=5e-5)
-
-
 @pytest.mark.parametrize("noise_mm", [0.01, 1.0])
 def test_sphere_has_the_digits_of_an_exact_computation(noise_mm):
     rng = np.random.default_rng(5)
@@ -75,39 +58,6 @@ def test_plane_has_the_digits_of_an_exact_computation():
     np.testing.assert_allclose(found, exact, rtol=1e-12)
 
 
-def test_line_has_the_digits_of_an_exact_computation():
-    rng = np.random.default_rng(7)
-    points = tilted(rng.normal(0, [0.5, 0.4, 60.0], (9, 3)))
-    line = fit_line(points)
-    slopes = line.direction / line.direction[2]
-    foot = line.point_mm - line.point_mm[2] * slopes
-    found = [foot[0], foot[1], slopes[0], slopes[1]]
-    exact = exact_fits.exact_minimum(exact_fits.line, points, found)
-    np.testing.assert_allclose(found, exact, rtol=1e-11)
-
-
-def test_circle_has_the_digits_of_an_exact_computation():
-    rng = np.random.default_rng(8)
-    points = tube(8, 10, 50.0, 0.0, 4.0, 0.5) + rng.normal(0, 0.5, (10, 3))
-    points = tilted(points)
-    circle = fit_circle(points)
-    slopes = -circle.normal / circle.normal[2]
-    found = [*circle.centre_mm, slopes[0], slopes[1], circle.radius_mm]
-    exact = exact_fits.exact_minimum(exact_fits.circle, points, found)
-    np.testing.assert_allclose(found, exact, rtol=1e-11)
-
-
-@pytest.mark.parametrize("arc_rad", [2 * np.pi, 2.0])
-def test_cylinder_has_the_digits_of_an_exact_computation(arc_rad):
-    points = tilted(tube(9, 15, 25.0, 80.0, arc_rad, 0.2))
-    cylinder = fit_cylinder(points)
-    slopes = cylinder.axis / cylinder.axis[2]
-    foot = cylinder.point_mm - cylinder.point_mm[2] * slopes
-    found = [foot[0], foot[1], slopes[0], slopes[1], cylinder.radius_mm]
-    exact = exact_fits.exact_minimum(exact_fits.cylinder, points, found)
-    np.testing.assert_allclose(found, exact, rtol=1e-11)
-
-
 @pytest.mark.parametrize("seed", range(8))
 def test_sphere_is_that_of_scipy(seed):
     rng = np.random.default_rng(seed)
@@ -126,44 +76,24 @@ def test_sphere_is_that_of_scipy(seed):
     assert sphere.radius_mm == pytest.approx(theirs.x[3], abs=1e-7)
 
 
-@pytest.mark.parametrize("seed", range(12))
-@pytest.mark.parametrize("length_mm", [4.0, 40.0, 400.0])
-def test_exact_cylinder_is_restored_whatever_its_proportions(seed, length_mm):
-    own = tube(seed, 20, 20.0, length_mm, 1.2, 0.0)
-    points, rotation = turned(seed, own)
-    cylinder = fit_cylinder(points)
-    assert cylinder.radius_mm == pytest.approx(20.0, abs=1e-6)
-    assert abs(cylinder.axis @ rotation[:, 2]) == pytest.approx(1.0, abs=1e-12)
-    assert cylinder.rms_mm < 1e-7
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_turned_points_give_the_turned_shape(seed):
-    own = tube(3, 20, 20.0, 30.0, 5.0, 0.3)
+    own = tube(3, 20, 20.0, 0.5, 5.0, 0.3)
     points, rotation = turned(seed, own)
     shift = (points - own @ rotation.T)[0]
-    one, other = fit_cylinder(own), fit_cylinder(points)
-    assert other.radius_mm == pytest.approx(one.radius_mm, abs=1e-9)
+    plane, moved = fit_plane(own), fit_plane(points)
     np.testing.assert_allclose(
-        other.point_mm, one.point_mm @ rotation.T + shift, atol=1e-9
-    )
-    circle, moved = fit_circle(own), fit_circle(points)
-    np.testing.assert_allclose(
-        moved.centre_mm, circle.centre_mm @ rotation.T + shift, atol=1e-8
+        moved.point_mm, plane.point_mm @ rotation.T + shift, atol=1e-8
     )
     np.testing.assert_allclose(
-        np.abs(moved.normal @ (rotation @ circle.normal)), 1.0, atol=1e-12
+        np.abs(moved.normal @ (rotation @ plane.normal)), 1.0, atol=1e-12
     )
 
 
-def test_normals_and_directions_point_to_the_positive_side():
+def test_normals_point_to_the_positive_side():
     own = tube(1, 20, 20.0, 60.0, 5.0, 0.01)
     for points in (own, own @ np.diag([1.0, -1.0, -1.0])):
-        assert fit_cylinder(points).axis[2] > 0.9
-        assert fit_line(points * [0.01, 0.01, 1.0]).direction[2] > 0.9
-        flat = points * [1.0, 1.0, 0.001]
-        assert fit_plane(flat).normal[2] > 0.9
-        assert fit_circle(flat).normal[2] > 0.9
+        assert fit_plane(points * [1.0, 1.0, 0.001]).normal[2] > 0.9
 
 
 LINE = np.outer(np.arange(8.0), [1.0, 2.0, 3.0])
@@ -178,14 +108,10 @@ CUBE = np.array([[x, y, z] for x in (0.0, 1) for y in (0.0, 1) for z in (0.0, 1)
         (fit_plane, LINE, "one line"),
         (fit_plane, np.ones((4, 3)), "one place"),
         (fit_plane, CUBE, "as thick as they are wide"),
-        (fit_line, np.ones((1, 3)), "1 point given, expected at least 2"),
-        (fit_line, np.ones((4, 3)), "one place"),
-        (fit_line, CUBE, "as wide as they are long"),
-        (fit_circle, LINE, "one line"),
-        (fit_circle, np.full((5, 3), np.inf), "not finite"),
-        (fit_cylinder, np.eye(3), "3 points given, expected at least 5"),
-        (fit_cylinder, FLAT, "one plane"),
-        (fit_cylinder, LINE, "one plane"),
+        (fit_plane, np.full((5, 3), np.inf), "not finite"),
+        (fit_sphere, np.eye(3), "3 points given, expected at least 4"),
+        (fit_sphere, FLAT, "one plane"),
+        (fit_sphere, LINE, "one plane"),
     ],
 )
 def test_points_that_fit_no_single_shape_are_refused(fit, points, message):

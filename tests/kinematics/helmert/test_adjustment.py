@@ -22,8 +22,8 @@ from traverse.kinematics.helmert.transformation import (
     mirrored_share,
     motions,
     moved_centre,
-    turned_by,
 )
+from traverse.kinematics.model.quaternion import rotation_matrix, small_turn
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -194,7 +194,7 @@ def test_places_move_as_the_design_says(n_parameters):
         for sign in (1.0, -1.0):
             xi = np.zeros(7)
             xi[column] = sign * step
-            turned = (places - centre) @ turned_by(xi[3:6]).T
+            turned = (places - centre) @ rotation_matrix(small_turn(xi[3:6])).T
             ends.append(centre + xi[:3] + (1.0 + xi[6]) * turned)
         slope = (ends[0] - ends[1]) / (2.0 * step)
         np.testing.assert_allclose(design[:, :, column], slope, atol=1e-5)

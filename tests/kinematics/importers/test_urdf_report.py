@@ -17,7 +17,6 @@ from tests.kinematics.importers.matrices import rotation
 from traverse.kinematics.arm_file.arm import parse_arm
 from traverse.kinematics.importers.arm_values import (
     JointParts,
-    ProbeParts,
     assemble_arm,
 )
 from traverse.kinematics.importers.urdf import Body, Mimic, arm_from_chain
@@ -91,9 +90,7 @@ def arms(draw):
         )
         for k in range(n)
     ]
-    arm = assemble_arm(
-        "random", random_geometry(seed, n), parts, ProbeParts(2.0, "hard"), "test"
-    )
+    arm = assemble_arm("random", random_geometry(seed, n), parts, "test", radius_mm=2.0)
     if len(free) > 1:  # one that is read and coupled, too, as wrists of robots are
         last, joints = max(free), list(arm.joints)
         coupling = {"coupled_to": "J0", "ratio": rng.normal()}

@@ -16,8 +16,7 @@ from tests.kinematics.uncertainty.test_point_covariance import (
     stated_values,
 )
 from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.fits.plane import fit_plane
-from traverse.kinematics.fits.sphere import fit_sphere
+from traverse.kinematics.fits.shapes import fit_plane, fit_sphere
 from traverse.kinematics.uncertainty.arm_covariance import (
     ArmCovariance,
     parameter_columns,

@@ -11,13 +11,15 @@ import pytest
 from tests.docs.pages import CHECKOUT
 from tests.lab.report.pages import Page
 from traverse.kinematics.arm_file.arm import read_arm
-from traverse.lab.acceptance.certificate.administration import administration_of
 from traverse.lab.acceptance.certificate.check import certificate_problems
 from traverse.lab.acceptance.certificate.files import write_certificate
-from traverse.lab.acceptance.certificate.page import figure_lines
+from traverse.lab.acceptance.certificate.page import WORDS
 from traverse.lab.acceptance.certificate.pdf import certificate_pdf
-from traverse.lab.acceptance.certificate.values import SealedCertificate
-from traverse.lab.acceptance.conformity.limits import NO_LIMITS, read_limits
+from traverse.lab.acceptance.certificate.values import (
+    SealedCertificate,
+    administration_of,
+)
+from traverse.lab.acceptance.conformity import NO_LIMITS, Limits
 from traverse.lab.acceptance.standards import verified
 from traverse.lab.measured_points.reading import files_read, read_measured
 from traverse.lab.report.checksums import read_sums, sums_of, write_sums
@@ -32,6 +34,7 @@ from traverse.simulator.campaigns.acceptance.poses import (
     drawn_acceptance,
 )
 from traverse.strict_toml.problems import FileError
+from traverse.strict_toml.reader import read_strict
 
 ARM = CHECKOUT / "cli" / "demo_data" / "arm.toml"
 LIMITS = """\
@@ -63,7 +66,7 @@ def made(tmp_path_factory):
         folder, drawn_acceptance(acceptance_poses(arm, "vdi2617-9", 3), 3), arm
     )
     (folder / "limits.toml").write_text(LIMITS)
-    limits = read_limits(folder / "limits.toml")
+    limits = read_strict(folder / "limits.toml", Limits)
     campaign = folder / "campaign.toml"
     campaign.write_text(stated(campaign.read_text("utf-8")), "utf-8")
     measured = read_measured(folder, arm)
@@ -133,7 +136,7 @@ def test_page_and_document_say_every_figure(made, written):
     assert values["digest"]["digest"] in page
     assert 'download="poses.csv"' in page
     assert "http" not in page
-    lines = list(figure_lines(values))
+    lines = WORDS.lines("summary", values)
     assert "accepted" in lines[1]
     assert lines[-1] == "Complete: accepted."
 

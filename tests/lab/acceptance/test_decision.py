@@ -5,13 +5,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.lab.measurements import limits
-from traverse.lab.acceptance.conformity.figure import decision_of, worst
-from traverse.lab.acceptance.conformity.limits import (
+from traverse.lab.acceptance.conformity import (
     NO_LIMITS,
     LengthLimit,
-    read_limits,
+    Limits,
+    decision_of,
+    worst,
 )
 from traverse.strict_toml.problems import FileError
+from traverse.strict_toml.reader import read_strict
 
 # Limit 10 um, u = 2 um: the guard band of 1.65 u is 3.3 um wide.
 CASES = [
@@ -62,7 +64,7 @@ def test_a_file_of_limits(tmp_path):
         "[mpe]\np_size_mm = 0.012\n"
         "e_uni_mm = { constant_mm = 0.01, per_m_mm = 0.005 }\ne_bi_mm = 1\n"
     )
-    found = read_limits(file)
+    found = read_strict(file, Limits)
     assert found.mpe.of("e_uni").at(2000.0) == pytest.approx(0.02)
     assert found.mpe.of("e_uni") == LengthLimit(constant_mm=0.01, per_m_mm=0.005)
     assert found.mpe.of("e_bi").at(5.0) == 1.0
@@ -78,6 +80,6 @@ def test_everything_wrong_with_limits_is_said_at_once(tmp_path):
         '[mpe]\np_size_mm = -1.0\ne_uni_mm = "0.03"\nl_dia = 0.04\n'
     )
     with pytest.raises(FileError) as refused:
-        read_limits(file)
+        read_strict(file, Limits)
     wheres = {problem.where for problem in refused.value.problems}
     assert {"guard", "mpe.p_size_mm", "mpe.e_uni_mm", "mpe.l_dia"} <= wheres

@@ -16,9 +16,13 @@ from tests.lab.measurements import (
     on_a_ball,
     touches,
 )
-from traverse.lab.acceptance.conformity.figure import Figure, LengthError, Missing
-from traverse.lab.acceptance.procedures.interim_test import check_names, interim_test
-from traverse.lab.acceptance.procedures.length_tests import length_names, length_test
+from traverse.lab.acceptance.conformity import Figure, LengthError, Missing
+from traverse.lab.acceptance.procedures.length_tests import (
+    check_names,
+    interim_test,
+    length_names,
+    length_test,
+)
 from traverse.lab.acceptance.procedures.lengths import errors_of
 
 SQUARE = np.array([[5.0, 5, 0], [-5, 5, 0], [-5, -5, 0], [5, -5, 0]])

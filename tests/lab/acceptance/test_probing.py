@@ -14,7 +14,7 @@ from tests.lab.measurements import (
     on_a_ball,
     touches,
 )
-from traverse.lab.acceptance.conformity.figure import Figure, Missing, Scatter
+from traverse.lab.acceptance.conformity import Figure, Missing, Scatter
 from traverse.lab.acceptance.procedures.probing import (
     effective_diameter,
     location,

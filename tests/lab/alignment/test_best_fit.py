@@ -16,8 +16,11 @@ from tests.lab.alignment.aligned import (
 )
 from traverse.kinematics.helmert.adjustment import HelmertError
 from traverse.lab.alignment.best_fit import best_fit_alignment
-from traverse.lab.alignment.chained_alignment import chained_values
-from traverse.lab.alignment.files import WORDS, alignment_lines, transformation_of
+from traverse.lab.alignment.files import (
+    WORDS,
+    chained_values,
+    transformation_of,
+)
 from traverse.lab.alignment.nominal import fixed_volume
 from traverse.lab.alignment.result import global_test
 from traverse.lab.alignment.touches import CommonPoints, Place
@@ -39,7 +42,7 @@ def test_nearly_collinear_points_are_called_so_however_small_their_residuals():
     (flag,) = (f for f in found.flags if f.code == "nearly_collinear")
     assert abs(flag.direction[0]) > 0.999
     assert found.index.rms_mm > 5.0 * fitted(WIDE).index.rms_mm
-    assert "nearly collinear" in "\n".join(alignment_lines(told(found)))
+    assert "nearly collinear" in "\n".join(WORDS.lines("summary", told(found)))
 
 
 def test_points_on_a_line_within_their_errors_are_refused_with_the_direction():

@@ -13,16 +13,17 @@ from traverse.lab.certificates.certificate import (
     certify,
     checked_certificate,
 )
-from traverse.lab.certificates.document import (
+from traverse.lab.certificates.evidence import (
     UNITS,
     certificate_text,
     quantity,
 )
-from traverse.lab.certificates.laboratory import read_laboratory
+from traverse.lab.certificates.laboratory import Laboratory
 from traverse.lab.certificates.signature import SigningKey
 from traverse.lab.certificates.xml import indented, read_xml, schema_problems
 from traverse.lab.report.checksums import read_sums, sums_of, write_sums
 from traverse.strict_toml.problems import FileError
+from traverse.strict_toml.reader import read_strict
 
 NAMES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 
@@ -128,7 +129,11 @@ def figure(name: str, verdict: str | None, **more: object) -> dict[str, object]:
 
 
 def document(values: dict[str, object], laboratory: Path) -> ElementTree.Element:
-    stated = {"laboratory": read_laboratory(laboratory), "issued": "", "files": {}}
+    stated = {
+        "laboratory": read_strict(laboratory, Laboratory),
+        "issued": "",
+        "files": {},
+    }
     about = values["administration"], values["arm"]["digest"]
     text = certificate_text("verification", values, *about, **stated)
     return ElementTree.fromstring(text)
@@ -234,7 +239,7 @@ def test_the_laboratorys_file_is_read_strictly(tmp_path, old, new, what):
     path = tmp_path / "laboratory.toml"
     path.write_text(LABORATORY.replace(old, new, 1), "utf-8")
     with pytest.raises(FileError) as refused:
-        read_laboratory(path)
+        read_strict(path, Laboratory)
     assert str(path) in str(refused.value)
     assert what == "file" or what in str(refused.value)
 

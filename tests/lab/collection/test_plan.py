@@ -7,8 +7,9 @@ from tests.lab.collection.test_collection import CAMPAIGN, NAMES, touch
 from traverse.cli.collect.view import instruction, summary
 from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.lab.collection.collection import Collection
-from traverse.lab.collection.plan import planned_targets, read_plan, volume_counts
+from traverse.lab.collection.plan import PlanFile, planned_targets, volume_counts
 from traverse.strict_toml.problems import FileError
+from traverse.strict_toml.reader import read_strict
 
 PLAN = """\
 schema = "traverse/collection-plan/1"
@@ -34,7 +35,7 @@ def planned(folder, text=PLAN):
     (folder / "campaign.toml").write_text(CAMPAIGN)
     (folder / "plan.toml").write_text(text)
     file = read_campaign_file(folder / "campaign.toml")
-    plan = read_plan(folder / "plan.toml")
+    plan = read_strict(folder / "plan.toml", PlanFile)
     targets = planned_targets(plan, file, "plan.toml")
     collection = Collection(file, folder, NAMES, targets, plan)
     collection.resume()

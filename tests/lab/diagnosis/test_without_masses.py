@@ -26,7 +26,7 @@ from traverse.lab.identification.equations.first_moments import (
     with_first_moments,
 )
 from traverse.lab.identification.prediction import placed, places_of, predict
-from traverse.lab.identification.results.mass_distribution import mass_distribution
+from traverse.lab.identification.results.undetermined import mass_distribution
 from traverse.strict_toml.writing import arm_text
 
 BARE = without_masses(poses().arm)

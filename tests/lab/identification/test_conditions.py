@@ -12,7 +12,8 @@ from tests.lab.simulated import TrueArm, arm_value, rotations
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.lab.artefacts import artefact_from_table
-from traverse.lab.campaign.campaign import Campaign, Poses
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.poses import Poses
 from traverse.lab.identification.identify import Options, identify
 
 N_EACH = 20

@@ -11,7 +11,6 @@ from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.report.page import report_page, result_map
 from traverse.lab.identification.results.result import Identification
 from traverse.lab.identification.uncertainty_map import UncertaintyMap
-from traverse.lab.report.provenance import campaign_provenance
 
 WHEN = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
 
@@ -53,7 +52,7 @@ def found(result: Identification) -> UncertaintyMap:
 
 @pytest.fixture(scope="module")
 def text(result: Identification, found: UncertaintyMap) -> str:
-    provenance = campaign_provenance(result.campaign, "C. Gauss", WHEN)
+    provenance = result.campaign.provenance("C. Gauss", WHEN)
     return report_page(result, found, provenance)
 
 
@@ -142,7 +141,7 @@ def test_suggested_poses_are_shown_in_degrees(
 def test_the_page_is_the_same_each_time(
     text: str, result: Identification, found: UncertaintyMap
 ) -> None:
-    provenance = campaign_provenance(result.campaign, "C. Gauss", WHEN)
+    provenance = result.campaign.provenance("C. Gauss", WHEN)
     assert report_page(result, found, provenance) == text
 
 

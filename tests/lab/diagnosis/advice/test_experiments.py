@@ -11,10 +11,10 @@ from tests.lab.diagnosis.fitted_rows import measured, measured_rows
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.advice.experiments import (
     gain_needed,
+    known_pair,
     postures_text,
     separate_by,
 )
-from traverse.lab.diagnosis.advice.known_pairs import known_pair
 from traverse.lab.diagnosis.advice.optimal_poses import (
     experiment,
     extended_rows,

@@ -1,1 +1,0 @@
-"""`traverse daily-check`: the daily check."""

@@ -1,0 +1,1 @@
+"""`traverse amt21`, `can`, `microscribe`: encoders and arms on their lines."""

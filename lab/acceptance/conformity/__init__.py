@@ -1,1 +1,0 @@
-"""Figures, limits, uncertainties and decisions."""
