@@ -1,7 +1,9 @@
 """All commands, and how they end."""
 
+import gc
 import sys
-from collections.abc import Callable
+from collections.abc import Iterable
+from importlib import import_module
 from importlib.metadata import version
 from typing import Annotated, Any
 
@@ -15,37 +17,34 @@ try:  # before everything else that computes
 except ValueError as error:
     sys.stderr.write(f"traverse: {error}\n")
     sys.exit(2)
-from traverse.cli.align.command import align
-from traverse.cli.amt21 import amt21
-from traverse.cli.arm.command import arm
-from traverse.cli.artefact import artefact
-from traverse.cli.can import can
-from traverse.cli.certify import certify
-from traverse.cli.check import check
-from traverse.cli.collect.command import collect
-from traverse.cli.control import confirm, label, point, reload, scan, session, undo
-from traverse.cli.daily_check.command import daily_check
-from traverse.cli.demo import demo
-from traverse.cli.diagnose import diagnose
-from traverse.cli.export.command import export
-from traverse.cli.fleet import fleet
-from traverse.cli.gateway.command import gateway
-from traverse.cli.identify.command import identify
-from traverse.cli.microscribe.command import microscribe
 from traverse.cli.options import CommandGroup
-from traverse.cli.page import page
-from traverse.cli.points.command import points
-from traverse.cli.predict import predict
-from traverse.cli.probe.command import probe
-from traverse.cli.record import record
 from traverse.cli.refusals import REFUSED, RefusalError, end, missing_library
-from traverse.cli.replay.command import replay
-from traverse.cli.run import run
-from traverse.cli.simulate import simulate
-from traverse.cli.store import store
-from traverse.cli.trace import trace
-from traverse.cli.verify import verify
-from traverse.cli.watch.command import watch
+
+COMMANDS = (
+    *("demo", "run", "simulate", "watch", "page", "check", "artefact", "collect"),
+    *("identify", "predict", "diagnose", "verify", "certify", "trace"),
+    *("daily-check", "align", "record", "replay", "export", "store"),
+    *("point", "undo", "scan", "label", "session", "reload", "confirm", "interim"),
+    *("arm", "amt21", "can", "fleet", "gateway", "microscribe", "points", "probe"),
+)
+"""Commands, then groups of commands, in the order of the help."""
+MODULES = {
+    **{name: name for name in COMMANDS},
+    **dict.fromkeys(
+        ("point", "undo", "scan", "label", "session", "reload", "confirm"), "control"
+    ),
+    **dict.fromkeys(("daily-check", "interim"), "daily_check.command"),
+    **{
+        name: f"{name}.command"
+        for name in (
+            *("align", "arm", "collect", "export", "gateway", "identify"),
+            *("microscribe", "points", "probe", "replay", "watch"),
+        )
+    },
+}
+"""The module of `traverse.cli` that has a command, or group; imported when needed."""
+OLD_NAMES = {"interim": "daily-check"}
+"""Kept for one release, and not shown."""
 
 
 class Commands(TyperGroup):
@@ -78,37 +77,12 @@ class Commands(TyperGroup):
         return " ".join(filter(None, (group, ctx.invoked_subcommand)))
 
 
-app = CommandGroup(
-    "traverse",
-    cls=Commands,
-    help="Measurement daemon of an articulated-arm coordinate measuring machine.",
-    epilog="Exit status: 0 done; 1 the answer is no; 2 a file or an option was refused;"
-    " 3 a device or the broker could not be reached.",
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # brackets are units here
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-COMMANDS: tuple[Callable[..., None], ...] = (
-    *(demo, run, simulate, watch, page, check, artefact, collect),
-    *(identify, predict, diagnose, verify, certify, trace),
-    *(daily_check, align, record, replay, export, store),
-    *(point, undo, scan, label, session, reload, confirm),
-)
-for command in COMMANDS:
-    app.command()(command)
-# The old name of `daily-check`, kept for one release.
-app.command("interim", hidden=True)(daily_check)
-for group in (arm, amt21, can, fleet, gateway, microscribe, points, probe):
-    app.add_typer(group, cls=Commands)
-
-
 def _show_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"traverse {version('traverse-cmm')} (kernel: {KERNEL})")
         raise typer.Exit
 
 
-@app.callback()
 def _options(
     _version: Annotated[
         bool,
@@ -123,9 +97,42 @@ def _options(
     """Measurement daemon of an articulated-arm coordinate measuring machine."""
 
 
+def command_line(names: Iterable[str]) -> CommandGroup:
+    """Make the command line of some commands."""
+    made = CommandGroup(
+        "traverse",
+        cls=Commands,
+        help="Measurement daemon of an articulated-arm coordinate measuring machine.",
+        epilog="Exit status: 0 done; 1 the answer is no; 2 a file or an option was "
+        "refused; 3 a device or the broker could not be reached.",
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,  # brackets are units here
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    made.callback()(_options)
+    for name in names:
+        module = import_module(f"traverse.cli.{MODULES[name]}")
+        found = getattr(module, OLD_NAMES.get(name, name).replace("-", "_"))
+        if isinstance(found, CommandGroup):
+            made.add_typer(found, cls=Commands)
+        else:
+            made.command(name, hidden=name in OLD_NAMES)(found)
+    return made
+
+
+def __getattr__(name: str) -> CommandGroup:
+    """Make `app`, the whole command line, when it is asked for."""
+    if name != "app":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return command_line(COMMANDS)
+
+
 def main() -> None:
     """Run the command line."""
-    app()
+    first = sys.argv[1:2]
+    made = command_line(first if {*first} & {*COMMANDS} else COMMANDS)
+    gc.enable()
+    made()
 
 
 if __name__ == "__main__":

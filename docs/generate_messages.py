@@ -1,7 +1,8 @@
 """Write the reference page, the JSON Schemas and the AsyncAPI document.
 
 python docs/generate_messages.py            writes docs/reference/mqtt-messages.md,
-                                            docs/reference/schemas/ and asyncapi.json
+                                            docs/reference/schemas/ and asyncapi.json,
+                                            recording/point.schema.json
 python docs/generate_messages.py --check    exit 1 and a diff if they differ
 """
 
@@ -25,6 +26,7 @@ from traverse.protocol.messages import (
     MESSAGES,
     REMARKS,
     Message,
+    Point,
 )
 from traverse.protocol.topics import CHANNELS
 
@@ -94,6 +96,8 @@ def main() -> int:
         REFERENCE / "schemas" / f"{key}.schema.json": json.dumps(schema, indent=2)
         for key, schema in json_schemas().items()
     }
+    of_points = json.dumps(Point.model_json_schema(), indent=2)
+    files[HERE.parent / "recording" / "point.schema.json"] = of_points
     files[REFERENCE / "schemas" / "README.md"] = SCHEMAS.rstrip()
     files[REFERENCE / "mqtt-messages.md"] = reference_page()
     files[REFERENCE / "asyncapi.json"] = asyncapi.text()

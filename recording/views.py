@@ -10,6 +10,7 @@ here, are those of https://github.com/foxglove/foxglove-sdk, folder schemas/json
 
 import base64
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -127,9 +128,9 @@ VIEW_SCHEMAS: dict[str, dict[str, Any]] = {
     "pose": POSE_IN_FRAME,
     "cloud": POINT_CLOUD,
     "log": LOG,
-    "point": Point.model_json_schema(),
+    "point": json.loads(Path(__file__).with_name("point.schema.json").read_bytes()),
 }
-"""Schemas of the channels for viewers, by topic."""
+"""Schemas of the channels for viewers, by topic; that of points by `make schemas`."""
 VIEW_NAMES = {
     topic: "traverse/point/1" if topic == "point" else str(schema["title"])
     for topic, schema in VIEW_SCHEMAS.items()

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import fields
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -32,9 +33,6 @@ KINDS: dict[str, type[Delivery]] = {
     "counters": DeviceCounters,
 }
 _NAMES = {kind: name for name, kind in KINDS.items()}
-_ADAPTERS: dict[type[Delivery], TypeAdapter[Any]] = {
-    kind: TypeAdapter(kind) for kind in KINDS.values() if kind is not CountSamples
-}
 _ARRAYS: dict[str, tuple[str, int]] = {
     "seq": ("int64", 1),
     "device_ticks": ("int64", 1),
@@ -77,10 +75,15 @@ def delivery_from_map(table: Mapping[str, Any]) -> Delivery:
     if kind is CountSamples:
         return _samples(known)
     try:
-        found: Delivery = _ADAPTERS[kind].validate_python(known)
+        found: Delivery = _adapter(kind).validate_python(known)
     except ValidationError as error:
         raise ValueError(f"a delivery {name!r} that is none: {error}") from error
     return found
+
+
+@cache
+def _adapter(kind: type[Delivery]) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
 
 
 def _samples(known: dict[str, Any]) -> CountSamples:
