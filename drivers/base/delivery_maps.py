@@ -75,15 +75,15 @@ def delivery_from_map(table: Mapping[str, Any]) -> Delivery:
     if kind is CountSamples:
         return _samples(known)
     try:
-        found: Delivery = _adapter(kind).validate_python(known)
+        found: Delivery = _adapter(name).validate_python(known)
     except ValidationError as error:
         raise ValueError(f"a delivery {name!r} that is none: {error}") from error
     return found
 
 
 @cache
-def _adapter(kind: type[Delivery]) -> TypeAdapter[Any]:
-    return TypeAdapter(kind)
+def _adapter(name: str) -> TypeAdapter[Any]:
+    return TypeAdapter(KINDS[name])
 
 
 def _samples(known: dict[str, Any]) -> CountSamples:
