@@ -1,6 +1,5 @@
 """All commands, and how they end."""
 
-import gc
 import sys
 from collections.abc import Iterable
 from importlib import import_module
@@ -20,31 +19,17 @@ except ValueError as error:
 from traverse.cli.options import CommandGroup
 from traverse.cli.refusals import REFUSED, RefusalError, end, missing_library
 
+CONTROL = ("point", "undo", "scan", "label", "session", "reload", "confirm")
+OLD_NAMES = {"interim": "daily-check"}
+"""Kept for one release, and not shown."""
 COMMANDS = (
     *("demo", "run", "simulate", "watch", "page", "check", "artefact", "collect"),
     *("identify", "predict", "diagnose", "verify", "certify", "trace"),
     *("daily-check", "align", "record", "replay", "export", "store"),
-    *("point", "undo", "scan", "label", "session", "reload", "confirm", "interim"),
+    *(*CONTROL, *OLD_NAMES),
     *("arm", "amt21", "can", "fleet", "gateway", "microscribe", "points", "probe"),
 )
 """Commands, then groups of commands, in the order of the help."""
-MODULES = {
-    **{name: name for name in COMMANDS},
-    **dict.fromkeys(
-        ("point", "undo", "scan", "label", "session", "reload", "confirm"), "control"
-    ),
-    **dict.fromkeys(("daily-check", "interim"), "daily_check.command"),
-    **{
-        name: f"{name}.command"
-        for name in (
-            *("align", "arm", "collect", "export", "gateway", "identify"),
-            *("microscribe", "points", "probe", "replay", "watch"),
-        )
-    },
-}
-"""The module of `traverse.cli` that has a command, or group; imported when needed."""
-OLD_NAMES = {"interim": "daily-check"}
-"""Kept for one release, and not shown."""
 
 
 class Commands(TyperGroup):
@@ -111,13 +96,22 @@ def command_line(names: Iterable[str]) -> CommandGroup:
     )
     made.callback()(_options)
     for name in names:
-        module = import_module(f"traverse.cli.{MODULES[name]}")
-        found = getattr(module, OLD_NAMES.get(name, name).replace("-", "_"))
+        found = _command(OLD_NAMES.get(name, name).replace("-", "_"))
         if isinstance(found, CommandGroup):
             made.add_typer(found, cls=Commands)
+        elif name in OLD_NAMES:
+            made.command(name, hidden=True)(found)
         else:
-            made.command(name, hidden=name in OLD_NAMES)(found)
+            made.command()(found)
     return made
+
+
+def _command(name: str) -> Any:  # noqa: ANN401 - a function, or a group
+    """Import a command, or group, from the module or package that has its name."""
+    module = import_module(f"traverse.cli.{'control' if name in CONTROL else name}")
+    if hasattr(module, "__path__"):
+        module = import_module(f"{module.__name__}.command")
+    return getattr(module, name)
 
 
 def __getattr__(name: str) -> CommandGroup:
@@ -127,12 +121,15 @@ def __getattr__(name: str) -> CommandGroup:
     return command_line(COMMANDS)
 
 
+def requested() -> CommandGroup:
+    """Make the command line for the arguments: of the command that they begin with."""
+    first = sys.argv[1:2]
+    return command_line(first if {*first} & {*COMMANDS} else COMMANDS)
+
+
 def main() -> None:
     """Run the command line."""
-    first = sys.argv[1:2]
-    made = command_line(first if {*first} & {*COMMANDS} else COMMANDS)
-    gc.enable()
-    made()
+    requested()()
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 python docs/generate_messages.py            writes docs/reference/mqtt-messages.md,
                                             docs/reference/schemas/ and asyncapi.json,
-                                            recording/point.schema.json
+                                            recording/schemas/
 python docs/generate_messages.py --check    exit 1 and a diff if they differ
 """
 
@@ -32,6 +32,7 @@ from traverse.protocol.topics import CHANNELS
 
 HERE = Path(__file__).parent
 REFERENCE = HERE / "reference"
+RECORDED = HERE.parent / "recording" / "schemas"
 GOLDEN = HERE.parent / "tests" / "protocol" / "golden"
 GOLDEN_FOLDER = "../../tests/protocol/golden"
 
@@ -97,7 +98,7 @@ def main() -> int:
         for key, schema in json_schemas().items()
     }
     of_points = json.dumps(Point.model_json_schema(), indent=2)
-    files[HERE.parent / "recording" / "point.schema.json"] = of_points
+    files[RECORDED / "point.schema.json"] = of_points
     files[REFERENCE / "schemas" / "README.md"] = SCHEMAS.rstrip()
     files[REFERENCE / "mqtt-messages.md"] = reference_page()
     files[REFERENCE / "asyncapi.json"] = asyncapi.text()

@@ -3,8 +3,8 @@
 Viewers take lengths as metres. A scan's cloud has the coordinates once more, in
 millimetres and to the last bit, since a recording is compared by them.
 
-Names, types and required keys of the schemas, those parts of them that are written
-here, are those of https://github.com/foxglove/foxglove-sdk, folder schemas/jsonschema
+Names, types and required keys in the folder `schemas`, as far as they are written
+there, are those of https://github.com/foxglove/foxglove-sdk, folder schemas/jsonschema
 (MIT licence). Viewers choose what to draw by the names.
 """
 
@@ -18,99 +18,8 @@ from numpy.typing import NDArray
 
 from traverse.protocol.messages import Event, Point, Scan
 
-Schema = dict[str, Any]
-
-_NUMBER: Schema = {"type": "number"}
-_TIME: Schema = {
-    "type": "object",
-    "title": "time",
-    "properties": {
-        "sec": {"type": "integer", "minimum": 0},
-        "nsec": {"type": "integer", "minimum": 0, "maximum": 999_999_999},
-    },
-}
-
-
-def _object(title: str, properties: dict[str, Schema]) -> Schema:
-    return {
-        "title": title,
-        "type": "object",
-        "properties": properties,
-        "required": list(properties),
-    }
-
-
-def _numbers(title: str, names: str) -> Schema:
-    return _object(title, dict.fromkeys(names, _NUMBER))
-
-
-def _one_of(title: str, names: tuple[str, ...]) -> Schema:
-    values = [{"title": name, "const": value} for value, name in enumerate(names)]
-    return {"title": title, "oneOf": values}
-
-
-_POSE = _object(
-    "foxglove.Pose",
-    {
-        "position": _numbers("foxglove.Vector3", "xyz"),
-        "orientation": _numbers("foxglove.Quaternion", "xyzw"),
-    },
-)
-NUMERIC_TYPES = (
-    "UNKNOWN",
-    "UINT8",
-    "INT8",
-    "UINT16",
-    "INT16",
-    "UINT32",
-    "INT32",
-    "FLOAT32",
-    "FLOAT64",
-)
-LOG_LEVELS = ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")
-
-POSE_IN_FRAME = _object(
-    "foxglove.PoseInFrame",
-    {"timestamp": _TIME, "frame_id": {"type": "string"}, "pose": _POSE},
-)
-POINT_CLOUD = _object(
-    "foxglove.PointCloud",
-    {
-        "timestamp": _TIME,
-        "frame_id": {"type": "string"},
-        "pose": _POSE,
-        "point_stride": {"type": "integer", "minimum": 0},
-        "fields": {
-            "type": "array",
-            "items": _object(
-                "foxglove.PackedElementField",
-                {
-                    "name": {"type": "string"},
-                    "offset": {"type": "integer", "minimum": 0},
-                    "type": _one_of("foxglove.NumericType", NUMERIC_TYPES),
-                },
-            ),
-        },
-        "data": {"type": "string", "contentEncoding": "base64"},
-    },
-)
-LOG = _object(
-    "foxglove.Log",
-    {
-        "timestamp": _TIME,
-        "level": _one_of("foxglove.LogLevel", LOG_LEVELS),
-        "message": {"type": "string"},
-        "name": {"type": "string"},
-        "file": {"type": "string"},
-        "line": {"type": "integer", "minimum": 0},
-    },
-)
-
-
 FRAME = "arm"
-FLOAT32, FLOAT64, UINT32 = (
-    NUMERIC_TYPES.index(name) for name in ("FLOAT32", "FLOAT64", "UINT32")
-)
+UINT32, FLOAT32, FLOAT64 = 5, 7, 8  # foxglove.NumericType
 _TYPES = {FLOAT32: "<f4", FLOAT64: "<f8", UINT32: "<u4"}
 CLOUD_FIELDS = (
     *((name, FLOAT32) for name in "xyz"),
@@ -122,13 +31,13 @@ CLOUD_FIELDS = (
 """Of a point of a cloud: name and type, packed without gaps."""
 CLOUD_TYPE = np.dtype([(name, _TYPES[kind]) for name, kind in CLOUD_FIELDS])
 _NO_TURN = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
-_LEVELS = {"info": "INFO", "warning": "WARNING", "error": "ERROR"}
+_INFO, _WARNING, _ERROR = 2, 3, 4  # foxglove.LogLevel
+_LEVELS = {"info": _INFO, "warning": _WARNING}
 
+_SCHEMAS = Path(__file__).with_name("schemas")
 VIEW_SCHEMAS: dict[str, dict[str, Any]] = {
-    "pose": POSE_IN_FRAME,
-    "cloud": POINT_CLOUD,
-    "log": LOG,
-    "point": json.loads(Path(__file__).with_name("point.schema.json").read_bytes()),
+    topic: json.loads((_SCHEMAS / f"{topic}.schema.json").read_bytes())
+    for topic in ("pose", "cloud", "log", "point")
 }
 """Schemas of the channels for viewers, by topic; that of points by `make schemas`."""
 VIEW_NAMES = {
@@ -218,7 +127,7 @@ def log_to_bytes(event: Event) -> bytes:
     times = f" ({event.count} times)" if event.count > 1 else ""
     table = {
         "timestamp": _time(event.last_ns),
-        "level": LOG_LEVELS.index(_LEVELS.get(event.severity, "ERROR")),
+        "level": _LEVELS.get(event.severity, _ERROR),
         "message": f"{event.code}: {event.text}{times}{remedy}",
         "name": event.source,
         "file": event.code,

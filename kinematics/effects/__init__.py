@@ -1,7 +1,6 @@
 """Physical effects beyond the geometry, a class each; `effect_class` finds them."""
 
 import pkgutil
-from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
 
@@ -19,14 +18,12 @@ def effect_class(kind: str) -> type[Correction]:
 
 @cache
 def _classes() -> dict[str, type[Correction]]:
-    found = dict(_laws())
+    """Find the classes of all modules that have a kind of their own."""
+    found = {
+        vars(law).get("kind", ""): law
+        for folder in (readings, mechanics, contacts)
+        for module in pkgutil.iter_modules(folder.__path__, f"{folder.__name__}.")
+        for law in vars(import_module(module.name)).values()
+        if isinstance(law, type) and issubclass(law, Correction)
+    }
     return {kind: found[kind] for kind in EFFECT_KINDS}
-
-
-def _laws() -> Iterator[tuple[str, type[Correction]]]:
-    """Go through the classes of all modules that have a kind of their own."""
-    for folder in (readings, mechanics, contacts):
-        for found in pkgutil.iter_modules(folder.__path__, f"{folder.__name__}."):
-            for law in vars(import_module(found.name)).values():
-                if isinstance(law, type) and issubclass(law, Correction):
-                    yield vars(law).get("kind", ""), law

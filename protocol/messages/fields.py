@@ -9,7 +9,6 @@ MessagePack, strings of digits in JSON.
 
 import ast
 import inspect
-from collections.abc import Iterator
 from itertools import pairwise
 from typing import Annotated, TypeVar
 
@@ -55,9 +54,17 @@ class Value(BaseModel):
         pydantic's `use_attribute_docstrings` reads the sources at each start.
         """
         reference = handler(core_schema)
-        schema = handler.resolve_ref_schema(reference)
-        for name, text in _docstrings(cls):
-            schema["properties"][name]["description"] = text
+        keys = handler.resolve_ref_schema(reference)["properties"]
+        for kind in reversed(cls.__mro__[: cls.__mro__.index(Value)]):
+            body = ast.parse(inspect.getsource(kind)).body[0].body  # type: ignore[attr-defined]  # a class
+            for field, told in pairwise(body):
+                match field, told:
+                    case (
+                        ast.AnnAssign(target=ast.Name(id=name)),
+                        ast.Expr(value=ast.Constant(value=str(text))),
+                    ) if name in cls.model_fields:
+                        key = cls.model_fields[name].alias or name
+                        keys[key]["description"] = inspect.cleandoc(text)
         return reference
 
     def __eq__(self, other: object) -> bool:
@@ -82,19 +89,6 @@ class Message(Value):
     """What one payload holds; every one begins with its `schema`."""
 
     schema_: str = Field(alias="schema", description=SCHEMA_MEANING)
-
-
-def _docstrings(of: type[BaseModel]) -> Iterator[tuple[str, str]]:
-    """The docstrings of the fields of a class and its bases, by the keys of these."""
-    for kind in reversed(of.__mro__[: of.__mro__.index(Value)]):
-        body = ast.parse(inspect.getsource(kind)).body[0].body  # type: ignore[attr-defined]  # a class
-        for field, told in pairwise(body):
-            match field, told:
-                case (
-                    ast.AnnAssign(target=ast.Name(id=name)),
-                    ast.Expr(value=ast.Constant(value=str(text))),
-                ) if name in of.model_fields:
-                    yield of.model_fields[name].alias or name, inspect.cleandoc(text)
 
 
 def _same(left: object, right: object) -> bool:

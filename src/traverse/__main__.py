@@ -14,10 +14,13 @@ def main() -> None:
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # searched for long
     gc.disable()  # nothing that is imported is garbage
     try:
-        from traverse.cli.__main__ import main as run  # noqa: PLC0415 - takes a second
+        from traverse.cli.__main__ import requested  # noqa: PLC0415 - takes a while
+
+        commands = requested()
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
-    run()
+    gc.enable()
+    commands()
 
 
 if __name__ == "__main__":

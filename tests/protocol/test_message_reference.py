@@ -11,7 +11,7 @@ import pytest
 from tests.protocol.message_examples import EXAMPLES, GOLDEN
 
 DOCS = Path(__file__).parents[2] / "docs"
-OF_POINTS = DOCS.parent / "recording" / "point.schema.json"
+RECORDED = DOCS.parent / "recording" / "schemas"
 SCHEMAS = DOCS / "reference" / "schemas"
 
 
@@ -33,8 +33,7 @@ def copied_docs(tmp_path):
         shutil.copy(path, tmp_path / "docs")
     shutil.copytree(DOCS / "reference", tmp_path / "docs" / "reference")
     shutil.copytree(GOLDEN, tmp_path / "tests" / "protocol" / "golden")
-    (tmp_path / "recording").mkdir()
-    shutil.copy(OF_POINTS, tmp_path / "recording")
+    shutil.copytree(RECORDED, tmp_path / "recording" / "schemas")
     return tmp_path / "docs"
 
 
