@@ -65,6 +65,7 @@ class MeasurementCommand(ABC, Generic[T_co]):
 
     def execute(self, measurement: Measurement) -> T_co:
         """Execute it now, after it has been recorded; gives its result."""
+        measurement.evaluate_readings()
         now_ns = measurement.clock.step()
         record = self.to_record()
         measurement.listener.asked(now_ns, self.recorded_name, record, measurement)

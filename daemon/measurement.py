@@ -30,11 +30,10 @@ from traverse.daemon.pose.alignment import ActiveAlignment, Alignment
 from traverse.daemon.pose.arm_model import ArmModel, model_with_probe
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
-from traverse.daemon.pose.poses import PoseBlock
+from traverse.daemon.pose.poses import ArmReadings, PoseBlock
 from traverse.daemon.pose.probe_library import LibraryProbe
 from traverse.daemon.pose.quality_monitor import QualityMonitor
 from traverse.daemon.pose.references import (
-    MAX_SPEED_RAD_S,
     ReferenceMemory,
     ReferenceMonitor,
 )
@@ -63,6 +62,7 @@ from traverse.protocol.messages import Label, Live
 
 MAX_TEMPERATURES = 1000  # in a snapshot
 REST_NS, REST_MM = 2_000_000_000, 0.1  # so long within so much of one place
+DEFERRED_NS = 50_000_000  # readings wait no longer for others to be evaluated with
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,6 +133,7 @@ class Measurement(MeasurementContext):
         self.temperatures = TemperatureMonitor(clock, events)
         self.skew = SkewMonitor(settings.skew_limit_mm)
         self.trajectory = TrajectoryBuffer()
+        self._readings: list[ArmReadings] = []  # of which no pose is computed yet
         references = ReferenceMonitor(
             configuration.quality,
             model,
@@ -213,6 +214,7 @@ class Measurement(MeasurementContext):
 
     def set_model(self, model: ArmModel) -> None:
         """Measure with another probe on the same arm from the next sample on."""
+        self.evaluate_readings()
         self.pipeline.use_model(model)
         self.quality.use_model(model)
         self.trajectory.forget()  # it was that of another ball
@@ -324,20 +326,32 @@ class Measurement(MeasurementContext):
         now_ns = self.clock.step()
         self.listener.passed(now_ns, self)
         self.quality.check_clock()
+        self.evaluate_readings()
         self._take_assembled(now_ns)
         self.points.settle(now_ns)
         self.late_readings.check()
 
-    def dispatch(self, device: Device, delivery: Delivery) -> None:
-        """Process one delivery of a device."""
+    def dispatch(
+        self, device: Device, delivery: Delivery, *, is_before_edge: bool = False
+    ) -> None:
+        """Process one delivery of a device.
+
+        An edge or latch that has arrived with samples needs their readings, but seldom
+        their poses. So poses of samples before one are computed later, many at once;
+        no point depends on that.
+        """
         device.last_ns = self.clock.step()
         self.listener.delivered(device.last_ns, delivery, self)
         self.quality.check_clock()
         match delivery:
             case CountSamples():
-                self._take_samples(device, delivery)
+                self._take_samples(device, delivery, is_before_edge)
+                return
             case LatchedCounts():
                 self._take_latch(device, delivery)
+                return
+        self.evaluate_readings()
+        match delivery:
             case StreamStarted():
                 self._take_stream(delivery)
             case DeviceTemperatures():
@@ -370,21 +384,31 @@ class Measurement(MeasurementContext):
             case DeviceFault():
                 self.states.on_fault(device, delivery)
 
-    def _take_samples(self, device: Device, samples: CountSamples) -> None:
+    def _take_samples(
+        self, device: Device, samples: CountSamples, is_before_edge: bool
+    ) -> None:
         device.samples += len(samples.seq)
         if (
             device not in self.joint_devices
             or self.joint_devices.first_mismatched is not None
         ):
             return
-        speed_rad_s = getattr(device.section, "max_speed_rad_s", MAX_SPEED_RAD_S)
-        self.quality.references.add(samples, speed_rad_s)
+        self.quality.references.add(samples, device.max_speed_rad_s)
         waited_ns = self.clock.running.monotonic_ns() - samples.received_ns
         self.sinks.latencies["queue_wait"].add(waited_ns)
         if self.joint_devices.is_single and samples.skew_ns is None:
-            self._measure(samples, None)
+            self._readings.append(self._read(samples))
             if self._keeps_readings:
                 self.resampler.record(samples)
+            first_ns = self._readings[0].samples.received_ns
+            if (
+                is_before_edge
+                and samples.received_ns - first_ns < DEFERRED_NS
+                and not self.scanner.is_running
+                and not self.points.evaluator.needs_poses
+            ):
+                return
+            self.evaluate_readings()
         else:
             self.resampler.add(samples, self.clock.monotonic_ns())
             self._take_assembled()
@@ -392,14 +416,26 @@ class Measurement(MeasurementContext):
 
     def _take_assembled(self, now_ns: int | None = None) -> None:
         for samples, error_bounds_counts in self.resampler.resampled(now_ns):
-            self._measure(samples, error_bounds_counts)
+            self._measure(self._read(samples), error_bounds_counts)
+
+    def _read(self, samples: CountSamples) -> ArmReadings:
+        readings = self.pipeline.read(samples)
+        self.trajectory.follow(readings)
+        return readings
+
+    def evaluate_readings(self) -> None:
+        """Compute the poses of readings for which that was deferred."""
+        if self._readings:
+            readings, self._readings = ArmReadings.joined(self._readings), []
+            self._measure(readings, None)
 
     def _measure(
-        self, samples: CountSamples, error_bounds_counts: Floats | None
+        self, readings: ArmReadings, error_bounds_counts: Floats | None
     ) -> None:
-        """Pass samples of the whole arm down the pipeline."""
+        """Pass readings of the whole arm down the pipeline."""
         model, temperature_c = self.pipeline.model, self.joint_devices.temperature_c
-        poses = self.pipeline.poses(samples, temperature_c)
+        samples = readings.samples
+        poses = self.pipeline.evaluate(readings, temperature_c)
         if error_bounds_counts is not None:
             self.skew.flag_block(model, poses, error_bounds_counts)
         self.quality.flag_block(

@@ -53,6 +53,7 @@ from traverse.daemon.system.realtime import freeze_objects, prepare
 from traverse.daemon.system.systemd import Notifier, StatusLine, Watchdog
 from traverse.drivers.base.driver import CLOSE_S
 from traverse.drivers.base.heartbeat import Heartbeat
+from traverse.drivers.base.values import LatchedCounts
 from traverse.kinematics.model.kernel_choice import KERNEL
 from traverse.protocol import topics
 from traverse.protocol.messages import Health, Status
@@ -421,9 +422,15 @@ async def _consume(service: Service, device: Device) -> None:
     def take_waiting() -> None:
         try:
             with service.queue.together(), service.outbox.together():
-                for delivery in device.delivery_queue.take_waiting():
+                taken = device.delivery_queue.take_waiting()
+                edges = [i for i, d in enumerate(taken) if isinstance(d, LatchedCounts)]
+                last_edge = edges[-1] if edges else 0
+                for place, delivery in enumerate(taken):
                     begun_ns = clock.monotonic_ns()
-                    measurement.dispatch(device, delivery)
+                    is_before_edge = place < last_edge
+                    measurement.dispatch(
+                        device, delivery, is_before_edge=is_before_edge
+                    )
                     handling.add(clock.monotonic_ns() - begun_ns)
         except Exception as error:  # noqa: BLE001 - raised where it is awaited
             if not failed.done():

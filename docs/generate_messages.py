@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 
 import asyncapi
-from message_schemas import field_table, json_schema, json_schemas, name
+from message_schemas import field_list, json_schema, json_schemas, name
 
 from traverse.protocol import arrays
 from traverse.protocol.encoding import MAX_BYTES, MAX_DEPTH, MAX_ELEMENTS
@@ -27,6 +27,7 @@ from traverse.protocol.messages import (
     REMARKS,
     Message,
     Point,
+    Value,
 )
 from traverse.protocol.topics import CHANNELS
 
@@ -40,22 +41,23 @@ HEAD = """\
 # MQTT messages
 
 Made from `protocol/messages` by `make schemas` (do not edit), like the [JSON
-Schemas](schemas/README.md) and the [AsyncAPI 3 document](asyncapi.json). Programs to
-copy: [read points](../how-to/read-points-in-your-program.md).
+Schemas](schemas/README.md) and the [AsyncAPI 3 document](asyncapi.json).
 """
 RULES = f"""\
 - **Encoding.** A payload is one MessagePack map, or one JSON object (first byte: a
   brace) with `encoding = "json"` in the daemon's configuration. A command may use
   either. The content type of MQTT 5 is `application/msgpack` or `application/json`.
-- **Examples** are linked, also [a retraction]({GOLDEN_FOLDER}/point-retraction.json),
-  [the last will]({GOLDEN_FOLDER}/status-offline.json) and [a
+- **More examples**: [a retraction]({GOLDEN_FOLDER}/point-retraction.json), [the last
+  will]({GOLDEN_FOLDER}/status-offline.json), [a
   refusal]({GOLDEN_FOLDER}/reply-error.json).
-- **Left out of the tables:** `schema`, the name above them (another number at its end
-  means another layout), and `arm`, which all but commands and replies have.
-- **Keys** are always present, null where the type says so. Those with a default may
-  be left out. Units are in their names.
+- **Left out below:** `schema` (another number at its end means another
+  layout), and `arm`, which all but commands and replies have.
+- **Keys** are always present; what may be left out has its default (`=null`). Units are
+  in their names.
+- **Types.** `name?` may be null, `number[3]` is a list of three, `name[]` a list,
+  `float64[n,3]` an array, `text(64)` has at most so many characters, `0..` is a range.
 - **Numbers** are finite; integers have at most 53 bits, and one is accepted where a
-  number is expected.
+  number is expected. A **count** is an integer from 0.
 - A **time** is nanoseconds since 1970 in UTC, which needs 61 bits: an integer in
   MessagePack (in JavaScript decode with `useBigInt64: true`), a **string** of digits
   in JSON.
@@ -74,10 +76,12 @@ Made from `protocol/messages` by `make schemas` (do not edit): one file for ever
 [message](../mqtt-messages.md) and every command, `point.schema.json` or
 `command-scan.schema.json`, in JSON Schema 2020-12, for payloads in JSON.
 """
-DELIVERY = """\
-A point is delivered at least once. Within a `session`, `seq` has no gaps, retractions
-included: request missing numbers with [`cmd/resend`](#cmdresend). Use a point only
-where `quality.ok` is true.
+DELIVERY = "[Four rules](../how-to/read-points-in-your-program.md) hold for points.\n"
+FLAGS = """\
+## Quality flags
+
+The bits of `quality` in a scan, and their names in other messages. All but remarks make
+`ok` false.
 """
 COMMAND_HEAD = """\
 The reply is sent to the MQTT 5 response topic if the command has one, which must be
@@ -115,59 +119,47 @@ def main() -> int:
 
 def reference_page() -> str:
     """The page, in Markdown."""
-    lines = [HEAD, "| topic | payload | QoS |", "|---|---|---|"]
+    lines = [HEAD, "| topic | payload | QoS | schema | example |", "|---" * 5 + "|"]
+    lines += [*map(_message_row, MESSAGES), "", RULES]
+    seen: dict[str, str] = {}
     for message in MESSAGES:
-        topic, quality = _delivery(name(message))
-        link = f"[{message.__name__}](#{name(message)})"
-        lines.append(f"| `{topic}` | {link} | {quality} |")
-    lines += ["", RULES]
-    for message in MESSAGES:
-        lines += _message_section(message)
+        lines += _section(f"## {message.__name__}", message, seen)
         if name(message) == "point":
             lines += ["```json", _golden("point.json"), "```", "", DELIVERY]
         if name(message) == "command":
-            lines += _command_sections()
-    lines += [
-        "## Quality flags",
-        "",
-        "The bits of `quality` in a scan, and their names in other messages. All but "
-        "remarks make `ok` false.",
-        "",
-        "| bit | name | meaning |",
-        "|---|---|---|",
-    ]
+            lines += _command_sections(seen)
+    lines.append(FLAGS)
     for flag, meaning in FLAG_MEANINGS.items():
         bit, remark = flag.bit_length() - 1, "remark: " if flag & REMARKS else ""
-        lines.append(f"| {bit} | `{str(flag.name).lower()}` | {remark}{meaning} |")
-    lines += _word_table("Counters", COUNTERS) + _word_table("Latencies", LATENCIES)
+        lines.append(f"- {bit} `{str(flag.name).lower()}`: {remark}{meaning}")
+    lines += _word_list("Counters", COUNTERS) + _word_list("Latencies", LATENCIES)
     lines += ["", "## Arrays", "", inspect.getdoc(arrays) or ""]
     return "\n".join(lines)
 
 
-def _delivery(key: str) -> tuple[str, str]:
-    """Topic of a message, and its quality of service."""
-    topic = {"command": "cmd"}.get(key, key)
-    channel = CHANNELS[topic]
+def _message_row(message: type[Message]) -> str:
+    """Topic, payload, quality of service, schema and examples of a message."""
+    key = name(message)
+    is_command = key == "command"
+    topic = "cmd" if is_command else key
     level = "/<name>" if key in ("command", "reply") else ""
-    retained = ", retained" if channel.retained else ""
-    return f"traverse/<arm>/{topic}{level}", f"{channel.qos}{retained}"
+    quality = f"{CHANNELS[topic].qos}{', retained' * CHANNELS[topic].retained}"
+    head = f"`traverse/<arm>/{topic}{level}` | [{message.__name__}](#{key})"
+    linked = f"[`{json_schema(message)['$id']}`](schemas/{key}.schema.json)"
+    example = f"{GOLDEN_FOLDER}/{'command-point' if is_command else key}"
+    shown = f"[JSON]({example}.json), [MessagePack]({example}.msgpack.hex)"
+    return f"| {head} | {quality} | {linked} | {shown} |"
 
 
-def _message_section(message: type[Message]) -> list[str]:
-    schema, key = json_schema(message), name(message)
-    lines = [f"## {message.__name__}", "", inspect.getdoc(message) or "", ""]
-    example = f"{GOLDEN_FOLDER}/{'command-point' if key == 'command' else key}"
-    shown = f"[JSON]({example}.json) and [MessagePack]({example}.msgpack.hex)"
-    linked = f"[`{schema['$id']}`](schemas/{key}.schema.json)"
-    lines += [f"Schema {linked}; example in {shown}.", ""]
-    return [*lines, *field_table(schema), ""]
+def _section(heading: str, value: type[Value], seen: dict[str, str]) -> list[str]:
+    fields = field_list(json_schema(value), heading.lstrip("# "), seen)
+    return [heading, "", inspect.getdoc(value) or "", "", *fields, ""]
 
 
-def _command_sections() -> list[str]:
+def _command_sections(seen: dict[str, str]) -> list[str]:
     lines = [COMMAND_HEAD]
     for command, args in COMMANDS.items():
-        lines += [f"### cmd/{command}", "", inspect.getdoc(args) or "", ""]
-        lines += [*field_table(json_schema(args)), ""]
+        lines += _section(f"### cmd/{command}", args, seen)
         shown = json.loads(_golden(f"command-{command}.json"))["args"]
         link = f"[Schema](schemas/command-{command}.schema.json)"
         lines += [f"{link}; example: `{json.dumps(shown)}`", ""]
@@ -178,9 +170,9 @@ def _golden(file: str) -> str:
     return (GOLDEN / file).read_text().rstrip()
 
 
-def _word_table(title: str, words: dict[str, str]) -> list[str]:
-    rows = [f"| `{word}` | {meaning} |" for word, meaning in words.items()]
-    return ["", f"## {title}", "", "| name | meaning |", "|---|---|", *rows]
+def _word_list(title: str, words: dict[str, str]) -> list[str]:
+    rows = [f"- `{word}`: {meaning}" for word, meaning in words.items()]
+    return ["", f"## {title}", "", *rows]
 
 
 def _compare(files: dict[Path, str], old: set[Path]) -> int:

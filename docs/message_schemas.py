@@ -1,6 +1,7 @@
-"""JSON Schemas (2020-12) of the MQTT messages, and tables of their fields."""
+"""JSON Schemas (2020-12) of the MQTT messages, and lists of their fields."""
 
 import json
+import textwrap
 from collections.abc import Iterator
 from typing import Any
 
@@ -47,96 +48,88 @@ def command_schema(args: type[Args]) -> Schema:
     return schema | ({"$defs": definitions} if definitions else {})
 
 
+WIDTH = 120
 USUAL_LENGTH = 2000
 """Most characters of a text; stated where it is another."""
 
 
-def field_table(schema: Schema) -> list[str]:
-    """A Markdown table of the fields of an object; not of its schema and arm.
+def field_list(schema: Schema, heading: str, seen: dict[str, str]) -> list[str]:
+    """The fields of an object as a list in Markdown; not its schema and arm.
 
-    Fields of an inner structure follow it: `outer.field`, `list[].field`.
+    Fields of an inner structure follow it: `outer.field`, `list[].field`. Fields that
+    an earlier list has, equal in all, are only named.
+
+    Args:
+        schema: of the object.
+        heading: that of this list.
+        seen: headings of the first lists by field, which this adds to.
     """
-    rows = list(_field_rows(schema, schema.get("$defs", {}), ""))
-    head = ["| field | type | meaning |", "|---|---|---|"]
-    return [*head, *rows] if rows else ["No fields."]
-
-
-def _field_rows(schema: Schema, inner: Schema, path: str) -> Iterator[str]:
+    rows: list[str] = []
+    again: dict[str, list[str]] = {}
     for key, field in schema.get("properties", {}).items():
-        if not path and key in ("schema", "arm"):
+        first = seen.setdefault(json.dumps([key, field]), heading)
+        if key in ("schema", "arm"):
             continue
-        meaning = " ".join(str(field.get("description", "")).split())
-        kind = type_text(field)
-        if "default" in field:
-            kind += f", default {json.dumps(field['default'])}"
-        yield f"| `{path}{key}` | {kind} | {meaning} |"
-        for one in field.get("anyOf", [field]):
-            named = one.get("patternProperties", {}).values()
-            parts = [("", one), ("[]", one.get("items", {}))]
-            for mark, part in [*parts, *((".<name>", each) for each in named)]:
-                if "$ref" in part:
-                    target = inner[part["$ref"].rsplit("/", 1)[-1]]
-                    yield from _field_rows(target, inner, f"{path}{key}{mark}.")
+        if first == heading:
+            rows += _field_rows(key, field, schema.get("$defs", {}))
+        else:
+            link = f"[{first}](#{first.lower().replace('/', '')})"
+            again.setdefault(link, []).append(f"`{key}`")
+    places = "; in ".join(f"{link}: {', '.join(keys)}" for link, keys in again.items())
+    lines = [f"As in {places}.", ""] if places else []
+    return [*lines, *rows] or ["No fields."]
+
+
+def _field_rows(path: str, field: Schema, inner: Schema) -> Iterator[str]:
+    meaning = " ".join(str(field.get("description", "")).split()).replace(" [UTC]", "")
+    kind = type_text(field)
+    if "default" in field:
+        kind += f" ={json.dumps(field['default'])}"
+    text = f"- `{path}` ({kind}): {meaning}"
+    yield textwrap.fill(text, WIDTH, subsequent_indent="  ", break_on_hyphens=False)
+    for one in field.get("anyOf", [field]):
+        named = one.get("patternProperties", {}).values()
+        parts = [("", one), ("[]", one.get("items", {}))]
+        for mark, part in [*parts, *((".<name>", each) for each in named)]:
+            if "$ref" in part:
+                target = inner[part["$ref"].rsplit("/", 1)[-1]]
+                for key, each in target["properties"].items():
+                    yield from _field_rows(f"{path}{mark}.{key}", each, inner)
 
 
 def type_text(schema: Schema) -> str:
-    """A type in words that fit both encodings."""
+    """A type in a word that fits both encodings."""
     if "anyOf" in schema:
-        return " or ".join(type_text(one) for one in schema["anyOf"])
-    if "$ref" in schema:
-        return "map"
-    if "const" in schema:
-        return f'`"{schema["const"]}"`'
-    if "enum" in schema:
-        return ", ".join(f'`"{value}"`' for value in schema["enum"])
-    return _structure_text(schema)
-
-
-def _structure_text(schema: Schema) -> str:
-    """What is made of elements, and what is a single value."""
+        kind, _, limits = type_text(schema["anyOf"][0]).partition(" ")
+        return f"{kind}? {limits}".rstrip()
+    if "const" in schema or "enum" in schema:
+        values = schema.get("enum", [schema.get("const")])
+        return ", ".join(f'`"{value}"`' for value in values)
     if "x-dtype" in schema:
-        shape = ", ".join(map(str, schema["x-shape"]))
-        return f"array {schema['x-dtype']} ({shape})"
-    kind = schema.get("type")
+        return f"{schema['x-dtype']}[{','.join(map(str, schema['x-shape']))}]"
+    kind = schema.get("type", "object")
     if kind == "array":
-        return _list_text(schema)
+        items = schema.get("prefixItems", [])
+        return f"{type_text([*items, schema.get('items')][0])}[{len(items) or ''}]"
     if kind == "object":
         values = schema.get("additionalProperties")
-        return f"map of names to {type_text(values)}" if values else "map"
+        return f"map of {type_text(values)}" if values else "map"
+    return _scalar_text(schema, kind)
+
+
+def _scalar_text(schema: Schema, kind: str) -> str:
+    """A single value, with limits that say something: not those of 53 bits."""
     if schema.get("format") == "time-ns":
         return "time"
-    if schema.get("minLength") == 1 and schema["maxLength"] == 64:
-        return "name"
-    return f"{_KINDS[str(kind)]}{_limits(schema)}"
-
-
-_KINDS = {
-    "string": "text",
-    "number": "number",
-    "integer": "integer",
-    "boolean": "bool",
-    "null": "null",
-}
-
-
-def _list_text(schema: Schema) -> str:
-    if "prefixItems" in schema:
-        items = schema["prefixItems"]
-        return f"[{len(items)}] {type_text(items[0])}"
-    return f"list of {type_text(schema['items'])}"
-
-
-def _limits(schema: Schema) -> str:
-    """Only limits that say something: not those of 53 bits."""
-    if schema.get("maximum", 0) >= 2**53 - 1:
-        return " from 0" if schema.get("minimum") == 0 else ""
-    texts = []
-    if "exclusiveMinimum" in schema:
-        texts.append(f"above {schema['exclusiveMinimum']:g}")
-    if "minimum" in schema:
-        texts.append(f"from {schema['minimum']}")
-    if "maximum" in schema:
-        texts.append(f"to {schema['maximum']}")
-    if schema.get("maxLength", USUAL_LENGTH) != USUAL_LENGTH:
-        texts.append(f"up to {schema['maxLength']} characters")
-    return " " + " ".join(texts) if texts else ""
+    if kind == "string":
+        longest = schema.get("maxLength", USUAL_LENGTH)
+        if schema.get("minLength") == 1 and longest == 64:
+            return "name"
+        return "text" if longest == USUAL_LENGTH else f"text({longest})"
+    largest = schema.get("maximum", "")
+    if largest and largest >= 2**53 - 1:
+        return "count" if schema["minimum"] == 0 else kind
+    above = schema.get("exclusiveMinimum")
+    least = schema.get("minimum", "") if above is None else f">{above:g}"
+    limits = f" {least}..{largest}" if f"{least}{largest}" else ""
+    return f"{kind.removesuffix('ean')}{limits}"

@@ -25,12 +25,14 @@ class Device:
         answered: set once the device has answered or been given up for the first time.
         last_ns: host monotonic time of the last byte from it; 0 for never.
         up_ns: since when it is there.
+        max_speed_rad_s: no joint turns faster; None where its options do not say.
         temperatures_c: of its sensors; empty until the first report.
     """
 
     section: DeviceSection
     delivery_queue: DeliveryQueue
     driver: Driver
+    max_speed_rad_s: float | None = field(init=False)
     state: DeviceStateName = "starting"
     identity: Identity | None = None
     last_loss: DeviceLost | None = None
@@ -42,6 +44,9 @@ class Device:
     temperatures_c: tuple[float | None, ...] = ()
     samples: int = 0
     reconnects: int = 0
+
+    def __post_init__(self) -> None:
+        self.max_speed_rad_s = getattr(self.section, "max_speed_rad_s", None)
 
     @property
     def temperature_c(self) -> float | None:

@@ -1,25 +1,27 @@
 """An MQTT client that writes at once, and reports messages that the broker refuses.
 
 aiomqtt passes a packet to the event loop, which watches the socket and writes it one
-turn later: two wake-ups and two system calls more than necessary for each message. And
-paho reads each packet by three calls; here one reads all that has arrived. aiomqtt 2.5
-treats every PUBACK as a success; with MQTT 5 its reason code may be a
-refusal, for example by an access list. Brokers of MQTT 3.1.1 cannot refuse.
+turn later: two wake-ups and two system calls more than necessary for each message. paho
+keeps each message with locks and events of its own, and reads each packet by three
+calls. So messages and the answers to them are written and read here; all else, and the
+connection itself, is paho's. aiomqtt 2.5 treats every PUBACK as a success; with MQTT 5
+its reason code may be a refusal, for example by an access list. Brokers of MQTT 3.1.1
+cannot refuse.
 """
 
 import asyncio
 import contextlib
-import socket
 import threading
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from typing import Any
 
 import aiomqtt
 from paho.mqtt.client import Client as PahoClient
 from paho.mqtt.client import MQTTMessage
-from paho.mqtt.enums import MQTTErrorCode
+from paho.mqtt.enums import MessageType, MQTTErrorCode
 from paho.mqtt.packettypes import PacketTypes
-from paho.mqtt.properties import Properties
+from paho.mqtt.properties import Properties, VariableByteIntegers
 from paho.mqtt.reasoncodes import ReasonCode
 
 from traverse.broker.diagnosing_client import DiagnosingClient
@@ -28,31 +30,41 @@ from traverse.protocol.encoding import Encoding, content_type
 
 RECEIVE_MAXIMUM = 32  # commands of QoS 1 on their way to us
 READ_BYTES = 16_384
+WRITE_BYTES = 65_536  # more is not collected
 MAX_PACKET_BYTES = 65_536  # of a packet; what is beyond is read and forgotten
 HEAD_BYTES = 2_097_152  # of topic and properties: cut within, they cannot be read
 
 
-class CachedProperties(Properties):
-    """What every message in one encoding carries; packed once, since that is slow."""
-
-    def __init__(self, encoding: Encoding) -> None:
-        super().__init__(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]  # paho's is not typed
-        self.ContentType = content_type(encoding)
-        # Past paho's own attributes, which are properties of MQTT.
-        packed = super().pack()  # type: ignore[no-untyped-call]  # paho's is not typed
-        object.__setattr__(self, "_packed", packed)
-
-    def pack(self) -> bytes:
-        """As they go into a packet."""
-        packed: bytes = object.__getattribute__(self, "_packed")
-        return packed
-
-
-def publish_properties(encoding: Encoding) -> Properties:
-    """What a message carries, to which more can be added."""
+@lru_cache(maxsize=64)  # packing is slow, and nearly all messages have the same
+def publish_properties(encoding: Encoding, correlation: bytes | None = None) -> bytes:
+    """Properties of a message of MQTT 5, as they go into its packet."""
     properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]  # paho's is not typed
     properties.ContentType = content_type(encoding)
-    return properties
+    if correlation is not None:
+        properties.CorrelationData = correlation
+    packed: bytes = properties.pack()  # type: ignore[no-untyped-call]  # paho's is not typed
+    return packed
+
+
+def publish_packet(message: OutgoingMessage, number: int, properties: bytes) -> bytes:
+    """A packet PUBLISH (MQTT 5.0, section 3.3).
+
+    The packet's number is not in one of QoS 0; properties are packed, and empty in MQTT
+    3.1.1.
+
+    Raises:
+        ValueError: nothing can be published on this topic.
+    """
+    topic = message.topic.encode()
+    if not 0 < len(topic) < 1 << 16 or b"#" in topic or b"+" in topic:
+        raise ValueError("is no topic that can be published on")
+    head = len(topic).to_bytes(2) + topic
+    if message.qos:
+        head += number.to_bytes(2)
+    head += properties
+    length: bytes = VariableByteIntegers.encode(len(head) + len(message.payload))  # type: ignore[no-untyped-call]  # paho's is not typed
+    first = MessageType.PUBLISH | message.qos << 1 | message.retain
+    return bytes((first,)) + length + head + message.payload
 
 
 def connect_properties() -> Properties:
@@ -66,7 +78,17 @@ def connect_properties() -> Properties:
     return properties
 
 
-MAX_IN_FLIGHT = 16  # paho holds back what is beyond 20
+MAX_IN_FLIGHT = 16
+
+
+def refusal(reason: int) -> str | None:
+    """Why a message was refused, by the reason code of its answer; None: it was not."""
+    if reason < 0x80:
+        return None
+    try:
+        return str(ReasonCode(PacketTypes.PUBACK, identifier=reason))
+    except KeyError:
+        return f"reason code {reason:#04x}"
 
 
 class BrokerClient(DiagnosingClient):
@@ -97,11 +119,12 @@ class BrokerClient(DiagnosingClient):
         self._read_packets = self._client.loop_read
         self._client.loop_read = self._receive  # type: ignore[method-assign]
         self._unread = b""
-        self._answers: list[tuple[int, str | None]] = []
+        self._failure: OSError | None = None  # of reading
+        self._unwritten = bytearray()
+        self._is_corked = False
         self._acknowledged = acknowledged
         self._received = received
         self._writable = writable
-        self._is_sending = False
         self._own_thread = threading.current_thread()
         self.max_in_flight = MAX_IN_FLIGHT
 
@@ -120,51 +143,60 @@ class BrokerClient(DiagnosingClient):
         """Whether bytes wait that the socket did not take."""
         return self._client.want_write()
 
-    def send(self, message: OutgoingMessage, properties: Properties | None) -> int:
+    def send(self, message: OutgoingMessage, properties: bytes) -> int:
         """Write a message now; gives its number, by which a broker answers at QoS 1.
+
+        Properties of MQTT 5 are packed; in 3.1.1 they are empty.
 
         Raises:
             aiomqtt.MqttError: there is no connection any more.
             ValueError: nothing can be published on this topic.
         """
-        self._is_sending = True  # or every packet would be watched for
-        try:
-            info = self._client.publish(
-                message.topic, message.payload, message.qos, message.retain, properties
-            )
-            result = info.rc or self._client.loop_write()
-        finally:
-            self._is_sending = False
-        if result != MQTTErrorCode.MQTT_ERR_SUCCESS:
-            raise aiomqtt.MqttCodeError(result, "could not publish")
-        if self.is_congested:
-            self._watch()
-        return info.mid
+        # Its own numbers are from the same counter, so that none is used twice.
+        number = self._client._mid_generate() if message.qos else 0  # noqa: SLF001
+        packet = publish_packet(message, number, properties)
+        self._unwritten += packet
+        if not self._is_corked or len(self._unwritten) > WRITE_BYTES:
+            self._write()
+        return number
 
     @contextlib.contextmanager
     def corked(self) -> Iterator[None]:
-        """What is sent within the block leaves at its end, in few packets.
+        """What is sent within the block is written at its end, all at once.
 
         The broker is woken once, and each waking costs as much as encoding a message.
+
+        Raises:
+            aiomqtt.MqttError: there is no connection any more.
         """
-        self._set_cork(True)
+        self._is_corked = True
         try:
             yield
         finally:
-            self._set_cork(False)
+            self._is_corked = False
+            if self._unwritten:
+                self._write()
 
-    def _set_cork(self, wanted: bool) -> None:
-        sock = self._client.socket()
-        if isinstance(sock, socket.socket):
-            with contextlib.suppress(OSError):  # a dead one fails when written to
-                sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_CORK, wanted)
+    def _write(self) -> None:
+        """Write what was sent; paho writes what the socket does not take now."""
+        client, data, n_written = self._client, bytes(self._unwritten), 0
+        self._unwritten.clear()
+        try:
+            if not self.is_congested:
+                n_written = client._sock_send(data)  # noqa: SLF001 - also with TLS
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            raise aiomqtt.MqttError(f"could not publish: {error}") from error
+        if n_written < len(data):
+            client._packet_queue(MessageType.PUBLISH, data[n_written:], mid=0, qos=1)  # noqa: SLF001
 
     def _watch(self) -> None:
         sock = self._client.socket()
         if sock is not None:
-            self._loop.add_writer(sock.fileno(), self._write)
+            self._loop.add_writer(sock.fileno(), self._write_rest)
 
-    def _write(self) -> None:
+    def _write_rest(self) -> None:
         try:
             self._client.loop_write()
         except Exception as error:  # noqa: BLE001 - as aiomqtt: the connection is closed
@@ -191,8 +223,6 @@ class BrokerClient(DiagnosingClient):
         userdata: Any,  # noqa: ANN401 - as aiomqtt's
         sock: Any,  # noqa: ANN401 - as aiomqtt's
     ) -> None:
-        if self._is_sending:
-            return  # it is written without watching
         if threading.current_thread() is self._own_thread:
             # At once: a deferred one could follow the writing, and stay for ever.
             self._watch()
@@ -200,18 +230,38 @@ class BrokerClient(DiagnosingClient):
             super()._on_socket_register_write(client, userdata, sock)
 
     def _receive(self, max_packets: int = 1) -> MQTTErrorCode:
-        """Read all that has arrived; then process answers, not within paho's callback.
-
-        Nothing can be sent there: it would wait for itself.
-        """
-        result = self._read_packets(max_packets)
-        while self._unread and result == MQTTErrorCode.MQTT_ERR_SUCCESS:
+        """Read all that has arrived; paho reads what is no answer to a message."""
+        result = MQTTErrorCode.MQTT_ERR_SUCCESS
+        try:
+            data = self._read(READ_BYTES)
+        except BlockingIOError:
+            return result
+        except OSError as error:
+            self._failure, data = error, b""
+        self._unread += data
+        is_end = not data  # paho is to report it
+        while self._take_answers() or is_end:
+            is_end = False
             result = self._read_packets(max_packets)
-        answers, self._answers = self._answers, []
-        for mid, reason in answers:
-            if self._acknowledged is not None:
-                self._acknowledged(mid, reason)
+            if result != MQTTErrorCode.MQTT_ERR_SUCCESS:
+                break
         return result
+
+    def _take_answers(self) -> bool:
+        """Process answers up to the next other packet; whether there is one."""
+        if self._client._in_packet["command"]:  # noqa: SLF001 - it is half read
+            return bool(self._unread)
+        while (data := self._unread) and data[0] == MessageType.PUBACK:
+            if len(data) < 2 or len(data) < (end := 2 + data[1]):
+                return False  # the rest of it has not arrived
+            if not 4 <= end < 130:
+                return True  # the length has one byte; paho reports what is wrong
+            number = int.from_bytes(data[2:4])
+            reason = data[4] if end > 4 else 0
+            self._unread = data[end:]
+            if self._acknowledged is not None:
+                self._acknowledged(number, refusal(reason))
+        return bool(self._unread)
 
     def _receive_bytes(self, bufsize: int) -> bytes:
         """Read a part of a packet; of one that is too long only the head is kept.
@@ -221,6 +271,8 @@ class BrokerClient(DiagnosingClient):
         packet = self._client._in_packet["packet"]  # noqa: SLF001 - see above
         del packet[HEAD_BYTES:]
         if not self._unread:
+            if self._failure is not None:
+                raise self._failure
             self._unread = self._read(READ_BYTES)
         data, self._unread = self._unread[:bufsize], self._unread[bufsize:]
         return data
@@ -235,16 +287,3 @@ class BrokerClient(DiagnosingClient):
             message.payload = message.payload[:MAX_PACKET_BYTES]
             # Not within paho's callback, see `_receive`.
             self._loop.call_soon(self._received, message)
-
-    def _on_publish(
-        self,
-        client: PahoClient,
-        userdata: Any,  # noqa: ANN401 - as aiomqtt's
-        mid: int,
-        reason_code: ReasonCode,
-        properties: Properties,
-    ) -> None:
-        if not self._is_sending:
-            reason = str(reason_code) if reason_code.is_failure else None
-            self._answers.append((mid, reason))
-        super()._on_publish(client, userdata, mid, reason_code, properties)

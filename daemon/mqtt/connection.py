@@ -15,7 +15,6 @@ from typing import Any, Literal
 
 import aiomqtt
 from paho.mqtt.packettypes import PacketTypes
-from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
 from traverse.broker.address import BrokerAddress
@@ -29,7 +28,6 @@ from traverse.broker.reasons import CUT_OFF, Wording, reason_code
 from traverse.broker.reasons import reason_of as connect_error_text
 from traverse.daemon.mqtt.client import (
     BrokerClient,
-    CachedProperties,
     connect_properties,
     publish_properties,
 )
@@ -118,7 +116,6 @@ class BrokerConnection:
     least_retry_s: Callable[[], float] = lambda: 0.0
 
     def __post_init__(self) -> None:
-        self._cached_properties = CachedProperties(self.encoding)
         self._version = aiomqtt.ProtocolVersion.V5
         self._access: Credentials | None = None
         self._renewal = asyncio.Event()
@@ -214,16 +211,11 @@ class BrokerConnection:
                 log.info("password or certificates have changed; connecting anew")
                 return
 
-    def _properties(self, message: OutgoingMessage) -> Properties | None:
+    def _properties(self, message: OutgoingMessage) -> bytes:
         if self._version is not aiomqtt.ProtocolVersion.V5:
-            return None
+            return b""
         encoding = message.encoding or self.encoding
-        if message.correlation is None and encoding == self.encoding:
-            return self._cached_properties
-        properties = publish_properties(encoding)
-        if message.correlation is not None:
-            properties.CorrelationData = message.correlation
-        return properties
+        return publish_properties(encoding, message.correlation)
 
     @contextlib.asynccontextmanager
     async def _connection(

@@ -1,7 +1,7 @@
 """From values to messages on their way: topic, quality of service, encoding."""
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.monitoring.events import Occurrence
@@ -47,12 +47,18 @@ class MessagePublisher:
     def publish_event(self, what: Occurrence, session: str) -> None:
         """Queue an event; its times become UTC."""
         offset_ns = self.clock.utc_offset_ns()
-        told = replace(
-            what,
+        event = Event(
+            arm=self.arm,
+            session=session,
+            severity=what.severity,
+            code=what.code,
             text=what.text[:2000],
             remedy=what.remedy[:2000],
             source=what.source[:64],
+            active=what.active,
             first_ns=what.first_ns + offset_ns,
             last_ns=what.last_ns + offset_ns,
+            count=what.count,
+            data=dict(what.data),
         )
-        self.publish("event", Event(arm=self.arm, session=session, **asdict(told)))
+        self.publish("event", event)

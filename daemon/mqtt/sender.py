@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 
 import aiomqtt
-from paho.mqtt.properties import Properties
 
 from traverse.daemon.mqtt.client import BrokerClient
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
@@ -28,14 +27,14 @@ class PublishLoop:
     none waits for the answer to another.
 
     Args:
-        properties: makes a message's properties of MQTT 5.
+        properties: makes a message's packed properties, see `BrokerClient.send`.
         changed: called when points are refused (False, reason) and taken again (True).
         broker: how it is called, for people.
     """
 
     queue: OutgoingQueue
     _: KW_ONLY
-    properties: Callable[[OutgoingMessage], Properties | None]
+    properties: Callable[[OutgoingMessage], bytes]
     changed: Callable[[bool, str], None]
     broker: str
 

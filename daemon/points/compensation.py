@@ -70,6 +70,11 @@ class TipCompensator:
         self.air_mm: Floats | None = None
 
     @property
+    def follows_stream(self) -> bool:
+        """Whether the direction of a touch follows from where the probe moves."""
+        return self._method in ("pretouch", "pulled")
+
+    @property
     def needs_trajectory(self) -> bool:
         """Whether the place before the touch matters."""
         return self._method == "pretouch" and self.air_mm is None

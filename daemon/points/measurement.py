@@ -1,5 +1,6 @@
 """What is known of the arm at one instant, or of the mean of many samples."""
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +32,7 @@ from traverse.drivers.base.values import LatchedCounts
 from traverse.kinematics.probing.compensation import DirectionError
 
 
-class MeasurementContext:
+class MeasurementContext(ABC):
     """What points are made with; `Measurement` composes it.
 
     Attributes:
@@ -47,6 +48,10 @@ class MeasurementContext:
     uncertainty: CovarianceEvaluator
     quality: QualityMonitor
     point_wait_ns: int
+
+    @abstractmethod
+    def evaluate_readings(self) -> None:
+        """Compute the poses of readings for which that was deferred."""
 
 
 class PointEvaluator:
@@ -64,6 +69,11 @@ class PointEvaluator:
         )
         self._averages: list[SampleAverage] = []
         self._pulls: list[RetractDetector] = []
+
+    @property
+    def needs_poses(self) -> bool:
+        """Whether points depend on the poses of the stream."""
+        return bool(self._averages or self._pulls) or self.tip.follows_stream
 
     def follow(self, poses: PoseBlock) -> None:
         """Process a block of the arm's stream."""
@@ -94,6 +104,7 @@ class PointEvaluator:
         self, request: PointRequest, average: SampleAverage | None = None
     ) -> None:
         """Average samples from the instant of a request on; else as buttons do."""
+        self._stage.evaluate_readings()
         begin_ns, path = request.instant_ns, self._stage.trajectory
         if average is None:
             average = SampleAverage(begin_ns, None, self._dwell_ns, self._limits)

@@ -39,29 +39,20 @@ class CovariateBuilder:
             np.maximum(APPROACH_BAND_RAD, APPROACH_BAND_COUNTS * per_count_rad)
         )
 
-    def block(
-        self,
-        times_ns: Integers,
-        angles_rad: Floats,
-        temperature_c: float | None,
-        quality: Bits,
-    ) -> tuple[Block, Bits]:
-        """Continue the stream by a block.
+    def motion(
+        self, times_ns: Integers, angles_rad: Floats, quality: Bits
+    ) -> Motion | None:
+        """Continue the stream by a block; None where no effect needs its motion.
 
         Args:
             times_ns: host monotonic times, (n_samples,).
             angles_rad: readings, (n_samples, n_joints).
-            temperature_c: of the arm; None without a sensor.
             quality: bits so far, (n_samples,).
-
-        Returns:
-            The block, and `quality` with what it lacks.
         """
-        motion = None
-        if self._wants_motion:
-            are_valid = (quality & QualityFlag.ENCODER_ERROR) == 0
-            motion = self.motion_tracker.add(times_ns, angles_rad, are_valid)
-        return self._block(times_ns, angles_rad, temperature_c, quality, motion)
+        if not self._wants_motion:
+            return None
+        are_valid = (quality & QualityFlag.ENCODER_ERROR) == 0
+        return self.motion_tracker.add(times_ns, angles_rad, are_valid)
 
     def at_instant(
         self,
@@ -70,16 +61,16 @@ class CovariateBuilder:
         temperature_c: float | None,
         quality: Bits,
     ) -> tuple[Block, Bits]:
-        """One latch, (n_joints,), as `block`; it leaves the stream where it is."""
+        """Make the block of one latch, (n_joints,); the stream stays where it is."""
         motion = None
         if self._wants_motion:
             motion = self.motion_tracker.at_instant(time_ns, angles_rad)
         times_ns = np.array([time_ns], dtype=np.int64)
-        return self._block(
+        return self.block(
             times_ns, angles_rad[np.newaxis], temperature_c, quality, motion
         )
 
-    def _block(
+    def block(
         self,
         times_ns: Integers,
         angles_rad: Floats,
@@ -87,6 +78,18 @@ class CovariateBuilder:
         quality: Bits,
         motion: Motion | None,
     ) -> tuple[Block, Bits]:
+        """Make the block of some samples.
+
+        Args:
+            times_ns: host monotonic times, (n_samples,).
+            angles_rad: readings, (n_samples, n_joints).
+            temperature_c: of the arm; None without a sensor.
+            quality: bits so far, (n_samples,).
+            motion: of the same samples.
+
+        Returns:
+            The block, and `quality` with what it lacks.
+        """
         n = len(angles_rad)
         temperatures_c = None
         if self._wants_temperature:

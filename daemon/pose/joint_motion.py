@@ -15,7 +15,7 @@ unknown, 0, until there is new motion.
 """
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -43,6 +43,15 @@ class Motion:
     speeds_rad_s: Floats
     are_speeds_known: Booleans
     approaches: Floats
+
+    @classmethod
+    def joined(cls, blocks: Sequence["Motion"]) -> "Motion":
+        """That of blocks that follow one another."""
+        return cls(
+            np.concatenate([block.speeds_rad_s for block in blocks]),
+            np.concatenate([block.are_speeds_known for block in blocks]),
+            np.concatenate([block.approaches for block in blocks]),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,13 +123,7 @@ class JointMotionTracker:
             runs.append(self._run(times_ns[start:end], angles_rad[start:end]))
         if not are_valid[-1]:
             self.forget()
-        if len(runs) == 1:
-            return runs[0]
-        return Motion(
-            np.concatenate([run.speeds_rad_s for run in runs]),
-            np.concatenate([run.are_speeds_known for run in runs]),
-            np.concatenate([run.approaches for run in runs]),
-        )
+        return runs[0] if len(runs) == 1 else Motion.joined(runs)
 
     def at_instant(self, time_ns: int, angles_rad: Floats) -> Motion:
         """The motion at a latch between samples, (n_joints,), by the samples before it.

@@ -16,7 +16,12 @@ from traverse.arrays import Bits, Floats
 from traverse.daemon.clock import HostClock
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.covariates import CovariateBuilder
-from traverse.daemon.pose.poses import JointCounts, LatchedPose, PoseBlock
+from traverse.daemon.pose.poses import (
+    ArmReadings,
+    JointCounts,
+    LatchedPose,
+    PoseBlock,
+)
 from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_INTERPOLATED,
@@ -117,7 +122,11 @@ class Pipeline:
     def poses(
         self, samples: CountSamples, temperature_c: float | None = None
     ) -> PoseBlock:
-        """Poses of a block of timed samples, (n, ...), at the arm's temperature.
+        """Poses of a block of timed samples, (n, ...), at the arm's temperature."""
+        return self.evaluate(self.read(samples), temperature_c)
+
+    def read(self, samples: CountSamples) -> ArmReadings:
+        """Continue the stream by a block of timed samples.
 
         Samples with fractions have been assembled: their channels are the joints. All
         others are of the one device that reads the arm.
@@ -139,18 +148,25 @@ class Pipeline:
         angles_rad = counts * self._per_count_rad  # as `counts_to_angles`
         if samples.fractions is not None:
             angles_rad += samples.fractions * self._per_count_rad
+        motion = self._covariates.motion(samples.sample_time_ns, angles_rad, quality)
+        return ArmReadings(samples, counts, angles_rad, quality, motion)
+
+    def evaluate(self, readings: ArmReadings, temperature_c: float | None) -> PoseBlock:
+        """Poses of readings, at the arm's temperature."""
+        samples, angles_rad = readings.samples, readings.angles_rad
+        times_ns = samples.sample_time_ns
         xyz_mm, ijk, quality = self._corrected(
             *self._covariates.block(
-                samples.sample_time_ns, angles_rad, temperature_c, quality
+                times_ns, angles_rad, temperature_c, readings.quality, readings.motion
             )
         )
         return PoseBlock(
             samples.stream,
             samples.seq,
-            samples.sample_time_ns,
+            times_ns,
             samples.received_ns,
             samples.inputs,
-            counts,
+            readings.counts,
             angles_rad,
             xyz_mm,
             ijk,

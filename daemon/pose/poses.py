@@ -1,11 +1,14 @@
 """What the pipeline takes and gives: counts of all joints, blocks of poses."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from traverse.arrays import Booleans, Floats, Integers
+from traverse.daemon.pose.joint_motion import Motion
+from traverse.drivers.base.values import CountSamples
 from traverse.kinematics.effects.base.block import Block
 
 
@@ -27,6 +30,37 @@ class JointCounts:
     status: NDArray[np.uint8]
     fractions: Floats | None = None
     error_bounds_counts: Floats | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmReadings:
+    """Readings of n timed samples, before anything is computed of them.
+
+    Attributes:
+        counts: (n, n_joints) unwrapped. angles_rad: (n, n_joints).
+        quality: (n,) bits of the encoders' states.
+        motion: None where no effect needs it.
+    """
+
+    samples: CountSamples
+    counts: Integers
+    angles_rad: Floats
+    quality: NDArray[np.uint32]
+    motion: Motion | None
+
+    @classmethod
+    def joined(cls, blocks: Sequence["ArmReadings"]) -> "ArmReadings":
+        """Blocks of one stream that follow one another."""
+        if len(blocks) == 1:
+            return blocks[0]
+        motions = [block.motion for block in blocks if block.motion is not None]
+        return cls(
+            CountSamples.joined([block.samples for block in blocks]),
+            np.concatenate([block.counts for block in blocks]),
+            np.concatenate([block.angles_rad for block in blocks]),
+            np.concatenate([block.quality for block in blocks]),
+            Motion.joined(motions) if motions else None,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -277,9 +277,7 @@ class ReferenceMonitor:
         if (is_first or up.restarted) and any(j in self._turning for j in joints):
             self._doubt(device, TURN)
 
-    def add(
-        self, samples: CountSamples, max_speed_rad_s: float = MAX_SPEED_RAD_S
-    ) -> None:
+    def add(self, samples: CountSamples, max_speed_rad_s: float | None = None) -> None:
         """A device's encoders have been read, perhaps not for a while."""
         device = samples.device
         known = self._outages.get(device)
@@ -307,12 +305,13 @@ class ReferenceMonitor:
                 named,
             )
 
-    def _monitor(self, device: str, max_speed_rad_s: float) -> OutageMonitor:
+    def _monitor(self, device: str, max_speed_rad_s: float | None) -> OutageMonitor:
         model, joints = self._model, self._joints_of(device)
         turns = model.encoders.counts_per_turn[joints]
         wraps = model.wraps_counts(self._moduli)[joints]
         channels = model.channels[joints]
-        return OutageMonitor(channels, np.pi * wraps / turns, turns, max_speed_rad_s)
+        speed_rad_s = max_speed_rad_s or MAX_SPEED_RAD_S
+        return OutageMonitor(channels, np.pi * wraps / turns, turns, speed_rad_s)
 
     def confirm(self) -> list[str]:
         """Accept the present positions as right; gives the devices that it concerns."""
@@ -384,11 +383,12 @@ def turn_dependent_joints(
     turns_rad = 2.0 * np.pi * np.vstack([np.zeros(n_joints), np.eye(n_joints)])
     for share in POSTURES_RAD:
         posture_rad = zeros_rad + share * np.arange(1, n_joints + 1)
-        block, _ = CovariateBuilder(model, clock).block(
-            np.full(n_joints + 1, clock.monotonic_ns()),
-            posture_rad + turns_rad,
-            model.reference_temperature_c,
-            np.zeros(n_joints + 1, dtype=np.uint32),
+        times_ns = np.full(n_joints + 1, clock.monotonic_ns())
+        angles_rad, quality = posture_rad + turns_rad, np.zeros(n_joints + 1, np.uint32)
+        builder = CovariateBuilder(model, clock)
+        motion = builder.motion(times_ns, angles_rad, quality)
+        block, _ = builder.block(
+            times_ns, angles_rad, model.reference_temperature_c, quality, motion
         )
         xyz_mm, _, _ = corrected_pose(model.geometry, model.effects, block)
         moved |= np.linalg.norm(xyz_mm[1:] - xyz_mm[0], axis=1) > SAME_MM

@@ -1,4 +1,4 @@
-"""Where the ball was a moment ago: the last blocks of poses.
+"""Where arm and ball were a moment ago: the last readings, and blocks of poses.
 
 Nothing is computed until it is needed, so storing a stream costs little.
 """
@@ -9,11 +9,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from traverse.arrays import Booleans, Floats
-from traverse.daemon.pose.poses import PoseBlock
+from traverse.arrays import Booleans, Floats, Integers
+from traverse.daemon.pose.poses import ArmReadings, PoseBlock
 from traverse.protocol.messages import QualityFlag
 
 KEPT_NS = 3_000_000_000
+READINGS_NS = 1_000_000_000  # an edge that had to be repeated is no older
 SLOW_NS = 30_000_000  # interval for the decision whether the ball rests
 SPEED_NS = 5_000_000  # over less the encoders' noise would be more than the speed
 GAP_NS = 250_000_000  # the slowest stream has a sample every 100 ms
@@ -26,10 +27,20 @@ class TrajectoryBuffer:
 
     def __init__(self) -> None:
         self._blocks: deque[PoseBlock] = deque()
+        self._readings: deque[ArmReadings] = deque()
 
     def forget(self) -> None:
         """Begin anew after a gap."""
         self._blocks.clear()
+        self._readings.clear()
+
+    def follow(self, readings: ArmReadings) -> None:
+        """Continue by readings, of which no pose is computed yet."""
+        followed = self._readings
+        followed.append(readings)
+        oldest_ns = int(readings.samples.sample_time_ns[-1]) - READINGS_NS
+        while followed[0].samples.sample_time_ns[-1] < oldest_ns:
+            followed.popleft()
 
     def add(self, poses: PoseBlock) -> None:
         """Continue by a block, not empty."""
@@ -53,15 +64,17 @@ class TrajectoryBuffer:
 
         None without a valid sample.
         """
-        found = self._sample(time_ns - SPEED_NS)
-        if found is None:
-            return None
-        block, row = found
-        elapsed_ns = time_ns - int(block.sample_time_ns[row])
-        if elapsed_ns > GAP_NS or block.quality[row] & INVALID_FLAGS:
-            return None
-        speeds: Floats = (angles_rad - block.angles_rad[row]) / (elapsed_ns * 1e-9)
-        return speeds
+        for readings in reversed(self._readings):
+            times_ns = readings.samples.sample_time_ns
+            row = _last_until(times_ns, time_ns - SPEED_NS)
+            if row < 0:
+                continue
+            elapsed_ns = time_ns - int(times_ns[row])
+            if elapsed_ns > GAP_NS or readings.quality[row] & INVALID_FLAGS:
+                return None
+            passed_rad: Floats = angles_rad - readings.angles_rad[row]
+            return passed_rad / (elapsed_ns * 1e-9)
+        return None
 
     def speed_mm_s(self, time_ns: int) -> float | None:
         """Net speed of the ball a moment before some time; None if not known."""
@@ -86,7 +99,7 @@ class TrajectoryBuffer:
     def _sample(self, time_ns: int) -> tuple[PoseBlock, int] | None:
         """The last sample until some time: its block and row."""
         for block in reversed(self._blocks):
-            row = _last_until(block, time_ns)
+            row = _last_until(block.sample_time_ns, time_ns)
             if row >= 0:
                 return block, row
         return None
@@ -116,9 +129,8 @@ class TrajectoryBuffer:
                 yield block.rows(slice(first, end))
 
 
-def _last_until(block: PoseBlock, time_ns: int) -> int:
+def _last_until(times_ns: Integers, time_ns: int) -> int:
     """The row of the last sample until a time; -1 where there is none."""
-    times_ns = block.sample_time_ns
     if times_ns[-1] <= time_ns:  # mostly: it is the latest
         return len(times_ns) - 1
     # Not NumPy's, which releases Python's lock: slower for so few.

@@ -8,7 +8,7 @@ log was damaged or removed, or it is a new file, or an older copy.
 import contextlib
 import json
 import os
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import TypeAdapter
@@ -57,7 +57,9 @@ class LastStoredFile:
     def write(self, last: LastStored) -> None:
         """Replace what it says."""
         if self._descriptor is not None:
-            text = json.dumps(astuple(last)).ljust(FILE_BYTES)
+            text = json.dumps([last.number, last.session, last.seq, last.unsent]).ljust(
+                FILE_BYTES
+            )
             with contextlib.suppress(OSError):  # the database reports a full disk
                 os.pwrite(self._descriptor, text.encode(), 0)
 

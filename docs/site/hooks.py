@@ -3,7 +3,7 @@
 The navigation is the map in index.md: its headings and the links in its lists. Pages
 link to files beside docs/ (the changelog, examples to copy) by their place in the
 checkout; the site has those in checkout/, and links are turned there. Each section of a
-command in reference/commands.md ends with the options that its --help lists.
+command in reference/commands.md begins and ends with what its --help says.
 """
 
 import html
@@ -31,7 +31,8 @@ _CODE = re.compile(r"(^ *```.*?^ *```$|`[^`\n]*`)", re.DOTALL | re.MULTILINE)
 _LINK = re.compile(r"(?<=\]\()(?P<path>[^)\s#:]+)(?P<anchor>#[^)\s]*)?(?=\))")
 _HEADING = re.compile(r"^(?P<level>##+) (?P<text>.*)$")
 _COMMAND = re.compile(
-    r"^## `traverse(?P<words>[^`]*)`$.*?(?=^## |\Z)", re.DOTALL | re.M
+    r"^(?P<heading>## `traverse(?P<words>[^`]*)`)$(?P<text>.*?)(?=^## |\Z)",
+    re.DOTALL | re.M,
 )
 _ITEM = re.compile(r"\[(?P<title>[^\]]+)\]\((?P<path>[^)\s#:]+)\)")
 
@@ -103,9 +104,7 @@ def on_page_markdown(
     markdown: str, page: Page, config: MkDocsConfig, files: Files
 ) -> str:
     """Add options of commands; turn links to where the site has their targets."""
-    markdown = _COMMAND.sub(
-        lambda found: f"{found[0]}\n{options_table(found['words'].split())}", markdown
-    )
+    markdown = _COMMAND.sub(with_its_help, markdown)
     source = Path(str(page.file.abs_src_path)).parent
     place = Path(page.file.src_uri).parent
 
@@ -121,14 +120,10 @@ def on_page_markdown(
     return "".join(parts)
 
 
-def options_table(words: list[str]) -> str:
-    """Arguments and options of a command, as --help lists them, in Markdown.
-
-    Args:
-        words: the command's name after `traverse`.
-    """
+def with_its_help(section: re.Match[str]) -> str:
+    """A command's section with what --help says: what it does, arguments, options."""
     command: Any = typer.main.get_command(app)
-    for word in words:
+    for word in section["words"].split():
         command = command.commands[word]
     left_out = BROKER if {one.name for one in command.params} >= BROKER else set()
     rows = ["| option | meaning |", "|---|---|"]
@@ -137,4 +132,6 @@ def options_table(words: list[str]) -> str:
             name, meaning = one.get_help_record(typer.Context(command))
             rows.append(f"| `{name}` | {html.escape(meaning)} |")
     rows += ["| [broker options](#brokers) | |"] if left_out else []
-    return "\n".join(rows) + "\n\n" if len(rows) > 2 else ""
+    does = html.escape(command.help, quote=False)
+    options = "\n".join(rows) + "\n\n" if len(rows) > 2 else ""
+    return f"{section['heading']}\n\n{does}\n{section['text']}\n{options}"

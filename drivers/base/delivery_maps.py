@@ -32,6 +32,7 @@ KINDS: dict[str, type[Delivery]] = {
     "temperatures": DeviceTemperatures,
     "counters": DeviceCounters,
 }
+_FIELDS = {kind: tuple(f.name for f in fields(kind)) for kind in KINDS.values()}
 _NAMES = {kind: name for name, kind in KINDS.items()}
 _ARRAYS: dict[str, tuple[str, int]] = {
     "seq": ("int64", 1),
@@ -53,11 +54,11 @@ def delivery_kind(delivery: Delivery) -> str:
 def delivery_to_map(delivery: Delivery) -> dict[str, object]:
     """A delivery as a map, with its device and kind."""
     table: dict[str, object] = {"kind": delivery_kind(delivery)}
-    for field in fields(delivery):
-        value = getattr(delivery, field.name)
-        if field.name == "identity":
+    for name in _FIELDS[type(delivery)]:
+        value = getattr(delivery, name)
+        if name == "identity":
             value = {f.name: getattr(value, f.name) for f in fields(value)}
-        table[field.name] = value
+        table[name] = value
     return table
 
 
@@ -71,7 +72,7 @@ def delivery_from_map(table: Mapping[str, Any]) -> Delivery:
     kind = KINDS.get(name) if isinstance(name, str) else None
     if kind is None:
         raise ValueError(f"a delivery of kind {name!r}, expected {', '.join(KINDS)}")
-    known = {f.name: table[f.name] for f in fields(kind) if f.name in table}
+    known = {name: table[name] for name in _FIELDS[kind] if name in table}
     if kind is CountSamples:
         return _samples(known)
     try:

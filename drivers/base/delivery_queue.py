@@ -29,7 +29,7 @@ from traverse.drivers.base.values import (
 )
 
 BATCH_WINDOW_NS = 52_000_000
-EDGE_INTERVAL_NS = 500_000
+EDGE_INTERVAL_NS = 2_000_000
 MAX_JOINED_SAMPLES = 500  # samples; more than arrive in that time, at any rate
 RESERVED_FOR_STATES = 64
 

@@ -101,7 +101,11 @@ class SerialPort:
             DeviceError: the port has disappeared or accepts no bytes.
         """
         try:
-            self._port.write(data)
+            n_written = 0
+            with contextlib.suppress(BlockingIOError):
+                n_written = os.write(self._fd, data)
+            if n_written < len(data):  # the rest as room for it comes about
+                self._port.write(data[n_written:])
         except (serial.SerialException, OSError) as error:
             raise self._gone(str(error)) from error
 

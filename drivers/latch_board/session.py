@@ -246,6 +246,7 @@ class LatchBoardSession:
     ) -> bool:
         ticks = self._clock.unwrap_one(latch.ticks)
         self._clock.update(ticks, received_ns)
+        time_status = int(self._time_status)
         return self._put(
             LatchedCounts(
                 self._device,
@@ -257,7 +258,7 @@ class LatchBoardSession:
                 min(self._clock.to_ns(ticks), received_ns),
                 latch.counts,
                 tuple(
-                    int(self._time_status) | status
+                    time_status | status
                     for status in bytes(latch.status).translate(_STATUS_BYTES)
                 ),
             )

@@ -163,17 +163,13 @@ class SessionArgs(Args):
 
 
 class ResendArgs(Args):
-    """Send points or scan blocks again, in order, with the same ids and bytes.
-
-    They are sent on `point` or `scan`, to every subscriber.
+    """Send points or scan blocks again to all, in order, with the same ids and bytes.
 
     - With `session`: points of the outbox. Result `{session, from_seq, to_seq, points,
-      first_seq, last_seq}`: how many will be sent, and which numbers of the session are
-      stored, null where there are none.
-    - With `scan`: the blocks that hold the points from_seq to to_seq, of scans with
-      `delivery = "complete"`. Result `{scan, session, from_seq, to_seq, blocks,
-      first_seq, last_seq, total}`: how many will be sent, which points are stored, and
-      how many the scan has, null before its end.
+      first_seq, last_seq}`: how many will be sent, and which are stored, null for none.
+    - With `scan`: the blocks that hold the points, of scans with `delivery =
+      "complete"`. Result `{scan, session, from_seq, to_seq, blocks, first_seq,
+      last_seq, total}`; the total is null before the scan's end.
     - With neither: nothing is sent. Result `{sessions: [{session, begun_ns, first_seq,
       last_seq}], scans: [{scan, session, begun_ns, first_seq, last_block_seq}]}`,
       oldest first, the latest 1000 of each; times are strings of digits.
@@ -223,8 +219,7 @@ class CovarianceArgs(Args):
     with_arm, points: [{id, xyz_mm, covariance_mm2, shared_mm}]}`: of each point its own
     covariance as the point has it, and three rows S; points i and j have the covariance
     S_i S_j^T. Without a covariance file of the arm `with_arm` is false, rows are empty,
-    and the arm's part is not in `covariance_mm2` either. The daemon remembers the
-    latest 1000 points since it began.
+    and the arm's part is not in `covariance_mm2` either.
     """
 
     command = "covariance"

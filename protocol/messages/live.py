@@ -28,19 +28,19 @@ class Live(Message):
     model: Digest
     """Digest of the arm file that the coordinates were computed with."""
     session: Name | None
-    """Session that a point taken now would belong to."""
+    """Session that new points belong to; null before the first."""
     time_ns: TimeNs
     """Instant of the sample. [UTC]"""
     xyz_mm: Vector
     """Ball centre in the arm's system."""
     ijk: Vector
-    """Unit vector of the shank, from the wrist to the ball."""
+    """Unit vector of the shank, from the wrist to the ball, in the arm's system."""
     part_xyz_mm: Vector | None
     """Ball centre in the part's system; null without an alignment."""
     covariance_mm2: Covariance | None
     """Covariance of xyz_mm: xx, xy, xz, yy, yz, zz; null where it is not known."""
     angles_rad: Angles
-    """Readings of the joints from the base outwards."""
+    """Readings of the joints from the base outwards, uncorrected, unwrapped."""
     skeleton_mm: (
         Annotated[tuple[Vector, ...], Field(max_length=64, fail_fast=True)] | None
     )
@@ -52,4 +52,4 @@ class Live(Message):
     inputs: Annotated[tuple[Name, ...], Field(max_length=64)]
     """Active inputs (buttons, switching probe) as "<device id>/<input>"."""
     quality: Quality
-    """Whether a point taken here could be trusted."""
+    """Whether the point may be trusted."""

@@ -17,6 +17,10 @@ _EXAMPLE = re.compile(
     r"<!-- example: (?P<kind>\w+) -->\n```(?P<language>\w+)\n(?P<text>.*?)^```$",
     re.DOTALL | re.MULTILINE,
 )
+_KEY = re.compile(
+    r"^- (`[^`]+`(?: `[^`]+`)?) \((required|none|`[^`]*`)\)(.*(?:\n  .*)*)",
+    re.MULTILINE,
+)
 _CODE = re.compile(r"^```.*?^```$|`[^`\n]*`", re.DOTALL | re.MULTILINE)
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
 _HEADING = re.compile(r"^(?P<level>#+) (?P<text>.*)$", re.MULTILINE)
@@ -77,14 +81,20 @@ def anchors(page: Path) -> set[str]:
 
 
 def tables(name: str) -> dict[str, list[list[str]]]:
-    """The first table below each heading of a page: rows of cells, without the head."""
+    """The first table or list of keys below each heading of a page, row by row.
+
+    A table without its head; of a list key, default in parentheses, and meaning.
+    """
     text = text_of(name)
     headings = list(_HEADING.finditer(text))
     ends = [*(heading.start() for heading in headings[1:]), len(text)]
     found = {}
     for heading, end in zip(headings, ends, strict=True):
-        table = re.search(r"(?:^\|.*\|\n)+", text[heading.end() : end], re.MULTILINE)
-        if table:
+        section = text[heading.end() : end]
+        table = re.search(r"(?:^\|.*\|\n)+", section, re.MULTILINE)
+        if keys := _KEY.findall(section):
+            found[heading["text"]] = [list(key) for key in keys]
+        elif table:
             rows = [line[1:-1].split("|") for line in table[0].splitlines()]
             found[heading["text"]] = [[cell.strip() for cell in r] for r in rows[2:]]
     return found

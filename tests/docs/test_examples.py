@@ -40,6 +40,12 @@ def read_simulator(path: Path) -> object:
     return read_strict(path, SimulatorConfig, config_problems)
 
 
+def read_beside_arm_and_broker(path: Path) -> object:
+    beside = '[arm]\nfile = "arm.toml"\n[broker]\n'
+    path.write_text(beside + path.read_text("utf-8"), "utf-8")
+    return read_configuration(path)
+
+
 def read_with_the_poses_shown(path: Path) -> object:
     ((_, poses),) = examples("poses")
     (path.parent / "poses.csv").write_text(poses, "utf-8")
@@ -94,6 +100,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "arm": lambda path: parse_arm(path.read_text("utf-8")),
     "joint": read_in_the_arm_shown,
     "daemon": read_configuration,
+    "device": read_beside_arm_and_broker,
     "simulator": read_simulator,
     "campaign": read_with_the_poses_shown,
     "artefact": read_and_identified,

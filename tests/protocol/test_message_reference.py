@@ -47,8 +47,8 @@ def test_a_changed_page_is_shown_as_a_difference(copied_docs):
     page.write_text(page.read_text().replace("Ball centre", "Ball center", 1))
     run = check(copied_docs)
     assert run.returncode == 1
-    assert "-| `xyz_mm` | [3] number | Ball center" in run.stdout
-    assert "+| `xyz_mm` | [3] number | Ball centre" in run.stdout
+    assert "-- `xyz_mm` (number[3]): Ball center" in run.stdout
+    assert "+- `xyz_mm` (number[3]): Ball centre" in run.stdout
     assert "1 files differ: run `make schemas`" in run.stdout
 
 

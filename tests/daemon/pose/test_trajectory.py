@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.daemon.values import PoseMaker, arm_model, joined_poses
+from tests.daemon.values import PoseMaker, arm_model, count_samples, joined_poses
+from traverse.daemon.pose.poses import ArmReadings
 from traverse.daemon.pose.trajectory import (
     GAP_NS,
     KEPT_NS,
@@ -34,7 +35,14 @@ def filled(maker, n, size=7, **changes):
     path = TrajectoryBuffer()
     for first in range(0, n, size):
         block = maker.block(range(first, min(first + size, n)))
-        path.add(replace(turning(block, np.array([1.0, 2.0, 3.0])), **changes))
+        block = replace(turning(block, np.array([1.0, 2.0, 3.0])), **changes)
+        path.add(block)
+        samples = replace(
+            count_samples(block.counts), sample_time_ns=block.sample_time_ns
+        )
+        path.follow(
+            ArmReadings(samples, block.counts, block.angles_rad, block.quality, None)
+        )
     return path
 
 
