@@ -105,7 +105,7 @@ bench-kernel: $(PEERS)/.ready  ## kernel and measurement path beside others; tak
 	PYTHONPATH=src OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.kinematics $(FIGURES)/kinematics.json
 	PYTHONPATH=src OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.path $(FIGURES)/path.json
 
-bench: venv system bench-kernel  ## the figures of docs/performance.md; takes six minutes
+bench: venv system bench-kernel  ## the figures of docs/performance.md; takes eight minutes
 	$(BIN)/python -m benchmarks 6 $(FIGURES)
 	$(BIN)/python -m benchmarks.service.latency $(FIGURES)/latency.json
 	$(BIN)/python -m benchmarks.service.stages $(FIGURES)/press.json

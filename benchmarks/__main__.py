@@ -1,7 +1,8 @@
 """`python -m benchmarks [SECONDS] [FOLDER]`: what the daemon costs, and what it bears.
 
-Streams at two rates in turn, three rounds; then noise and a corrupted line for the
-decoder. Latency, kernel and path have programs of their own, see the Makefile.
+Streams at two rates in turn and an idle daemon, three rounds; then noise and a
+corrupted line for the decoder. Latency, kernel and path have programs of their own, see
+the Makefile.
 """
 
 import json
@@ -15,6 +16,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from benchmarks.drivers.decoder import corrupted, noise, speed
+from benchmarks.service.idle import Idle, idle
 from benchmarks.service.stream import Streamed, stream
 from benchmarks.tools.rounds import load
 
@@ -29,6 +31,14 @@ def streams(seconds: float, n_rounds: int = ROUNDS) -> Iterator[Streamed]:
         for rate_hz in RATES_HZ:
             with tempfile.TemporaryDirectory() as folder:
                 yield stream(Path(folder), rate_hz, seconds)
+
+
+def idles(seconds: float, n_rounds: int = ROUNDS) -> Iterator[Idle]:
+    """An idle daemon, whose arm rests and moves, round after round."""
+    for _ in range(n_rounds):
+        for moves in (False, True):
+            with tempfile.TemporaryDirectory() as folder:
+                yield idle(Path(folder), seconds, moves=moves)
 
 
 def bare_start_s(statement: str) -> float:
@@ -62,6 +72,10 @@ def main(seconds: float, folder: Path | None) -> None:
             f"{rate_hz:6.0f} Hz: daemon {statistics.median(shares):.1%} of a core "
             f"({min(shares):.1%} to {max(shares):.1%})"
         )
+    idle_rounds = []
+    for unused in idles(seconds):
+        print(unused.line(), flush=True)
+        idle_rounds.append(unused)
     ready_s = [one.ready_s for one in found]
     bare_s, bare_mb = bare_start_s("import numpy"), bare_memory_mb("import numpy")
     print(
@@ -84,6 +98,7 @@ def main(seconds: float, folder: Path | None) -> None:
             "bare_start_s": bare_s,
             "bare_memory_mb": bare_mb,
             "streams": streamed_s,
+            "idle": [asdict(one) for one in idle_rounds],
         }
         (folder / "streams.json").write_text(json.dumps(values, indent=1))
 

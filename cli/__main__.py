@@ -1,7 +1,8 @@
 """All commands, and how they end."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Iterable
+from importlib import import_module
 from importlib.metadata import version
 from typing import Annotated, Any
 
@@ -15,37 +16,21 @@ try:  # before everything else that computes
 except ValueError as error:
     sys.stderr.write(f"traverse: {error}\n")
     sys.exit(2)
-from traverse.cli.align.command import align
-from traverse.cli.arm.command import arm
-from traverse.cli.artefact import artefact
-from traverse.cli.certify import certify
-from traverse.cli.check import check
-from traverse.cli.collect.command import collect
 from traverse.cli.common.options import CommandGroup
 from traverse.cli.common.refusals import REFUSED, RefusalError, end, missing_library
-from traverse.cli.control import confirm, label, point, reload, scan, session, undo
-from traverse.cli.daily_check import daily_check
-from traverse.cli.demo import demo
-from traverse.cli.devices.amt21 import amt21
-from traverse.cli.devices.can import can
-from traverse.cli.devices.microscribe import microscribe
-from traverse.cli.diagnose import diagnose
-from traverse.cli.export.command import export
-from traverse.cli.fleet import fleet
-from traverse.cli.gateway.command import gateway
-from traverse.cli.identify import identify
-from traverse.cli.page import page
-from traverse.cli.points.command import points
-from traverse.cli.predict import predict
-from traverse.cli.probe.command import probe
-from traverse.cli.record import record
-from traverse.cli.replay import replay
-from traverse.cli.run import run
-from traverse.cli.simulate import simulate
-from traverse.cli.store import store
-from traverse.cli.trace import trace
-from traverse.cli.verify import verify
-from traverse.cli.watch.command import watch
+
+FOLDERS = {"amt21": "devices.", "can": "devices.", "microscribe": "devices."}
+CONTROL = ("point", "undo", "scan", "label", "session", "reload", "confirm")
+OLD_NAMES = {"interim": "daily-check"}
+"""Kept for one release, and not shown."""
+COMMANDS = (
+    *("demo", "run", "simulate", "watch", "page", "check", "artefact", "collect"),
+    *("identify", "predict", "diagnose", "verify", "certify", "trace"),
+    *("daily-check", "align", "record", "replay", "export", "store"),
+    *(*CONTROL, *OLD_NAMES),
+    *("arm", "amt21", "can", "fleet", "gateway", "microscribe", "points", "probe"),
+)
+"""Commands, then groups of commands, in the order of the help."""
 
 
 class Commands(TyperGroup):
@@ -78,37 +63,12 @@ class Commands(TyperGroup):
         return " ".join(filter(None, (group, ctx.invoked_subcommand)))
 
 
-app = CommandGroup(
-    "traverse",
-    cls=Commands,
-    help="Measurement daemon of an articulated-arm coordinate measuring machine.",
-    epilog="Exit status: 0 done; 1 the answer is no; 2 a file or an option was refused;"
-    " 3 a device or the broker could not be reached.",
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # brackets are units here
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-COMMANDS: tuple[Callable[..., None], ...] = (
-    *(demo, run, simulate, watch, page, check, artefact, collect),
-    *(identify, predict, diagnose, verify, certify, trace),
-    *(daily_check, align, record, replay, export, store),
-    *(point, undo, scan, label, session, reload, confirm),
-)
-for command in COMMANDS:
-    app.command()(command)
-# The old name of `daily-check`, kept for one release.
-app.command("interim", hidden=True)(daily_check)
-for group in (arm, amt21, can, fleet, gateway, microscribe, points, probe):
-    app.add_typer(group, cls=Commands)
-
-
 def _show_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"traverse {version('traverse-cmm')} (kernel: {KERNEL})")
         raise typer.Exit
 
 
-@app.callback()
 def _options(
     _version: Annotated[
         bool,
@@ -123,9 +83,55 @@ def _options(
     """Measurement daemon of an articulated-arm coordinate measuring machine."""
 
 
+def command_line(names: Iterable[str]) -> CommandGroup:
+    """Make the command line of some commands."""
+    made = CommandGroup(
+        "traverse",
+        cls=Commands,
+        help="Measurement daemon of an articulated-arm coordinate measuring machine.",
+        epilog="Exit status: 0 done; 1 the answer is no; 2 a file or an option was "
+        "refused; 3 a device or the broker could not be reached.",
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,  # brackets are units here
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    made.callback()(_options)
+    for name in names:
+        found = _command(OLD_NAMES.get(name, name).replace("-", "_"))
+        if isinstance(found, CommandGroup):
+            made.add_typer(found, cls=Commands)
+        elif name in OLD_NAMES:
+            made.command(name, hidden=True)(found)
+        else:
+            made.command()(found)
+    return made
+
+
+def _command(name: str) -> Any:  # noqa: ANN401 - a function, or a group
+    """Import a command, or group, from the module or package that has its name."""
+    place = "control" if name in CONTROL else f"{FOLDERS.get(name, '')}{name}"
+    module = import_module(f"traverse.cli.{place}")
+    if hasattr(module, "__path__"):
+        module = import_module(f"{module.__name__}.command")
+    return getattr(module, name)
+
+
+def __getattr__(name: str) -> CommandGroup:
+    """Make `app`, the whole command line, when it is asked for."""
+    if name != "app":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return command_line(COMMANDS)
+
+
+def requested() -> CommandGroup:
+    """Make the command line for the arguments: of the command that they begin with."""
+    first = sys.argv[1:2]
+    return command_line(first if {*first} & {*COMMANDS} else COMMANDS)
+
+
 def main() -> None:
     """Run the command line."""
-    app()
+    requested()()
 
 
 if __name__ == "__main__":

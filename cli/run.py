@@ -1,6 +1,7 @@
 """`traverse run`: the daemon."""
 
 import asyncio
+import gc
 from pathlib import Path
 from typing import Annotated
 
@@ -33,6 +34,7 @@ def run(
             plain lines.
         log_level: Lowest level that is logged.
     """
+    gc.disable()  # until `freeze_objects`; what a start makes stays
     from traverse.daemon.app import run_service  # noqa: PLC0415 - keeps --help quick
 
     start_log(log_format, log_level)

@@ -49,7 +49,7 @@ from traverse.daemon.state_dir import OUTBOX, RECORDINGS, REFERENCES, SCANS, sta
 from traverse.daemon.store.outbox import Outbox
 from traverse.daemon.store.scan_store import ScanStore
 from traverse.daemon.system.memory import trim_memory_periodically
-from traverse.daemon.system.realtime import prepare
+from traverse.daemon.system.realtime import freeze_objects, prepare
 from traverse.daemon.system.systemd import Notifier, StatusLine, Watchdog
 from traverse.drivers.base.driver import CLOSE_S
 from traverse.drivers.base.heartbeat import Heartbeat
@@ -332,6 +332,7 @@ async def run(service: Service, *, keep_trying: bool) -> None:
             try:
                 service.update_status_line()
                 notifier.starting(startup_limit_s(devices) + SPARE_S)
+                freeze_objects()  # while the devices answer
                 check = check_startup(
                     devices, service.connection, events, keep_trying=keep_trying
                 )

@@ -1,7 +1,8 @@
 """Write the reference page, the JSON Schemas and the AsyncAPI document.
 
 python docs/generate_messages.py            writes docs/reference/mqtt-messages.md,
-                                            docs/reference/schemas/ and asyncapi.json
+                                            docs/reference/schemas/ and asyncapi.json,
+                                            recording/schemas/
 python docs/generate_messages.py --check    exit 1 and a diff if they differ
 """
 
@@ -25,12 +26,14 @@ from traverse.protocol.messages import (
     MESSAGES,
     REMARKS,
     Message,
+    Point,
     Value,
 )
 from traverse.protocol.topics import CHANNELS
 
 HERE = Path(__file__).parent
 REFERENCE = HERE / "reference"
+RECORDED = HERE.parent / "recording" / "schemas"
 GOLDEN = HERE.parent / "tests" / "protocol" / "golden"
 GOLDEN_FOLDER = "../../tests/protocol/golden"
 
@@ -98,6 +101,8 @@ def main() -> int:
         REFERENCE / "schemas" / f"{key}.schema.json": json.dumps(schema, indent=2)
         for key, schema in json_schemas().items()
     }
+    of_points = json.dumps(Point.model_json_schema(), indent=2)
+    files[RECORDED / "point.schema.json"] = of_points
     files[REFERENCE / "schemas" / "README.md"] = SCHEMAS.rstrip()
     files[REFERENCE / "mqtt-messages.md"] = reference_page()
     files[REFERENCE / "asyncapi.json"] = asyncapi.text()

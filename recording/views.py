@@ -3,9 +3,9 @@
 Viewers take lengths as metres. A scan's cloud has the coordinates once more, in
 millimetres and to the last bit, since a recording is compared by them.
 
-Names, types and required keys of the schemas in views.json, those parts of them that
-are written there, are those of https://github.com/foxglove/foxglove-sdk, folder
-schemas/jsonschema (MIT licence). Viewers choose what to draw by the names.
+Names, types and required keys in the folder `schemas`, as far as they are written
+there, are those of https://github.com/foxglove/foxglove-sdk, folder schemas/jsonschema
+(MIT licence). Viewers choose what to draw by the names.
 """
 
 import base64
@@ -17,11 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from traverse.protocol.messages import Event, Point, Scan
-from traverse.strict_toml.files import text_of
 
 FRAME = "arm"
-# By the numbers of `foxglove.NumericType` and `foxglove.LogLevel`.
-FLOAT32, FLOAT64, UINT32 = 7, 8, 5
+UINT32, FLOAT32, FLOAT64 = 5, 7, 8  # foxglove.NumericType
 _TYPES = {FLOAT32: "<f4", FLOAT64: "<f8", UINT32: "<u4"}
 CLOUD_FIELDS = (
     *((name, FLOAT32) for name in "xyz"),
@@ -33,13 +31,15 @@ CLOUD_FIELDS = (
 """Of a point of a cloud: name and type, packed without gaps."""
 CLOUD_TYPE = np.dtype([(name, _TYPES[kind]) for name, kind in CLOUD_FIELDS])
 _NO_TURN = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
-_LEVELS = {"info": 2, "warning": 3, "error": 4}
+_INFO, _WARNING, _ERROR = 2, 3, 4  # foxglove.LogLevel
+_LEVELS = {"info": _INFO, "warning": _WARNING}
 
+_SCHEMAS = Path(__file__).with_name("schemas")
 VIEW_SCHEMAS: dict[str, dict[str, Any]] = {
-    **json.loads(text_of(Path(__file__).with_name("views.json"))),
-    "point": Point.model_json_schema(),
+    topic: json.loads((_SCHEMAS / f"{topic}.schema.json").read_bytes())
+    for topic in ("pose", "cloud", "log", "point")
 }
-"""Schemas of the channels for viewers, by topic."""
+"""Schemas of the channels for viewers, by topic; that of points by `make schemas`."""
 VIEW_NAMES = {
     topic: "traverse/point/1" if topic == "point" else str(schema["title"])
     for topic, schema in VIEW_SCHEMAS.items()
@@ -127,7 +127,7 @@ def log_to_bytes(event: Event) -> bytes:
     times = f" ({event.count} times)" if event.count > 1 else ""
     table = {
         "timestamp": _time(event.last_ns),
-        "level": _LEVELS.get(event.severity, _LEVELS["error"]),
+        "level": _LEVELS.get(event.severity, _ERROR),
         "message": f"{event.code}: {event.text}{times}{remedy}",
         "name": event.source,
         "file": event.code,

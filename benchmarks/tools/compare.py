@@ -110,6 +110,11 @@ def _of_streams(path: Path) -> Iterator[tuple[str, Figure]]:
         mine = [one for one in streams if one["rate_hz"] == rate_hz]
         ratios = [one["daemon_share"] / one["simulator_share"] for one in mine]
         yield f"{rate_hz:.0f} Hz: times the CPU", _figure(ratios, "the simulator")
+    for moves in (False, True):
+        mine = [one for one in values["idle"] if one["moves"] is moves]
+        ratios = [one["daemon_share"] / one["board_share"] for one in mine]
+        what = f"idle, the arm {'moves' if moves else 'rests'}: times the CPU"
+        yield what, _figure(ratios, "the simulator" if moves else "the board")
     ready = [one["ready_s"] / values["bare_start_s"] for one in streams]
     yield "start: times as long", _figure(ready, "an interpreter with numpy")
     memory = [one["memory_mb"] / values["bare_memory_mb"] for one in streams]

@@ -181,7 +181,8 @@ def to_dh(
     """
     from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
     from traverse.kinematics.importers.dh_report import dh_report, remark_lines  # noqa: PLC0415
-    from traverse.strict_toml.writing import arm_text, write_atomically  # noqa: PLC0415
+    from traverse.strict_toml.arm_text import arm_text  # noqa: PLC0415
+    from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
 
     check_target(out, force=force)
     with refusals():

@@ -18,8 +18,9 @@ from traverse.kinematics.probing.pivot import Pivot, fit_pivot
 from traverse.lab.campaign.campaign import Campaign, read_campaign
 from traverse.lab.report.plain_values import picked
 from traverse.plurals import counted
+from traverse.strict_toml.arm_text import arm_text
 from traverse.strict_toml.problems import FileError, Problem
-from traverse.strict_toml.writing import arm_text, write_atomically
+from traverse.strict_toml.writing import write_atomically
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,7 +23,7 @@ Kind = Literal[
 MAX_ITEMS = 20_000
 MOST_BYTES = 64 << 20
 ITEM_BYTES = 400  # of anything but samples, roughly
-WAIT_S = 0.2
+WAIT_S = 1.0
 WARM_UP_NS = 6_000_000_000
 """Readings, poses and motion are remembered for less: who continues from a state has to
 be given so much of the stream before all points are as they were.
@@ -93,9 +93,9 @@ class RecorderQueue:
         """Wake the thread."""
         self._wake.set()
 
-    def take(self) -> list[RecorderItem]:
+    def take(self, wait_s: float = WAIT_S) -> list[RecorderItem]:
         """All that waits, after a while, or when woken; perhaps nothing."""
-        self._wake.wait(WAIT_S)
+        self._wake.wait(min(wait_s, WAIT_S))
         self._wake.clear()
         with self._lock:
             taken = list(self._items)

@@ -153,7 +153,8 @@ class RecorderThread:
             self.flight.use(FlightRecorder.recover_crashed)
             while not self._ended:
                 self.heartbeat.beat(TURN_S)
-                items = self.queue.take()
+                due_s = self._flushed_s + self.section.flush_s
+                items = self.queue.take(due_s - time.monotonic())
                 begun_s = time.monotonic()
                 for item in items:
                     self._take(item)
@@ -161,7 +162,7 @@ class RecorderThread:
                         time.sleep(YIELD_S)
                         begun_s = time.monotonic()
                 now_s = time.monotonic()
-                if now_s - self._flushed_s >= self.section.flush_s:
+                if now_s >= due_s:
                     self._flushed_s = now_s
                     self.flight.retry(now_s)
                     self.flight.use(FlightRecorder.flush)

@@ -35,9 +35,6 @@ def prepare(
     running = [thread for thread in readers if thread.native_id is not None]
     _set_thread_names(running)
     refused = [*_schedule(section, running), *_lock(section)]
-    gc.collect()
-    gc.freeze()
-    gc.set_threshold(NET_NEW_OBJECTS)
     if refused:
         events.report(
             "warning",
@@ -46,6 +43,14 @@ def prepare(
             remedy="; ".join(dict.fromkeys(remedy for _, remedy in refused))
             + "; or take it out of [realtime]",
         )
+
+
+def freeze_objects() -> None:
+    """Keep what exists out of the garbage collector's sight, and let it run seldom."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(NET_NEW_OBJECTS)
+    gc.enable()
 
 
 def _set_thread_names(threads: Iterable[threading.Thread]) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import fields
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -33,9 +34,6 @@ KINDS: dict[str, type[Delivery]] = {
 }
 _FIELDS = {kind: tuple(f.name for f in fields(kind)) for kind in KINDS.values()}
 _NAMES = {kind: name for name, kind in KINDS.items()}
-_ADAPTERS: dict[type[Delivery], TypeAdapter[Any]] = {
-    kind: TypeAdapter(kind) for kind in KINDS.values() if kind is not CountSamples
-}
 _ARRAYS: dict[str, tuple[str, int]] = {
     "seq": ("int64", 1),
     "device_ticks": ("int64", 1),
@@ -78,10 +76,15 @@ def delivery_from_map(table: Mapping[str, Any]) -> Delivery:
     if kind is CountSamples:
         return _samples(known)
     try:
-        found: Delivery = _ADAPTERS[kind].validate_python(known)
+        found: Delivery = _adapter(name).validate_python(known)
     except ValidationError as error:
         raise ValueError(f"a delivery {name!r} that is none: {error}") from error
     return found
+
+
+@cache
+def _adapter(name: str) -> TypeAdapter[Any]:
+    return TypeAdapter(KINDS[name])
 
 
 def _samples(known: dict[str, Any]) -> CountSamples:

@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Mapping
 from datetime import date, datetime
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,7 +18,7 @@ from pydantic import (
 )
 
 from traverse.kinematics.arm_file.checks import arm_problems
-from traverse.kinematics.effect_table import EFFECT_KINDS, EffectKind, Vector
+from traverse.kinematics.effect_table import EFFECT_KINDS, Vector
 from traverse.strict_toml.problems import (
     FileError,
     toml_text,
@@ -29,7 +30,7 @@ from traverse.strict_toml.reader import (
     read_strict,
     tuples_for_lists,
 )
-from traverse.strict_toml.writing import arm_text, canonical_text, write_atomically
+from traverse.strict_toml.writing import canonical_text, write_atomically
 
 
 class Encoder(StrictModel):
@@ -121,7 +122,7 @@ class Effect(StrictModel):
     def variant(cls, table: object) -> "type[Effect]":
         """Return the class of a table by its kind."""
         kind = table.get("kind") if isinstance(table, Mapping) else None
-        return _EFFECT_MODELS.get(str(kind), _UnknownEffect)
+        return _effect_model(str(kind)) if str(kind) in EFFECT_KINDS else _UnknownEffect
 
     @field_validator("kind")
     @classmethod
@@ -137,18 +138,15 @@ class _UnknownEffect(Effect):
     model_config = ConfigDict(extra="ignore")
 
 
-def _effect_model(name: str, kind: EffectKind) -> type[Effect]:
+@cache
+def _effect_model(name: str) -> type[Effect]:
+    kind = EFFECT_KINDS[name]
     fields: dict[str, Any] = {key: (of, ...) for key, of in kind.keys.items()}
     if kind.joint == "required":
         fields["joint"] = (str, ...)
     if kind.effect_class == "A":
         fields["epoch_utc"] = (AwareDatetime, ...)
     return create_model(name, __base__=Effect, __module__=__name__, **fields)
-
-
-_EFFECT_MODELS = {
-    name: _effect_model(name, kind) for name, kind in EFFECT_KINDS.items()
-}
 
 
 def effect_from_table(table: object) -> Effect:
@@ -201,6 +199,8 @@ def write_arm(path: str | Path, arm: Arm) -> None:
         FileError: The arm breaks a rule of arm files; the old file stays.
         OSError: The folder cannot be written.
     """
+    from traverse.strict_toml.arm_text import arm_text  # noqa: PLC0415 - not to read one
+
     values = arm.model_dump(by_alias=True, exclude_unset=True)
     text = arm_text(values, _text_before(Path(path)))
     if parse_arm(text, str(path)) != arm:

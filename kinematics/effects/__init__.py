@@ -1,27 +1,29 @@
-"""Physical effects beyond the geometry, a class each; `EFFECTS` finds them by kind."""
+"""Physical effects beyond the geometry, a class each; `effect_class` finds them."""
 
 import pkgutil
-from collections.abc import Iterator, Mapping
+from functools import cache
 from importlib import import_module
-from types import MappingProxyType
 
 from traverse.kinematics.effect_table import EFFECT_KINDS
 from traverse.kinematics.effects import contacts, mechanics, readings
 from traverse.kinematics.effects.base.correction import Correction
 
-__all__ = ["EFFECTS"]
+__all__ = ["effect_class"]
 
 
-def _laws() -> Iterator[tuple[str, type[Correction]]]:
-    """Go through the classes of all modules that have a kind of their own."""
-    for folder in (readings, mechanics, contacts):
-        for found in pkgutil.iter_modules(folder.__path__, f"{folder.__name__}."):
-            for law in vars(import_module(found.name)).values():
-                if isinstance(law, type) and issubclass(law, Correction):
-                    yield vars(law).get("kind", ""), law
+def effect_class(kind: str) -> type[Correction]:
+    """Find the class of a kind; the first call imports all of them."""
+    return _classes()[kind]
 
 
-_OF_KIND = dict(_laws())
-EFFECTS: Mapping[str, type[Correction]] = MappingProxyType(
-    {kind: _OF_KIND[kind] for kind in EFFECT_KINDS}
-)
+@cache
+def _classes() -> dict[str, type[Correction]]:
+    """Find the classes of all modules that have a kind of their own."""
+    found = {
+        vars(law).get("kind", ""): law
+        for folder in (readings, mechanics, contacts)
+        for module in pkgutil.iter_modules(folder.__path__, f"{folder.__name__}.")
+        for law in vars(import_module(module.name)).values()
+        if isinstance(law, type) and issubclass(law, Correction)
+    }
+    return {kind: found[kind] for kind in EFFECT_KINDS}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from traverse.arrays import Floats
-from traverse.kinematics.effects import EFFECTS
+from traverse.kinematics.effects import effect_class
 from traverse.kinematics.effects.base.block import Block, Covariate, Need
 from traverse.kinematics.effects.base.bodies import (
     M_PER_MM,
@@ -162,14 +162,14 @@ def effects_of(
     bodies = bodies_from_arm(arm)
     known = bodies.are_known
     for effect in effects:
-        if EFFECTS[effect.kind] is FirstMoment:
+        if effect_class(effect.kind) is FirstMoment:
             known |= [joint.name == effect.joint for joint in arm.joints]
     built: list[Correction] = []
     problems: list[str] = []
     for index, effect in enumerate(effects):
         setting = context_from_arm(arm, campaign_utc or _believed_utc(arm, effect))
         try:
-            correction = EFFECTS[effect.kind].from_file(effect, setting)
+            correction = effect_class(effect.kind).from_file(effect, setting)
         except ValueError as error:
             problems.append(f"effects[{index}]: {error}")
             continue

@@ -8,7 +8,7 @@ from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, parse_arm
 from traverse.kinematics.importers.urdf import Body, Mimic
 from traverse.kinematics.model.geometry import Geometry
-from traverse.strict_toml.writing import arm_text
+from traverse.strict_toml.arm_text import arm_text
 
 # Arm files from tables show 1 and not 0.9999999999999999: no arm is that accurate.
 RAD_DECIMALS = 15

@@ -8,7 +8,7 @@ arguments then, so that a command with wrong arguments is answered by its `reque
 import math
 from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from traverse.protocol.messages.fields import (
     Count,
@@ -30,6 +30,8 @@ RECORDING_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
 
 class Args(Value):
     """Arguments of one command; what each key means stands beside it."""
+
+    model_config = ConfigDict(defer_build=True)  # most are never sent to a daemon
 
     command: ClassVar[str]
     """Last level of the command's topic."""

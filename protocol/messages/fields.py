@@ -7,6 +7,9 @@ keeps it. The exception are times in nanoseconds, which need 61 bits: integers i
 MessagePack, strings of digits in JSON.
 """
 
+import ast
+import inspect
+from itertools import pairwise
 from typing import Annotated, TypeVar
 
 import numpy as np
@@ -15,10 +18,13 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    GetJsonSchemaHandler,
     PlainSerializer,
     ValidationInfo,
     WithJsonSchema,
 )
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 MAX_INTEGER = 2**53 - 1
 MAX_TIME_NS = 2**63 - 1
@@ -37,8 +43,29 @@ class Value(BaseModel):
         extra="forbid",
         allow_inf_nan=False,
         serialize_by_alias=True,
-        use_attribute_docstrings=True,
     )
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Describe each key by the docstring of its field.
+
+        pydantic's `use_attribute_docstrings` reads the sources at each start.
+        """
+        reference = handler(core_schema)
+        keys = handler.resolve_ref_schema(reference)["properties"]
+        for kind in reversed(cls.__mro__[: cls.__mro__.index(Value)]):
+            body = ast.parse(inspect.getsource(kind)).body[0].body  # type: ignore[attr-defined]  # a class
+            for field, told in pairwise(body):
+                match field, told:
+                    case (
+                        ast.AnnAssign(target=ast.Name(id=name)),
+                        ast.Expr(value=ast.Constant(value=str(text))),
+                    ) if name in cls.model_fields:
+                        key = cls.model_fields[name].alias or name
+                        keys[key]["description"] = inspect.cleandoc(text)
+        return reference
 
     def __eq__(self, other: object) -> bool:
         """Equal in type and in every field; arrays by dtype, shape and elements."""

@@ -46,7 +46,11 @@ def written(folder, *, point_us=2000.0, ours_s=1e-6):
         "memory_mb": 75.0,
     }
     bare = {"bare_start_s": 0.1, "bare_memory_mb": 30.0}
-    streams = {**bare, "streams": [stream] * 3}
+    idle = [
+        {"moves": moves, "daemon_share": share, "board_share": 0.01}
+        for moves, share in ((False, 0.015), (True, 0.03))
+    ]
+    streams = {**bare, "streams": [stream] * 3, "idle": idle * 3}
     (folder / "streams.json").write_text(json.dumps(streams))
     return folder
 
@@ -59,6 +63,8 @@ def test_figures_are_ratios_to_peers_of_the_same_run(tmp_path):
         "100 points/s beside 1000 Hz, p99: times as long": 15.0,
         "100 points/s beside 1000 Hz: times the CPU": 2.0,
         "1000 Hz: times the CPU": 2.0,
+        "idle, the arm rests: times the CPU": 1.5,
+        "idle, the arm moves: times the CPU": 3.0,
         "start: times as long": 7.0,
         "memory: times as much": 2.5,
     }

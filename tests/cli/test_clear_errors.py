@@ -129,7 +129,7 @@ def test_a_mistake_is_named(
 
 
 @pytest.mark.parametrize(
-    "module", ["typer", "traverse.cli.export.command", "traverse.cli.arm.summary"]
+    "module", ["typer", "traverse.cli.arm.command", "traverse.cli.arm.summary"]
 )
 def test_ctrl_c_ends_a_command_without_a_traceback(folder: Path, module: str) -> None:
     """Also while modules are imported, at the start or by the command."""

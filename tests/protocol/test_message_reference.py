@@ -11,6 +11,7 @@ import pytest
 from tests.protocol.message_examples import EXAMPLES, GOLDEN
 
 DOCS = Path(__file__).parents[2] / "docs"
+RECORDED = DOCS.parent / "recording" / "schemas"
 SCHEMAS = DOCS / "reference" / "schemas"
 
 
@@ -32,6 +33,7 @@ def copied_docs(tmp_path):
         shutil.copy(path, tmp_path / "docs")
     shutil.copytree(DOCS / "reference", tmp_path / "docs" / "reference")
     shutil.copytree(GOLDEN, tmp_path / "tests" / "protocol" / "golden")
+    shutil.copytree(RECORDED, tmp_path / "recording" / "schemas")
     return tmp_path / "docs"
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.effect_table import EFFECT_KINDS
-from traverse.kinematics.effects import EFFECTS
+from traverse.kinematics.effects import effect_class
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_of
 from traverse.kinematics.effects.base.bodies import bodies_from_arm
 from traverse.kinematics.effects.base.context import context_from_arm
@@ -152,7 +152,7 @@ def _entries(rows: ObservationEquations, arm: Arm) -> list[_Entry]:
         template = np.zeros(plain.size)
         template[0] = EFFECT_KINDS[plain.kind].phase is not None
         effect = effect_of_candidate(plain, template, rows)
-        correction = EFFECTS[plain.kind].from_file(effect, setting)
+        correction = effect_class(plain.kind).from_file(effect, setting)
         # Its columns are all of one unit.
         scales = plausible_values(correction, campaign)[:1] * plain.size
         candidate = replace(plain, scales=scales)

@@ -9,7 +9,7 @@ import numpy as np
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.kinematics.effect_table import EFFECT_KINDS, key_unit
-from traverse.kinematics.effects import EFFECTS
+from traverse.kinematics.effects import effect_class
 from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.kinematics.effects.base.correction import Correction
 from traverse.kinematics.effects.columns import columns
@@ -80,7 +80,7 @@ def fitted(
     noise = None if before is None else before.adjustment.network.noise
     network = network_of(campaign, radius_mm, eligible, parameters, noise)
     first = None if before is None else before.included
-    yields = any(EFFECTS[effect.kind] is FirstMoment for effect in arm.effects)
+    yields = any(effect_class(effect.kind) is FirstMoment for effect in arm.effects)
     most = MOST_ITERATIONS_WITH_MOMENTS if yields else MOST_ITERATIONS
     found = iterate(
         network, design, options, radius_mm, first=first, most_iterations=most

@@ -29,9 +29,10 @@ from traverse.lab.diagnosis.report.pictures import plots_of
 from traverse.lab.identification.results.undetermined import mass_distribution
 from traverse.lab.report.plain_values import picked, plain_values
 from traverse.lab.report.provenance import ReportProvenance
+from traverse.strict_toml.arm_text import arm_text
 from traverse.strict_toml.files import text_of
 from traverse.strict_toml.problems import FileError
-from traverse.strict_toml.writing import arm_text, write_atomically
+from traverse.strict_toml.writing import write_atomically
 
 SCHEMA = "traverse/diagnosis/1"
 

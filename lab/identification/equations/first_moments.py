@@ -15,7 +15,7 @@ import numpy as np
 
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect, effect_from_table
-from traverse.kinematics.effects import EFFECTS
+from traverse.kinematics.effects import effect_class
 from traverse.kinematics.effects.base.bodies import M_PER_MM, Bodies, bodies_from_arm
 from traverse.kinematics.effects.mechanics.deformations import FirstMoment
 from traverse.kinematics.model.geometry import geometry_from_arm
@@ -104,7 +104,7 @@ def assumed_moments(arm: Arm) -> AssumedMoments:
 
 def first_moments(arm: Arm) -> tuple[Effect, ...]:
     """Return the first moment of every element, as the arm states it or as assumed."""
-    stated = {e.joint: e for e in arm.effects if EFFECTS[e.kind] is FirstMoment}
+    stated = {e.joint: e for e in arm.effects if effect_class(e.kind) is FirstMoment}
     return tuple(
         stated.get(joint.name)
         or effect_from_table(
@@ -124,7 +124,7 @@ def own_effects(arm: Arm) -> tuple[Effect, ...]:
     """List an arm's effects but the first moments that are estimated with them."""
     if not states_no_mass(arm):
         return arm.effects
-    return tuple(e for e in arm.effects if EFFECTS[e.kind] is not FirstMoment)
+    return tuple(e for e in arm.effects if effect_class(e.kind) is not FirstMoment)
 
 
 def with_first_moments(arm: Arm) -> Arm:
@@ -135,7 +135,7 @@ def with_first_moments(arm: Arm) -> Arm:
     if not states_no_mass(arm):
         return arm
     effects, names = own_effects(arm), [joint.name for joint in arm.joints]
-    yielding = [e for e in effects if EFFECTS[e.kind].uses_gravity]
+    yielding = [e for e in effects if effect_class(e.kind).uses_gravity]
     if yielding:
         # Of the mount no joint is named.
         first = min(names.index(e.joint) if e.joint in names else 0 for e in yielding)

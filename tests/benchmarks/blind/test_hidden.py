@@ -12,7 +12,7 @@ from tests.docs.pages import CHECKOUT
 from tests.simulator.campaigns.arms import seven_joint_arm
 from traverse.kinematics.arm_file.arm import parse_arm
 from traverse.kinematics.effect_table import EFFECT_KINDS as CONTRACT_KINDS
-from traverse.strict_toml.writing import arm_text as written_arm
+from traverse.strict_toml.arm_text import arm_text as written_arm
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from tests.daemon.values import SetClock
 from traverse.daemon.config.schema import RealtimeSection
 from traverse.daemon.monitoring.events import EventLog
-from traverse.daemon.system.realtime import NET_NEW_OBJECTS, prepare
+from traverse.daemon.system.realtime import NET_NEW_OBJECTS, freeze_objects, prepare
 
 NOBODY = 65534
 SCRIPT = """
@@ -117,12 +117,16 @@ def test_threads_have_their_names_in_the_kernel_and_the_start_is_frozen():
     reader.start()
     try:
         before = gc.get_freeze_count()
+        gc.disable()
+        freeze_objects()
         prepare(RealtimeSection(), [reader], EventLog(SetClock(), print))
         name = Path(f"/proc/self/task/{reader.native_id}/comm").read_text()
         assert name == "driver-a-long-n\n"
         assert gc.get_freeze_count() > before
         assert gc.get_threshold()[0] == NET_NEW_OBJECTS
+        assert gc.isenabled()
     finally:
+        gc.enable()
         gc.unfreeze()
         gc.set_threshold(*thresholds)
         ending.set()

@@ -27,7 +27,7 @@ from traverse.lab.identification.equations.first_moments import (
 )
 from traverse.lab.identification.prediction import placed, places_of, predict
 from traverse.lab.identification.results.undetermined import mass_distribution
-from traverse.strict_toml.writing import arm_text
+from traverse.strict_toml.arm_text import arm_text
 
 BARE = without_masses(poses().arm)
 # How much worse than with the true masses held-out poses are predicted, at most.

@@ -23,7 +23,7 @@ from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.report.files import write_diagnosis
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.prediction import placed, places_of, predict
-from traverse.strict_toml.writing import arm_text
+from traverse.strict_toml.arm_text import arm_text
 
 OFFSETS_MM = {
     "low": np.array([12.0, -35.0, 20.0]),

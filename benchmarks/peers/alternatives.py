@@ -1,4 +1,4 @@
-"""`python -m benchmarks.service.alternatives [FOLDER]`: libraries that were weighed.
+"""`python -m benchmarks.peers.alternatives [FOLDER]`: libraries that were weighed.
 
 A point on the disk: the database of the outbox (SQLite) beside LMDB with the same
 guarantees, on the file system of FOLDER: synced before it returns, in order, found by

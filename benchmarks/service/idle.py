@@ -1,0 +1,111 @@
+"""`python -m benchmarks.service.idle`: what a daemon costs that nobody uses.
+
+Its board streams as always, nobody presses, and mosquitto is connected.
+"""
+
+import os
+import statistics
+import tempfile
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.service.latency import edge_board
+from benchmarks.service.points import NEVER_HZ, threads_ns
+from benchmarks.tools import rig
+from benchmarks.tools.rounds import load
+
+ROUNDS = 5
+SECONDS = 6.0
+SETTLE_S = 5.0  # the board presses once, after a second; then the arm has to rest
+
+
+@dataclass(frozen=True, slots=True)
+class Idle:
+    """One round; shares are of one core.
+
+    Attributes:
+        moves: whether the arm moves; else it rests.
+        threads_share: of each thread of the daemon, in the order of their start.
+        switches_hz: their voluntary switches, in the same order.
+        memory_mb: resident.
+    """
+
+    moves: bool
+    daemon_share: float
+    board_share: float
+    threads_share: list[float]
+    switches_hz: list[float]
+    memory_mb: float
+
+    def line(self) -> str:
+        """It in one line, for people."""
+        threads = ", ".join(
+            f"{share:.2%} ({switches:.0f}/s)"
+            for share, switches in zip(
+                self.threads_share, self.switches_hz, strict=True
+            )
+            if switches
+        )
+        return (
+            f"idle, the arm {'moves' if self.moves else 'rests'}: daemon "
+            f"{self.daemon_share:.2%} of a core, board {self.board_share:.2%}; threads "
+            f"(their voluntary switches) {threads}; {self.memory_mb:.0f} MB"
+        )
+
+
+def switches(pid: int) -> list[int]:
+    """Voluntary context switches of each thread, in the order of their start."""
+    folder = Path(f"/proc/{pid}/task")
+    return [
+        int((folder / number / "status").read_text("ascii").split()[-3])
+        for number in sorted(os.listdir(folder), key=int)
+    ]
+
+
+def idle(folder: Path, seconds: float, *, moves: bool) -> Idle:
+    """Watch an idle daemon."""
+    port = rig.free_port()
+    with rig.mosquitto(folder, port), ExitStack() as stack:
+        if moves:
+            board = stack.enter_context(rig.simulator(folder))
+        else:
+            _, board = stack.enter_context(edge_board(folder, NEVER_HZ))
+        process = stack.enter_context(rig.daemon(folder, port))
+        time.sleep(SETTLE_S)
+        ns, n = threads_ns(process.pid), switches(process.pid)
+        of_board_ns, begun_s = sum(threads_ns(board.pid).values()), time.monotonic()
+        time.sleep(seconds)
+        elapsed_s = time.monotonic() - begun_s
+        ns_after, n_after = threads_ns(process.pid), switches(process.pid)
+        of_board_ns = sum(threads_ns(board.pid).values()) - of_board_ns
+        shares = [(ns_after[one] - ns[one]) * 1e-9 / elapsed_s for one in ns]
+        return Idle(
+            moves,
+            sum(shares),
+            of_board_ns * 1e-9 / elapsed_s,
+            shares,
+            [(b - a) / elapsed_s for a, b in zip(n, n_after, strict=True)],
+            rig.rss_mb(process),
+        )
+
+
+def main() -> None:
+    """Print the rounds and their medians."""
+    print(load())
+    for moves in (False, True):
+        found = []
+        for _ in range(ROUNDS):
+            with tempfile.TemporaryDirectory() as folder:
+                found.append(idle(Path(folder), SECONDS, moves=moves))
+            print(found[-1].line(), flush=True)
+        shares = [one.daemon_share for one in found]
+        print(
+            f"{statistics.median(shares):.2%} ({min(shares):.2%} to {max(shares):.2%})"
+        )
+    print(load())
+
+
+if __name__ == "__main__":
+    main()
