@@ -104,6 +104,7 @@ $(PEERS)/.ready: benchmarks/peers.txt requirements.lock $(STAMP)
 bench-kernel: $(PEERS)/.ready  ## kernel and measurement path beside others; takes two minutes
 	PYTHONPATH=src OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.kinematics $(FIGURES)/kinematics.json
 	PYTHONPATH=src OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.path $(FIGURES)/path.json
+	PYTHONPATH=src OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.peers.alternatives
 
 bench: venv system bench-kernel  ## the figures of docs/performance.md; takes eight minutes
 	$(BIN)/python -m benchmarks 6 $(FIGURES)
