@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.running import run_program
+
 CHECKOUT = Path(__file__).parents[1]
 CONFIGURATION = tomllib.loads((CHECKOUT / "pyproject.toml").read_text("utf-8"))
 CONTRACTS = CONFIGURATION["tool"]["importlinter"]["contracts"]
@@ -17,17 +19,15 @@ ROOT = CHECKOUT / "src" / "traverse"
 PACKAGES = sorted(initial.parent.name for initial in ROOT.glob("*/__init__.py"))
 
 
-def lint_imports(folder: Path) -> subprocess.CompletedProcess[str]:
+def lint_imports(folder: Path, status: int = 0) -> subprocess.CompletedProcess[str]:
     """Check the contracts of the packages in a folder."""
     program = Path(sys.executable).parent / "lint-imports"
-    return subprocess.run(
-        [program, "--no-cache"],
+    return run_program(
+        program,
+        "--no-cache",
         cwd=folder,
         env={**os.environ, "COLUMNS": "200"},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
+        status=status,
     )
 
 
@@ -45,13 +45,11 @@ def copy(folder: Path) -> Path:
 
 
 def test_all_arrows_hold() -> None:
-    checked = lint_imports(CHECKOUT)
-    assert checked.returncode == 0, checked.stdout
+    lint_imports(CHECKOUT)
 
 
 def test_the_untouched_copy_passes(tmp_path: Path) -> None:
-    checked = lint_imports(copy(tmp_path))
-    assert checked.returncode == 0, checked.stdout
+    lint_imports(copy(tmp_path))
 
 
 PLANTED = {

@@ -2,14 +2,13 @@
 
 import shutil
 import socket
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 import traverse.cli
-from tests.cli.programs import run_traverse
+from tests.running import run_program, run_traverse
 
 ARM = Path(traverse.cli.__file__).parent / "demo_data" / "arm.toml"
 DAEMON = """\
@@ -115,8 +114,7 @@ def folder(tmp_path: Path) -> Path:
 def test_a_mistake_is_named(
     folder: Path, words: str, status: int, expected: str
 ) -> None:
-    result = run_traverse(folder, *words.split())
-    assert result.returncode == status
+    result = run_traverse(folder, *words.split(), status=status)
     said = result.stdout + result.stderr
     assert expected in said
     assert "Errno" not in said
@@ -143,14 +141,9 @@ sys.meta_path.insert(0, Interrupting())
 from traverse.__main__ import main
 main()
 """
-    ended = subprocess.run(
-        [sys.executable, "-c", code, "arm", "show", "arm.toml"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (ended.returncode, ended.stderr.strip()) == (130, "")
+    words = ("-c", code, "arm", "show", "arm.toml")
+    ended = run_program(sys.executable, *words, cwd=folder, status=130)
+    assert ended.stderr.strip() == ""
 
 
 def test_a_busy_port_of_the_embedded_broker_is_named(folder: Path) -> None:
@@ -159,7 +152,6 @@ def test_a_busy_port_of_the_embedded_broker_is_named(folder: Path) -> None:
         other.listen()
         port = str(other.getsockname()[1])
         words = ["run", "--config", "daemon.toml", "--embedded-broker"]
-        result = run_traverse(folder, *words, "--embedded-port", port)
-    assert result.returncode == 3
+        result = run_traverse(folder, *words, "--embedded-port", port, status=3)
     expected = f"cannot listen on 127.0.0.1:{port}: Address already in use"
     assert expected in result.stdout + result.stderr

@@ -2,7 +2,6 @@
 
 import asyncio
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from tests.daemon.values import ARM, arm_file
 from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import HELLO, FakeBoard
 from tests.mosquitto import free_port
+from tests.running import run_program
 
 TIME_LIMIT_S = 60
 CHANNELS = ((32, 0), (23, 1 << 23), (20, 1 << 20))
@@ -45,9 +45,7 @@ def command(path: Path) -> list[str]:
 
 
 def run(path: Path) -> tuple[int, str]:
-    done = subprocess.run(
-        command(path), capture_output=True, text=True, timeout=TIME_LIMIT_S, check=False
-    )
+    done = run_program(*command(path), status=None)
     return done.returncode, done.stderr
 
 

@@ -1,13 +1,13 @@
 """The programs that set up an environment and a fresh machine, in their parts."""
 
 import importlib.util
-import subprocess
 import sys
 from types import ModuleType
 
 import pytest
 
 from tests.deploy.places import DEPLOY
+from tests.running import run_program
 
 
 def program(name: str) -> ModuleType:
@@ -57,13 +57,7 @@ def test_markers_of_other_machines_do_not_count(environment, tmp_path):
 def test_a_damaged_lock_file_is_named_with_its_line(tmp_path):
     lock = tmp_path / "a.lock"
     lock.write_text("rich==15.0.0\n<<<<<<< HEAD\n")
-    ran = subprocess.run(
-        [sys.executable, DEPLOY / "environment.py", lock, "demo"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert ran.returncode == 1
+    ran = run_program(sys.executable, DEPLOY / "environment.py", lock, "demo", status=1)
     assert f"{lock}:2: " in ran.stderr
     assert "run `make lock`" in ran.stderr
     assert "Traceback" not in ran.stderr

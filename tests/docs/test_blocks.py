@@ -8,10 +8,9 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from tests.docs.pages import PAGES, name_of
-from traverse.cli.__main__ import app
+from tests.running import invoke
 
 _BLOCK = re.compile(
     r"^ *```(?P<language>python|toml|json)\n(?P<text>.*?)^ *```$", re.DOTALL | re.M
@@ -44,8 +43,7 @@ def test_toml_can_be_read(page: str, text: str) -> None:
 def test_files_of_ours_are_valid(page: str, text: str, tmp_path: Path) -> None:
     path = tmp_path / "shown.toml"
     path.write_text(text, "utf-8")
-    result = CliRunner().invoke(app, ["check", str(path)])
-    assert result.exit_code == 0, (page, result.output)
+    invoke("check", path)
 
 
 @pytest.mark.parametrize(("page", "text"), of("json"))

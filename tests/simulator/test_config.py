@@ -1,10 +1,10 @@
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.running import run_program
 from tests.simulator.conftest import arm_text, config_text
 from traverse.simulator.config import SimulatorConfig, config_problems
 from traverse.simulator.run import run_simulator
@@ -174,9 +174,7 @@ def test_the_simulator_runs_without_scipy_and_the_code_under_test():
         "import sys, traverse.simulator.run;"
         f"print([name for name in {foreign!r} if name in sys.modules])"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
+    done = run_program(sys.executable, "-c", script)
     assert done.stdout.strip() == "[]"
 
 

@@ -6,10 +6,9 @@ import json
 from dataclasses import replace
 
 import pytest
-from typer.testing import CliRunner
 
 from tests.protocol.message_examples import POINT, RETRACTION
-from traverse.cli.__main__ import app
+from tests.running import invoke
 from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.outbox import message_of
 from traverse.daemon.store.records import NewMessage
@@ -41,9 +40,7 @@ def path(tmp_path):
 
 
 def points(*words, status=0):
-    result = CliRunner().invoke(app, ["points", *map(str, words)])
-    assert result.exit_code == status, result.output
-    return result
+    return invoke("points", *words, status=status)
 
 
 def test_sessions_are_listed_with_what_was_not_sent(path):
