@@ -3,14 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.lab.simulated import (
-    arm_value,
-    bar,
-    cones,
-    disturbed,
-    seven_joints,
-    simulate,
-)
+from tests.lab.simulated import DESIGN_ARM, bar, built, cones, simulate
 from traverse.lab.identification.identify import Options, identify
 
 CORNERS = {
@@ -22,9 +15,8 @@ CORNERS = {
 
 
 def determined(tables, n_each=40, **more):
-    design = seven_joints()
-    campaign = simulate(disturbed(design, 3), tables, n_each, 11)
-    result = identify(campaign, arm_value(design), Options(snooping=False, **more))
+    campaign = simulate(built(3), tables, n_each, 11)
+    result = identify(campaign, DESIGN_ARM, Options(snooping=False, **more))
     assert result.converged
     return result
 

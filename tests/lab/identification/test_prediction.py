@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from tests.lab.simulated import (
+    DESIGN_ARM,
     Noise,
     arm_value,
     bar,
+    built,
     cones,
-    disturbed,
-    seven_joints,
     simulate,
 )
 from traverse.kinematics.model.forward import probe_centre
@@ -26,7 +26,7 @@ TABLES = [
     {"id": "grid", "kind": "points", "frame": "own", "points_mm": GRID},
 ]
 NONE = Noise(0.0, 0.0)
-TRUE = disturbed(seven_joints(), seed=3)
+TRUE = built(3)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def test_the_true_arm_predicts_exact_poses_with_the_places_of_others(exact):
 
 def test_another_arm_is_off_by_what_its_centres_are_off_from_the_places(exact):
     fitted, judged = halves(exact)
-    design = arm_value(seven_joints())
+    design = DESIGN_ARM
     places = places_of(placed(fitted, design))
     found = predict(judged, design, places)
     seat = judged.poses.artefacts == 0

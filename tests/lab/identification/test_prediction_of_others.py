@@ -10,13 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from tests.lab.simulated import (
-    TrueArm,
-    arm_value,
-    disturbed,
-    seen_places,
-    seven_joints,
-)
+from tests.lab.simulated import DESIGN_ARM, TrueArm, built, seen_places, seven_joints
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.prediction import placed, places_of, predict
 from traverse.lab.identification.report.page import WORDS
@@ -42,7 +36,7 @@ def ours(angles_rad, places_mm, options=QUICK, true_mm=None):
     """The result, and rms distance of the judges [mm]; by true_mm they are placed."""
     used = slice(0, len(angles_rad) - N_JUDGES)
     given = seen_places(angles_rad[used], places_mm[used])
-    result = identify(given, arm_value(DESIGN), options)
+    result = identify(given, DESIGN_ARM, options)
     judges = seen_places(angles_rad[used.stop :], places_mm[used.stop :])
     if true_mm is not None:
         given = seen_places(angles_rad[used], true_mm[used])
@@ -93,7 +87,7 @@ def plainly(angles_rad, places_mm):
 def test_few_poses_of_an_arm_far_from_its_design(link_mm, axis_rad, most):
     mine, plain = [], []
     for seed in range(8):
-        true = disturbed(DESIGN, seed, link_mm, axis_rad)
+        true = built(seed, link_mm, axis_rad)
         data = seen_by_a_tracker(true, 15, seed, travel_rad=0.7, noise=(1e-3, 1.0))
         mine.append(ours(*data)[1])
         plain.append(plainly(*data))
@@ -113,7 +107,7 @@ def local(joint, size_rad, width_rad):
 @pytest.mark.parametrize("n_blunders", [0, 3])
 def test_excluded_poses_that_lie_together_are_a_finding_of_the_model(seed, n_blunders):
     angles_rad, places_mm = seen_by_a_tracker(
-        disturbed(DESIGN, seed),
+        built(seed),
         80,
         seed,
         travel_rad=1.5,
@@ -139,7 +133,7 @@ def test_excluded_poses_that_lie_together_are_a_finding_of_the_model(seed, n_blu
 
 def test_excluded_poses_of_one_time_stay_out_and_are_reported():
     angles_rad, places_mm = seen_by_a_tracker(
-        disturbed(DESIGN, 1), 80, 1, travel_rad=1.5, noise=(3e-5, 0.02)
+        built(1), 80, 1, travel_rad=1.5, noise=(3e-5, 0.02)
     )
     true_mm = places_mm.copy()
     places_mm[50:62] += [0.7, 0.0, -0.4]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.lab.report.pages import Page
-from tests.lab.simulated import arm_value, bar, cones, disturbed, seven_joints, simulate
+from tests.lab.simulated import DESIGN, DESIGN_ARM, bar, built, cones, simulate
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.report.page import report_page, result_map
 from traverse.lab.identification.results.result import Identification
@@ -31,7 +31,6 @@ SECTIONS = [
 
 @pytest.fixture(scope="module")
 def result() -> Identification:
-    true = seven_joints()
     tables = [*cones(3), bar(id="bar <1> & co"), {"id": "ball", "kind": "sphere"}]
     tables.append(
         {
@@ -41,9 +40,9 @@ def result() -> Identification:
             "points_mm": {"A": [0.0, 0.0, 0.0], "B": [90.0, 0.0, 0.0]},
         }
     )
-    campaign = simulate(disturbed(true, 3), tables, 40, 7)
+    campaign = simulate(built(3), tables, 40, 7)
     campaign.poses.angles_rad[50, 1] += 3e-3
-    return identify(campaign, arm_value(true))
+    return identify(campaign, DESIGN_ARM)
 
 
 @pytest.fixture(scope="module")
@@ -147,9 +146,8 @@ def test_the_page_is_the_same_each_time(
 
 
 def test_a_page_without_free_parameters_says_so() -> None:
-    true = seven_joints()
-    campaign = simulate(true, cones(2), 10, 7)
-    held = identify(campaign, arm_value(true), Options(hold=("*",)))
+    campaign = simulate(DESIGN, cones(2), 10, 7)
+    held = identify(campaign, DESIGN_ARM, Options(hold=("*",)))
     page = Page(report_page(held, result_map(held)))
     assert page.sections == SECTIONS
     assert page.text.count("No parameter was free") == 4

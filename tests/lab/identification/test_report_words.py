@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.lab.simulated import arm_value, bar, cones, disturbed, seven_joints, simulate
+from tests.lab.simulated import DESIGN_ARM, bar, built, cones, simulate
 from traverse.lab.identification.equations.datum import posture_columns
 from traverse.lab.identification.identify import identify
 from traverse.lab.identification.report.page import (
@@ -26,10 +26,9 @@ from traverse.lab.statistics.distributions import GlobalTest
 
 @pytest.fixture(scope="module")
 def good() -> Identification:
-    true = seven_joints()
-    campaign = simulate(disturbed(true, 3), [*cones(3), bar()], 30, 7)
+    campaign = simulate(built(3), [*cones(3), bar()], 30, 7)
     return replace(
-        identify(campaign, arm_value(true)),
+        identify(campaign, DESIGN_ARM),
         sigma0=1.02,
         redundancy=200,
         global_test=GlobalTest(p_value=0.6),
@@ -38,8 +37,7 @@ def good() -> Identification:
 
 @pytest.fixture(scope="module")
 def scaleless() -> Identification:
-    true = seven_joints()
-    return identify(simulate(disturbed(true, 3), cones(4), 30, 7), arm_value(true))
+    return identify(simulate(built(3), cones(4), 30, 7), DESIGN_ARM)
 
 
 @pytest.mark.parametrize(

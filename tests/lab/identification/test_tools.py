@@ -10,9 +10,9 @@ from scipy.stats import chi2
 from tests.lab.simulated import (
     Noise,
     arm_value,
+    built,
     disturbed,
     rotations,
-    seven_joints,
     simulate,
     written,
 )
@@ -34,7 +34,7 @@ TABLES = [
     {"id": "cone-0", "kind": "cone", "place_mm": (450.0, 380.0, 200.0)},
     {"id": "cone-1", "kind": "cone", "place_mm": (-200.0, 560.0, 100.0)},
 ]
-TRUE = disturbed(seven_joints(), seed=3)
+TRUE = built(3)
 QUICK = Options(n_suggestions=0)
 RARE = 1e-3
 
