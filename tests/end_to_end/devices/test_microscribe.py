@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.end_to_end.agreement import delays_s
+from tests.end_to_end.agreement import assert_where_the_ball_was, delays_s
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.listener import Listener, listening
 from tests.end_to_end.programs import Program
@@ -150,10 +150,9 @@ def assert_true(bench: Workbench, listener: Listener, held_back_s: float = 0.0) 
     assert flags - {"interpolated"} <= in_doubt
     delays = delays_s(listener.points, presses)
     assert np.ptp(delays) < held_back_s + 1e-2, delays
-    rounding_mm = MatrixArm(bench.arm_file).resolution_mm()
-    assert rounding_mm < 5.0
+    assert MatrixArm(bench.arm_file).resolution_mm() < 5.0
+    assert_where_the_ball_was(bench, listener.points, presses)
     for point, edge in zip(listener.points, presses, strict=True):
-        assert np.abs(np.array(point.xyz_mm) - edge["centre_mm"]).max() < rounding_mm
         assert np.abs(np.array(point.ijk) - edge["shank"]).max() < 5e-3
 
 
