@@ -1,45 +1,18 @@
 """Encoders that answer later than a period: no count is of another SYNC unseen."""
 
-import asyncio
 import bisect
 
 import numpy as np
 import pytest
 
-from tests.drivers.canopen.fake_nodes import FakeNodes
+from tests.drivers.canopen.rig import CanRig
 from tests.drivers.driver_contract import streaming
 from tests.drivers.taken import Taken, until
-from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import CountSamples
-from traverse.drivers.canopen.driver import CanOpenDriver
-from traverse.drivers.canopen.options import CanOpenOptions
 
 RATE_HZ = 50.0
 PERIOD_S = 1.0 / RATE_HZ
 FIRST = {5: 1000, 9: 1007}
-
-
-class HostRig:
-    """A driver that sends the SYNCs, and encoders that answer them."""
-
-    def __init__(self, channel: str) -> None:
-        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-        self.port = channel
-        self.nodes = FakeNodes(channel)
-        self.nodes.answers_sync = True
-        self.driver = CanOpenDriver(
-            "arm",
-            CanOpenOptions(
-                interface="virtual",
-                channel=channel,
-                nodes=(5, 9),
-                sync="host",
-                heartbeat_ms=1000,
-                late_s=2.0,  # a busy computer stops for so long
-                status_period_s=0.0,
-            ),
-            self.delivery_queue,
-        )
 
 
 def judge(taken: Taken, synced_ns: list[int]) -> tuple[int, list[str]]:
@@ -61,8 +34,10 @@ def judge(taken: Taken, synced_ns: list[int]) -> tuple[int, list[str]]:
 
 @pytest.mark.parametrize("late", [(9,), (5, 9)])
 async def test_answers_that_come_after_the_next_sync_are_not_taken_for_it(late):
-    rig = HostRig(f"late-{len(late)}")
-    with rig.nodes, rig.driver:
+    # The driver sends the SYNCs; a busy computer stops for two seconds.
+    host = {"sync": "host", "heartbeat_ms": 1000, "late_s": 2.0}
+    with CanRig(**host) as rig, rig.driver:
+        rig.nodes.answers_sync = True
         taken = await streaming(rig, RATE_HZ)
         await taken.until(lambda: len(taken.seqs()) >= 5, "samples in time")
         for number in late:

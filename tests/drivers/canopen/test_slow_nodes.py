@@ -1,26 +1,15 @@
 """CANopen encoders that answer questions late are slow, not two."""
 
-import asyncio
-import itertools
 from collections.abc import Iterator
 
 import pytest
 
-from tests.drivers.canopen.fake_nodes import FakeNodes
-from tests.drivers.taken import Taken
-from traverse.drivers.base.delivery_queue import DeliveryQueue
-from traverse.drivers.base.values import (
-    DeviceAlarm,
-    DeviceLost,
-    DeviceUp,
-    StreamStarted,
-)
-from traverse.drivers.canopen.driver import CanOpenDriver
-from traverse.drivers.canopen.options import CanOpenOptions
+from tests.drivers.canopen.rig import CanRig, channels
+from tests.drivers.driver_contract import streaming
+from traverse.drivers.base.values import DeviceAlarm, DeviceLost
 from traverse.drivers.canopen.sdo import NodeError, NodeSdo
 from traverse.drivers.io.can_bus import CanBus
 
-channels = itertools.count()
 ALARMS, WARNINGS = 0x6503, 0x6505
 QUICK_S = 0.02
 ASK_TYPE = bytes.fromhex("40 00 10 00 00 00 00 00")
@@ -117,27 +106,9 @@ class Reluctant:
 
 
 async def test_a_node_that_answers_an_earlier_connection_is_not_two() -> None:
-    delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-    channel = f"slow-{next(channels)}"
-    driver = CanOpenDriver(
-        "arm",
-        CanOpenOptions(
-            interface="virtual",
-            channel=channel,
-            nodes=(5, 9),
-            sync="external",
-            answer_s=0.05,
-            answer_tries=2,
-            status_period_s=0.0,
-        ),
-        delivery_queue,
-    )
-    nodes = FakeNodes(channel)
-    nodes.distort = Reluctant()
-    with nodes, driver:
-        taken = Taken(delivery_queue)
-        await taken.until(lambda: taken.of(DeviceUp), "the nodes")
-        driver.request_stream(100.0)  # set after the discovery
-        await taken.until(lambda: taken.of(StreamStarted), "the stream")
+    with CanRig(answer_s=0.05) as rig:
+        rig.nodes.distort = Reluctant()
+        with rig.driver:
+            taken = await streaming(rig, 100.0)
     assert [alarm.code for alarm in taken.of(DeviceAlarm)] == []
     assert len(taken.of(DeviceLost)) == 1
