@@ -1,5 +1,6 @@
 """The command line as a whole: help, version, exit statuses of misuse."""
 
+import inspect
 import sys
 from importlib.metadata import version
 
@@ -42,6 +43,7 @@ def test_old_names_are_hidden_and_do_the_same() -> None:
     assert {name for name, one in every.items() if one.hidden} == {"interim"}
     old, new = every["interim"], every["daily-check"]
     assert old.help == new.help
+    assert inspect.unwrap(old.callback) is inspect.unwrap(new.callback)
     assert [one.opts for one in old.params] == [one.opts for one in new.params]
     assert " interim " not in said("--help")[1]
     assert said("interim") == (

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import signal
 import socket
 import subprocess
 import sys
@@ -14,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.proofs.conditions import demo_arm
+from tests.fleet.calls import killed_at_three, killed_once, squared
 from tests.lab.identification.test_prior import measured
 from tests.running import invoke
 from traverse.fleet.campaigns import Request, run_campaigns
@@ -26,27 +26,6 @@ from traverse.simulator.campaigns import write_campaign
 PATIENCE_S = 60.0
 WHEN = datetime(2026, 11, 24, 12, tzinfo=UTC)
 N_CAMPAIGNS = 5
-
-
-# Calls of workers.
-
-
-def squared(number):
-    return number * number
-
-
-def killed_at_three(number):
-    if number == 3:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return number
-
-
-def killed_once(file):
-    """Die the first time."""
-    if file.name.startswith("once") and not file.exists():
-        file.write_text("was here")
-        os.kill(os.getpid(), signal.SIGKILL)
-    return file.name
 
 
 def test_each_is_called_once():

@@ -54,7 +54,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def lengthless(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same without any length."""
     folder = tmp_path_factory.mktemp("lengthless")
-    write_simulated(folder, "cones", 120)
+    write_simulated(folder, "cones", 80)
     return folder
 
 
@@ -105,6 +105,7 @@ def test_json_is_as_the_contract_says(identified: Path) -> None:
     assert said["schema"] == "traverse/identification/1"
     assert said["converged"] is True
     assert said["undetermined"] == []
+    assert said["holdout"] is None
     for entry in said["parameters"]:
         assert list(entry) == ["name", "value", "unit", "std", "controllability"]
         assert entry["unit"] == ("rad" if ".axis." in entry["name"] else "mm")
@@ -172,16 +173,6 @@ def test_undetermined_scale_is_a_warning_unless_strict(lengthless: Path) -> None
     assert "the truth is worse" in ran.stdout
     run_identify(lengthless, *arguments, "--strict", status=1)
     assert (lengthless / "out" / "arm.toml").exists()
-
-
-def test_held_parameters_are_not_estimated(measured: Path) -> None:
-    arguments = ("campaign", "--arm", "arm.toml", "--out", "held", "--json")
-    said = said_json(
-        run_identify(measured, *arguments, "--hold", "J7.*", "--hold", "J6.link.?")
-    )
-    names = {entry["name"] for entry in said["parameters"]}
-    assert not any(name.startswith(("J7.", "J6.link.")) for name in names)
-    assert "J6.axis.v" in names
 
 
 @pytest.mark.slow
@@ -275,15 +266,18 @@ def test_two_results_are_compared_at_the_probe(identified: Path) -> None:
     assert f"rms {found['rms_mm']:.4f} mm" in lines[3]
 
 
-def test_masks_may_stand_in_a_file(measured: Path, tmp_path: Path) -> None:
+def test_held_parameters_are_not_estimated_also_by_a_file_of_masks(
+    measured: Path, tmp_path: Path
+) -> None:
     masks = tmp_path / "masks.toml"
     schema = 'schema = "traverse/identification-masks/1"\n'
     masks.write_text(schema + 'hold = ["J2.*"]\n')
-    wanted = ("campaign", "--arm", "arm.toml", "--masks", str(masks), "--json")
-    said = run_identify(measured, *wanted, "--out", str(tmp_path / "out"))
-    names = {row["name"] for row in json.loads(said.stdout)["parameters"]}
-    assert names
-    assert not any(name.startswith("J2.") for name in names)
+    words = ("campaign", "--arm", "arm.toml", "--out", str(tmp_path / "out"), "--json")
+    words += ("--hold", "J7.*", "--hold", "J6.link.?", "--masks", str(masks))
+    said = said_json(run_identify(measured, *words))
+    names = {entry["name"] for entry in said["parameters"]}
+    assert not any(name.startswith(("J2.", "J7.", "J6.link.")) for name in names)
+    assert "J6.axis.v" in names
     masks.write_text(schema + 'held = ["J2.*"]\n')
-    said = run_identify(measured, *wanted, "--out", str(tmp_path / "out"), status=2)
-    assert "held: unknown key 'held'; did you mean 'hold'?" in said.stderr
+    refused = run_identify(measured, *words, status=2)
+    assert "held: unknown key 'held'; did you mean 'hold'?" in refused.stderr

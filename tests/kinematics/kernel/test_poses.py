@@ -1,12 +1,19 @@
-"""Every variant of the kernel in C against NumPy, exact decimals and itself."""
+"""Every variant of the kernel in C against NumPy, exact decimals and itself.
+
+The kernel's derivatives against complex steps, NumPy and exact invariances.
+What the kernel in C refuses: everything behind these checks trusts the shapes.
+"""
 
 from decimal import Decimal
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from tests.kinematics.arms import random_geometry, size_mm
+from tests.kinematics.arms import random_geometry, seeds, size_mm
 from tests.kinematics.model.exact_arm import exact_pose
+from traverse.kinematics.model.derivatives import ProbeDerivatives, numpy_derivatives
 from traverse.kinematics.model.forward import numpy_pose, numpy_positions
 from traverse.kinematics.model.geometry import Geometry
 
@@ -182,3 +189,195 @@ def test_empty_block_gives_empty_results(variant):
     assert [a.shape for a in chain.poses(nothing)] == [(0, 3), (0, 3)]
     assert [a.shape for a in chain.joint_poses(nothing)] == [(0, 4, 3), (0, 3, 3, 3)]
     assert chain.derivatives(nothing)[2].shape == (0, 3, 3, 3)
+
+
+STEP = 1e-20
+
+
+def derivatives(geometry, angles, variant=VARIANTS[-1]):
+    return ProbeDerivatives(*compiled.Chain(geometry, variant).derivatives(angles))
+
+
+def complex_centre(values, angles):
+    """The centre of one sample, of complex parameters; axes are normalised here."""
+    v = values["probe_vector_mm"]
+    for k in reversed(range(len(angles))):
+        u = values["axes"][k]
+        u = u / np.sqrt(np.sum(u * u))
+        w = v + values["links_mm"][k]
+        theta = angles[k] - values["zeros_rad"][k]
+        v = w * np.cos(theta) + np.cross(u, w) * np.sin(theta)
+        v = v + u * np.sum(u * w) * (1 - np.cos(theta))
+    return v + values["origin_mm"]
+
+
+def by_complex_step(geometry, angles, name):
+    """Differentiate one sample by every component of one kind of parameter."""
+    names = ("probe_vector_mm", "axes", "links_mm", "zeros_rad", "origin_mm")
+    values = {n: getattr(geometry, n).astype(complex) for n in names}
+    values["angles"] = angles.astype(complex)
+    place = values[name]
+    found = np.empty((3, *place.shape))
+    for index in np.ndindex(place.shape):
+        place[index] += 1j * STEP
+        moved = complex_centre(values, values["angles"])
+        found[(slice(None), *index)] = moved.imag / STEP
+        place[index] -= 1j * STEP
+    return found
+
+
+@settings(max_examples=30)
+@given(st.integers(1, 9), seeds)
+def test_every_derivative_agrees_with_complex_steps(n_joints, seed):
+    geometry = random_geometry(seed, n_joints)
+    angles = np.random.default_rng(seed).uniform(-7, 7, (2, n_joints))
+    found = derivatives(geometry, angles)
+    tolerance = 1e-14 * n_joints * size_mm(geometry)
+    for n, sample in enumerate(angles):
+        for name, columns, scale in (
+            ("angles", found.by_angles, tolerance),
+            ("zeros_rad", found.by_zeros, tolerance),
+            ("axes", found.by_axes, tolerance),
+            ("links_mm", found.by_links, 1e-14 * n_joints),
+            ("probe_vector_mm", found.by_probe_vector, 1e-14 * n_joints),
+            ("origin_mm", found.by_origin, 1e-14),
+        ):
+            expected = by_complex_step(geometry, sample, name)
+            np.testing.assert_allclose(columns[n], expected, rtol=0, atol=scale)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("n_joints", [1, 2, 5, 7, 9, 32])
+def test_derivatives_agree_with_numpy(variant, n_joints):
+    geometry = random_geometry(n_joints, n_joints)
+    angles = np.random.default_rng(2).uniform(-7, 7, (77, n_joints))
+    found = derivatives(geometry, angles, variant)
+    expected = numpy_derivatives(geometry, angles)
+    for name in ("centres_mm", "by_angles", "by_axes", "by_links"):
+        size = 1.0 if name == "by_links" else size_mm(geometry)
+        np.testing.assert_allclose(
+            getattr(found, name),
+            getattr(expected, name),
+            rtol=0,
+            atol=1e-14 * n_joints * size,
+        )
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_centres_and_rotations_have_the_bits_of_the_forward_kinematics(variant):
+    geometry = random_geometry(3, 7)
+    angles = np.random.default_rng(2).uniform(-7, 7, (77, 7))
+    chain = compiled.Chain(geometry, variant)
+    found = derivatives(geometry, angles, variant)
+    assert found.centres_mm.tobytes() == chain.centres(angles).tobytes()
+    rotations = chain.joint_poses(angles)[1]
+    assert np.array_equal(found.by_links.transpose(0, 2, 1, 3), rotations)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("n_samples", [1, 7, 8, 31, 33])
+def test_block_and_place_in_it_leave_every_bit_of_derivatives(variant, n_samples):
+    geometry = random_geometry(3, 7)
+    angles = np.random.default_rng(2).uniform(-7, 7, (77, 7))
+    chain = compiled.Chain(geometry, variant)
+    whole = chain.derivatives(angles)
+    for first in (0, 5, 40):
+        part = slice(first, first + n_samples)
+        for found, expected in zip(chain.derivatives(angles[part]), whole, strict=True):
+            assert found.tobytes() == expected[part].tobytes()
+
+
+def test_given_places_are_filled_and_returned():
+    geometry = random_geometry(3, 4)
+    angles = np.random.default_rng(2).uniform(-7, 7, (9, 4))
+    chain = compiled.Chain(geometry, VARIANTS[-1])
+    expected = chain.derivatives(angles)
+    places = tuple(np.full_like(array, np.nan) for array in expected)
+    assert chain.derivatives(np.asfortranarray(angles), out=places) is places
+    for found, wanted in zip(places, expected, strict=True):
+        assert np.array_equal(found, wanted)
+
+
+GEOMETRY = random_geometry(1, 3)
+CHAIN = compiled.Chain(GEOMETRY, compiled.runnable_variants()[-1])
+ANGLES = np.zeros((5, 3))
+
+
+@pytest.mark.parametrize("shape", [(3,), (2, 2), (2, 4), (1, 2, 3)])
+@pytest.mark.parametrize(
+    "of",
+    [CHAIN.poses, CHAIN.centres, CHAIN.positions, CHAIN.joint_poses, CHAIN.derivatives],
+)
+def test_readings_of_another_shape_are_refused(of, shape):
+    with pytest.raises(
+        ValueError, match=rf"angles_rad has shape .*expected \({shape[0]}, 3\)"
+    ):
+        of(np.zeros(shape))
+
+
+@pytest.mark.parametrize("shape", [(4, 3), (15,)])
+def test_arrays_that_lie_about_their_shape_are_refused(shape):
+    class Lying(np.ndarray):
+        shape = (5, 3)
+
+    with pytest.raises(ValueError, match=r"dimensions|memory of another shape"):
+        CHAIN.centres(ANGLES, out=np.zeros(shape).view(Lying))
+
+
+@pytest.mark.parametrize("dtype", [np.int64, np.float32, ">f8"])
+def test_readings_of_another_kind_are_refused(dtype):
+    with pytest.raises(ValueError, match="expected aligned float64"):
+        CHAIN.poses(ANGLES.astype(dtype))
+
+
+def test_unaligned_readings_are_refused():
+    memory = np.zeros(ANGLES.nbytes + 4, np.uint8)
+    unaligned = memory[4:].view(np.float64).reshape(5, 3)
+    aligned_at = memory.ctypes.data % 8
+    with pytest.raises(ValueError, match="expected aligned float64"):
+        CHAIN.poses(unaligned if aligned_at == 0 else memory[:-4].view(float))
+
+
+def test_places_of_another_shape_or_read_only_are_refused():
+    with pytest.raises(ValueError, match=r"directions has shape \(4, 3\)"):
+        CHAIN.poses(ANGLES, None, np.zeros((4, 3)))
+    with pytest.raises(ValueError, match="read-only"):
+        CHAIN.centres(ANGLES, out=np.broadcast_to(np.zeros(3), (5, 3)))
+    with pytest.raises(ValueError, match="not C-contiguous"):
+        CHAIN.positions(ANGLES, out=np.zeros((5, 3, 4)).transpose(0, 2, 1))
+    places = CHAIN.derivatives(ANGLES)
+    with pytest.raises(ValueError, match="by_axes has shape"):
+        CHAIN.derivatives(ANGLES, out=(*places[:2], places[2][:, :, :2], places[3]))
+
+
+@pytest.mark.parametrize(
+    "sample", [[0.0] * 2, [0.0] * 4, (0.0,) * 4, np.zeros(4), np.zeros((1, 3))]
+)
+def test_one_sample_of_another_length_is_refused(sample):
+    with pytest.raises(ValueError, match="expected 3 floats"):
+        CHAIN.pose(sample)
+
+
+def test_one_sample_of_words_is_refused():
+    with pytest.raises(TypeError):
+        CHAIN.pose(["a", "b", "c"])
+    with pytest.raises(TypeError):
+        CHAIN.pose(7.0)
+
+
+def test_list_that_shrinks_while_it_is_read_is_refused():
+    class Shrinking:
+        def __float__(self):
+            del sample[1:]
+            return 0.0
+
+    sample = [Shrinking(), 0.0, 0.0]
+    with pytest.raises(ValueError, match="expected 3 floats"):
+        CHAIN.pose(sample)
+
+
+def test_arm_of_too_many_joints_and_unknown_variants_are_refused():
+    with pytest.raises(ValueError, match="33 joints, expected at most 32"):
+        compiled.Chain(random_geometry(1, 33), "portable")
+    with pytest.raises(ValueError, match="'avx1024' does not run on this processor"):
+        compiled.Chain(GEOMETRY, "avx1024")

@@ -216,9 +216,9 @@ def test_the_commands_take_a_family_and_say_so(folder):
 
 
 def test_what_a_family_told_is_no_evidence_of_the_arm_alone(folder):
-    given = (folder / "short", "--arm", folder / "design.toml")
     out = folder / "evidence"
-    run("identify", *given, "--family", folder / "family.toml", "--out", out)
+    given = (folder / "short", "--arm", folder / "design.toml", "--out", out)
+    run("identify", *given, "--family", folder / "family.toml")
     add_data(out, folder / "short", folder / "design.toml")
     assert list(evidence_problems(out)) == [
         "what its family says took part; identify from its own poses alone"
