@@ -185,7 +185,7 @@ def test_columns_of_another_shape_or_type_are_refused():
 
 @pytest.mark.slow
 def test_laws_of_the_effects_hold_without_the_kernel():
-    files = ("blocks", "compliance", "contacts", "mechanics", "readings", "together")
+    files = ("blocks", "contacts", "mechanics", "readings")
     run_program(
         *(sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"),
         *(f"tests/kinematics/effects/test_effect_{name}.py" for name in files),
