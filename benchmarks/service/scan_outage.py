@@ -5,6 +5,7 @@ seconds and comes back. Once with each delivery: which points does a consumer ha
 the end, are gaps reported, and were all encoders read meanwhile?
 """
 
+from tests.waiting import until
 import asyncio
 import sys
 import tempfile
@@ -17,7 +18,6 @@ from benchmarks.tools.rounds import given, load
 from tests import programs
 from tests.end_to_end.listener import numbers
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import SWEEP, Workbench
 from tests.mosquitto import Mosquitto
 from traverse.protocol.messages import Scan

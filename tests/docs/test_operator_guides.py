@@ -8,9 +8,9 @@ import pytest
 
 from tests.docs.shell import PATIENCE_S, Shell, as_run
 from tests.docs.telling import blocks, numbers_of, told, words_of
-from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import REST, Workbench, rest
 from tests.mosquitto import Mosquitto
+from tests.waiting import until
 
 PART = "docs/how-to/measure-a-part.md"
 PROBE = "docs/how-to/change-a-probe.md"

@@ -9,7 +9,8 @@ from typing import Any
 import aiomqtt
 import numpy as np
 
-from tests.end_to_end.programs import PATIENCE_S, until
+from tests.end_to_end.programs import PATIENCE_S
+from tests.waiting import until
 from traverse.broker.address import BrokerAddress
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.mqtt.subscription import KINDS, connection, received, subscribe

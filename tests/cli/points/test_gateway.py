@@ -15,9 +15,10 @@ import pytest
 
 from tests.client.gateways.foxglove_viewer import Viewer
 from tests.client.virtual_daemon import VirtualDaemon
-from tests.end_to_end.programs import Program, until
-from tests.mosquitto import Mosquitto
+from tests.end_to_end.programs import Program
+from tests.mosquitto import Mosquitto, free_port
 from tests.running import run_traverse
+from tests.waiting import until
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.lab.daily_check.figures import DailyCheckFigures
 from traverse.lab.daily_check.history import Check, add_check
@@ -182,11 +183,8 @@ def test_a_port_that_is_taken_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_broker_that_is_not_there_has_a_status_of_its_own(tmp_path: Path) -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-        options = ("--broker", f"127.0.0.1:{port}", "--file", "lines.txt")
-        run_traverse(tmp_path, *LINES, "--arm", "bench-7", *options, status=3)
+    options = ("--broker", f"127.0.0.1:{free_port()}", "--file", "lines.txt")
+    run_traverse(tmp_path, *LINES, "--arm", "bench-7", *options, status=3)
 
 
 @pytest.mark.needs("mosquitto")

@@ -11,12 +11,13 @@ import pytest
 from typer.testing import Result
 
 from tests.certificates import Authority, Pair
-from tests.client.reading import PATIENCE_S, read, until
+from tests.client.reading import PATIENCE_S, read
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.docs.pages import commands
 from tests.end_to_end.programs import Program
 from tests.mosquitto import HOST, Mosquitto, free_port
 from tests.running import invoke
+from tests.waiting import until
 from traverse.client import Arm, BrokerAddress, BrokerUnreachableError
 from traverse.client.display.follower import Follower, following
 from traverse.client.mqtt.subscription import find_arms

@@ -13,7 +13,7 @@ import time
 import pytest
 
 from tests.daemon.values import SetClock
-from tests.drivers.taken import until
+from tests.waiting import until
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.config.devices import DeviceSection
 from traverse.daemon.monitoring.events import EventLog

@@ -7,7 +7,8 @@ import pytest
 from tests.drivers.canopen.fake_nodes import u16, u32
 from tests.drivers.canopen.rig import CanRig, until_status
 from tests.drivers.driver_contract import DriverContract, StreamContract, streaming, up
-from tests.drivers.taken import Taken, until
+from tests.drivers.taken import Taken
+from tests.waiting import until
 from traverse.drivers.base.values import (
     CountSamples,
     DeviceLost,

@@ -11,7 +11,8 @@ import pytest
 
 from tests.drivers.canopen.rig import CanRig, channels
 from tests.drivers.driver_contract import streaming
-from tests.drivers.taken import Taken, until
+from tests.drivers.taken import Taken
+from tests.waiting import until
 from traverse.drivers.base.values import CountSamples, DeviceAlarm, DeviceLost
 from traverse.drivers.canopen.sdo import NodeError, NodeSdo
 from traverse.drivers.io.can_bus import CanBus

@@ -11,7 +11,8 @@ from tests.drivers.driver_contract import (
 )
 from tests.drivers.microscribe.fake_arm import FakeMicroscribe
 from tests.drivers.pty_peer import PeerRig, rig_fixture
-from tests.drivers.taken import Taken, until
+from tests.drivers.taken import Taken
+from tests.waiting import until
 from traverse.drivers.base.registry import driver_class
 from traverse.drivers.base.values import (
     STATUS_MISSING,

@@ -11,10 +11,11 @@ import pytest
 
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import Program, until
+from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import Workbench
 from tests.mosquitto import HOST, free_port
 from tests.running import run_program
+from tests.waiting import until
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Point, PointArgs, Status
 

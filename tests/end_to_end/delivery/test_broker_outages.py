@@ -10,9 +10,10 @@ import pytest
 from tests.end_to_end.agreement import assert_one_point_an_edge
 from tests.end_to_end.listener import Listener, numbers
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import Program, until
+from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.mosquitto import Mosquitto
+from tests.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

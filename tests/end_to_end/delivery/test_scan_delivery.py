@@ -10,9 +10,9 @@ import pytest
 from tests.daemon.store.outbox_entries import rows
 from tests.end_to_end.listener import listening, numbers
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import SWEEP, Workbench
 from tests.mosquitto import Mosquitto
+from tests.waiting import until
 from traverse.protocol.messages import ResendArgs
 
 pytestmark = pytest.mark.needs("mosquitto")

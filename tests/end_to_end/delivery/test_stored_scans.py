@@ -8,10 +8,10 @@ import pytest
 
 from tests.end_to_end.listener import times_ns
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import SWEEP, Workbench
 from tests.fleet.running import becomes, rows, started
 from tests.mosquitto import Mosquitto
+from tests.waiting import until
 
 pytestmark = [pytest.mark.needs("mosquitto"), pytest.mark.slow]
 

@@ -8,8 +8,8 @@ import pytest
 
 from tests.end_to_end.agreement import assert_where_the_ball_was
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import REST, SPHERE, Workbench, rest
+from tests.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 

@@ -7,8 +7,8 @@ import pytest
 
 from tests.end_to_end.listener import Listener, numbers, times_ns
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import REST, SPHERE, Workbench
+from tests.waiting import until
 from traverse.protocol.messages import Scan
 
 pytestmark = pytest.mark.needs("mosquitto")

@@ -10,8 +10,9 @@ import pytest
 
 from tests.end_to_end.measurement.test_capture_points import LIBRARY, result
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import Program, until
+from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import SPHERE, Workbench
+from tests.waiting import until
 from traverse.protocol.messages import (
     Label,
     LabelArgs,

@@ -7,6 +7,7 @@ All mechanical kinds at once against rigid motions.
 import numpy as np
 import pytest
 
+from tests.arm_files import arm_text, joint_text
 from tests.kinematics.effects.agreement import GRAVITY, SEEDS, across_axis, agree, poses
 from tests.kinematics.effects.reference import (
     EPOCH,
@@ -170,25 +171,14 @@ def test_mount_compliance_turns_everything_about_the_origin(seed, override):
 
 def test_weights_on_a_horizontal_link_by_hand():
     """1 m of 2 kg and a probe of 0.5 kg, 2e-5 rad per N m, about a level axis."""
-    text = """
-schema = "traverse/arm/1"
-name = "beam"
-origin_mm = [0.0, 0.0, 0.0]
-[[joints]]
-name = "J1"
-axis = [0.0, 1.0, 0.0]
-link_mm = [1000.0, 0.0, 0.0]
-zero_rad = 0.0
-mass_kg = 2.0
-[probe]
-radius_mm = 1.0
-kind = "hard"
-mass_kg = 0.5
-[reference]
-temperature_c = 20.0
-gravity_m_s2 = [0.0, 0.0, -10.0]
-"""
-    arm = parse_arm(text)
+    arm = parse_arm(
+        arm_text(
+            "beam",
+            joint_text("J1", [0, 1.0, 0], [1000.0, 0, 0], more="mass_kg = 2.0\n"),
+            probe='radius_mm = 1.0\nkind = "hard"\nmass_kg = 0.5',
+            gravity_m_s2=10.0,
+        )
+    )
     one = effect("joint_compliance", joint="J1", compliance_rad_nm=2e-5)
     centre, _ = poses(arm, (one,), np.zeros((1, 1)))
     # 2 kg at 0.5 m and 0.5 kg at 1 m: 15 N m downwards, that is 3e-4 rad and 0.3 mm.

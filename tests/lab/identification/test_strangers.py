@@ -80,62 +80,27 @@ def test_a_campaign_that_determines_little_converges(seed, free):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("tables", "lies", "length", "value_mm", "noise_known"),
+    ("tables", "lie.wrong_mm", "value_mm", "noise_known"),
     [
-        ([*cones(3), BALL], {"ball": {"radius_mm": 254.0}}, "radius", 25.4, False),
-        (
-            [*cones(2), BALL, SHORT],
-            {"ball": {"radius_mm": 254.0}},
-            "radius",
-            25.4,
-            True,
-        ),
-        (
-            [*cones(2), SHORT, LONG],
-            {"short": {"distance_mm": 404.0}},
-            "distance",
-            400,
-            True,
-        ),
-        (
-            [*cones(2), SHORT, LONGEST],
-            {"longest": {"distance_mm": 808.0}},
-            "distance",
-            800,
-            True,
-        ),
-        (
-            [*cones(2), SHORT, LONGEST],
-            {"longest": {"distance_mm": 80.0}},
-            "distance",
-            800,
-            False,
-        ),
-        (
-            [*cones(2), SHORT, LONG],
-            {"short": {"radius_mm": 13.7}},
-            "radius",
-            12.7,
-            False,
-        ),
-        (
-            [*cones(2), LONG, GAUGE],
-            {"gauge": {"distance_mm": 101.0}},
-            "distance",
-            100,
-            True,
-        ),
+        ([*cones(3), BALL], "ball.radius_mm", 254.0, 25.4, False),
+        ([*cones(2), BALL, SHORT], "ball.radius_mm", 254.0, 25.4, True),
+        ([*cones(2), SHORT, LONG], "short.distance_mm", 404.0, 400, True),
+        ([*cones(2), SHORT, LONGEST], "longest.distance_mm", 808.0, 800, True),
+        ([*cones(2), SHORT, LONGEST], "longest.distance_mm", 80.0, 800, False),
+        ([*cones(2), SHORT, LONG], "short.radius_mm", 13.7, 12.7, False),
+        ([*cones(2), LONG, GAUGE], "gauge.distance_mm", 101.0, 100, True),
     ],
 )
 def test_a_wrong_certificate_is_named_with_its_value(
-    tables, lies, length, value_mm, noise_known
+    tables, lie, wrong_mm, value_mm, noise_known
 ):
+    artefact, key = lie.split(".")
     noise = {} if noise_known else {"encoder_rad": None, "contact_mm": None}
+    lies = {artefact: {key: wrong_mm}}
     result, words = identified(tables, 72, lies=lies, **noise)
     (found,) = result.contradictions
-    ((artefact, wrong),) = lies.items()
-    assert (found.artefact, found.name) == (artefact, f"{length}_mm")
-    assert found.certified_mm == wrong[found.name]
+    assert (found.artefact, found.name) == (artefact, key)
+    assert found.certified_mm == wrong_mm
     estimate = result.length_of(artefact, found.name)
     # Without another length the arm keeps the design's scale.
     close = 5.0 * estimate.std_mm if tables[-1] is not BALL else 0.01 * value_mm
