@@ -5,7 +5,6 @@ seconds and comes back. Once with each delivery: which points does a consumer ha
 the end, are gaps reported, and were all encoders read meanwhile?
 """
 
-from tests.waiting import until
 import asyncio
 import sys
 import tempfile
@@ -20,6 +19,7 @@ from tests.end_to_end.listener import numbers
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import SWEEP, Workbench
 from tests.mosquitto import Mosquitto
+from tests.waiting import until
 from traverse.protocol.messages import Scan
 
 SECONDS = 20.0

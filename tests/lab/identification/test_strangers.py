@@ -80,7 +80,7 @@ def test_a_campaign_that_determines_little_converges(seed, free):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("tables", "lie.wrong_mm", "value_mm", "noise_known"),
+    ("tables", "lie", "wrong_mm", "value_mm", "noise_known"),
     [
         ([*cones(3), BALL], "ball.radius_mm", 254.0, 25.4, False),
         ([*cones(2), BALL, SHORT], "ball.radius_mm", 254.0, 25.4, True),
