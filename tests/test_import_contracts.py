@@ -188,7 +188,6 @@ UNKNOWN = [
 
 def sections(checked: subprocess.CompletedProcess[str]) -> dict[str, str]:
     """What is said of every contract that does not hold."""
-    assert checked.returncode == 1, checked.stdout
     _, _, told = checked.stdout.partition("Broken contracts")
     headed = re.split(r"^(.+)\n-+\n", told, flags=re.MULTILINE)
     return dict(zip(headed[1::2], headed[2::2], strict=True))
@@ -207,7 +206,7 @@ def planted_imports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     for module, planted in {one for many in PLANTED.values() for one in many}:
         with (folder / "traverse" / module).open("a", encoding="utf-8") as source:
             source.write(f"\nimport {planted}\n")
-    return sections(lint_imports(folder))
+    return sections(lint_imports(folder, status=1))
 
 
 @pytest.mark.parametrize("contract", PLANTED)
@@ -226,7 +225,7 @@ def planted_modules(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     folder = copy(tmp_path_factory.mktemp("modules"))
     for module, _ in UNKNOWN:
         (folder / "traverse" / module).write_text('"""Planted."""\n', "utf-8")
-    return sections(lint_imports(folder))
+    return sections(lint_imports(folder, status=1))
 
 
 @pytest.mark.parametrize(("module", "contract"), UNKNOWN)
