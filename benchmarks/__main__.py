@@ -18,7 +18,7 @@ from pathlib import Path
 from benchmarks.drivers.decoder import corrupted, noise, speed
 from benchmarks.service.idle import Idle, idle
 from benchmarks.service.stream import Streamed, stream
-from benchmarks.tools.rounds import load
+from benchmarks.tools.rounds import given, load
 
 SECONDS = 20.0
 ROUNDS = 3
@@ -58,7 +58,7 @@ def bare_memory_mb(statement: str) -> float:
     return used.ru_maxrss * 1024 / 1e6
 
 
-def main(seconds: float, folder: Path | None) -> None:
+def main(seconds: float = SECONDS, folder: Path | None = None) -> None:
     """Print every figure, and how busy the machine was meanwhile."""
     before, begun_s = load(), time.monotonic()
     print(before)
@@ -104,7 +104,4 @@ def main(seconds: float, folder: Path | None) -> None:
 
 
 if __name__ == "__main__":
-    main(
-        float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS,
-        Path(sys.argv[2]) if len(sys.argv) > 2 else None,
-    )
+    main(*given(float, Path))

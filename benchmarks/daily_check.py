@@ -5,13 +5,13 @@ other postures each time. Some stay as they are: how often is a warning false? O
 drift from day 51 on, or are knocked that day: after how many checks is it found?
 """
 
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.tools.rounds import given
 from traverse.arrays import Floats
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.model.forward import probe_centre
@@ -218,11 +218,11 @@ def _found(found: list[Year]) -> Iterator[str]:
     )
 
 
-def main(years: int) -> None:
+def main(years: int = YEARS) -> None:
     """Print all."""
     for line in lines(years):
         print(line, flush=True)
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else YEARS)
+    main(*given(int))

@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.peers.installed import check_agreement, installed_peers
 from benchmarks.peers.peer import Peer
-from benchmarks.tools.rounds import Table, Task, report, timed
+from benchmarks.tools.rounds import Table, Task, given, report, timed
 from traverse.arrays import Floats
 from traverse.kinematics.model.derivatives import numpy_derivatives
 from traverse.kinematics.model.forward import numpy_centre, numpy_pose
@@ -164,7 +164,7 @@ def tables(
     yield timed(f"centre and all derivatives, {n_derived} poses", derived, rounds)
 
 
-def main(path: Path | None) -> None:
+def main(path: Path | None = None) -> None:
     """Print the tables, and keep them in a file where one is named."""
     if not COMPILED:
         sys.exit("the kernel in C is not built, so there is nothing to compare")
@@ -172,4 +172,4 @@ def main(path: Path | None) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)
+    main(*given(Path))

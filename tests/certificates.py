@@ -4,6 +4,8 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.running import run_program
+
 CURVE = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
 
 
@@ -23,7 +25,7 @@ def openssl(*arguments: str | Path) -> None:
 
 def expired() -> tuple[str, ...]:
     """Options for a certificate of the past, which differ between versions."""
-    ran = subprocess.run(["openssl", "version"], capture_output=True, text=True)  # noqa: PLW1510 - then there is no version
+    ran = run_program("openssl", "version")
     major, minor, *_ = ran.stdout.split()[1].split(".")
     if (int(major), int(minor)) < (3, 4):
         return ("-days", "-1")

@@ -4,7 +4,6 @@ import json
 import os
 import re
 import shutil
-import subprocess
 import sys
 import sysconfig
 import tomllib
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.running import run_program
 from traverse.installation import remedy
 
 CHECKOUT = Path(__file__).parent.parent
@@ -107,15 +107,9 @@ def test_every_other_file_of_a_package_is_package_data() -> None:
 
 @pytest.mark.slow
 def test_no_module_is_imported_twice_under_two_names() -> None:
-    run = subprocess.run(
-        [sys.executable, "-c", f"LEFT_OUT = {LEFT_OUT!r}\n{IMPORT_ALL}"],
-        cwd=CHECKOUT,
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=False,
+    run = run_program(
+        sys.executable, "-c", f"LEFT_OUT = {LEFT_OUT!r}\n{IMPORT_ALL}", cwd=CHECKOUT
     )
-    assert run.returncode == 0, run.stderr
     loaded: dict[str, list[str]] = json.loads(run.stdout)
     ours = {
         file: names
@@ -132,24 +126,19 @@ def test_the_old_way_of_importing_is_refused_by_ruff(package: str) -> None:
     source = (
         f'"""Planted."""\n\nimport {package}.planted\nfrom {package} import planted\n'
     )
-    run = subprocess.run(
-        [
-            *(sys.executable, "-m", "ruff", "check", "--select", "TID251"),
-            *(
-                "--output-format",
-                "concise",
-                "--stdin-filename",
-                "daemon/planted.py",
-                "-",
-            ),
-        ],
+    run = run_program(
+        *(sys.executable, "-m", "ruff", "check", "--select", "TID251"),
+        *(
+            "--output-format",
+            "concise",
+            "--stdin-filename",
+            "daemon/planted.py",
+            "-",
+        ),
         cwd=CHECKOUT,
         input=source,
-        capture_output=True,
-        text=True,
-        check=False,
+        status=1,
     )
-    assert run.returncode == 1, run.stdout + run.stderr
     assert run.stdout.count("TID251") == 2, run.stdout
 
 
@@ -163,10 +152,8 @@ def test_what_people_import_is_there_without_the_service() -> None:
         "assert Arm is client.Arm and set(client.__all__) == set(traverse.__all__)\n"
         "print(*(n for n in ('serial', 'mcap', 'scipy', 'typer') if n in sys.modules))"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False
-    )
-    assert (run.returncode, run.stdout.split()) == (0, []), run.stderr
+    run = run_program(sys.executable, "-c", program)
+    assert run.stdout.split() == []
 
 
 @pytest.mark.parametrize(
@@ -192,15 +179,7 @@ def test_a_command_says_which_extra_it_lacks(
         f"import sys; sys.modules[{package!r}] = None\n"
         "from traverse.cli.__main__ import main; main()"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", program, *words],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert run.returncode == 2, run.stderr
+    run = run_program(sys.executable, "-c", program, *words, cwd=tmp_path, status=2)
     assert f"needs {package}, which is not installed; {remedy(extra)}" in run.stderr
     assert "Traceback" not in run.stderr
 
@@ -229,7 +208,7 @@ def test_a_debian_package_names_debian_packages(
     (site / "traverse.pth").write_text("\n".join(paths))
     python = home / "bin" / "python3"
     words = [python, "-c", HINT.format(extra=extra)]
-    text = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    text = run_program(*words).stdout
     assert re.search(told, text.strip())
     assert "pip" not in text
 
@@ -241,8 +220,6 @@ def test_a_checkout_names_make_and_a_wheel_pip(tmp_path: Path) -> None:
     for name in ("__init__.py", "installation.py"):
         shutil.copy(ROOT / name, package)
     words = [sys.executable, "-c", HINT.format(extra="lab")]
-    run = subprocess.run(
-        words, capture_output=True, text=True, check=True, cwd=tmp_path
-    )
+    run = run_program(*words, cwd=tmp_path)
     named = f"{sys.executable}( -m pip install)? 'traverse-cmm\\[lab\\]'$"
     assert re.search(named, run.stdout.strip())

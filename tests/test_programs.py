@@ -12,6 +12,7 @@ import pytest
 
 from tests import programs
 from tests.programs import CHECKOUT, INSTALLER
+from tests.running import run_program
 
 NOBODY = "65534"
 # What `make test` does not install: a compiler and an emulator for another processor
@@ -52,30 +53,31 @@ def test_an_unknown_group_is_an_error_that_names_the_installer(tmp_path):
     (tmp_path / "test_it.py").write_text(
         "import pytest\n@pytest.mark.needs('gramophone')\ndef test_it(): pass\n"
     )
-    ran = subprocess.run(
-        [sys.executable, "-m", "pytest", "-c", CHECKOUT / "pyproject.toml", tmp_path],
+    ran = run_program(
+        *(sys.executable, "-m", "pytest", "-c", CHECKOUT / "pyproject.toml", tmp_path),
         env={**os.environ, "PYTHONPATH": str(CHECKOUT)},
         cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
+        status=pytest.ExitCode.USAGE_ERROR,
     )
-    assert ran.returncode == pytest.ExitCode.USAGE_ERROR, ran.stdout
     assert "'gramophone'" in ran.stderr
     assert "debian-packages.sh" in ran.stderr
 
 
-def installer(*words: str, path: str) -> subprocess.CompletedProcess[str]:
+def installer(
+    *words: str, path: str, status: int = 0
+) -> subprocess.CompletedProcess[str]:
     """Run the installer as a user who may not install."""
     drop = ["setpriv", "--clear-groups", f"--reuid={NOBODY}"]
-    return subprocess.run(
-        [*(drop if os.geteuid() == 0 else []), "sh", "-s", "--", *words],
+    return run_program(
+        *drop if os.geteuid() == 0 else [],
+        "sh",
+        "-s",
+        "--",
+        *words,
         input=INSTALLER.read_text("utf-8"),
         env={"PATH": path, "PYTHON": "/usr/bin/python3"},
-        capture_output=True,
-        text=True,
-        check=False,
         cwd="/",
+        status=status,
     )
 
 
@@ -83,9 +85,8 @@ def test_who_may_not_install_is_told_what_is_missing():
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)  # pytest's own folders are shut to others
         path = programs.search_path(frozenset(), Path(folder))
-        told = installer("aarch64", "prometheus", path=path)
-        unknown = installer("gramophone", path=path)
-    assert told.returncode == unknown.returncode == 2
+        told = installer("aarch64", "prometheus", path=path, status=2)
+        unknown = installer("gramophone", path=path, status=2)
     assert "sudo apt-get install gcc-aarch64-linux-gnu" in told.stderr
     assert told.stderr.endswith(" prometheus\n")
     assert "unknown group 'gramophone'" in unknown.stderr

@@ -8,7 +8,6 @@ is measured by the kernel; the encoders run in a third.
 
 import asyncio
 import logging
-import sys
 import threading
 import time
 from collections import Counter
@@ -22,6 +21,7 @@ import numpy as np
 from can.interfaces.virtual import channels
 from canopen.objectdictionary import ODRecord, ODVariable, datatypes
 
+from benchmarks.tools.rounds import given
 from tests.drivers.canopen.fake_nodes import FakeNodes, u32
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
@@ -234,7 +234,7 @@ def dispatch(n_syncs: int = 20_000) -> str:
     )
 
 
-def main(seconds: float) -> None:
+def main(seconds: float = SECONDS) -> None:
     """Print the figures."""
     logging.getLogger("canopen").setLevel(logging.CRITICAL)
     print(dispatch(), flush=True)
@@ -243,4 +243,4 @@ def main(seconds: float) -> None:
 
 
 if __name__ == "__main__":
-    main(float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS)
+    main(*given(float))

@@ -1,7 +1,6 @@
 """`python -m benchmarks.path [FILE]`: the whole path and its stages, a sample."""
 
 import json
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from benchmarks.path.whole import (
     whole,
 )
 from benchmarks.tools.rig import ARM
-from benchmarks.tools.rounds import Table, Task, report, timed
+from benchmarks.tools.rounds import Table, Task, given, report, timed
 from traverse.daemon.pose.arm_model import read_model
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Scan
@@ -70,10 +69,10 @@ def tables(
         yield timed(f"stages, {way.name}", tasks, rounds)
 
 
-def main(path: Path | None) -> None:
+def main(path: Path | None = None) -> None:
     """Print the tables, and keep them in a file where one is named."""
     report(tables(), path)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)
+    main(*given(Path))

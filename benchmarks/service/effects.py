@@ -1,35 +1,29 @@
 """`python -m benchmarks.service.effects [SECONDS] [FILE]`: what effects cost."""
 
 import asyncio
-import contextlib
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from benchmarks.service.stream import follow_scan
 from benchmarks.tools import rig
-from benchmarks.tools.rounds import load, write_json
+from benchmarks.tools.rounds import given, load, write_json
 from traverse.kinematics.arm_file.arm import (
     Arm,
     Identification,
     effect_from_table,
     read_arm,
-    write_arm,
 )
 from traverse.kinematics.effects.arm_effects import effects_from_arm
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.model.geometry import geometry_from_arm
-
-if TYPE_CHECKING:
-    import subprocess
 
 RATE_HZ = 10_000.0
 SECONDS = 20.0
@@ -167,20 +161,6 @@ def stage(found: dict[str, float]) -> Iterator[str]:
             )
 
 
-@contextlib.contextmanager
-def daemon(folder: Path, port: int, arm: Arm) -> Iterator["subprocess.Popen[bytes]"]:
-    """A daemon with an arm file of its own on the board that is in ``folder``."""
-    own = Path(tempfile.mkdtemp(dir=folder))
-    write_arm(own / "arm.toml", arm)
-    config = own / "daemon.toml"
-    config.write_text(rig.DAEMON.format(folder=folder, port=port))
-    log = own / "daemon.log"
-    run = (sys.executable, "-m", "traverse", "run", "--config", str(config))
-    with rig.program(log, *run) as process:
-        rig.wait_for(lambda: b"arm demo-7" in log.read_bytes(), "the daemon measuring")
-        yield process
-
-
 def streams(
     folder: Path, seconds: float, shares: dict[str, list[float]]
 ) -> Iterator[str]:
@@ -196,7 +176,7 @@ def streams(
     with rig.mosquitto(folder, port), rig.simulator(folder):
         for _ in range(ROUNDS):
             for name, tables in SETS.items():
-                with daemon(folder, port, arm_with(tables)) as process:
+                with rig.daemon(folder, port, arm=arm_with(tables)) as process:
                     found, share, _ = asyncio.run(
                         follow_scan(port, RATE_HZ, n_samples, process)
                     )
@@ -210,7 +190,7 @@ def streams(
         yield f"effects {name}: median {statistics.median(found_shares):.1%} of a core"
 
 
-def main(seconds: float, path: Path | None) -> None:
+def main(seconds: float = SECONDS, path: Path | None = None) -> None:
     """Print every figure, and keep them in a file where one is named."""
     before = load()
     print(before)
@@ -227,7 +207,4 @@ def main(seconds: float, path: Path | None) -> None:
 
 
 if __name__ == "__main__":
-    main(
-        float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS,
-        Path(sys.argv[2]) if len(sys.argv) > 2 else None,
-    )
+    main(*given(float, Path))

@@ -12,7 +12,6 @@ reported, and is not the daemon's fault.
 
 import asyncio
 import json
-import math
 import subprocess
 import sys
 import tempfile
@@ -22,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.tools import rig
-from benchmarks.tools.rounds import load, write_json
+from benchmarks.tools.rounds import given, load, write_json
 from traverse.client import Arm
 from traverse.protocol.messages import Scan
 
@@ -51,7 +50,7 @@ class Size:
         return cls(
             after_s,
             rig.rss_mb(process),
-            _own_mb(proc),
+            rig.own_mb(process),
             len(list((proc / "fd").iterdir())),
             len(list((proc / "task").iterdir())),
         )
@@ -63,14 +62,6 @@ class Size:
             f"{self.own_mb:.1f} of them its own  "
             f"{self.descriptors:3d} descriptors  {self.threads:2d} threads"
         )
-
-
-def _own_mb(proc: Path) -> float:
-    """Resident memory but for files, which other programs share."""
-    for line in (proc / "status").read_text("ascii").splitlines():
-        if line.startswith("RssAnon:"):
-            return int(line.split()[1]) * 1024 / 1e6
-    return math.nan
 
 
 @dataclass
@@ -143,7 +134,7 @@ def faults(sizes: list[Size], followed: Followed) -> list[str]:
     return found + [f"{n} points {name}" for name, n in losses.items() if n > 0]
 
 
-def main(minutes: float, path: Path | None) -> int:
+def main(minutes: float = 60.0, path: Path | None = None) -> int:
     """Run it; the exit status."""
     print(load())
     with tempfile.TemporaryDirectory() as name:
@@ -181,10 +172,4 @@ def main(minutes: float, path: Path | None) -> int:
 
 
 if __name__ == "__main__":
-    given = sys.argv[1:]
-    sys.exit(
-        main(
-            float(given[0]) if given else 60.0,
-            Path(given[1]) if len(given) > 1 else None,
-        )
-    )
+    sys.exit(main(*given(float, Path)))

@@ -6,7 +6,6 @@ of all together, on a path like that of a hand over a surface, in blocks as of a
 """
 
 import asyncio
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ import numpy as np
 
 from benchmarks.service.stream import ARM, order_scan
 from benchmarks.tools import rig
+from benchmarks.tools.rounds import given
 from traverse.broker.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
 from traverse.daemon.config.filters import FilterSection, filter_chain
@@ -123,15 +123,12 @@ def _taken_s(chain: FilterChain, n_points: int) -> tuple[float, int]:
 async def share_of_core(folder: Path, filters: str, seconds: float) -> str:
     """Measure the daemon's CPU use while it scans at 10 kHz, and what was received."""
     port = rig.free_port()
-    with rig.mosquitto(folder, port), rig.simulator(folder):
-        config = folder / "daemon.toml"
-        config.write_text(rig.DAEMON.format(folder=folder, port=port) + filters)
-        run = (sys.executable, "-m", "traverse", "run", "--config", str(config))
-        log = folder / "daemon.log"
-        log.write_bytes(b"")
-        with rig.program(log, *run) as process:
-            rig.wait_for(lambda: b"arm demo-7" in log.read_bytes(), "the daemon")
-            return await _scanned(port, process, seconds)
+    with (
+        rig.mosquitto(folder, port),
+        rig.simulator(folder),
+        rig.daemon(folder, port, filters) as process,
+    ):
+        return await _scanned(port, process, seconds)
 
 
 async def _scanned(
@@ -162,7 +159,7 @@ async def _scanned(
     )
 
 
-def main(n_points: int, seconds: float) -> None:
+def main(n_points: int = N_POINTS, seconds: float = SECONDS) -> None:
     """Print every figure."""
     for name, filters in (("without filters", ""), ("all filters", FILTERS)):
         with tempfile.TemporaryDirectory() as folder:
@@ -173,8 +170,4 @@ def main(n_points: int, seconds: float) -> None:
 
 
 if __name__ == "__main__":
-    arguments = sys.argv[1:]
-    main(
-        int(arguments[0]) if arguments else N_POINTS,
-        float(arguments[1]) if len(arguments) > 1 else SECONDS,
-    )
+    main(*given(int, float))

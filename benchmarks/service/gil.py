@@ -23,7 +23,7 @@ from benchmarks.path.plain_loop import PlainLoop
 from benchmarks.path.whole import LIKE_A_LINE, Timing, scanner
 from benchmarks.service.effects import SETS, arm_with, block_of
 from benchmarks.tools.rig import ARM
-from benchmarks.tools.rounds import load, write_json
+from benchmarks.tools.rounds import given, load, write_json
 from traverse.daemon.clock import HostClock
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.daemon.pose.pipeline import Pipeline
@@ -170,7 +170,7 @@ def count(n: int) -> int:
     return total
 
 
-def main(path: Path | None) -> None:
+def main(path: Path | None = None) -> None:
     """Print what the reader waits, in rounds, and keep it where a file is named."""
     print(f"{load()}; switch interval {1e3 * sys.getswitchinterval():g} ms")
     found: dict[str, list[dict[str, float]]] = {}
@@ -188,4 +188,4 @@ def main(path: Path | None) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)
+    main(*given(Path))

@@ -25,7 +25,7 @@ import numpy as np
 from benchmarks.tools import rig
 from benchmarks.tools.disk import syncs_ns
 from benchmarks.tools.raw_mqtt import RawClient
-from benchmarks.tools.rounds import load, write_json
+from benchmarks.tools.rounds import given, load, write_json
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Command, ScanArgs
 from traverse.protocol.topics import command_topic
@@ -205,7 +205,7 @@ def latency(
     }
 
 
-def main(path: Path | None) -> None:
+def main(path: Path | None = None) -> None:
     """Print the figures, and keep them in a file where one is named."""
     print(load())
     before = load()
@@ -215,4 +215,4 @@ def main(path: Path | None) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)
+    main(*given(Path))

@@ -10,7 +10,6 @@ The board sends no edge again: one that finds no room in the daemon is a point l
 """
 
 import os
-import sys
 import tempfile
 import time
 from dataclasses import asdict, dataclass
@@ -23,7 +22,7 @@ from benchmarks.service.latency import ARM, edge_board, figures
 from benchmarks.tools import rig
 from benchmarks.tools.disk import syncs_ns
 from benchmarks.tools.raw_mqtt import RawClient
-from benchmarks.tools.rounds import load, write_json
+from benchmarks.tools.rounds import given, load, write_json
 
 RATES_HZ = (100.0, 300.0, 1000.0)
 ROUNDS = 3
@@ -139,7 +138,7 @@ def take(
     )
 
 
-def main(path: Path | None, seconds: float) -> None:
+def main(path: Path | None = None, seconds: float = SECONDS) -> None:
     """Print the rounds, and keep them in a file where one is named."""
     found = []
     with tempfile.TemporaryDirectory() as name:
@@ -156,7 +155,4 @@ def main(path: Path | None, seconds: float) -> None:
 
 
 if __name__ == "__main__":
-    main(
-        Path(sys.argv[1]) if len(sys.argv) > 1 else None,
-        float(sys.argv[2]) if len(sys.argv) > 2 else SECONDS,
-    )
+    main(*given(Path, float))

@@ -9,7 +9,6 @@ import asyncio
 import logging
 import statistics
 import subprocess
-import sys
 import tempfile
 import time
 from dataclasses import asdict, dataclass
@@ -20,7 +19,7 @@ import aiomqtt
 
 from benchmarks.service.stream import ARM, order_scan
 from benchmarks.tools import rig
-from benchmarks.tools.rounds import load, write_json
+from benchmarks.tools.rounds import given, load, write_json
 from traverse.broker.address import BrokerAddress
 from traverse.client.mqtt.subscription import connection, received, subscribe
 from traverse.daemon.replay.compare import ReplayResult
@@ -184,7 +183,7 @@ def replayed(file: Path, block: int | None) -> tuple[float, ReplayResult]:
     return result.samples / (time.perf_counter() - begun_s), result
 
 
-def main(seconds: float, file: Path | None) -> None:
+def main(seconds: float = 8.0, file: Path | None = None) -> None:
     """Print every figure, and how busy the machine was meanwhile."""
     before = load()
     logging.getLogger("traverse.daemon").setLevel(logging.CRITICAL)  # of the past
@@ -207,7 +206,4 @@ def main(seconds: float, file: Path | None) -> None:
 
 
 if __name__ == "__main__":
-    main(
-        float(sys.argv[1]) if len(sys.argv) > 1 else 8.0,
-        Path(sys.argv[2]) if len(sys.argv) > 2 else None,
-    )
+    main(*given(float, Path))

@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.tools.rounds import load
+from benchmarks.tools.rounds import given, load
 from tests import programs
 from tests.end_to_end.listener import numbers
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import SWEEP, Workbench
 from tests.mosquitto import Mosquitto
-from traverse.protocol.messages import Scan, ScanArgs
+from tests.waiting import until
+from traverse.protocol.messages import Scan
 
 SECONDS = 20.0
 RATE_HZ = 1000.0
@@ -78,8 +78,7 @@ async def outage(folder: Path, delivery: str, seconds: float) -> Outage:
     loop = asyncio.get_running_loop()
     try:
         async with measuring(bench) as (listener, _, _):
-            started = await listener.command(ScanArgs(action="start", rate_hz=RATE_HZ))
-            scan = str((started.result or {})["scan"])
+            scan = await listener.start_scan(RATE_HZ)
             await listener.scan_points(scan, BEFORE_POINTS)
             broker.kill()
             await asyncio.sleep(seconds)
@@ -91,11 +90,7 @@ async def outage(folder: Path, delivery: str, seconds: float) -> Outage:
             await listener.scan_points(
                 scan, int((seconds + 5) * RATE_HZ) + BEFORE_POINTS, PATIENCE_S
             )
-            stopped = await listener.command(ScanArgs(action="stop"))
-            total = int((stopped.result or {})["total"])
-            await until(
-                lambda: any(block.last for block in listener.scans), "the end", 60
-            )
+            total = (await listener.stop_scan(scan))[-1].total or 0
             after_s = loop.time() - back_s
             health = listener.healths[-1]
     finally:
@@ -123,7 +118,7 @@ def _judged(
     )
 
 
-def main(seconds: float) -> int:
+def main(seconds: float = SECONDS) -> int:
     """Print the results of both; 1 where a complete scan was not."""
     print(load())
     found = []
@@ -137,4 +132,4 @@ def main(seconds: float) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS))
+    sys.exit(main(*given(float)))

@@ -5,7 +5,6 @@ a second: what each stage of the daemon takes, medians of rounds. The daemon not
 instants itself (`benchmarks.tools.staged_daemon`), which takes some microseconds each.
 """
 
-import sys
 import tempfile
 from itertools import pairwise
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 from benchmarks.service.latency import ARM, edge_board
 from benchmarks.tools import rig
 from benchmarks.tools.raw_mqtt import RawClient
-from benchmarks.tools.rounds import load, write_json
+from benchmarks.tools.rounds import given, load, write_json
 from benchmarks.tools.staged_daemon import STAGES
 
 RATE_HZ = 100.0
@@ -55,7 +54,7 @@ def one_round(folder: Path, port: int) -> dict[str, float]:
     return found | {"whole": float(np.median(whole)) * 1e-3}
 
 
-def main(path: Path | None) -> None:
+def main(path: Path | None = None) -> None:
     """Print the stages, and keep them in a file where one is named."""
     port, before = rig.free_port(), load()
     with tempfile.TemporaryDirectory() as name:
@@ -73,4 +72,4 @@ def main(path: Path | None) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)
+    main(*given(Path))

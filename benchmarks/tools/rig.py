@@ -11,6 +11,8 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from traverse.kinematics.arm_file.arm import Arm, write_arm
+
 ARM = Path(__file__).parent.parent.parent / "cli" / "demo_data" / "arm.toml"
 READY_S = 20.0
 
@@ -137,6 +139,7 @@ def daemon(
     port: int,
     more: str = "",
     run: tuple[str, ...] = ("traverse",),
+    arm: Arm | None = None,
 ) -> Iterator["subprocess.Popen[bytes]"]:
     """The daemon on that board and a broker.
 
@@ -145,11 +148,16 @@ def daemon(
         port: of the broker.
         more: tables of its configuration.
         run: module, and its arguments before the daemon's.
+        arm: that it measures with; else that of the board.
     """
-    shutil.copy(ARM, folder / "arm.toml")
+    if arm is None:
+        shutil.copy(ARM, folder / "arm.toml")
+    else:
+        write_arm(folder / "arm.toml", arm)
     config = folder / "daemon.toml"
     config.write_text(DAEMON.format(folder=folder, port=port) + more)
     log = folder / "daemon.log"
+    log.unlink(missing_ok=True)
     command = (sys.executable, "-m", *run, "run", "--config", str(config))
     with program(log, *command) as process:
         wait_for(lambda: b"arm demo-7" in log.read_bytes(), "the daemon measuring")
@@ -161,6 +169,13 @@ def cpu_s(process: "subprocess.Popen[bytes]") -> float:
     fields = Path(f"/proc/{process.pid}/stat").read_text("ascii").rsplit(")", 1)[1]
     user, system = fields.split()[11:13]
     return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+
+
+def own_mb(process: "subprocess.Popen[bytes]") -> float:
+    """Resident memory but for files, which other programs share."""
+    text = Path(f"/proc/{process.pid}/status").read_text("ascii")
+    line = next(one for one in text.splitlines() if one.startswith("RssAnon:"))
+    return int(line.split()[1]) * 1024 / 1e6
 
 
 def rss_mb(process: "subprocess.Popen[bytes]") -> float:

@@ -1,7 +1,6 @@
 """Figures of a run beside those of the last release: what got worse is said."""
 
 import json
-import subprocess
 import sys
 from dataclasses import replace
 
@@ -9,6 +8,7 @@ import pytest
 
 from benchmarks.tools.compare import STORED, Figure, headlines, report
 from tests.docs.pages import CHECKOUT
+from tests.running import run_program
 
 
 def written(folder, *, point_us=2000.0, ours_s=1e-6):
@@ -96,10 +96,7 @@ def test_a_difference_within_the_spread_is_none(part, is_worse):
 
 def test_a_run_that_is_missing_is_said(tmp_path):
     words = [sys.executable, "-m", "benchmarks.tools.compare", str(tmp_path)]
-    ran = subprocess.run(
-        words, cwd=CHECKOUT, capture_output=True, text=True, check=False
-    )
-    assert ran.returncode == 2
+    ran = run_program(*words, cwd=CHECKOUT, status=2)
     assert "kinematics.json: missing; run make bench first" in ran.stderr
     stored = json.loads(STORED.read_text("utf-8"))["figures"]
     assert all(Figure(**values).median > 0.0 for values in stored.values())

@@ -1,7 +1,8 @@
 """What a daemon imports: nothing that only other commands need."""
 
-import subprocess
 import sys
+
+from tests.running import run_program
 
 HEAVY = (
     "scipy",
@@ -24,7 +25,5 @@ def test_daemon_imports_nothing_heavy():
         "cli.command_line(['run'])\n"
         f"print(*(name for name in {HEAVY!r} if name in sys.modules))"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
+    run = run_program(sys.executable, "-c", program)
     assert run.stdout.split() == []

@@ -1,5 +1,11 @@
-"""Errors of broker, OpenSSL and network are reported in sentences."""
+"""Errors of broker, OpenSSL and network are reported in sentences.
 
+A visitor of brokers that do not do what brokers do.
+Every line to a broker is checked.
+"""
+
+import asyncio
+import contextlib
 import errno
 import socket
 import ssl
@@ -11,8 +17,9 @@ from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.reasoncodes import ReasonCode
 
+from tests.certificates import Authority
 from traverse.broker.credentials import tls_context
-from traverse.broker.diagnosing_client import ConnectionClosedError
+from traverse.broker.diagnosing_client import ConnectionClosedError, DiagnosingClient
 from traverse.broker.reasons import Wording, is_refusal, reason_of
 
 WORDING = Wording("this visitor", " of [door]", "speak TLS", "; look elsewhere")
@@ -155,3 +162,90 @@ def test_a_silent_end_may_mean_that_tls_is_required():
 def test_what_nobody_foresaw_is_reported_as_it_is():
     assert told(aiomqtt.MqttError("something else")) == "something else"
     assert told(ValueError()) == "ValueError"
+
+
+HOST = "127.0.0.1"
+
+
+@contextlib.asynccontextmanager
+async def door(meet):
+    """Start a listener; return the port."""
+    server = await asyncio.start_server(meet, HOST, 0)
+    async with server:
+        yield server.sockets[0].getsockname()[1]
+
+
+async def test_an_end_without_an_answer_is_reported_at_once():
+    async def close(reader, writer):
+        await reader.read(1)
+        writer.close()
+
+    async with door(close) as port:
+        with pytest.raises(ConnectionClosedError):
+            await DiagnosingClient(HOST, port).__aenter__()
+
+
+async def test_who_does_not_wait_for_the_answer_leaves():
+    came, left = asyncio.Event(), asyncio.Event()
+
+    async def be_silent(reader, writer):
+        await reader.readexactly(1)
+        came.set()
+        await reader.read()  # up to the end
+        left.set()
+        writer.close()
+
+    async with door(be_silent) as port:
+        visit = asyncio.create_task(DiagnosingClient(HOST, port).__aenter__())
+        await came.wait()
+        visit.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await visit
+        async with asyncio.timeout(10):
+            await left.wait()
+
+
+async def test_a_cancellation_as_the_work_ends_is_not_forgotten():
+    work = asyncio.get_running_loop().create_future()
+    waiting = asyncio.create_task(DiagnosingClient("nowhere")._wait_for(work, None))
+    await asyncio.sleep(0)
+    work.set_result("done")
+    waiting.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await waiting
+
+
+async def test_work_that_takes_too_long_is_given_up():
+    work = asyncio.get_running_loop().create_future()
+    with pytest.raises(aiomqtt.MqttError, match="timed out"):
+        await DiagnosingClient("nowhere")._wait_for(work, 0.01)
+    assert work.cancelled()
+
+
+@pytest.mark.needs("openssl")
+def test_the_broker_is_checked_against_a_file_and_the_line_is_new_enough(tmp_path):
+    context = tls_context(Authority(tmp_path).certificate)
+    assert context.verify_mode is ssl.CERT_REQUIRED
+    assert context.check_hostname
+    assert context.minimum_version is ssl.TLSVersion.TLSv1_2
+    assert [one["subject"] for one in context.get_ca_certs()] == [
+        ((("commonName", "authority"),),)
+    ]
+
+
+def test_without_a_file_the_authorities_are_those_of_the_system():
+    context = tls_context(None)
+    assert context.verify_mode is ssl.CERT_REQUIRED
+    assert context.check_hostname
+
+
+def test_a_handshake_that_fails_leaves_no_socket_open():
+    ours, theirs = socket.socketpair()
+    with theirs:
+        theirs.sendall(b"HTTP/1.1 400 Bad Request\r\n")
+        line = tls_context(None).wrap_socket(
+            ours, server_hostname="a", do_handshake_on_connect=False
+        )
+        with pytest.raises(ssl.SSLError):
+            line.do_handshake()
+        assert line.fileno() == -1

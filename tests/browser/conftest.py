@@ -21,9 +21,10 @@ from playwright.async_api import Browser, Page, async_playwright, expect
 from tests.client.display.values import live
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.conftest import no_task_stays
-from tests.end_to_end.programs import Program, until
+from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import Workbench
 from tests.mosquitto import HOST, Mosquitto, free_port
+from tests.waiting import until
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.protocol.messages import Point, Quality
 

@@ -8,13 +8,12 @@ import uuid
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.lab.report.pages import Page
 from tests.lab.uncertain_arm import write_uncertain_arm
 from tests.protocol.message_examples import POINT
-from traverse.cli.__main__ import app
+from tests.running import invoke
 from traverse.kinematics.arm_file.arm import arm_digest, read_arm
 from traverse.kinematics.effects.arm_effects import effects_from_arm
 from traverse.kinematics.effects.base.block import Block
@@ -45,9 +44,7 @@ NOISE_MM = 0.01
 
 
 def align(*words, status=0):
-    result = CliRunner().invoke(app, ["align", *map(str, words)])
-    assert result.exit_code == status, result.output
-    return result
+    return invoke("align", *words, status=status)
 
 
 def measured(transformation=TRUE, seed=1, places=NOMINAL):

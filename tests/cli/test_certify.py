@@ -7,10 +7,10 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from tests.docs.pages import CHECKOUT
-from traverse.cli.__main__ import app
+from tests.running import invoke
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.simulator.campaigns import (
     CampaignSpec,
@@ -29,9 +29,7 @@ PAGE = (CHECKOUT / "docs" / "how-to" / "sign-a-certificate.md").read_text("utf-8
 
 
 def run(line: str, status: int = 0) -> Result:
-    ran = CliRunner().invoke(app, shlex.split(line))
-    assert ran.exit_code == status, (ran.output, ran.exception)
-    return ran
+    return invoke(*shlex.split(line), status=status)
 
 
 def shown(beginning: str) -> list[str]:
@@ -114,7 +112,7 @@ def test_wishes_that_do_not_go_together_are_refused(at_desk: Path) -> None:
     told = run("certify unlimited --laboratory limits.toml", 2).output
     assert "limits.toml" in told
     words = ["certify", *shlex.split(base)[1:], "--json"]
-    values = json.loads(CliRunner().invoke(app, words).output)
+    values = json.loads(invoke(*words).output)
     assert (values["signed"], values["certificate"]) == (False, "unlimited/dcc.xml")
     note = run("verify --check unlimited").output
     assert "is not signed: who made it is not proved" in note

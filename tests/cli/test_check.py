@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
-from typer.testing import CliRunner
 
 import traverse.cli
-from traverse.cli.__main__ import app
+from tests.running import invoke
 
 DATA = Path(traverse.cli.__file__).parent / "demo_data"
 DAEMON = '[arm]\nfile = "arm.toml"\n[[device]]\nid = "base"\n{rest}'
@@ -31,12 +30,12 @@ z_mm = 0.0
 """
 
 
-def check(text: str | bytes, folder: Path, *options: str) -> Result:
+def check(text: str | bytes, folder: Path, *options: str, status: int = 0) -> Result:
     """Check a file with some content."""
     path = folder / "checked.toml"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     (folder / "arm.toml").write_text((DATA / "arm.toml").read_text("utf-8"), "utf-8")
-    return CliRunner().invoke(app, ["check", *options, str(path)])
+    return invoke("check", *options, path, status=status)
 
 
 @pytest.mark.parametrize(
@@ -53,7 +52,7 @@ def test_good_files_are_reported_by_what_they_are(
     text: str, kind: str, tmp_path: Path
 ) -> None:
     said = check(text, tmp_path)
-    assert (said.exit_code, said.stderr) == (0, "")
+    assert said.stderr == ""
     name = kind.replace("'s", "")
     assert said.stdout.endswith(f"checked.toml: valid {name}\n")
     report = json.loads(check(text, tmp_path, "--json").stdout)
@@ -76,10 +75,10 @@ def test_all_mistakes_of_an_arm_file_are_reported_at_once(tmp_path: Path) -> Non
         "joints[1].zero_rad",
         "joints[2].name",
     }
-    said = check(text, tmp_path)
-    assert (said.exit_code, said.stdout) == (2, "")
+    said = check(text, tmp_path, status=2)
+    assert said.stdout == ""
     assert all(f"  {where}: " in said.stderr for where in expected)
-    report = json.loads(check(text, tmp_path, "--json").stdout)
+    report = json.loads(check(text, tmp_path, "--json", status=2).stdout)
     assert {problem["where"] for problem in report["problems"]} == expected
     assert all(problem["message"] for problem in report["problems"])
 
@@ -99,10 +98,8 @@ def test_all_mistakes_of_an_arm_file_are_reported_at_once(tmp_path: Path) -> Non
 def test_a_bad_file_is_refused_as_what_it_was_meant_to_be(
     text: str | bytes, said: str, tmp_path: Path
 ) -> None:
-    result = check(text, tmp_path)
-    assert result.exit_code == 2
-    assert said in result.stderr
-    report = json.loads(check(text, tmp_path, "--json").stdout)
+    assert said in check(text, tmp_path, status=2).stderr
+    report = json.loads(check(text, tmp_path, "--json", status=2).stdout)
     assert report["problems"]
 
 
@@ -114,19 +111,17 @@ def test_a_configuration_is_checked_with_the_files_that_it_names(
     )
     stop = '[[quality.end_stops]]\njoint = "J9"\nlow_rad = -1.0\nhigh_rad = 1.0\n'
     (tmp_path / "probes.toml").write_text(PROBES.replace("3.0", "-3.0"))
-    said = check(text + stop, tmp_path)
-    assert said.exit_code == 2
+    said = check(text + stop, tmp_path, status=2)
     assert "probes.toml: 1 problem\n  probes[0].radius_mm: -3.0" in said.stderr
     assert "quality.end_stops[0].joint: 'J9' is no joint of the arm" in said.stderr
-    report = json.loads(check(text + stop, tmp_path, "--json").stdout)
+    report = json.loads(check(text + stop, tmp_path, "--json", status=2).stdout)
     files = {Path(problem["file"]).name for problem in report["problems"]}
     assert files == {"probes.toml", "checked.toml"}
 
 
 @pytest.mark.parametrize("name", ["missing.toml", "."])
 def test_what_cannot_be_read_is_refused(name: str, tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["check", str(tmp_path / name)])
-    assert result.exit_code == 2
+    result = invoke("check", tmp_path / name, status=2)
     assert "cannot be read" in result.stderr
 
 
@@ -143,11 +138,10 @@ POSES = "time_s,artefact,feature,J1_rad,J2_rad\n0.0,seat,,0.1,0.2\n1.0,seat,,0.3
 def test_a_campaign_is_checked_with_its_poses(tmp_path: Path) -> None:
     (tmp_path / "campaign.toml").write_text(CAMPAIGN)
     (tmp_path / "poses.csv").write_text(POSES)
-    said = CliRunner().invoke(app, ["check", str(tmp_path)])
-    assert (said.exit_code, said.stderr) == (0, "")
+    said = invoke("check", tmp_path)
+    assert said.stderr == ""
     assert said.stdout.endswith("campaign.toml: valid campaign\n")
     (tmp_path / "poses.csv").write_text(POSES.replace("1.0,seat", "1.0,seet"))
-    said = CliRunner().invoke(app, ["check", str(tmp_path / "campaign.toml")])
-    assert said.exit_code == 2
+    said = invoke("check", tmp_path / "campaign.toml", status=2)
     assert "poses.csv" in said.stderr
     assert "line 3: unknown artefact 'seet'; did you mean 'seat'?" in said.stderr

@@ -2,14 +2,13 @@
 
 import shutil
 import socket
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 import traverse.cli
-from tests.cli.programs import run_traverse
+from tests.running import run_program, run_traverse
 
 ARM = Path(traverse.cli.__file__).parent / "demo_data" / "arm.toml"
 DAEMON = """\
@@ -42,81 +41,60 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+REFUSED = [
+    ("watch --lines --broker localhost:abc", "'localhost:abc': its port is no"),
+    ("run --config arm.toml", "this is a file 'traverse/arm/1'; expected a dae"),
+    ("simulate --config arm.toml", "'traverse/arm/1'; expected 'traverse/simul"),
+    ("simulate --config campaign", "Is a directory; expected a file"),
+    ("check campaign", "no poses yet: `traverse collect campaign` writes"),
+    ("collect wire.toml --arm arm.toml", "'seat' reads a length at every pose"),
+    ("check empty", "empty: 1 problem\n  is empty"),
+    ("collect empty --arm arm.toml", "schema: is missing; add it"),
+    ("collect campaign --arm arm.toml --each ten", "'ten' is not an integer"),
+    ("identify campaign --arm arm.toml --out o", "no poses yet: `traverse coll"),
+    ("identify arm.toml --arm arm.toml --out o", "Not a directory; expected a f"),
+    ("identify campaign --arm arm.toml --out .", "and would be replaced; name"),
+    ("diagnose campaign --arm arm.toml --out .", "and would be replaced; name"),
+    ("diagnose campaign/campaign.toml --arm arm.toml --plan", "no poses yet"),
+    ("verify --plan vdi2617-9 --arm arm.toml --out empty", "empty: File exists; "),
+    ("align there.csv --nominal there.csv --std 3mm", "'3mm' is not a number; e"),
+    ("export arm.toml --out no/such.csv", "no/such.csv: there is no folder no"),
+    ("export empty --out campaign", "campaign is a folder; name a file in it"),
+    ("export empty --out there.csv", "there.csv exists; name another, or repla"),
+    ("export there.mcap --to csv", "there.csv exists; name another, or replac"),
+    ("export there.csv --to csv --force", "there.csv is the source; name anoth"),
+    ("export empty", "is no recording (MCAP), no outbox (SQLite) and no points"),
+    ("replay there.mcap --out there.mcap", "there.mcap exists; name another"),
+    ("replay there.mcap --out there.csv --force", "there.mcap: is no MCAP file"),
+    ("points export --db there.mcap --out there.mcap", "there.mcap exists; name"),
+    ("points list --db campaign", "campaign: is a folder; name the outbox"),
+    ("points list --config no.toml", "no.toml: there is no such file"),
+    ("arm from-dh there.csv --out arm.toml", "arm.toml exists; name another, or"),
+    ("arm from-urdf empty --out no/arm.toml", "there is no folder no; make it"),
+    ("arm to-dh arm.toml --out campaign", "campaign is a folder; name a file"),
+    ("confirm --at nan,1,2 --arm a", "expected x,y,z in mm, such as 120.5,-30"),
+    ("scan start --rate-hz 9 --spacing-mm 1", "--rate-hz or --spacing-mm, not b"),
+    ("scan go", "'go' is not one of 'start', 'stop'"),
+    ("point --seconds 2s", "'2s' is not a number; expected one, without its un"),
+]
+UNREACHABLE = [
+    ("point --arm a --broker localhost:9", "nothing listens there; start it"),
+    ("amt21 scan --port there.csv", "ioctl for device; check that this is a ser"),
+    ("can scan --channel x --interface no", "python-can has no interface 'no'"),
+]
+
+
 @pytest.mark.parametrize(
     ("words", "status", "expected"),
     [
-        ("watch --lines --broker localhost:abc", 2, "'localhost:abc': its port is no"),
-        ("run --config arm.toml", 2, "this is a file 'traverse/arm/1'; expected a dae"),
-        ("simulate --config arm.toml", 2, "'traverse/arm/1'; expected 'traverse/simul"),
-        ("simulate --config campaign", 2, "Is a directory; expected a file"),
-        ("check campaign", 2, "no poses yet: `traverse collect campaign` writes"),
-        ("collect wire.toml --arm arm.toml", 2, "'seat' reads a length at every pose"),
-        ("check empty", 2, "empty: 1 problem\n  is empty"),
-        ("collect empty --arm arm.toml", 2, "schema: is missing; add it"),
-        ("collect campaign --arm arm.toml --each ten", 2, "'ten' is not an integer"),
-        ("identify campaign --arm arm.toml --out o", 2, "no poses yet: `traverse coll"),
-        (
-            "identify arm.toml --arm arm.toml --out o",
-            2,
-            "Not a directory; expected a f",
-        ),
-        ("identify campaign --arm arm.toml --out .", 2, "and would be replaced; name"),
-        ("diagnose campaign --arm arm.toml --out .", 2, "and would be replaced; name"),
-        ("diagnose campaign/campaign.toml --arm arm.toml --plan", 2, "no poses yet"),
-        (
-            "verify --plan vdi2617-9 --arm arm.toml --out empty",
-            2,
-            "empty: File exists; ",
-        ),
-        (
-            "align there.csv --nominal there.csv --std 3mm",
-            2,
-            "'3mm' is not a number; e",
-        ),
-        ("export arm.toml --out no/such.csv", 2, "no/such.csv: there is no folder no"),
-        ("export empty --out campaign", 2, "campaign is a folder; name a file in it"),
-        ("export empty --out there.csv", 2, "there.csv exists; name another, or repla"),
-        ("export there.mcap --to csv", 2, "there.csv exists; name another, or replac"),
-        ("export there.csv --to csv --force", 2, "there.csv is the source; name anoth"),
-        ("export empty", 2, "is no recording (MCAP), no outbox (SQLite) and no points"),
-        ("replay there.mcap --out there.mcap", 2, "there.mcap exists; name another"),
-        ("replay there.mcap --out there.csv --force", 2, "there.mcap: is no MCAP file"),
-        (
-            "points export --db there.mcap --out there.mcap",
-            2,
-            "there.mcap exists; name",
-        ),
-        ("points list --db campaign", 2, "campaign: is a folder; name the outbox"),
-        ("points list --config no.toml", 2, "no.toml: there is no such file"),
-        (
-            "arm from-dh there.csv --out arm.toml",
-            2,
-            "arm.toml exists; name another, or",
-        ),
-        ("arm from-urdf empty --out no/arm.toml", 2, "there is no folder no; make it"),
-        ("arm to-dh arm.toml --out campaign", 2, "campaign is a folder; name a file"),
-        ("confirm --at nan,1,2 --arm a", 2, "expected x,y,z in mm, such as 120.5,-30"),
-        (
-            "scan start --rate-hz 9 --spacing-mm 1",
-            2,
-            "--rate-hz or --spacing-mm, not b",
-        ),
-        ("scan go", 2, "'go' is not one of 'start', 'stop'"),
-        ("point --seconds 2s", 2, "'2s' is not a number; expected one, without its un"),
-        ("point --arm a --broker localhost:9", 3, "nothing listens there; start it"),
-        (
-            "amt21 scan --port there.csv",
-            3,
-            "ioctl for device; check that this is a ser",
-        ),
-        ("can scan --channel x --interface no", 3, "python-can has no interface 'no'"),
+        *((words, 2, expected) for words, expected in REFUSED),
+        *((words, 3, expected) for words, expected in UNREACHABLE),
     ],
 )
 def test_a_mistake_is_named(
     folder: Path, words: str, status: int, expected: str
 ) -> None:
-    result = run_traverse(folder, *words.split())
-    assert result.returncode == status
+    result = run_traverse(folder, *words.split(), status=status)
     said = result.stdout + result.stderr
     assert expected in said
     assert "Errno" not in said
@@ -143,14 +121,9 @@ sys.meta_path.insert(0, Interrupting())
 from traverse.__main__ import main
 main()
 """
-    ended = subprocess.run(
-        [sys.executable, "-c", code, "arm", "show", "arm.toml"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (ended.returncode, ended.stderr.strip()) == (130, "")
+    words = ("-c", code, "arm", "show", "arm.toml")
+    ended = run_program(sys.executable, *words, cwd=folder, status=130)
+    assert ended.stderr.strip() == ""
 
 
 def test_a_busy_port_of_the_embedded_broker_is_named(folder: Path) -> None:
@@ -159,7 +132,6 @@ def test_a_busy_port_of_the_embedded_broker_is_named(folder: Path) -> None:
         other.listen()
         port = str(other.getsockname()[1])
         words = ["run", "--config", "daemon.toml", "--embedded-broker"]
-        result = run_traverse(folder, *words, "--embedded-port", port)
-    assert result.returncode == 3
+        result = run_traverse(folder, *words, "--embedded-port", port, status=3)
     expected = f"cannot listen on 127.0.0.1:{port}: Address already in use"
     assert expected in result.stdout + result.stderr

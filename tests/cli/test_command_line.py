@@ -1,13 +1,13 @@
 """The command line as a whole: help, version, exit statuses of misuse."""
 
-import subprocess
+import inspect
 import sys
 from importlib.metadata import version
 
 import pytest
 import typer.main
-from typer.testing import CliRunner
 
+from tests.running import invoke, run_program
 from traverse.cli.__main__ import app
 from traverse.kinematics.model.kernel_choice import KERNEL
 
@@ -16,7 +16,7 @@ COMMANDS = ("demo", "run", "simulate", "watch", "check")
 
 def said(*arguments: str) -> tuple[int, str]:
     """Exit status and words, line breaks and frames of the terminal left out."""
-    result = CliRunner().invoke(app, list(arguments), env={"COLUMNS": "300"})
+    result = invoke(*arguments, env={"COLUMNS": "300"}, status=None)
     return result.exit_code, " ".join(result.output.replace("│", " ").split())
 
 
@@ -27,14 +27,8 @@ def test_version_says_which_kernel_computes() -> None:
 
 
 def test_the_module_is_the_command() -> None:
-    run = subprocess.run(
-        [sys.executable, "-m", "traverse", "--version"],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert (run.returncode, run.stderr) == (0, "")
+    run = run_program(sys.executable, "-m", "traverse", "--version")
+    assert run.stderr == ""
     assert run.stdout.startswith("traverse ")
 
 
@@ -49,6 +43,7 @@ def test_old_names_are_hidden_and_do_the_same() -> None:
     assert {name for name, one in every.items() if one.hidden} == {"interim"}
     old, new = every["interim"], every["daily-check"]
     assert old.help == new.help
+    assert inspect.unwrap(old.callback) is inspect.unwrap(new.callback)
     assert [one.opts for one in old.params] == [one.opts for one in new.params]
     assert " interim " not in said("--help")[1]
     assert said("interim") == (

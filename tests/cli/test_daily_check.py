@@ -5,10 +5,9 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from tests.docs.pages import CHECKOUT
-from traverse.cli.__main__ import app
+from tests.running import invoke
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import geometry_from_arm
@@ -48,12 +47,11 @@ def campaign(folder, *, day, scatter_mm=0.01, missing=0):
     return folder
 
 
-@pytest.fixture(params=["daily-check", "interim"])
-def run(request, tmp_path):
-    # By its name, and by the old one.
-    def run(*words):
+@pytest.fixture
+def run(tmp_path):
+    def run(*words, status=0):
         options = ["--arm", str(ARM), "--history", str(tmp_path / "interim.db")]
-        return CliRunner().invoke(app, [request.param, *options, *map(str, words)])
+        return invoke("daily-check", *options, *words, status=status)
 
     return run
 
@@ -62,7 +60,6 @@ def test_checks_go_into_the_history_and_a_bad_one_is_found(run, tmp_path):
     for day in range(6):
         folder = campaign(tmp_path / f"day-{day}", day=day)
         result = run("--campaign", folder, "--json")
-        assert result.exit_code == 0, result.output
         told = json.loads(result.stdout)
         assert (told["checks"], told["in_control"]) == (day + 1, True)
     assert told["time_utc"] == "2026-03-06T08:00:00Z"
@@ -73,27 +70,25 @@ def test_checks_go_into_the_history_and_a_bad_one_is_found(run, tmp_path):
     again = run("--campaign", folder)
     assert "counted before" in again.stderr
     bad = campaign(tmp_path / "bad", day=7, scatter_mm=0.5)
-    result = run("--campaign", bad, "--out", tmp_path / "charts")
-    assert result.exit_code == 1
+    result = run("--campaign", bad, "--out", tmp_path / "charts", status=1)
     assert "OUT OF CONTROL" in result.output
     assert "WARNING: one check above 3.5 sigma" in result.output
     assert (tmp_path / "charts" / "chart.png").stat().st_size > 10_000
-    shown = run("--show")
-    assert (shown.exit_code, shown.output) == (1, result.output)
+    assert run("--show", status=1).output == result.output
 
 
 def test_an_incomplete_check_is_not_counted(run, tmp_path):
-    result = run("--campaign", campaign(tmp_path / "half", day=1, missing=7))
-    assert result.exit_code == 1
+    result = run("--campaign", campaign(tmp_path / "half", day=1, missing=7), status=1)
     assert "3 touches, expected 5 or more" in result.stderr
-    assert run("--show").exit_code == 2
+    run("--show", status=2)
 
 
 def test_nonsense_is_not_counted(run, tmp_path):
-    result = run("--campaign", campaign(tmp_path / "off", day=1, scatter_mm=9.0))
-    assert result.exit_code == 1
+    result = run(
+        "--campaign", campaign(tmp_path / "off", day=1, scatter_mm=9.0), status=1
+    )
     assert "off the others; was it the right seat?" in result.stderr
-    assert run("--show").exit_code == 2
+    run("--show", status=2)
 
 
 @pytest.mark.parametrize(
@@ -106,13 +101,11 @@ def test_nonsense_is_not_counted(run, tmp_path):
     ],
 )
 def test_refusals(run, words, told):
-    result = run(*words)
-    assert result.exit_code == 2
+    result = run(*words, status=2)
     assert told in result.stderr
 
 
 def test_a_history_that_is_a_folder_is_refused_with_what_is_expected(tmp_path):
     words = ["daily-check", "--arm", str(ARM), "--history", str(tmp_path), "--show"]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 2
+    done = invoke(*words, status=2)
     assert f"{tmp_path}: is not a file; expected the SQLite file" in done.stderr

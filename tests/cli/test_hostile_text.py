@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import traverse.cli
 from tests.cli.test_align import NOMINAL, measured, table
 from tests.protocol.message_examples import EVENT, POINT, STATUS
-from traverse.cli.__main__ import app
+from tests.running import invoke
 from traverse.cli.common.message_lines import line
 from traverse.cli.points.outbox import point_line, session_line
 from traverse.cli.watch.view import picture
@@ -161,8 +161,7 @@ def test_names_of_a_campaign_are_no_formula_and_no_script(
     command, *options = words
     place = tmp_path / out if command == "predict" else tmp_path
     to = [str(hostile_campaign), "--arm", str(ARM), "--out", str(place)]
-    ran = CliRunner().invoke(app, [command, *to, *options])
-    assert ran.exit_code == 0, ran.output
+    invoke(command, *to, *options)
     with (tmp_path / out).open(encoding="utf-8", newline="") as file:
         names = {row["artefact"] for row in csv.DictReader(file)}
     assert f"'{NAME}" in names
@@ -183,9 +182,8 @@ def test_names_of_nominal_places_are_harmless(tmp_path):
     text = (tmp_path / "measured.csv").read_text("utf-8")
     (tmp_path / "measured.csv").write_text(text.replace("P0,", f"{NAME},"), "utf-8")
     to = ["--nominal", str(nominal), "--out", str(tmp_path)]
-    runner = CliRunner()
-    ran = runner.invoke(app, ["align", str(tmp_path / "measured.csv"), *to], color=True)
-    assert ran.exit_code == 0, ran.output
+    CliRunner()
+    ran = invoke("align", tmp_path / "measured.csv", *to, color=True)
     assert NAME in ran.output
     assert_harmless(tmp_path / "alignment.html")
 

@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 import typer.main
-from typer.testing import CliRunner
 
 from tests.client.virtual_daemon import RECORDED, VirtualDaemon
 from tests.docs.pages import CHECKOUT
 from tests.end_to_end.programs import Program
 from tests.mosquitto import Mosquitto
 from tests.protocol.message_examples import POINT
+from tests.running import invoke
 from traverse.cli.__main__ import app
 from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.outbox import message_of
@@ -140,8 +140,7 @@ REFUSED = {"check table.csv": 2}
 
 def said(line: str, status: int = 0) -> Any:
     """What a command prints with `--json`, which is one document and no more."""
-    ran = CliRunner().invoke(app, [*line.split(), "--json"])
-    assert ran.exit_code == status, (ran.stdout, ran.stderr, ran.exception)
+    ran = invoke(*line.split(), "--json", status=status)
     return json.loads(ran.stdout)
 
 
@@ -155,7 +154,7 @@ def test_a_command_on_files_prints_one_document(
 
 def test_points_of_an_outbox_are_a_document_a_line(desk: Path) -> None:
     line = f"points list --db {desk / 'outbox.db'} --session {POINT.session} --json"
-    ran = CliRunner().invoke(app, line.split())
+    ran = invoke(*line.split())
     assert [json.loads(one)["seq"] for one in ran.stdout.splitlines()] == [POINT.seq]
 
 

@@ -3,9 +3,8 @@
 import json
 
 import pytest
-from typer.testing import CliRunner
 
-from traverse.cli.__main__ import app
+from tests.running import invoke
 from traverse.cli.replay import report_of, report_text
 from traverse.daemon.replay.compare import (
     PointComparison,
@@ -46,11 +45,6 @@ def made_result(
     return ReplayResult(compared, scans, **{**figures, **of})
 
 
-def ended(*arguments):
-    result = CliRunner().invoke(app, list(arguments))
-    return result.exit_code, result.output
-
-
 @pytest.mark.parametrize(
     ("content", "told"),
     [
@@ -62,23 +56,18 @@ def test_a_file_that_is_none_is_refused(tmp_path, content, told):
     path = tmp_path / "a.mcap"
     if content is not None:
         path.write_bytes(content)
-    status, output = ended("replay", str(path))
-    assert status == 2
-    assert told in output
+    assert told in invoke("replay", path, status=2).output
 
 
 def test_a_recording_without_steps_is_refused(tmp_path):
     path = tmp_path / "a.mcap"
     RunWriter(path, RunHead({})).close()
-    status, output = ended("replay", str(path))
-    assert status == 2
-    assert "no state to begin with" in output
+    assert "no state to begin with" in invoke("replay", path, status=2).output
 
 
 def test_a_broker_that_is_not_there_and_a_wrong_name_are_reported():
-    status, output = ended("record", "two words", "--arm", "a", "--broker", "ftp://x")
-    assert status == 2
-    assert "expected host" in output
+    words = ("record", "two words", "--arm", "a", "--broker", "ftp://x")
+    assert "expected host" in invoke(*words, status=2).output
 
 
 @pytest.mark.parametrize(

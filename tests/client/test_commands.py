@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from benchmarks.tools.network import Network
-from tests.client.reading import PATIENCE_S, read, until
+from tests.client.reading import PATIENCE_S, read
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import HEALTH, LIVE, POINT, SCAN
+from tests.waiting import until
 from traverse.client import Arm, CommandRefused, NoAnswerError
 from traverse.protocol.messages import (
     AlignArgs,

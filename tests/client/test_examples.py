@@ -10,9 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.client.reading import PATIENCE_S, until
+from tests.client.reading import PATIENCE_S
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import POINT
+from tests.running import run_program
+from tests.waiting import until
 from traverse.protocol.messages import Label
 from traverse.protocol.messages.quality import Quality
 
@@ -119,8 +121,7 @@ def macro(name: str) -> Path:
 @pytest.mark.parametrize("name", MACROS)
 def test_a_macro_without_its_program_says_where_to_run_it(name: str) -> None:
     words = [sys.executable, macro(name)]
-    ran = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert ran.returncode == 1
+    ran = run_program(*words, status=1)
     assert ran.stderr.startswith(macro(name).name)
     assert ran.stderr.count("\n") == 1
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.arm_files import arm_text, joint_text
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.devices import DeviceSection
 from traverse.daemon.config.schema import (
@@ -24,51 +25,15 @@ UTC_OFFSET_NS = 1_700_000_000_000_000_000
 MODULI = (1 << 32, 1 << 23, 1 << 20)
 
 # Three joints on channels 2, 0 and 1 of a board; one of them turns the other way.
-ARM = """\
-schema = "traverse/arm/1"
-name = "bench-7"
-origin_mm = [1.0, -2.0, 3.5]
-
-[[joints]]
-name = "J1"
-axis = [0.0, 0.0, 2.0]
-link_mm = [0.0, 10.0, 250.0]
-zero_rad = 1.234
-[joints.encoder]
-counts_per_turn = 65536
-sign = 1
-source = "base/2"
-
-[[joints]]
-name = "J2"
-axis = [0.0, 1.0, 0.0]
-link_mm = [0.0, 0.0, 300.0]
-zero_rad = -0.5
-[joints.encoder]
-counts_per_turn = 1048576
-sign = -1
-source = "base/0"
-
-[[joints]]
-name = "J3"
-axis = [1.0, 0.0, 0.0]
-link_mm = [0.0, 20.0, 200.0]
-zero_rad = 0.25
-[joints.encoder]
-counts_per_turn = 8388608
-sign = 1
-source = "base/1"
-
-[probe]
-radius_mm = 3.0
-kind = "hard"
-vector_mm = [0.0, 0.0, 50.0]
-direction = [0.0, 0.0, 1.0]
-
-[reference]
-temperature_c = 20.0
-gravity_m_s2 = [0.0, 0.0, -9.80665]
-"""
+ARM = arm_text(
+    "bench-7",
+    joint_text("J1", [0.0, 0.0, 2.0], [0.0, 10.0, 250.0], 1.234, (65536, 1, "base/2")),
+    joint_text("J2", [0.0, 1.0, 0.0], [0.0, 0.0, 300.0], -0.5, (1 << 20, -1, "base/0")),
+    joint_text("J3", [1.0, 0.0, 0.0], [0.0, 20.0, 200.0], 0.25, (1 << 23, 1, "base/1")),
+    origin_mm=[1.0, -2.0, 3.5],
+    probe='radius_mm = 3.0\nkind = "hard"\nvector_mm = [0.0, 0.0, 50.0]\n'
+    "direction = [0.0, 0.0, 1.0]",
+)
 
 
 class SetClock(HostClock):

@@ -41,7 +41,7 @@ ELSEWHERE: Final = {
     r"traverse trace ": "tests/lab/certificates/test_trace.py",
     r"traverse check limits.toml": "tests/cli/test_check.py",
     r"python -m traverse\.simulator\.campaigns\.dense ": (
-        "tests/simulator/campaigns/test_dense.py"
+        "tests/simulator/campaigns/test_poses.py"
     ),
     r"traverse align ": "tests/cli/test_align.py",
     r"traverse daily-check ": "tests/cli/test_daily_check.py",

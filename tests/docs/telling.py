@@ -4,14 +4,12 @@ import contextlib
 import io
 import re
 import shlex
-import subprocess
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from tests.docs.pages import text_of
-from traverse.cli.__main__ import app
+from tests.running import invoke, run_program
 from traverse.simulator.campaigns.__main__ import main as make_campaign
 
 END_S = 120.0
@@ -52,22 +50,14 @@ def output_of(command: str, folder: Path, status: int = 0) -> str:
     words = shlex.split(command)
     with contextlib.chdir(folder):
         if words[0] == "traverse":
-            ran = CliRunner().invoke(app, words[1:])
-            assert ran.exit_code == status, (command, ran.output, ran.exception)
+            ran = invoke(*words[1:], status=status)
             return ran.stdout
         if words[:3] == ["python", "-m", "traverse.simulator.campaigns"]:
             said = io.StringIO()
             with contextlib.redirect_stdout(said):
                 assert make_campaign(words[3:]) == 0, command
             return said.getvalue()
-        done = subprocess.run(
-            ["/bin/sh", "-c", command],
-            capture_output=True,
-            text=True,
-            timeout=END_S,
-            check=False,
-        )
-        assert done.returncode == 0, (command, done.stderr)
+        done = run_program("/bin/sh", "-c", command)
         return done.stdout
 
 

@@ -5,10 +5,9 @@ import re
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 from tests.docs.pages import CHECKOUT, text_of
-from traverse.cli.__main__ import app
+from tests.running import invoke
 from traverse.lab.alignment.nominal import Nominal
 from traverse.strict_toml.reader import read_strict
 
@@ -34,7 +33,7 @@ FLAG = re.compile(r'AlignmentWarning\(\s*"(\w+)"')
 
 def aligned(*words: str) -> tuple[int, str]:
     given = ["align", "touched.csv", "--nominal", "part.csv", "--std", "0.025", *words]
-    result = CliRunner().invoke(app, given)
+    result = invoke(*given, status=None)
     return result.exit_code, result.output
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from tests.docs.pages import CHECKOUT
 from tests.docs.telling import assert_printed, blocks, output_of, told
+from tests.running import run_program
 from traverse.kinematics.arm_file.arm import read_arm
 
 PAGE = "docs/tutorial/arduino-to-calibrated-arm.md"
@@ -38,15 +39,12 @@ def test_an_arm_of_a_board_is_calibrated_as_told(tmp_path: Path) -> None:
     assert (found.kind, found.joint) == ("encoder_eccentricity", "J2")
     # `collect` begins with the gauge's first socket; nobody listens at that port.
     words = "collect gauge --arm design.toml --each 25 --broker 127.0.0.1:9"
-    ran = subprocess.run(
-        [sys.executable, "-m", "traverse", *words.split()],
+    ran = run_program(
+        *(sys.executable, "-m", "traverse", *words.split()),
         cwd=tmp_path,
         stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        check=False,
+        status=3,
     )
-    assert ran.returncode == 3, ran
     assert "Touch gauge-1 1 (seats): 25 more" in ran.stdout
     hidden = tomllib.loads(magnet)["effects"][0]
     assert abs(found.values["cos_rad"] - hidden["cos_rad"]) < 0.002

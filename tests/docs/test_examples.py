@@ -26,6 +26,7 @@ from tests.lab.simulated import (
 )
 from tests.mosquitto import Mosquitto
 from tests.protocol.message_examples import GOLDEN
+from tests.running import run_program
 from traverse.daemon.config.schema import read_configuration
 from traverse.kinematics.arm_file.arm import parse_arm
 from traverse.lab.campaign.campaign import read_campaign
@@ -131,14 +132,7 @@ def test_programs_print_what_the_page_shows(page: str, text: str) -> None:
     after = text_of(page).partition(text)[2]
     shown = re.search(r"```text\n(.*?)```", after, re.DOTALL)
     assert shown is not None
-    ran = subprocess.run(
-        [sys.executable, "-W", "error", "-c", text],
-        capture_output=True,
-        text=True,
-        timeout=END_S,
-        check=True,
-        cwd=CHECKOUT,
-    )
+    ran = run_program(sys.executable, "-W", "error", "-c", text, cwd=CHECKOUT)
     assert ran.stdout == shown[1]
 
 

@@ -17,9 +17,9 @@ from tests.docs.accounts import why_not_run
 from tests.docs.pages import CHECKOUT, commands, text_of
 from tests.docs.shell import Shell, as_run
 from tests.docs.telling import assert_printed, told
-from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import REST, Workbench
 from tests.mosquitto import HOST, free_port
+from tests.waiting import until
 
 ARM_FILES = "docs/how-to/arm-file-from-dh-or-urdf.md"
 SECURE = "docs/how-to/secure-the-broker.md"

@@ -2,14 +2,15 @@
 
 import re
 import shlex
-import socket
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.docs.pages import text_of
-from tests.end_to_end.programs import Program, until
+from tests.end_to_end.programs import Program
+from tests.mosquitto import free_port
+from tests.waiting import until
 
 PAGE = "docs/tutorial/old-microscribe.md"
 _BLOCK = re.compile(r"^```(?P<language>\w+)\n(?P<text>.*?)^```$", re.DOTALL | re.M)
@@ -36,9 +37,7 @@ async def test_the_two_commands_bring_points_on_the_ball(tmp_path: Path):
     (table,), (simulator,) = blocks("csv"), blocks("toml")
     (tmp_path / "table.csv").write_text(table, "utf-8")
     (tmp_path / "simulator.toml").write_text(simulator, "utf-8")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = str(free.getsockname()[1])
+    port = str(free_port())
     from_dh, simulate, arm_file, run, confirm, watch = told()
 
     async def does(name: str, words: list[str], lines: list[str]) -> None:

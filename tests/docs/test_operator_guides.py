@@ -8,9 +8,9 @@ import pytest
 
 from tests.docs.shell import PATIENCE_S, Shell, as_run
 from tests.docs.telling import blocks, numbers_of, told, words_of
-from tests.end_to_end.programs import until
-from tests.end_to_end.workbench import REST, Workbench
+from tests.end_to_end.workbench import REST, Workbench, rest
 from tests.mosquitto import Mosquitto
+from tests.waiting import until
 
 PART = "docs/how-to/measure-a-part.md"
 PROBE = "docs/how-to/change-a-probe.md"
@@ -22,7 +22,7 @@ PLACES_MM = {
     "D": "405.0, 9.904, 80.0",
 }
 SEAT = '[[motion]]\nkind = "cone"\nartefact = "{}"\nseat_mm = [{}]\npostures = {}'
-LEAD_IN = '[[motion]]\nkind = "rest"\nduration_s = 2.0'
+LEAD_IN = rest(2.0)
 TO_BROKER = re.compile(
     r"traverse (collect|session|label|point$|undo|probe use|.*--(send|clear))"
 )

@@ -4,7 +4,6 @@ import html
 import os
 import re
 import shutil
-import subprocess
 import sys
 from dataclasses import fields
 from html.parser import HTMLParser
@@ -15,6 +14,7 @@ import pytest
 from playwright.async_api import async_playwright, expect
 
 from tests.docs.pages import CHECKOUT, COMMANDS, PAGES
+from tests.running import run_program
 from traverse.cli.common.broker_options import BrokerOptions
 
 END_S = 100.0
@@ -43,16 +43,12 @@ class Parts(HTMLParser):
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The site, as `make docs` builds it."""
     folder = tmp_path_factory.mktemp("docs") / "site"
-    ran = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "-q", "--strict", "-d", folder],
+    ran = run_program(
+        *(sys.executable, "-m", "mkdocs", "build", "-q", "--strict", "-d", folder),
         cwd=CHECKOUT,
         env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
-        capture_output=True,
-        text=True,
-        timeout=END_S,
-        check=False,
     )
-    assert (ran.returncode, ran.stdout + ran.stderr) == (0, "")
+    assert ran.stdout + ran.stderr == ""
     return folder
 
 

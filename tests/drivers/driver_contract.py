@@ -17,7 +17,8 @@ from typing import Protocol
 import numpy as np
 import pytest
 
-from tests.drivers.taken import Taken, until
+from tests.drivers.taken import Taken
+from tests.waiting import until
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.values import (

@@ -4,22 +4,15 @@ import asyncio
 from collections.abc import Callable
 from typing import TypeVar
 
+from tests.waiting import until
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import CountSamples, Delivery
+
+__all__ = ["Taken", "until"]
 
 LIMIT_S = 8.0
 
 Kind = TypeVar("Kind")
-
-
-async def until(condition: Callable[[], object], what: str) -> None:
-    """Wait until a condition holds; polled; fails after `LIMIT_S`."""
-    try:
-        async with asyncio.timeout(LIMIT_S):
-            while not condition():  # noqa: ASYNC110 - another thread's doing
-                await asyncio.sleep(0.005)
-    except TimeoutError:
-        raise AssertionError(f"not within {LIMIT_S} s: {what}") from None
 
 
 class Taken:

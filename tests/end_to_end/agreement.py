@@ -33,7 +33,27 @@ def assert_one_point_an_edge(
     assert np.ptp(delays) < 0.1, delays - delays[-1]
 
 
+def assert_where_the_ball_was(
+    bench: Workbench,
+    points: list[Point],
+    truth: list[dict[str, Any]],
+    roundings: float = 1.0,
+) -> None:
+    """The hand rests while it presses; what is left is the rounding of counts."""
+    most_mm = roundings * MatrixArm(bench.arm_file).resolution_mm()
+    for point, edge in zip(points, truth, strict=True):
+        off_mm = np.abs(np.array(point.xyz_mm) - edge["centre_mm"]).max()
+        assert off_mm < most_mm, (point, edge, truth)
+
+
 def delays_s(points: list[Point], truth: list[dict[str, Any]]) -> np.ndarray:
     """Times of points against those of the truth, up to a constant."""
     taken_s = np.array([p.time_ns - points[0].time_ns for p in points]) * 1e-9
     return taken_s - np.array([edge["time_s"] for edge in truth])
+
+
+def covariance(point: Point) -> np.ndarray:
+    """Of a point [mm2], (3, 3)."""
+    assert point.covariance_mm2 is not None
+    xx, xy, xz, yy, yz, zz = point.covariance_mm2
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

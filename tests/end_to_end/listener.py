@@ -9,7 +9,8 @@ from typing import Any
 import aiomqtt
 import numpy as np
 
-from tests.end_to_end.programs import PATIENCE_S, until
+from tests.end_to_end.programs import PATIENCE_S
+from tests.waiting import until
 from traverse.broker.address import BrokerAddress
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.mqtt.subscription import KINDS, connection, received, subscribe
@@ -24,6 +25,7 @@ from traverse.protocol.messages import (
     Point,
     Reply,
     Scan,
+    ScanArgs,
     Status,
 )
 
@@ -97,6 +99,19 @@ class Listener:
     def told(self, code: str, active: bool | None = None) -> list[Event]:
         """Events of a code so far."""
         return [e for e in self.events if e.code == code and e.active is active]
+
+    async def start_scan(self, rate_hz: float | None = None, **args: Any) -> str:
+        """Start a scan; its identifier."""
+        started = await self.command(ScanArgs(action="start", rate_hz=rate_hz, **args))
+        assert started.ok, started
+        return str((started.result or {})["scan"])
+
+    async def stop_scan(self, scan: str) -> list[Scan]:
+        """Stop the scan that runs; all its blocks."""
+        stopped = await self.command(ScanArgs(action="stop"))
+        blocks = await self.scan_ended(scan)
+        assert stopped.result == {"scan": scan, "total": blocks[-1].total}
+        return blocks
 
     async def scan_points(
         self, scan: str, n: int, timeout_s: float = PATIENCE_S

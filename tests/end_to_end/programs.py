@@ -1,29 +1,15 @@
 """Real programs as processes: started, watched through their logs, always reaped."""
 
-import asyncio
 import os
 import signal
 import subprocess
-import time
-from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
+from tests.waiting import until
 from tests.warm_start import warm_start
 
 PATIENCE_S = 20.0
-LOOK_S = 0.01
-
-
-async def until(
-    condition: Callable[[], object], what: str, timeout_s: float = PATIENCE_S
-) -> None:
-    """Let the loop run until a condition holds; fail with ``what`` if it never does."""
-    end_s = time.monotonic() + timeout_s
-    while not condition():
-        if time.monotonic() > end_s:
-            raise AssertionError(f"not within {timeout_s:g} s: {what}")
-        await asyncio.sleep(LOOK_S)
 
 
 class Program(AbstractContextManager["Program"]):

@@ -15,7 +15,14 @@ QUICK = (
     "move_s = 0.1\napproach_s = 0.05\ndwell_s = 0.06\npress_s = 0.03\n"
     "switch_speed_mm_s = 150.0"
 )
-REST = '[[motion]]\nkind = "rest"\nduration_s = 1000.0'
+
+
+def rest(duration_s: float) -> str:
+    """A motion of the simulator's file: none."""
+    return f'[[motion]]\nkind = "rest"\nduration_s = {duration_s}'
+
+
+REST = rest(1000.0)
 SPHERE = (
     '[[motion]]\nkind = "sphere"\nartefact = "ball"\n'
     "centre_mm = [700.0, 100.0, 120.0]\nradius_mm = 50.8\npoints = {points}"
@@ -87,22 +94,41 @@ class Workbench:
         trigger: str = "button",
         scan: str = "",
         quality: str = "",
+        read_by: str = "",
+        source: str = "base",
+        devices: str = "",
     ) -> None:
-        """Write the daemon's configuration; arguments are TOML inside its tables."""
+        """Write the daemon's configuration; arguments are TOML inside its tables.
+
+        Args:
+            broker, capture, scan, quality: in tables of their names.
+            trigger: of the one input.
+            read_by: driver of the device `base` and its keys; else that of the board.
+            source: device of the input.
+            devices: whole tables of further devices.
+        """
+        read_by = read_by or f'driver = "latch-board"\nport = "{self.pty}"'
         parts = [
             '[arm]\nfile = "arm.toml"',
-            f'[[device]]\nid = "base"\ndriver = "latch-board"\nport = "{self.pty}"',
+            f'[[device]]\nid = "base"\n{read_by}',
             f'[broker]\nhost = "{self.host}"\nport = {self.port}\n{broker}'
             if self.port
             else "",
             f"[capture]\n{capture}",
-            f'inputs = [{{ source = "base/{int(trigger == "switch")}", '
+            f'inputs = [{{ source = "{source}/{int(trigger == "switch")}", '
             f'trigger = "{trigger}" }}]',
             f"[scan]\n{scan}" if scan else "",
             f"[quality]\n{quality}" if quality else "",
             "[health]\nperiod_s = 0.2",
+            devices,
         ]
         (self.folder / "daemon.toml").write_text("\n".join(parts), "utf-8")
+
+    def change(self, file: str, old: str, new: str) -> None:
+        """Change a file of the folder."""
+        text = (self.folder / file).read_text("utf-8")
+        assert old in text
+        (self.folder / file).write_text(text.replace(old, new), "utf-8")
 
     def simulator(self, name: str = "simulator") -> Program:
         """Start the simulator; wait until it says "ready base"."""

@@ -8,7 +8,7 @@ import time
 
 from traverse.client.cancel_tasks import cancel_tasks
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 
 
 class Running:
@@ -51,6 +51,17 @@ async def started(folder, broker, *words):
         stderr=asyncio.subprocess.PIPE,
     )
     return Running(process)
+
+
+async def first_ended(one, another):
+    """The one of two members that ends before the other, and the other."""
+    ends = [asyncio.create_task(each.process.wait()) for each in (one, another)]
+    done, _ = await asyncio.wait(
+        ends, timeout=PATIENCE_S, return_when=asyncio.FIRST_COMPLETED
+    )
+    await cancel_tasks(ends)
+    assert done, [one.said, another.said]
+    return (one, another) if ends[0] in done else (another, one)
 
 
 def rows(folder, statement):

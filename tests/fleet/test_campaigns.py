@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import signal
 import socket
 import subprocess
 import sys
@@ -12,11 +11,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from benchmarks.proofs.conditions import demo_arm
+from tests.fleet.calls import killed_at_three, killed_once, squared
 from tests.lab.identification.test_prior import measured
-from traverse.cli.__main__ import app
+from tests.running import invoke
 from traverse.fleet.campaigns import Request, run_campaigns
 from traverse.fleet.workers import WorkerDiedError, Workers, WorkersError
 from traverse.kinematics.arm_file.arm import write_arm
@@ -27,27 +26,6 @@ from traverse.simulator.campaigns import write_campaign
 PATIENCE_S = 60.0
 WHEN = datetime(2026, 11, 24, 12, tzinfo=UTC)
 N_CAMPAIGNS = 5
-
-
-# Calls of workers.
-
-
-def squared(number):
-    return number * number
-
-
-def killed_at_three(number):
-    if number == 3:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return number
-
-
-def killed_once(file):
-    """Die the first time."""
-    if file.name.startswith("once") and not file.exists():
-        file.write_text("was here")
-        os.kill(os.getpid(), signal.SIGKILL)
-    return file.name
 
 
 def test_each_is_called_once():
@@ -221,34 +199,29 @@ def test_the_command_goes_on_where_it_ended(campaigns, tmp_path):
     folders = [str(path) for path in sorted(campaigns.glob("bench-*"))[:2]]
     words = ["--arm", str(campaigns / "design.toml"), "--out", str(tmp_path / "out")]
 
-    def run(*more):
+    def run(*more, status=0):
         given = ["fleet", "identify", *more, *words, "--processes", "1"]
-        return CliRunner().invoke(app, given)
+        return invoke(*given, status=status)
 
-    ran = run(folders[0], str(broken))
-    assert ran.exit_code == 1
+    ran = run(folders[0], str(broken), status=1)
     assert "1 campaign done, 1 failed" in ran.output
     assert "campaign.toml" in ran.output
-    ran = run(*folders)
-    assert ran.exit_code == 2
+    ran = run(*folders, status=2)
     assert "run those that have no results yet: --rest" in ran.output
     ran = run(*folders, "--rest", "--json")
-    assert ran.exit_code == 0, ran.output
     assert '"name": "bench-1"' in ran.stdout
     assert '"name": "bench-0"' not in ran.stdout
     ran = run(folders[0], folders[0], "--rest")
-    assert ran.exit_code == 0  # nothing is left to do
     twice = str(tmp_path / "bench-0")
     Path(twice).mkdir()
     words[3] = str(tmp_path / "other")
-    ran = run(folders[0], twice)
-    assert (ran.exit_code, "2 campaigns are called bench-0" in ran.output) == (2, True)
+    ran = run(folders[0], twice, status=2)
+    assert "2 campaigns are called bench-0" in ran.output
 
 
 def test_a_diagnosis_is_told_as_json(campaigns, tmp_path):
     given = [str(campaigns / "bench-0"), "--arm", str(campaigns / "design.toml")]
     out = ["--out", str(tmp_path / "found"), "--processes", "1", "--json"]
-    ran = CliRunner().invoke(app, ["fleet", "diagnose", *given, *out])
-    assert ran.exit_code == 0, ran.output
+    ran = invoke("fleet", "diagnose", *given, *out)
     (one,) = json.loads(ran.stdout)["campaigns"]
     assert one == {"name": "bench-0", "failed": False, "verdict": "clean"}

@@ -41,169 +41,143 @@ STATUSES = {0, 1, 2, 3}
 
 # Nobody listens there.
 NOBODY = "--broker 127.0.0.1:9"
-# Name, the file that is damaged, the command; paths are relative to the samples.
-COMMANDS: dict[str, tuple[str, str]] = {
-    "check/arm": ("arm.toml", "check arm.toml"),
-    "check/daemon": ("daemon.toml", "check daemon.toml"),
-    "check/simulator": ("simulator.toml", "check simulator.toml"),
-    "check/probes": ("probes.toml", "check probes.toml"),
-    "check/limits": ("limits.toml", "check limits.toml"),
-    "check/nominal": ("nominal.toml", "check nominal.toml"),
-    "check/plan": ("plan.toml", "check plan.toml"),
-    "check/campaign": ("campaign/campaign.toml", "check campaign"),
-    "check/poses": ("campaign/poses.csv", "check campaign"),
-    "arm-show/arm": ("arm.toml", "arm show arm.toml"),
-    "arm-to-dh/arm": ("arm.toml", "arm to-dh arm.toml"),
-    "arm-from-dh/csv": (
-        "dh.csv",
-        "arm from-dh dh.csv --convention classic --out robot.toml",
-    ),
-    "arm-from-dh/toml": (
-        "dh.toml",
-        "arm from-dh dh.toml --convention classic --out robot.toml",
-    ),
-    "arm-from-urdf/urdf": (
-        "robot.urdf",
-        "arm from-urdf robot.urdf --tip ball --out robot.toml",
-    ),
-    "identify/arm": ("arm.toml", "identify campaign --arm arm.toml --out out"),
-    "identify/campaign": (
-        "campaign/campaign.toml",
-        "identify campaign --arm arm.toml --out out",
-    ),
-    "identify/poses": (
-        "campaign/poses.csv",
-        "identify campaign --arm arm.toml --out out",
-    ),
-    "predict/poses": ("campaign/poses.csv", "predict campaign --arm arm.toml"),
-    "predict/campaign": ("campaign/campaign.toml", "predict campaign --arm arm.toml"),
-    "diagnose/poses": (
-        "campaign/poses.csv",
-        "diagnose campaign --arm arm.toml --out out --max-terms 1",
-    ),
-    "verify/campaign": (
-        "accepted/campaign.toml",
-        "verify accepted --standard asme-b89.4.22 --arm arm.toml",
-    ),
-    "verify/poses": (
-        "accepted/poses.csv",
-        "verify accepted --standard asme-b89.4.22 --arm arm.toml",
-    ),
-    "verify/limits": (
-        "limits.toml",
-        "verify accepted --standard asme-b89.4.22 --arm arm.toml --limits limits.toml",
-    ),
-    "verify-check/json": ("certificate/certificate.json", "verify --check certificate"),
-    "verify-check/data": ("certificate/data/poses.csv", "verify --check certificate"),
-    "certify/json": (
-        "certificate/certificate.json",
-        "certify certificate --laboratory laboratory.toml",
-    ),
-    "certify/laboratory": (
-        "laboratory.toml",
-        "certify certificate --laboratory laboratory.toml",
-    ),
-    "trace/certificate": ("certificate/certificate.json", "trace certificate"),
-    "trace/arm": ("identified/arm.toml", "trace identified/arm.toml"),
-    "trace/campaign": ("campaign/campaign.toml", "trace campaign"),
-    "trace/recording": ("run.mcap", "trace run.mcap"),
-    "trace/points": ("points.jsonl", "trace points.jsonl"),
-    "points-verify/points": (
-        "points.jsonl",
-        "points verify points.jsonl --key arm.key.pub",
-    ),
-    "points-verify/key": (
-        "arm.key.pub",
-        "points verify points.jsonl --key arm.key.pub",
-    ),
-    "align/nominal": ("nominal.toml", "align measured.csv --nominal nominal.toml"),
-    "align/points": ("measured.csv", "align measured.csv --nominal nominal.toml"),
-    "align/lines": ("points.jsonl", "align points.jsonl --nominal nominal.toml"),
-    "daily-check/history": (
-        "history.db",
-        "daily-check --arm arm.toml --history history.db --show",
-    ),
-    "daily-check/poses": (
-        "check/poses.csv",
-        "daily-check --arm arm.toml --history history.db --campaign check",
-    ),
-    "daily-check/certificate": (
-        "certificate/certificate.json",
-        "daily-check --arm arm.toml --history history.db --show "
-        "--acceptance certificate/certificate.json",
-    ),
-    "export/outbox": ("outbox.db", "export outbox.db --out out.csv --force"),
-    "export/lines": ("points.jsonl", "export points.jsonl --out out.csv --force"),
-    "export/recording": ("run.mcap", "export run.mcap --out out.csv --force"),
-    "points-list/outbox": ("outbox.db", "points list --db outbox.db"),
-    "points-export/outbox": (
-        "outbox.db",
-        "points export --db outbox.db --out out.csv --force",
-    ),
-    "replay/recording": ("run.mcap", "replay run.mcap"),
-    "verify/recording": ("run.mcap", "verify run.mcap --standard asme-b89.4.22"),
-    "run/configuration": ("daemon.toml", "run --config daemon.toml"),
-    "replay/steps": ("steps.mcap", "replay steps.mcap"),
-    "run/arm": ("arm.toml", "run --config daemon.toml"),
-    "run/covariance": ("identified/arm.cov.npz", "run --config identified.toml"),
-    "check/covariance": ("identified/arm.cov.npz", "check identified.toml"),
-    "align/covariance": (
-        "identified/arm.cov.npz",
-        "align campaign --nominal campaign --method leapfrog --arm identified/arm.toml",
-    ),
-    "verify/covariance": (
-        "identified/arm.cov.npz",
-        "verify accepted --standard asme-b89.4.22 --arm identified/arm.toml",
-    ),
-    "fleet-add/history": ("history.db", "fleet add history.db --database other.db"),
-    "fleet-add/certificate": (
-        "certificate/certificate.json",
-        "fleet add certificate --database other.db",
-    ),
-    "fleet-add/store": ("store.db", "fleet add history.db --database store.db"),
-    "fleet-overview/store": ("store.db", "fleet overview --database store.db"),
-    "fleet-family/result": (
-        "identified/identification.json",
-        "fleet family" + " identified" * 8,
-    ),
-    "store/database": ("store.db", f"store {NOBODY} --database store.db"),
-    "collect/arm": ("arm.toml", f"collect campaign --arm arm.toml {NOBODY}"),
-    "collect/campaign": (
-        "campaign/campaign.toml",
-        f"collect campaign --arm arm.toml {NOBODY}",
-    ),
-    "collect/plan": (
-        "planned/plan.toml",
-        f"collect planned --arm arm.toml {NOBODY}",
-    ),
-    "collect/points": (
-        "collected/collected.jsonl",
-        f"collect collected --arm arm.toml {NOBODY}",
-    ),
-    "probe-pivot/poses": (
-        "campaign/poses.csv",
-        "probe pivot campaign --arm arm.toml --cone cone-1",
-    ),
-    "page/token": ("token", f"page {NOBODY} --token-file token"),
-    "page/certificate": (
-        "page.pem",
-        f"page {NOBODY} --certificate page.pem --key key.pem",
-    ),
-    "page/key": ("key.pem", f"page {NOBODY} --certificate page.pem --key key.pem"),
-    "watch/key": (
-        "key.pem",
-        "watch --broker mqtts://127.0.0.1:9 --client-certificate page.pem "
-        "--client-key key.pem",
-    ),
-    "watch/authority": (
-        "page.pem",
-        "watch --broker mqtts://127.0.0.1:9 --ca-file page.pem",
-    ),
-    "watch/password": (
-        "token",
-        f"watch {NOBODY} --username a --password-file token",
-    ),
-    "simulate/configuration": ("simulator.toml", "simulate --config simulator.toml"),
+# By command the files that are damaged; paths are relative to the samples.
+_FILES: dict[str, dict[str, str]] = {
+    "check arm.toml": {"check/arm": "arm.toml"},
+    "check daemon.toml": {"check/daemon": "daemon.toml"},
+    "check simulator.toml": {"check/simulator": "simulator.toml"},
+    "check probes.toml": {"check/probes": "probes.toml"},
+    "check limits.toml": {"check/limits": "limits.toml"},
+    "check nominal.toml": {"check/nominal": "nominal.toml"},
+    "check plan.toml": {"check/plan": "plan.toml"},
+    "check campaign": {
+        "check/campaign": "campaign/campaign.toml",
+        "check/poses": "campaign/poses.csv",
+    },
+    "arm show arm.toml": {"arm-show/arm": "arm.toml"},
+    "arm to-dh arm.toml": {"arm-to-dh/arm": "arm.toml"},
+    "arm from-dh dh.csv --convention classic --out robot.toml": {
+        "arm-from-dh/csv": "dh.csv"
+    },
+    "arm from-dh dh.toml --convention classic --out robot.toml": {
+        "arm-from-dh/toml": "dh.toml"
+    },
+    "arm from-urdf robot.urdf --tip ball --out robot.toml": {
+        "arm-from-urdf/urdf": "robot.urdf"
+    },
+    "identify campaign --arm arm.toml --out out": {
+        "identify/arm": "arm.toml",
+        "identify/campaign": "campaign/campaign.toml",
+        "identify/poses": "campaign/poses.csv",
+    },
+    "predict campaign --arm arm.toml": {
+        "predict/poses": "campaign/poses.csv",
+        "predict/campaign": "campaign/campaign.toml",
+    },
+    "diagnose campaign --arm arm.toml --out out --max-terms 1": {
+        "diagnose/poses": "campaign/poses.csv"
+    },
+    "verify accepted --standard asme-b89.4.22 --arm arm.toml": {
+        "verify/campaign": "accepted/campaign.toml",
+        "verify/poses": "accepted/poses.csv",
+    },
+    "verify accepted --standard asme-b89.4.22 --arm arm.toml --limits limits.toml": {
+        "verify/limits": "limits.toml"
+    },
+    "verify --check certificate": {
+        "verify-check/json": "certificate/certificate.json",
+        "verify-check/data": "certificate/data/poses.csv",
+    },
+    "certify certificate --laboratory laboratory.toml": {
+        "certify/json": "certificate/certificate.json",
+        "certify/laboratory": "laboratory.toml",
+    },
+    "trace certificate": {"trace/certificate": "certificate/certificate.json"},
+    "trace identified/arm.toml": {"trace/arm": "identified/arm.toml"},
+    "trace campaign": {"trace/campaign": "campaign/campaign.toml"},
+    "trace run.mcap": {"trace/recording": "run.mcap"},
+    "trace points.jsonl": {"trace/points": "points.jsonl"},
+    "points verify points.jsonl --key arm.key.pub": {
+        "points-verify/points": "points.jsonl",
+        "points-verify/key": "arm.key.pub",
+    },
+    "align measured.csv --nominal nominal.toml": {
+        "align/nominal": "nominal.toml",
+        "align/points": "measured.csv",
+    },
+    "align points.jsonl --nominal nominal.toml": {"align/lines": "points.jsonl"},
+    "daily-check --arm arm.toml --history history.db --show": {
+        "daily-check/history": "history.db"
+    },
+    "daily-check --arm arm.toml --history history.db --campaign check": {
+        "daily-check/poses": "check/poses.csv"
+    },
+    "daily-check --arm arm.toml --history history.db --show --acceptance "
+    "certificate/certificate.json": {
+        "daily-check/certificate": "certificate/certificate.json"
+    },
+    "export outbox.db --out out.csv --force": {"export/outbox": "outbox.db"},
+    "export points.jsonl --out out.csv --force": {"export/lines": "points.jsonl"},
+    "export run.mcap --out out.csv --force": {"export/recording": "run.mcap"},
+    "points list --db outbox.db": {"points-list/outbox": "outbox.db"},
+    "points export --db outbox.db --out out.csv --force": {
+        "points-export/outbox": "outbox.db"
+    },
+    "replay run.mcap": {"replay/recording": "run.mcap"},
+    "verify run.mcap --standard asme-b89.4.22": {"verify/recording": "run.mcap"},
+    "run --config daemon.toml": {
+        "run/configuration": "daemon.toml",
+        "run/arm": "arm.toml",
+    },
+    "replay steps.mcap": {"replay/steps": "steps.mcap"},
+    "run --config identified.toml": {"run/covariance": "identified/arm.cov.npz"},
+    "check identified.toml": {"check/covariance": "identified/arm.cov.npz"},
+    "align campaign --nominal campaign --method leapfrog --arm identified/arm.toml": {
+        "align/covariance": "identified/arm.cov.npz"
+    },
+    "verify accepted --standard asme-b89.4.22 --arm identified/arm.toml": {
+        "verify/covariance": "identified/arm.cov.npz"
+    },
+    "fleet add history.db --database other.db": {"fleet-add/history": "history.db"},
+    "fleet add certificate --database other.db": {
+        "fleet-add/certificate": "certificate/certificate.json"
+    },
+    "fleet add history.db --database store.db": {"fleet-add/store": "store.db"},
+    "fleet overview --database store.db": {"fleet-overview/store": "store.db"},
+    "fleet family identified identified identified identified identified "
+    "identified identified identified": {
+        "fleet-family/result": "identified/identification.json"
+    },
+    f"store {NOBODY} --database store.db": {"store/database": "store.db"},
+    f"collect campaign --arm arm.toml {NOBODY}": {
+        "collect/arm": "arm.toml",
+        "collect/campaign": "campaign/campaign.toml",
+    },
+    f"collect planned --arm arm.toml {NOBODY}": {"collect/plan": "planned/plan.toml"},
+    f"collect collected --arm arm.toml {NOBODY}": {
+        "collect/points": "collected/collected.jsonl"
+    },
+    "probe pivot campaign --arm arm.toml --cone cone-1": {
+        "probe-pivot/poses": "campaign/poses.csv"
+    },
+    f"page {NOBODY} --token-file token": {"page/token": "token"},
+    f"page {NOBODY} --certificate page.pem --key key.pem": {
+        "page/certificate": "page.pem",
+        "page/key": "key.pem",
+    },
+    "watch --broker mqtts://127.0.0.1:9 --client-certificate page.pem "
+    "--client-key key.pem": {"watch/key": "key.pem"},
+    "watch --broker mqtts://127.0.0.1:9 --ca-file page.pem": {
+        "watch/authority": "page.pem"
+    },
+    f"watch {NOBODY} --username a --password-file token": {"watch/password": "token"},
+    "simulate --config simulator.toml": {"simulate/configuration": "simulator.toml"},
+}
+# Name, the file that is damaged, the command.
+COMMANDS = {
+    name: (file, command)
+    for command, files in _FILES.items()
+    for name, file in files.items()
 }
 # They go on until they are ended where the file is good: that is no hang.
 _ENDLESS = {"run", "simulate", "page", "store"}

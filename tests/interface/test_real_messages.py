@@ -12,11 +12,12 @@ import aiomqtt
 import pytest
 
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import PATIENCE_S, until
+from tests.end_to_end.programs import PATIENCE_S
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.interface.conftest import ROOT
 from tests.interface.test_asyncapi import validator
 from tests.mosquitto import Mosquitto
+from tests.waiting import until
 from traverse.protocol.messages import ScanArgs
 
 pytestmark = pytest.mark.needs("mosquitto", "node")

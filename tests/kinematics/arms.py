@@ -3,46 +3,20 @@
 import numpy as np
 from hypothesis import strategies as st
 
+from tests.arm_files import arm_text, joint_text
 from traverse.kinematics.model.geometry import Geometry, unit_vectors
 
-ARM_TEXT = """\
-schema = "traverse/arm/1"
-name = "bench-7"
-origin_mm = [1.0, -2.0, 3.5]
-
-[[joints]]
-name = "J1"
-axis = [0.0, 0.0, 2.0]
-link_mm = [0.0, 10.0, 250.0]
-zero_rad = 1.234
-mass_kg = 2.0
-centre_of_mass_mm = [0.0, 0.0, 125.0]
-[joints.encoder]
-counts_per_turn = 8388608
-sign = 1
-source = "base/0"
-
-[[joints]]
-name = "J2"
-axis = [0.0, 1.0, 0.0]
-link_mm = [0.0, 0.0, 300.0]
-zero_rad = -0.5
-[joints.encoder]
-counts_per_turn = 4294967296
-sign = -1
-source = "base/1"
-
-[probe]
-radius_mm = 3.0
-kind = "hard"
-vector_mm = [0.0, 0.0, 50.0]
-direction = [0.0, 0.0, 1.0]
-mass_kg = 0.2
-
-[reference]
-temperature_c = 20.0
-gravity_m_s2 = [0.0, 0.0, -9.80665]
-"""
+ARM_TEXT = arm_text(
+    "bench-7",
+    joint_text(
+        *("J1", [0.0, 0.0, 2.0], [0.0, 10.0, 250.0], 1.234, (1 << 23, 1, "base/0")),
+        more="mass_kg = 2.0\ncentre_of_mass_mm = [0.0, 0.0, 125.0]\n",
+    ),
+    joint_text("J2", [0.0, 1.0, 0.0], [0.0, 0.0, 300.0], -0.5, (1 << 32, -1, "base/1")),
+    origin_mm=[1.0, -2.0, 3.5],
+    probe='radius_mm = 3.0\nkind = "hard"\nvector_mm = [0.0, 0.0, 50.0]\n'
+    "direction = [0.0, 0.0, 1.0]\nmass_kg = 0.2",
+)
 
 
 def random_geometry(seed: int, n_joints: int) -> Geometry:

@@ -93,6 +93,9 @@ def seven_joints() -> TrueArm:
     )
 
 
+DESIGN = seven_joints()
+
+
 def disturbed(arm: TrueArm, seed: int, link_mm=1.0, axis_rad=0.005) -> TrueArm:
     """The same arm as built, with errors."""
     rng = np.random.default_rng(seed)
@@ -103,6 +106,11 @@ def disturbed(arm: TrueArm, seed: int, link_mm=1.0, axis_rad=0.005) -> TrueArm:
         arm.zeros_rad,
         arm.origin_mm,
     )
+
+
+def built(seed: int, link_mm=1.0, axis_rad=0.005) -> TrueArm:
+    """The seven joints of the design as built, with errors."""
+    return disturbed(DESIGN, seed, link_mm, axis_rad)
 
 
 def postures(arm: TrueArm, targets_mm, rng, travel_rad):
@@ -346,6 +354,9 @@ temperature_c = 20.0
 gravity_m_s2 = [0.0, 0.0, -9.80665]
 """
     )
+
+
+DESIGN_ARM = arm_value(DESIGN)
 
 
 def cones(n, **more):

@@ -2,7 +2,6 @@
 
 import json
 import os
-import subprocess
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.lab.planted_kind import KIND, LABEL, WALKS
+from tests.running import run_program
 
 pytestmark = pytest.mark.slow
 
@@ -77,13 +77,11 @@ def planted(folder: Path, *left_out: str, walks: Iterable[str] = ()) -> dict[str
     if "law" not in left_out:
         laws = folder / "traverse" / "kinematics" / "effects" / "readings"
         (laws / f"{KIND}.py").write_text(LAW, "utf-8")
-    run = subprocess.run(
-        [sys.executable, "-m", "tests.lab.planted_kind", *walks],
+    run = run_program(
+        *(sys.executable, "-m", "tests.lab.planted_kind", *walks),
         cwd=ROOT,
         env=os.environ | {"PYTHONPATH": str(folder), "OPENBLAS_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
+        status=None,
     )
     if run.returncode:
         return {"import": run.stderr}

@@ -6,42 +6,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.arm_files import arm_text, joint_text
 from traverse.simulator.arm.physics import Mechanism
 from traverse.simulator.config import SimulatorConfig, config_problems
 from traverse.simulator.scenario.script import Script
 from traverse.simulator.virtual_arm import VirtualArm, build_arm, build_script
 from traverse.strict_toml.reader import parse_strict
 
-AXES = ["0, 0, 1", "0, 1, 0", "1, 0, 0", "0, 1, 0", "1, 0, 0", "0, 1, 0", "0, 0, -1"]
-LINKS = ["0, 0, 250", "60, 0, 0", "400, 0, 0", "50, 0, 0", "330, 0, 0", "0, 0, -50"]
-LINKS += ["0, 0, -110"]
+AXES = ([0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [0, 0, -1])
+LINKS_MM = (
+    *([0, 0, 250], [60, 0, 0], [400, 0, 0], [50, 0, 0]),
+    *([330, 0, 0], [0, 0, -50], [0, 0, -110]),
+)
 
 
-def arm_text(kind: str = "hard") -> str:
-    text = 'schema = "traverse/arm/1"\nname = "seven"\norigin_mm = [0, 0, 0]\n'
-    for number, (axis, link) in enumerate(zip(AXES, LINKS, strict=True)):
-        text += f"""
-[[joints]]
-name = "J{number + 1}"
-axis = [{axis}]
-link_mm = [{link}]
-zero_rad = {0.3 * number}
-[joints.encoder]
-counts_per_turn = 8388608
-sign = {(-1) ** number}
-source = "base/{number}"
-"""
-    return (
-        text
-        + f"""
-[probe]
-radius_mm = 3.0
-kind = "{kind}"
-[reference]
-temperature_c = 20.0
-gravity_m_s2 = [0.0, 0.0, -9.80665]
-"""
+def seven_text(kind: str = "hard") -> str:
+    joints = (
+        joint_text(
+            *(f"J{number + 1}", axis, link_mm, 0.3 * number),
+            (8388608, (-1) ** number, f"base/{number}"),
+        )
+        for number, (axis, link_mm) in enumerate(zip(AXES, LINKS_MM, strict=True))
     )
+    return arm_text("seven", *joints, probe=f'radius_mm = 3.0\nkind = "{kind}"')
 
 
 def config_text(motions: str, head: str = "", faults: str = "") -> str:
@@ -67,7 +54,7 @@ port = "port/base"
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    (tmp_path / "arm.toml").write_text(arm_text())
+    (tmp_path / "arm.toml").write_text(seven_text())
     return tmp_path
 
 
@@ -76,7 +63,7 @@ def stage(folder: Path) -> Callable[..., tuple[VirtualArm, Script]]:
     """Play motions with the arm; return the arm and its script."""
 
     def play(motions: str, head: str = "", kind: str = "hard"):
-        (folder / "arm.toml").write_text(arm_text(kind))
+        (folder / "arm.toml").write_text(seven_text(kind))
         text = config_text(motions, head)
         config = parse_strict(text, "sim.toml", SimulatorConfig, config_problems)
         arm = build_arm(config, folder, "sim.toml")
@@ -88,9 +75,9 @@ def stage(folder: Path) -> Callable[..., tuple[VirtualArm, Script]]:
 @pytest.fixture
 def seven() -> Mechanism:
     rng = np.random.default_rng(5)
-    axes = np.array([[float(c) for c in axis.split(",")] for axis in AXES])
+    axes = np.array(AXES, dtype=float)
     axes += 0.05 * rng.standard_normal(axes.shape)
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    ends = np.cumsum([[float(c) for c in link.split(",")] for link in LINKS], axis=0)
+    ends = np.cumsum(np.array(LINKS_MM, dtype=float), axis=0)
     origins = np.vstack([np.zeros(3), ends[:-1]])
     return Mechanism(origins, axes, ends[-1], np.array([0.0, 0.0, -1.0]))

@@ -1,11 +1,11 @@
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.simulator.conftest import arm_text, config_text
+from tests.running import run_program
+from tests.simulator.conftest import config_text, seven_text
 from traverse.simulator.config import SimulatorConfig, config_problems
 from traverse.simulator.run import run_simulator
 from traverse.simulator.scenario.recorded_counts import read_recording, recorded_counts
@@ -79,14 +79,14 @@ def refuse(folder, capsys, text):
 
 def test_an_effect_that_cannot_be_played_is_refused(folder, capsys):
     effect = '\n[[effects]]\nkind = "mount_compliance"\ncompliance_rad_nm = 1e-5\n'
-    (folder / "arm.toml").write_text(arm_text() + effect)
+    (folder / "arm.toml").write_text(seven_text() + effect)
     said = refuse(folder, capsys, config_text(REST))
     assert "arm.file effects[0]" in said
     assert "mass_kg" in said
 
 
 def test_channels_that_do_not_match_are_refused(folder, capsys):
-    (folder / "arm.toml").write_text(arm_text().replace("base/3", "wrist/9"))
+    (folder / "arm.toml").write_text(seven_text().replace("base/3", "wrist/9"))
     said = refuse(folder, capsys, config_text(REST))
     assert "joint J4 is read at 'wrist/9'" in said
     assert "[0, 1, 2, 4, 5, 6]" in said
@@ -115,7 +115,7 @@ def test_a_script_that_ends_lets_the_program_end(folder, capsys):
 
 
 def test_an_explicit_true_arm_replaces_the_deviations(folder, stage):
-    (folder / "true.toml").write_text(arm_text().replace("250", "251.5"))
+    (folder / "true.toml").write_text(seven_text().replace("250", "251.5"))
     text = config_text(REST).replace(
         "deviations = { links_mm = 0.2, axes_rad = 1e-3, zeros_rad = 1e-3 }",
         'true_file = "true.toml"',
@@ -174,9 +174,7 @@ def test_the_simulator_runs_without_scipy_and_the_code_under_test():
         "import sys, traverse.simulator.run;"
         f"print([name for name in {foreign!r} if name in sys.modules])"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
+    done = run_program(sys.executable, "-c", script)
     assert done.stdout.strip() == "[]"
 
 

@@ -7,14 +7,14 @@ import select
 import signal
 import time
 
-from tests.simulator.conftest import arm_text, config_text
+from tests.simulator.conftest import config_text, seven_text
 from tests.simulator.processes import SPHERE, simulator
 
 PORTS = [f"port/{number}" for number in range(7)]
 
 
 def test_the_truth_log_tells_what_was_latched_when(folder):
-    (folder / "arm.toml").write_text(arm_text().replace("8388608", "262144"))
+    (folder / "arm.toml").write_text(seven_text().replace("8388608", "262144"))
     head = 'truth_log = "truth.jsonl"\ntruth_readings = true\nstart = "first_start"'
     keys = f'kind = "rls"\nports = {PORTS}\nbits = 18'
     text = config_text(SPHERE, head).replace('port = "port/base"', keys)

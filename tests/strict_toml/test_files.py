@@ -1,11 +1,13 @@
-"""Files that are none, too large, or hold what no file needs."""
+"""Files that are none, too large, or hold what no file needs.
+
+Strict reading of files that are no arm files.
+"""
 
 import csv
 import os
 
 import pytest
 
-from tests.strict_toml.test_strict_files import Settings
 from traverse.strict_toml.files import (
     MOST_BYTES,
     MOST_LINE,
@@ -14,8 +16,8 @@ from traverse.strict_toml.files import (
     open_regular,
     table_lines,
 )
-from traverse.strict_toml.problems import FileError
-from traverse.strict_toml.reader import parse_strict
+from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.reader import StrictModel, parse_strict
 
 
 @pytest.mark.parametrize("kind", ["fifo", "endless", "folder"])
@@ -70,3 +72,42 @@ def test_absurd_values_are_refused_by_their_key(value, said):
     with pytest.raises(FileError) as caught:
         parse_strict(text, "d.toml", Settings)
     assert said in str(caught.value)
+
+
+class Device(StrictModel):
+    id: str
+    rate_hz: float = 1.0
+
+
+class Settings(StrictModel):
+    device: tuple[Device, ...] = ()
+    broker: Device | None = None
+
+
+def no_spaces(raw):
+    for index, device in enumerate(raw.get("device", [])):
+        if " " in str(device.get("id")):
+            yield Problem(f"device[{index}].id", "has a space")
+
+
+def test_strict_reading_serves_other_files():
+    text = '[[device]]\nid = "a"\nrate_hz = 5\n'
+    assert parse_strict(text, "d.toml", Settings, no_spaces) == Settings(
+        device=(Device(id="a", rate_hz=5.0),)
+    )
+    text = '[[device]]\nid = "a b"\nrate = 5\n[broker]\nId = 1\n'
+    with pytest.raises(FileError) as caught:
+        parse_strict(text, "d.toml", Settings, no_spaces)
+    assert str(caught.value).splitlines() == [
+        "d.toml: 4 problems",
+        "  device[0].id: has a space",
+        "  device[0].rate: unknown key 'rate'; did you mean 'rate_hz'? "
+        "units are part of the name",
+        "  broker.Id: unknown key 'Id'; did you mean 'id'?",
+        "  broker.id: is missing; add it",
+    ]
+
+
+def test_cross_check_alone_refuses_a_file():
+    with pytest.raises(FileError, match="has a space"):
+        parse_strict('[[device]]\nid = "a b"\n', "d.toml", Settings, no_spaces)

@@ -14,7 +14,7 @@ import numpy as np
 from tests import programs
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.listener import Listener, listening
-from tests.end_to_end.programs import Program, until
+from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import Workbench
 from tests.mosquitto import Mosquitto
 from tests.vm import can_interface
@@ -22,6 +22,7 @@ from tests.vm.bus_checks import NODES
 from tests.vm.can_arm import N_POINTS, TRACKING_HZ, write_files
 from tests.vm.can_interface import NAME, open_raw, send
 from tests.vm.table import Table
+from tests.waiting import until
 from traverse.protocol.canopen.frames import HEARTBEAT, identifiers
 from traverse.protocol.messages import Event, PointArgs
 

@@ -10,8 +10,8 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 from benchmarks.blind.single_round import app
-from tests.cli.programs import END_S
 from tests.docs.pages import CHECKOUT
+from tests.running import END_S
 
 pytestmark = pytest.mark.slow
 

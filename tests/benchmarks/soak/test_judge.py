@@ -1,15 +1,24 @@
-"""The crash test's judge finds what was lost, invented, doubled or out of order."""
+"""The crash test's judge finds what was lost, invented, doubled or out of order.
 
+The crash test judges itself: a daemon that was down has shown nothing.
+The crash test's tap: what it follows is the board and nothing else.
+"""
+
+import io
 import json
+import os
 import shutil
 import sqlite3
+import threading
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
 from benchmarks.soak.consumer import Store
-from benchmarks.soak.judge import Span, judge
-from benchmarks.tools.rig import ARM
+from benchmarks.soak.judge import Span, Work, judge, measuring_s
+from benchmarks.soak.tap import Mark, follow
+from benchmarks.tools.rig import ARM, wait_for
 from tests.protocol.message_examples import POINT
 from traverse.protocol.encoding import encode
 
@@ -169,3 +178,93 @@ def test_run_in_which_little_was_measured_fails_though_nothing_was_lost(run):
     assert verdict.figures["percent of the time measuring"] == 0
     [fault] = verdict.faults
     assert "measuring for 0% of 10 s" in fault
+
+
+def work(*, measuring_s=80.0, starts=10, sessions=9):
+    return Work(
+        seconds=100.0, measuring_s=measuring_s, starts=starts, sessions=sessions
+    )
+
+
+def test_run_of_a_daemon_at_work_is_good():
+    assert work().share == 0.8
+    assert work().faults() == []
+
+
+def test_run_of_a_daemon_that_rarely_measured_has_shown_nothing():
+    [fault] = work(measuring_s=13.0).faults()
+
+    assert "measuring for 13% of 100 s" in fault
+    assert "daemon.log" in fault
+
+
+def test_run_whose_starts_led_nowhere_has_shown_nothing():
+    [fault] = work(starts=229, sessions=7).faults()
+
+    assert "7 sessions with points in 229 starts" in fault
+
+
+@pytest.mark.parametrize(("sessions", "n_faults"), [(4, 1), (5, 0)])
+def test_half_of_the_starts_are_enough(sessions, n_faults):
+    assert len(work(sessions=sessions).faults()) == n_faults
+
+
+def test_run_of_no_length_has_shown_nothing():
+    assert Work(0.0, 0.0, starts=0, sessions=0).share == 0.0
+
+
+@pytest.mark.parametrize(
+    ("times_s", "expected_s"),
+    [
+        ([], 0.0),
+        ([20.0], 0.0),
+        ([20.0, 20.5, 21.5], 1.5),
+        ([20.0, 21.0, 30.0, 31.0], 2.0),  # nine seconds without
+        ([5.0, 9.9, 10.2, 11.2, 99.9, 100.1], 1.0),  # before and after do not count
+    ],
+)
+def test_time_of_measuring_is_that_of_acknowledgements_without_pauses(
+    times_s, expected_s
+):
+    assert measuring_s(times_s, 10.0, 100.0) == pytest.approx(expected_s)
+
+
+def test_link_of_another_board_has_another_mark_though_it_leads_to_the_same(
+    tmp_path: Path,
+):
+    link = tmp_path / "board.pty"
+    assert Mark.of(link) is None
+    link.symlink_to("/dev/pts/999")
+    first = Mark.of(link)
+    assert first is not None
+    assert first.target == "/dev/pts/999"
+    assert Mark.of(link) == first
+
+    os.utime(link, ns=(1, 1), follow_symlinks=False)
+
+    assert Mark.of(link) != first
+
+
+def test_tap_lets_go_of_a_pty_that_is_not_the_board_any_more(tmp_path: Path):
+    ours, line = os.openpty()  # of a stranger, who never hangs up
+    link, host = tmp_path / "board.pty", tmp_path / "line.pty"
+    link.symlink_to(os.ttyname(line))
+    (tmp_path / "life").write_text("0")
+    mark = Mark.of(link)
+    assert mark is not None
+    log = io.StringIO()
+    tap = threading.Thread(target=follow, args=(link, mark, host, log), daemon=True)
+    tap.start()
+    wait_for(host.is_symlink, "a line for the daemon")
+
+    fresh = tmp_path / "fresh"
+    fresh.symlink_to(os.ttyname(line))
+    os.utime(fresh, ns=(1, 1), follow_symlinks=False)
+    fresh.replace(link)  # by the board, which is back
+
+    tap.join(20.0)
+    assert not tap.is_alive()
+    assert not host.is_symlink()
+    assert link.is_symlink()
+    os.close(ours)
+    os.close(line)

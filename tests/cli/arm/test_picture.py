@@ -4,10 +4,9 @@ import struct
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from tests.kinematics.arms import ARM_TEXT, random_geometry
-from traverse.cli.__main__ import app
+from tests.running import invoke
 from traverse.kinematics.importers.arm_values import (
     JointParts,
     assemble_arm,
@@ -29,8 +28,7 @@ def test_show_draws_the_base_posture_beside_the_text(tmp_path):
     file, png = tmp_path / "arm.toml", tmp_path / "arm.png"
     file.write_text(ARM_TEXT, "utf-8")
     words = ["arm", "show", str(file), "--png", str(png)]
-    ended = CliRunner().invoke(app, words)
-    assert ended.exit_code == 0, ended.output
+    ended = invoke(*words)
     assert ended.stdout.startswith("bench-7: 2 joints")
     width, height = size_of_png(png)
     assert width == 1430
@@ -41,8 +39,7 @@ def test_a_picture_that_cannot_be_written_is_refused(tmp_path):
     file = tmp_path / "arm.toml"
     file.write_text(ARM_TEXT, "utf-8")
     words = ["arm", "show", str(file), "--png", str(tmp_path / "no" / "arm.png")]
-    ended = CliRunner().invoke(app, words)
-    assert ended.exit_code == 2
+    ended = invoke(*words, status=2)
     assert f"there is no folder {tmp_path / 'no'}; make it" in ended.output
 
 

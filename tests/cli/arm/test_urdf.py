@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
-from traverse.cli.__main__ import app
+from tests.running import invoke
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.importers.urdf_file import chain_of, read_urdf
 from traverse.kinematics.model.forward import probe_pose
@@ -68,7 +67,7 @@ def made(tmp_path):
         file, out = tmp_path / "robot.urdf", tmp_path / "arm.toml"
         file.write_bytes(text if isinstance(text, bytes) else text.encode())
         words = ["arm", "from-urdf", str(file), "-o", str(out), *options]
-        ended = CliRunner().invoke(app, words)
+        ended = invoke(*words, status=None)
         return ended.exit_code, ended.output.replace(str(file), "FILE"), out
 
     return make
@@ -266,8 +265,7 @@ def test_a_damaged_description_is_read_or_refused_and_nothing_else(data):
 
 def test_a_file_that_is_not_there_is_refused(tmp_path):
     words = ["arm", "from-urdf", str(tmp_path / "no.urdf"), "-o", str(tmp_path / "a")]
-    ended = CliRunner().invoke(app, words)
-    assert ended.exit_code == 2
+    ended = invoke(*words, status=2)
     assert "cannot be read: No such file or directory" in ended.output
 
 
@@ -275,12 +273,11 @@ def test_an_arm_becomes_a_description_and_the_same_arm_again(made, tmp_path):
     _, _, first = made(ROBOT, "--tip", "ball", "--counts-per-turn=4096")
     out = tmp_path / "back.urdf"
     words = ["arm", "to-urdf", str(first)]
-    ended = CliRunner().invoke(app, [*words, "-o", str(out)])
-    assert ended.exit_code == 0, ended.output
+    ended = invoke(*words, "-o", out)
     assert "lost at the probe over 1000 random postures (seed 1, " in ended.output
     assert "largest 0 mm" in ended.output
-    assert CliRunner().invoke(app, words).output == out.read_text("utf-8")
-    assert CliRunner().invoke(app, [*words, "-o", str(out)]).exit_code == 2
+    assert invoke(*words).output == out.read_text("utf-8")
+    invoke(*words, "-o", out, status=2)
     _, _, again = made(out.read_text("utf-8"), "--force", "--counts-per-turn=4096")
     assert read_arm(again) == read_arm(first)
 
@@ -289,6 +286,5 @@ def test_an_arm_whose_effects_cannot_be_computed_is_refused(made, tmp_path):
     _, _, arm = made(ROBOT, "--tip", "ball")
     bends = '\n[[effects]]\nkind = "joint_compliance"\njoint = "lift"\n'
     arm.write_text(f"{arm.read_text('utf-8')}{bends}compliance_rad_nm = 1e-6\n")
-    ended = CliRunner().invoke(app, ["arm", "to-urdf", str(arm)])
-    assert ended.exit_code == 2
+    ended = invoke("arm", "to-urdf", arm, status=2)
     assert "no mass_kg for lift" in ended.output

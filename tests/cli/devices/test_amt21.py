@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.drivers.amt21.fake_encoders import FakeEncoder, FakeLine, PtyEncoders
-from traverse.cli.__main__ import app
+from tests.running import invoke
 
 runner = CliRunner()
 PATIENCE = ("--timeout", "0.5")  # a busy machine answers late
@@ -23,16 +23,15 @@ def encoders(request, tmp_path):
     made.unplug()
 
 
-def told(encoders, *arguments, **more):
+def told(encoders, *arguments, status=0, **more):
     port = ["--port", str(encoders.link)]
-    return runner.invoke(app, ["amt21", *arguments, *port], **more)
+    return invoke("amt21", *arguments, *port, **more, status=status)
 
 
 def test_a_scan_lists_who_answers(encoders, monkeypatch):
     # Each silent address costs its time.
     monkeypatch.setattr("traverse.cli.devices.amt21.ADDRESSES", range(0x50, 0x64, 4))
     ran = told(encoders, "scan", "--json", *PATIENCE)
-    assert ran.exit_code == 0, ran.output
     report = json.loads(ran.output)
     assert report["echo"] is encoders.line.echo
     assert report["encoders"] == [
@@ -44,32 +43,29 @@ def test_a_scan_lists_who_answers(encoders, monkeypatch):
 
 @pytest.mark.parametrize(("name", "code"), [("zero", "5E"), ("reset", "75")])
 def test_maintenance_is_requested_before_it_is_done(encoders, name, code):
-    ran = told(encoders, name, "--address", "0x54", *PATIENCE, input="n\n")
-    assert ran.exit_code == 1
+    ran = told(encoders, name, "--address", "0x54", *PATIENCE, input="n\n", status=1)
     assert "is at 1234" in ran.output
     assert 0x56 not in encoders.line.heard
     ran = told(encoders, name, "--address", "84", "--yes", "--json", *PATIENCE)
-    assert ran.exit_code == 0, ran.output
     report = json.loads(ran.stdout)
     assert (report["address"], report["before"]) == (84, 1234)
     assert bytes.fromhex(f"56 {code}") in encoders.line.heard
 
 
 def test_what_is_no_address_is_refused(encoders):
-    ran = told(encoders, "zero", "--address", "0x55")
-    assert ran.exit_code == 2
+    ran = told(encoders, "zero", "--address", "0x55", status=2)
     assert "multiple of 4" in ran.output
     assert encoders.line.heard == b""
 
 
 def test_an_address_where_nobody_is_cannot_be_reached(encoders):
-    ran = told(encoders, "reset", "--address", "0x40", "--yes", "--timeout", "0.1")
-    assert ran.exit_code == 3
+    ran = told(
+        encoders, "reset", "--address", "0x40", "--yes", "--timeout", "0.1", status=3
+    )
     assert "nothing answers" in ran.output
     assert 0x42 not in encoders.line.heard
 
 
 def test_a_port_that_is_not_there_is_reported(tmp_path):
-    ran = runner.invoke(app, ["amt21", "scan", "--port", str(tmp_path / "none")])
-    assert ran.exit_code == 3
+    ran = invoke("amt21", "scan", "--port", tmp_path / "none", status=3)
     assert "no such port" in ran.output

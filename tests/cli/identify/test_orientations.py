@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.cli.identify.identification import run_identify, said_json
-from tests.cli.programs import run_traverse
+from tests.running import run_traverse
 from tests.simulator.effects.examples import heavy_arm
 from traverse.kinematics.arm_file.arm import write_arm
 from traverse.simulator.campaigns.__main__ import main as simulate
@@ -46,7 +46,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         folder,
         *("campaign", "--arm", "arm.toml", "--out", "out", "--holdout", "0.2"),
     )
-    assert ran.returncode == 0, ran.stderr
     (folder / "said").write_text(ran.stdout, "utf-8")
     return folder
 
@@ -158,20 +157,18 @@ def test_others_refuse_them_in_words(folder: Path) -> None:
     ran = run_traverse(
         folder,
         *("verify", "campaign", "--standard", "iso10360-12", "--arm", "arm.toml"),
+        status=2,
     )
-    assert ran.returncode == 2
     assert "take measured orientations; leave these columns out" in ran.stderr
-    checked = run_traverse(folder, "check", "campaign")
-    assert checked.returncode == 0, checked.stderr
+    run_traverse(folder, "check", "campaign")
 
 
 @pytest.mark.slow
 def test_a_diagnosis_writes_its_files(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder / "campaign", tmp_path / "campaign")
-    ran = run_traverse(
+    run_traverse(
         folder, *("diagnose", "campaign", "--arm", "arm.toml", "--out", "found")
     )
-    assert ran.returncode == 0, ran.stderr
     said = json.loads((folder / "found" / "diagnosis.json").read_text("utf-8"))
     assert said["verdict"] == "clean"
     assert said["noise"]["orientation_rad"] == 5e-5

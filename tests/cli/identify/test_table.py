@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from tests.cli.identify.identification import run_identify, said_json
-from tests.cli.programs import run_traverse
 from tests.docs.pages import text_of
 from tests.lab.simulated import TrueArm, arm_value, rotations, seven_joints
+from tests.running import run_traverse
 from traverse.kinematics.arm_file.arm import write_arm
 
 PAGE = "docs/how-to/campaign-from-a-table.md"

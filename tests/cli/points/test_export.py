@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import Result
-from typer.testing import CliRunner
 
 import traverse.cli
 from tests.client.display.values import point
 from tests.protocol.message_examples import SCAN
-from traverse.cli.__main__ import app
+from tests.running import invoke
 from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.outbox import message_of
 from traverse.lab.campaign.campaign import read_campaign
@@ -33,9 +32,7 @@ kind = "cone"
 
 
 def export(*words: object, status: int = 0) -> Result:
-    result = CliRunner().invoke(app, ["export", *map(str, words)])
-    assert result.exit_code == status, result.output
-    return result
+    return invoke("export", *words, status=status)
 
 
 def labelled(seq: int, place: float, artefact: str | None = "seat") -> Point:

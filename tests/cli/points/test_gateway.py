@@ -13,11 +13,12 @@ from pathlib import Path
 import aiomqtt
 import pytest
 
-from tests.cli.programs import run_traverse
 from tests.client.gateways.foxglove_viewer import Viewer
 from tests.client.virtual_daemon import VirtualDaemon
-from tests.end_to_end.programs import Program, until
-from tests.mosquitto import Mosquitto
+from tests.end_to_end.programs import Program
+from tests.mosquitto import Mosquitto, free_port
+from tests.running import run_traverse
+from tests.waiting import until
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.lab.daily_check.figures import DailyCheckFigures
 from traverse.lab.daily_check.history import Check, add_check
@@ -61,8 +62,9 @@ def test_bad_options_are_refused_in_a_sentence(
 ) -> None:
     (tmp_path / "bad.json").write_text("[]")
     kind, *options = shlex.split(words)
-    result = run_traverse(tmp_path, "gateway", kind, "--arm", "bench-7", *options)
-    assert result.returncode == 2, result.stderr
+    result = run_traverse(
+        tmp_path, "gateway", kind, "--arm", "bench-7", *options, status=2
+    )
     assert expected in result.stderr
     assert len(result.stderr.splitlines()) == 1
 
@@ -80,8 +82,9 @@ def test_bad_options_for_home_assistant_are_refused_in_a_sentence(
     words: str, expected: str, tmp_path: Path
 ) -> None:
     (tmp_path / "x.db").write_text("x" * 1000)
-    result = run_traverse(tmp_path, "gateway", "home-assistant", *shlex.split(words))
-    assert result.returncode == 2, result.stderr
+    result = run_traverse(
+        tmp_path, "gateway", "home-assistant", *shlex.split(words), status=2
+    )
     assert expected in result.stderr
     assert len(result.stderr.splitlines()) == 1
 
@@ -137,8 +140,7 @@ def test_keys_that_cannot_be_typed_are_refused_in_a_sentence(
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     options = ("--arm", "bench-7", *shlex.split(words))
-    result = run_traverse(tmp_path, "gateway", "keys", *options)
-    assert result.returncode == 2, result.stderr
+    result = run_traverse(tmp_path, "gateway", "keys", *options, status=2)
     assert expected in result.stderr
     assert len(result.stderr.splitlines()) == 1
 
@@ -151,8 +153,7 @@ async def test_the_live_view_as_a_program(mosquitto: Mosquitto, tmp_path: Path) 
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
         options = ("--arm", arm, "--broker", broker, "--listen", port)
-        result = run_traverse(tmp_path, "gateway", "live", *options)
-    assert result.returncode == 2
+        result = run_traverse(tmp_path, "gateway", "live", *options, status=2)
     assert f"ws://127.0.0.1:{port}: " in result.stderr
     assert result.stderr.endswith("name another port\n")
     async with virtual.running():
@@ -174,20 +175,16 @@ async def test_the_live_view_as_a_program(mosquitto: Mosquitto, tmp_path: Path) 
 def test_a_port_that_is_taken_is_refused(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        result = run_traverse(tmp_path, *LINES, "--arm", "bench-7", "--tcp", port)
-    assert result.returncode == 2
+        words = (*LINES, "--arm", "bench-7", "--tcp", port)
+        result = run_traverse(tmp_path, *words, status=2)
     assert (
         f"tcp 127.0.0.1:{port}: Address already in use; name another" in result.stderr
     )
 
 
 def test_a_broker_that_is_not_there_has_a_status_of_its_own(tmp_path: Path) -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-        options = ("--broker", f"127.0.0.1:{port}", "--file", "lines.txt")
-        result = run_traverse(tmp_path, *LINES, "--arm", "bench-7", *options)
-    assert result.returncode == 3
+    options = ("--broker", f"127.0.0.1:{free_port()}", "--file", "lines.txt")
+    run_traverse(tmp_path, *LINES, "--arm", "bench-7", *options, status=3)
 
 
 @pytest.mark.needs("mosquitto")

@@ -1,15 +1,19 @@
-"""`traverse points` on an outbox beside which no daemon runs."""
+"""`traverse points` on an outbox beside which no daemon runs.
+
+Outboxes with any damage: reported in a sentence, never as a traceback.
+"""
 
 import csv
 import io
 import json
+import random
 from dataclasses import replace
 
 import pytest
-from typer.testing import CliRunner
 
+from tests.daemon.store.test_damage import SESSION, make
 from tests.protocol.message_examples import POINT, RETRACTION
-from traverse.cli.__main__ import app
+from tests.running import invoke
 from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.outbox import message_of
 from traverse.daemon.store.records import NewMessage
@@ -41,9 +45,7 @@ def path(tmp_path):
 
 
 def points(*words, status=0):
-    result = CliRunner().invoke(app, ["points", *map(str, words)])
-    assert result.exit_code == status, result.output
-    return result
+    return invoke("points", *words, status=status)
 
 
 def test_sessions_are_listed_with_what_was_not_sent(path):
@@ -154,3 +156,40 @@ def test_refusals_say_why(path, words, said):
 def test_no_broker_is_status_3():
     result = points("resend", "--arm", "a", "--broker", "127.0.0.1:9", status=3)
     assert "127.0.0.1:9" in result.stderr
+
+
+HARMS = {
+    "bits": lambda chance, content: [
+        flip(chance, content, chance.randrange(len(content)))
+        for _ in range(chance.randrange(1, 30))
+    ],
+    "cut": lambda chance, content: content.__delitem__(
+        slice(chance.randrange(len(content)), None)
+    ),
+    "header": lambda chance, content: flip(chance, content, chance.randrange(2000)),
+}
+
+
+def flip(chance, content, place):
+    content[place] ^= 1 << chance.randrange(8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("harm", HARMS)
+def test_no_damage_ends_a_command_with_a_traceback(harm, tmp_path):
+    good, bad = tmp_path / "good.db", tmp_path / "bad.db"
+    make(good)
+    out = str(tmp_path / "out.csv")
+    for seed in range(20):
+        content = bytearray(good.read_bytes())
+        HARMS[harm](random.Random(seed), content)
+        bad.write_bytes(content)
+        for words in (
+            ["export", str(bad), "--to", "csv", "--force", "--out", out],
+            ["points", "list", "--db", str(bad)],
+            ["points", "list", "--db", str(bad), "--session", SESSION],
+            ["points", "export", "--db", str(bad), "--out", out, "--force"],
+        ):
+            done = invoke(*words, status=None)
+            assert isinstance(done.exception, SystemExit | None), (seed, words)
+            assert done.exit_code in (0, 1, 2), (seed, words)

@@ -14,10 +14,10 @@ import aiomqtt
 import jinja2
 import pytest
 
-from tests.client.reading import until
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.mosquitto import Mosquitto
 from tests.protocol.message_examples import HEALTH, STATUS
+from tests.waiting import until
 from traverse.broker.address import BrokerAddress
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.errors import BrokerUnreachableError

@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 
 from tests.client.gateways.desktop import Desktop, desktop
-from tests.client.reading import PATIENCE_S, until
+from tests.client.reading import PATIENCE_S
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import POINT, STATUS
+from tests.waiting import until
 from traverse.client import Arm
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.gateways import keys

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.client.reading import until
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import POINT, SCAN
+from tests.waiting import until
 from traverse.client import Arm
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.gateways.lines import LineForm, LineGateway

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from tests.client.gateways.foxglove_viewer import Viewer
-from tests.client.reading import until
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import EVENT, HEALTH, LIVE, POINT, SCAN, STATUS
+from tests.waiting import until
 from traverse.client import Arm
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.gateways import live

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.client.reading import until
+from tests.waiting import until
 from traverse.client.gateways import outlets
 from traverse.client.gateways.outlets import (
     MAX_RECEIVERS,

@@ -8,15 +8,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from tests.certificates import Authority, Pair
-from tests.client.reading import PATIENCE_S, read, until
+from tests.client.reading import PATIENCE_S, read
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.docs.pages import commands
 from tests.end_to_end.programs import Program
 from tests.mosquitto import HOST, Mosquitto, free_port
-from traverse.cli.__main__ import app
+from tests.running import invoke
+from tests.waiting import until
 from traverse.client import Arm, BrokerAddress, BrokerUnreachableError
 from traverse.client.display.follower import Follower, following
 from traverse.client.mqtt.subscription import find_arms
@@ -231,19 +232,19 @@ COMMANDS = (
 )
 
 
-def run(*words: str) -> Result:
-    return CliRunner().invoke(app, words)
+def run(*words: str, status: int = 0) -> Result:
+    return invoke(*words, status=status)
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda words: words[0])
 def test_commands_say_why_they_are_not_let_in(
     command: tuple[str, ...], house: House
 ) -> None:
-    wrong = run(*command, *house.options(password_file=house.folder / "wrong"))
-    assert wrong.exit_code == 3
+    wrong = run(
+        *command, *house.options(password_file=house.folder / "wrong"), status=3
+    )
     assert re.search("refuses user 'person' or the password", wrong.stderr)
-    untrusted = run(*command, *house.options(ca_file=house.strange_authority))
-    assert untrusted.exit_code == 3
+    untrusted = run(*command, *house.options(ca_file=house.strange_authority), status=3)
     assert "not signed by any of ca_file" in untrusted.stderr
 
 
@@ -252,9 +253,7 @@ def test_commands_refuse_files_that_cannot_be_used(
     command: tuple[str, ...], house: House
 ) -> None:
     missing = house.folder / "missing"
-    refused = run(*command, *house.options(client_key=missing))
-    assert refused.exit_code == 2
+    refused = run(*command, *house.options(client_key=missing), status=2)
     assert f"key_file: {missing} cannot be read" in refused.stderr
-    unencrypted = run(*command, "--ca-file", str(house.address.ca_file))
-    assert unencrypted.exit_code == 2
+    unencrypted = run(*command, "--ca-file", str(house.address.ca_file), status=2)
     assert "tls" in unencrypted.stderr

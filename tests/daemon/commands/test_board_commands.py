@@ -8,7 +8,7 @@ import pytest
 from tests.daemon.values import arm_model, configuration, kept_at_once
 from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import HELLO, START, FakeBoard
-from tests.drivers.taken import until
+from tests.waiting import until
 from traverse.daemon.acquisition.device import open_device
 from traverse.daemon.clock import HostClock
 from traverse.daemon.commands.points import PointCommands

@@ -4,7 +4,7 @@ import json
 import msgpack
 import pytest
 
-from tests.drivers.taken import until
+from tests.waiting import until
 from traverse.daemon.clock import HostClock
 from traverse.daemon.commands.dispatcher import (
     MAX_REMEMBERED,

@@ -6,7 +6,7 @@ import logging
 import pytest
 
 from tests.daemon.commands.test_dispatcher import Bench, command
-from tests.drivers.taken import until
+from tests.waiting import until
 from traverse.daemon.commands.dispatcher import MAX_CORRELATION_BYTES
 from traverse.daemon.commands.rate_limit import (
     ALL,

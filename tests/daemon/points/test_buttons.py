@@ -7,7 +7,7 @@ import pytest
 from tests.daemon.arm_harness import ArmBench, edge
 from tests.daemon.two_devices import BEGIN_NS, base, wrist
 from tests.daemon.values import SetClock
-from tests.drivers.taken import until
+from tests.waiting import until
 from traverse.daemon.commands.scans import ButtonScans
 from traverse.daemon.config.schema import InputSection
 from traverse.daemon.errors import RequestRefusedError

@@ -11,7 +11,7 @@ from tests.daemon.pose.test_pipeline import probe_by_hand
 from tests.daemon.values import ARM, arm_model
 from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import HELLO, FakeBoard
-from tests.drivers.taken import until
+from tests.waiting import until
 from traverse.daemon.startup_check import check_devices
 from traverse.protocol.messages import PointArgs, Quality, ScanArgs
 

@@ -10,16 +10,11 @@ import numpy as np
 import pytest
 
 from tests.daemon.recorder.recorded_runs import RecordedRun, replayed
+from tests.waiting import until
 from traverse.daemon.errors import RequestRefusedError
 from traverse.drivers.base.values import CountSamples
 from traverse.protocol.messages import Event, RecordArgs
 from traverse.recording.run_reader import RunReader
-
-
-async def until(condition):
-    async with asyncio.timeout(20):
-        while not condition():  # noqa: ASYNC110 - a state, no event
-            await asyncio.sleep(0.02)
 
 
 def fault(run, code="alarm.encoder_error", severity="error"):

@@ -5,12 +5,12 @@ import json
 import logging
 import os
 import socket
-import subprocess
 import sys
 from datetime import datetime
 
 import pytest
 
+from tests.running import run_program
 from traverse.daemon.system.log_setup import (
     JournalHandler,
     JsonLines,
@@ -185,12 +185,12 @@ def test_the_journal_is_taken_where_standard_error_goes_there(
     path = tmp_path / "socket"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as heard:
         heard.bind(str(path))
-        done = subprocess.run(
-            [sys.executable, "-c", SCRIPT, path, *arguments],
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=True,
+        done = run_program(
+            sys.executable,
+            "-c",
+            SCRIPT,
+            path,
+            *arguments,
             env={**os.environ, "JOURNAL_STREAM": "0:0"},
         )
         heard.setblocking(False)

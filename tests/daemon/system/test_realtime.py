@@ -13,6 +13,7 @@ import pytest
 from pydantic import ValidationError
 
 from tests.daemon.values import SetClock
+from tests.running import run_program
 from traverse.daemon.config.schema import RealtimeSection
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.system.realtime import NET_NEW_OBJECTS, freeze_objects, prepare
@@ -49,14 +50,7 @@ ending.set()
 
 def prepared(user: str = "same", **section: object) -> dict:
     """Claims granted to a separate program, and its messages."""
-    done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, json.dumps(section), user],
-        capture_output=True,
-        text=True,
-        timeout=30,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    done = run_program(sys.executable, "-c", SCRIPT, json.dumps(section), user)
     return json.loads(done.stdout)
 
 

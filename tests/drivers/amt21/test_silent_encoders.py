@@ -1,11 +1,19 @@
-"""AMT21 encoders that do not answer: one, some, all."""
+"""AMT21 encoders that do not answer: one, some, all.
+
+Invalid bytes on a line of AMT21 encoders.
+Driver and simulated line together: what is believed was true when it was read.
+"""
 
 import math
 
 import numpy as np
+import pytest
 
+from benchmarks.drivers.moving_arm import Case, moving, read_virtually
+from tests.drivers.amt21.fake_encoders import word
 from tests.drivers.amt21.virtual_run import Played, line
 from traverse.drivers.base.values import (
+    STATUS_MISSING,
     CountSamples,
     DeviceAlarm,
     DeviceFault,
@@ -108,3 +116,143 @@ def test_nothing_on_the_line_is_reported_with_what_to_check():
     (lost,) = run.of(DeviceLost)
     assert "nothing answers at 2 addresses" in lost.reason
     assert "addresses" in lost.remedy
+
+
+def test_a_late_reply_is_never_taken_for_that_of_the_next_encoder():
+    def late(run: Played) -> None:
+        run.line.encoders[0x54].late_s = 0.0049 + 0.0007 * len(done)
+        done.append(run.time.now_s)
+
+    done: list[float] = []
+    at = {0.5 + 0.1 * k: late for k in range(12)}
+    run = Played(line(), 2.0, at=at)
+    counts = run.joined("counts")
+    assert (counts == [1000, 2000, 3000]).all()
+    assert run.missing().any()
+    assert run.counters()["stray_bytes"] >= 20
+    assert run.alarms() == []
+
+
+def test_stray_bytes_make_a_cycle_missing_and_not_wrong():
+    def stray(run: Played) -> None:
+        run.peer.strays.append((run.time.now_s + 0.0001, word(1500)))
+
+    at = {0.5 + 0.0537 * k: stray for k in range(20)}
+    run = Played(line(step=1), 2.0, at=at)
+    counts = run.joined("counts").astype(int)
+    assert (np.abs(np.diff(counts, axis=0)) < 100).all()
+    good = ~run.missing()
+    for channel, first in enumerate((1000, 2000, 3000)):
+        assert (counts[good[:, channel], channel] // 1000 == first // 1000).all()
+
+
+def test_a_jump_that_passes_the_check_bits_is_stopped_by_the_speed_limit():
+    def spoil(run: Played) -> None:
+        run.line.encoders[0x54].answer = wrong_once
+
+    def wrong_once(reply: bytes) -> bytes:
+        run_line.encoders[0x54].answer = bytes
+        return word(9000)
+
+    run_line = line()
+    run = Played(run_line, at={0.5: spoil})
+    assert (run.joined("counts")[:, 0] == 1000).all()
+    assert run.missing()[:, 0].sum() == 1
+    assert run.counters()["implausible"] == 1
+
+
+def test_of_random_words_hardly_any_gets_through():
+    """Check bits pass one in four, the speed limit one in sixteen of those."""
+    draw = np.random.default_rng(6)
+
+    def noise(reply: bytes) -> bytes:
+        return draw.bytes(2)
+
+    made = line(3)
+    made.encoders[0x58].answer = noise
+    run = Played(made, 8.0, rate_hz=200.0)
+    good = ~run.missing()[:, 1]
+    assert good.sum() < 0.002 * len(good)
+    assert not run.missing()[:, [0, 2]].any()
+
+
+def test_an_encoder_that_really_has_moved_meanwhile_is_believed_again():
+    def turn(run: Played) -> None:
+        run.line.encoders[0x54].count += 8000
+
+    run = Played(line(), 3.0, at={0.5: turn})
+    assert run.alarms() == [(0, True), (0, False)]
+    assert run.joined("counts")[-1, 0] == 9000
+
+
+def test_an_encoder_with_more_bits_than_configured_is_an_alarm_with_a_remedy():
+    made = line(2)
+    made.encoders[0x58].count = 4 * 17 + 1
+    run = Played(made, bits=12)
+    assert run.alarms() == [(1, True)]
+    assert "bits = 14" in run.of(DeviceAlarm)[0].remedy
+
+
+def test_turns_that_the_encoder_counts_differently_are_reported():
+    def lose_turns(run: Played) -> None:
+        run.line.encoders[0x54].count %= 16384
+
+    made = line(1)
+    made.encoders[0x54].count = 5 * 16384 + 100
+    run = Played(made, 4.0, at={0.5: lose_turns}, turns=True)
+    codes = [fault.code for fault in run.of(DeviceFault)]
+    assert codes.count("turns_corrected") == 1
+    counts = run.joined("counts")[:, 0]
+    assert counts[0] == 5 * 16384 + 100
+    assert counts[-1] == 100
+
+
+CASE = Case(0.0005, 0.0002, 100.0, sway_hz=0.5)
+SECONDS = 4.0
+TURN = 16384
+SILENT = {"kind": "silent", "channel": 3, "at_s": 1.0, "duration_s": 1.0}
+RESET = {"kind": "reset", "channel": 5, "at_s": 2.0, "duration_s": 0.2}
+
+
+def line_fault(kind, probability=0.01, **more):
+    return {"kind": kind, "probability": probability, **more}
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        (),
+        (line_fault("lost"),),
+        (line_fault("corrupted", 0.02),),
+        (line_fault("check", 0.02),),
+        (line_fault("garbage", 0.005),),
+        (line_fault("repeated"),),
+        (line_fault("late", delay_s=0.004), line_fault("late", delay_s=0.012)),
+        (SILENT, RESET),
+    ],
+    ids=lambda faults: " ".join(fault["kind"] for fault in faults) or "good",
+)
+def test_what_is_believed_was_true_when_it_was_read(tmp_path, faults):
+    arm = moving(tmp_path, CASE, SECONDS, faults)
+    told, first_ns = read_virtually(arm, CASE, SECONDS)
+    blocks = [one for one in told if isinstance(one, CountSamples)]
+    counts = np.concatenate([b.counts for b in blocks]).astype(np.int64)
+    missing = np.concatenate([b.status for b in blocks]) & STATUS_MISSING != 0
+    seq = np.concatenate([b.seq for b in blocks])
+    instants_ns = np.concatenate([b.sample_time_ns for b in blocks])
+    skews_ns = np.concatenate([b.skew_ns for b in blocks if b.skew_ns is not None])
+    assert missing.mean() < (0.08 if faults else 1e-9)
+    for channel in range(7):
+        read_s = (instants_ns + skews_ns[:, channel] - first_ns) * 1e-9
+        readings_rad = arm.course.readings_rad(read_s)
+        true = arm.mounting.encoders.counts(readings_rad, np.random.default_rng(0))
+        off = (counts[:, channel] - true[:, channel] + TURN // 2) % TURN - TURN // 2
+        good = ~missing[:, channel]
+        # At 1 rad/s half of 5 ms, the longest exchange that is believed, is 7 counts.
+        assert np.abs(off[good]).max() <= 7
+        assert good.any()
+    lost = [f for f in told if isinstance(f, DeviceFault) and f.code == "samples_lost"]
+    assert seq[-1] + 1 - len(seq) == sum(fault.count for fault in lost)
+    assert not any(isinstance(one, DeviceLost) for one in told)
+    alarms = [one.channel for one in told if isinstance(one, DeviceAlarm)]
+    assert set(alarms) <= ({3, 5} if faults == (SILENT, RESET) else set())

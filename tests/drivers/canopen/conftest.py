@@ -1,12 +1,10 @@
 """Two CANopen nodes and their driver."""
 
-import asyncio
 from collections.abc import AsyncIterator
 
 import pytest
 
 from tests.drivers.canopen.rig import CanRig
-from traverse.drivers.base.delivery_queue import DeliveryQueue
 
 
 @pytest.fixture(autouse=True)
@@ -17,6 +15,5 @@ def quiet_library(caplog: pytest.LogCaptureFixture) -> None:
 
 @pytest.fixture
 async def rig() -> AsyncIterator[CanRig]:
-    made = CanRig(DeliveryQueue(asyncio.get_running_loop()))
-    yield made
-    made.close()
+    with CanRig() as made:
+        yield made

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import itertools
+from typing import Self
 
 from tests.drivers.canopen.fake_nodes import FakeNodes
 from tests.drivers.taken import Taken
@@ -15,11 +16,14 @@ channels = itertools.count()
 
 
 class CanRig:
-    """A driver with an external source of SYNCs, which the test controls."""
+    """A driver with an external source of SYNCs, which the test controls.
 
-    def __init__(self, delivery_queue: DeliveryQueue, **options: object) -> None:
+    Nodes are plugged in until the end of a context, or until it is closed.
+    """
+
+    def __init__(self, **options: object) -> None:
         channel = f"bus-{next(channels)}"
-        self.delivery_queue = delivery_queue
+        self.delivery_queue = DeliveryQueue(asyncio.get_running_loop())
         self.nodes = FakeNodes(channel)
         self.port = f"virtual:{channel}"
         given = {
@@ -32,7 +36,7 @@ class CanRig:
             "answer_tries": 2,
             "status_period_s": 0.0,
         } | options
-        self.driver = CanOpenDriver("arm", CanOpenOptions(**given), delivery_queue)
+        self.driver = CanOpenDriver("arm", CanOpenOptions(**given), self.delivery_queue)
         self.plug, self.unplug = self.nodes.plug, self.nodes.unplug
         self.plug()
 
@@ -42,7 +46,10 @@ class CanRig:
     def lose(self, n: int) -> None:
         self.nodes.sync(n, lost=True)
 
-    def close(self) -> None:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
         self.driver.close()
         self.nodes.unplug()
 

@@ -1,6 +1,5 @@
 """The CANopen driver: the common suites, and what only it does."""
 
-import asyncio
 import itertools
 
 import pytest
@@ -8,8 +7,8 @@ import pytest
 from tests.drivers.canopen.fake_nodes import u16, u32
 from tests.drivers.canopen.rig import CanRig, until_status
 from tests.drivers.driver_contract import DriverContract, StreamContract, streaming, up
-from tests.drivers.taken import Taken, until
-from traverse.drivers.base.delivery_queue import DeliveryQueue
+from tests.drivers.taken import Taken
+from tests.waiting import until
 from traverse.drivers.base.values import (
     CountSamples,
     DeviceLost,
@@ -65,16 +64,13 @@ async def test_identity_is_read_from_the_nodes(rig: CanRig):
 
 @pytest.mark.parametrize(("wanted", "bits"), [("cw", 4), ("ccw", 5)])
 async def test_the_code_sequence_is_set_and_the_other_bits_stay(wanted: str, bits: int):
-    rig = CanRig(DeliveryQueue(asyncio.get_running_loop()), code_sequence=wanted)
-    for node in rig.nodes.nodes.values():
-        node.objects[(0x6000, 0)] = u16(5 if wanted == "cw" else 4)
-        node.objects |= {(0x6001, 0): u32(4096), (0x6002, 0): u32(4096)}
-    try:
+    with CanRig(code_sequence=wanted) as rig:
+        for node in rig.nodes.nodes.values():
+            node.objects[(0x6000, 0)] = u16(5 if wanted == "cw" else 4)
+            node.objects |= {(0x6001, 0): u32(4096), (0x6002, 0): u32(4096)}
         with rig.driver:
             await up(rig)
         assert rig.nodes.nodes[5].objects[(0x6000, 0)] == u16(bits)
-    finally:
-        rig.close()
 
 
 async def test_all_that_is_wrong_at_the_start_is_told_together(rig: CanRig):
@@ -110,14 +106,10 @@ async def test_a_fixed_map_is_good_if_the_position_is_first(rig: CanRig):
 
 
 async def test_the_driver_sends_the_syncs_itself():
-    rig = CanRig(DeliveryQueue(asyncio.get_running_loop()), sync="host")
-    rig.nodes.answers_sync = True
-    try:
-        with rig.driver:
-            taken = await streaming(rig, 200.0)
-            await taken.until(lambda: len(taken.seqs()) >= 50, "50 samples")
-    finally:
-        rig.close()
+    with CanRig(sync="host") as rig, rig.driver:
+        rig.nodes.answers_sync = True
+        taken = await streaming(rig, 200.0)
+        await taken.until(lambda: len(taken.seqs()) >= 50, "50 samples")
     blocks = taken.of(CountSamples)
     counts = [c for block in blocks for c in block.counts.tolist()]
     known = {tuple(c) for c in counts}

@@ -14,7 +14,6 @@ from tests.drivers.canopen.rig import (
     until_status,
 )
 from tests.drivers.driver_contract import streaming, up
-from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     STATUS_ERROR,
     STATUS_LATE,
@@ -89,27 +88,20 @@ async def test_emergencies_and_alarms_begin_and_end(rig: CanRig):
 
 
 async def test_alarms_of_the_profile_are_read_from_time_to_time():
-    rig = CanRig(DeliveryQueue(asyncio.get_running_loop()), status_period_s=0.1)
-    node = rig.nodes.nodes[9]
-    try:
-        with rig.driver:
-            taken = await streaming(rig)
-            node.objects |= {(0x6503, 0): u16(1), (0x6505, 0): u16(1 << 4)}
-            await until_status(rig, taken, [0, STATUS_ERROR | STATUS_WARNING])
-            node.objects |= {(0x6503, 0): u16(0), (0x6505, 0): u16(0)}
-            await until_status(rig, taken, [0, 0])
-    finally:
-        rig.close()
+    with CanRig(status_period_s=0.1) as rig, rig.driver:
+        node = rig.nodes.nodes[9]
+        taken = await streaming(rig)
+        node.objects |= {(0x6503, 0): u16(1), (0x6505, 0): u16(1 << 4)}
+        await until_status(rig, taken, [0, STATUS_ERROR | STATUS_WARNING])
+        node.objects |= {(0x6503, 0): u16(0), (0x6505, 0): u16(0)}
+        await until_status(rig, taken, [0, 0])
     found = [(a.raised, a.code, a.text) for a in taken.of(DeviceAlarm)]
     # Which of the two is read first after both have changed is chance.
-    assert sorted(found[:2]) == [
-        (True, "encoder_alarm", "node 9: position error (0001)"),
-        (True, "encoder_warning", "node 9: battery low (0010)"),
-    ]
-    assert sorted(found[2:]) == [
-        (False, "encoder_alarm", "node 9: position error (0001)"),
-        (False, "encoder_warning", "node 9: battery low (0010)"),
-    ]
+    for raised, two in ((True, found[:2]), (False, found[2:])):
+        assert sorted(two) == [
+            (raised, "encoder_alarm", "node 9: position error (0001)"),
+            (raised, "encoder_warning", "node 9: battery low (0010)"),
+        ]
 
 
 async def test_two_nodes_with_one_number_are_reported(rig: CanRig):

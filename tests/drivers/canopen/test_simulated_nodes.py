@@ -3,12 +3,14 @@
 import asyncio
 import contextlib
 import itertools
-import threading
 from collections.abc import AsyncIterator
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from tests.drivers.driver_contract import streaming
+from tests.drivers.driver_contract import streaming, up
+from tests.drivers.simulated_peer import SimulatedPeer
 from tests.simulator.one_hinge import mounted
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
@@ -22,7 +24,6 @@ from traverse.drivers.canopen.driver import CanOpenDriver
 from traverse.drivers.canopen.options import CanOpenOptions
 from traverse.simulator.devices.canopen.device import CanOpenBus
 from traverse.simulator.devices.canopen.table import CanOpenTable
-from traverse.simulator.pacing import MonotonicClock, live_real
 
 names = itertools.count()
 BOTH = {"nodes": (5, 9)}
@@ -31,8 +32,8 @@ BOTH = {"nodes": (5, 9)}
 @contextlib.asynccontextmanager
 async def played(
     tmp_path, *faults, interface="virtual", **keys
-) -> AsyncIterator[tuple[CanOpenDriver, DeliveryQueue, CanOpenBus]]:
-    """A driver, and simulated encoders that live in a thread."""
+) -> AsyncIterator[SimpleNamespace]:
+    """A driver, its queue, and simulated encoders as its peer."""
     if interface == "slcan":
         where, channel = {"port": "can"}, str(tmp_path / "can")
     else:
@@ -43,51 +44,25 @@ async def played(
     )
     mounting = mounted(tmp_path, table, *faults)
     mounting.clock.begin_s = None  # faults count from the first SYNC
-    device = CanOpenBus(table, mounting)
-    stopped = threading.Event()
-    clock = MonotonicClock()
-    thread = threading.Thread(
-        target=live_real,
-        args=([device], clock, mounting.clock, None, stopped.is_set),
-        name="simulated-can",
+    options = CanOpenOptions(
+        channel=channel,
+        interface=interface,
+        heartbeat_ms=100,
+        status_period_s=0.2,
+        **BOTH,
     )
-    thread.start()
-    delivery_queue = DeliveryQueue(asyncio.get_running_loop())
-    driver = CanOpenDriver(
-        "arm",
-        CanOpenOptions(
-            channel=channel,
-            interface=interface,
-            heartbeat_ms=100,
-            status_period_s=0.2,
-            **BOTH,
-        ),
-        delivery_queue,
-    )
-    try:
-        with driver:
-            yield driver, delivery_queue, device
-    finally:
-        stopped.set()
-        thread.join()
-        device.close()
-
-
-class Rig:
-    def __init__(self, delivery_queue, driver):
-        self.delivery_queue, self.driver, self.port = delivery_queue, driver, ""
+    queue = DeliveryQueue(asyncio.get_running_loop())
+    peer = SimulatedPeer(Path(channel), lambda: CanOpenBus(table, mounting), mounting)
+    with peer, CanOpenDriver("arm", options, queue) as driver:
+        yield SimpleNamespace(delivery_queue=queue, driver=driver, port="", peer=peer)
 
 
 @pytest.mark.parametrize("interface", ["virtual", "slcan"])
 async def test_samples_are_what_the_encoders_latched(tmp_path, interface):
-    async with played(tmp_path, interface=interface) as (
-        driver,
-        delivery_queue,
-        device,
-    ):
-        taken = await streaming(Rig(delivery_queue, driver), 100.0)
+    async with played(tmp_path, interface=interface) as rig:
+        taken = await streaming(rig, 100.0)
         await taken.until(lambda: len(taken.seqs()) >= 40, "40 samples")
-        noted = list(device.mounting.notes.readings)
+        noted = list(rig.peer.device.mounting.notes.readings)
     identity = taken.of(DeviceUp)[0].identity
     assert identity.counts_per_turn == (65536, 65536)
     latched = {}
@@ -104,8 +79,8 @@ async def test_a_node_that_resets_and_an_emergency_are_reported(tmp_path):
         {"kind": "reset", "channel": 1, "at_s": 0.3, "duration_s": 0.6},
         {"kind": "emcy", "channel": 0, "at_s": 0.2, "duration_s": 0.5},
     )
-    async with played(tmp_path, *faults) as (driver, delivery_queue, _):
-        taken = await streaming(Rig(delivery_queue, driver), 100.0)
+    async with played(tmp_path, *faults) as rig:
+        taken = await streaming(rig, 100.0)
         await taken.until(lambda: ended(taken, "node_lost"), "the node is back")
         await taken.until(lambda: ended(taken, "emergency"), "the error is over")
         await taken.until(lambda: last_status(taken) == [0, 0], "all is well")
@@ -125,20 +100,18 @@ async def test_a_node_that_resets_and_an_emergency_are_reported(tmp_path):
 
 async def test_a_bus_that_goes_off_returns(tmp_path):
     off = {"kind": "bus_off", "at_s": 0.2, "duration_s": 0.15}
-    async with played(tmp_path, off) as (driver, delivery_queue, _):
-        taken = await streaming(Rig(delivery_queue, driver), 100.0)
+    async with played(tmp_path, off) as rig:
+        taken = await streaming(rig, 100.0)
         await taken.until(lambda: ended(taken, "bus_off"), "it is back")
         await taken.until(lambda: lost_samples(taken), "what was lost")
 
 
 async def test_an_encoder_that_says_another_resolution_is_seen(tmp_path):
     keys = {"told_counts_per_turn": (65536, 4096)}
-    async with played(tmp_path, **keys) as (_, delivery_queue, _):
-        deliveries = await delivery_queue.take()
-        while not any(isinstance(d, DeviceUp) for d in deliveries):
-            deliveries = await delivery_queue.take()
-    (up,) = [d for d in deliveries if isinstance(d, DeviceUp)]
-    assert up.identity.counts_per_turn == (65536, 4096)
+    async with played(tmp_path, **keys) as rig:
+        taken = await up(rig)
+    (told,) = taken.of(DeviceUp)
+    assert told.identity.counts_per_turn == (65536, 4096)
 
 
 def lost_samples(taken):

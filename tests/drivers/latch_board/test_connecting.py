@@ -12,7 +12,8 @@ from tests.drivers.driver_contract import streaming
 from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import CONFIGURE, HELLO
 from tests.drivers.latch_board.rig import board_rig
-from tests.drivers.taken import Taken, until
+from tests.drivers.taken import Taken
+from tests.waiting import until
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
     DeviceLost,

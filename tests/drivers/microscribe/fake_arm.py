@@ -45,6 +45,7 @@ class FakeMicroscribe(PtyPeer):
         counts: readings of the encoders; the first increases by one per packet.
         n_lost: number of next answers that lose a byte.
         late_s: by how much the next answer is late.
+        latched_ns: when packets were, by the first count in them.
         held_back: the end of the next report is, until reports end.
     """
 
@@ -58,6 +59,7 @@ class FakeMicroscribe(PtyPeer):
         self.timer_rate_hz = 1000.0
         self.n_lost = self.n_sessions = self._n_packets = self._buttons = 0
         self.late_s = 0.0
+        self.latched_ns: dict[int, int] = {}
         self._lock = threading.Condition(threading.RLock())
         self.power_cycle()
 
@@ -126,8 +128,8 @@ class FakeMicroscribe(PtyPeer):
             self.say(answer)
 
     def _spoilt(self, packet: bytes) -> bytes:
-        time.sleep(self.late_s)
-        self.late_s = 0.0
+        late_s, self.late_s = self.late_s, 0.0  # a test may set it while this sleeps
+        time.sleep(late_s)
         if self.n_lost:
             self.n_lost -= 1
             return packet[:-1]
@@ -138,6 +140,7 @@ class FakeMicroscribe(PtyPeer):
 
     def _state_at(self, at_s: float, command: int) -> box.State:
         self._n_packets += 1
+        self.latched_ns[self.counts[0]] = round(at_s * 1e9)
         ticks = int((at_s - self._boot_s) * self.timer_rate_hz)
         ticks %= box.GREATEST_TIMER + 1
         state = box.State(self._buttons, ticks, tuple(self.counts))

@@ -16,8 +16,9 @@ from tests.drivers.driver_contract import (
 )
 from tests.drivers.pty_peer import PeerRig, PtyPeer, rig_fixture
 from tests.drivers.simulated_peer import SimulatedPeer
-from tests.drivers.taken import Taken, until
+from tests.drivers.taken import Taken
 from tests.simulator.one_hinge import mounted
+from tests.waiting import until
 from traverse.drivers.base.values import (
     CountSamples,
     DeviceFault,

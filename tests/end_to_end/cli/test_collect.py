@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import PATIENCE_S, Program, until
-from tests.end_to_end.workbench import CONE, REST, SPHERE, Workbench
+from tests.end_to_end.programs import PATIENCE_S, Program
+from tests.end_to_end.workbench import CONE, REST, SPHERE, Workbench, rest
 from tests.mosquitto import HOST, free_port
+from tests.waiting import until
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.protocol.messages import PointArgs
@@ -50,7 +51,7 @@ def campaign(bench: Workbench) -> Workbench:
 
 async def test_a_campaign_is_collected_as_it_is_touched(campaign: Workbench) -> None:
     bench = campaign
-    lead_in = '[[motion]]\nkind = "rest"\nduration_s = 1.0'
+    lead_in = rest(1.0)
     bench.write_simulator(lead_in, CONE.format(postures=5), SPHERE.format(points=5))
     bench.write_daemon(capture="live_rate_hz = 100.0")
     asked = options(bench, "--each", "5", "--json")
@@ -186,7 +187,7 @@ async def test_a_touch_of_another_seat_is_questioned(
 ) -> None:
     bench = campaign
     bench.write_simulator(
-        '[[motion]]\nkind = "rest"\nduration_s = 1.0',
+        rest(1.0),
         *(CONE.format(postures=2), ANOTHER.format(postures=1), REST),
     )
     bench.write_daemon()

@@ -6,9 +6,10 @@ import pytest
 
 from tests.end_to_end.listener import Listener
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import Program, until
+from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import Workbench
 from tests.mosquitto import HOST, free_port
+from tests.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 DOUBT = "device.turns_uncertain"

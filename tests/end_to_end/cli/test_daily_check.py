@@ -7,15 +7,16 @@ import sys
 import pytest
 
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import Program, until
-from tests.end_to_end.workbench import CONE, SPHERE, Workbench
+from tests.end_to_end.programs import Program
+from tests.end_to_end.workbench import CONE, SPHERE, Workbench, rest
+from tests.waiting import until
 from traverse.installation import remedy
 from traverse.lab.campaign.campaign_file import read_campaign_file
 from traverse.lab.daily_check.history import checks_of
 
 pytestmark = pytest.mark.needs("mosquitto")
 
-LEAD_IN = '[[motion]]\nkind = "rest"\nduration_s = 1.0'
+LEAD_IN = rest(1.0)
 
 
 WITHOUT_SCIPY = (

@@ -5,16 +5,17 @@ import contextlib
 import os
 import shlex
 import signal
-import subprocess
 import sys
 
 import pytest
 
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import PATIENCE_S, Program, until
+from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import Workbench
 from tests.mosquitto import HOST, free_port
+from tests.running import run_program
+from tests.waiting import until
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Point, PointArgs, Status
 
@@ -29,13 +30,7 @@ def watched_by_head(bench: Workbench) -> tuple[str, str]:
     """Output and errors of a pipeline whose second program takes one line."""
     where = ("--broker", f"{bench.host}:{bench.port}", "--arm", bench.arm)
     command = shlex.join((sys.executable, "-m", "traverse", "watch", *where))
-    ended = subprocess.run(
-        ["sh", "-c", f"{command} | head -n 1"],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-    )
+    ended = run_program("sh", "-c", f"{command} | head -n 1")
     return ended.stdout, ended.stderr
 
 

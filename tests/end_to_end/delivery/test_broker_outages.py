@@ -10,10 +10,10 @@ import pytest
 from tests.end_to_end.agreement import assert_one_point_an_edge
 from tests.end_to_end.listener import Listener, numbers
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import Program, until
+from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.mosquitto import Mosquitto
-from traverse.protocol.messages import ScanArgs
+from tests.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 
@@ -41,15 +41,13 @@ async def test_points_and_scan_of_an_outage_arrive_afterwards_once_each(
     bench.write_simulator(SPHERE.format(points=4), top="repeat = true")
     bench.write_daemon()
     async with measuring(bench) as (listener, _, daemon):
-        started = await listener.command(ScanArgs(action="start", rate_hz=500.0))
-        scan = str((started.result or {})["scan"])
+        scan = await listener.start_scan(500.0)
         await listener.n_points(3)
         await outage(broker, daemon, listener, 3.0)
         n_taken = len(bench.presses())
         assert n_taken >= 8, "too few points for an outage that means anything"
         await listener.n_points(n_taken + 2)
-        await listener.command(ScanArgs(action="stop"))
-        blocks = await listener.scan_ended(scan)
+        blocks = await listener.stop_scan(scan)
         assert listener.statuses[-1].online
     points = listener.points
     assert_one_point_an_edge(bench, points, bench.presses()[: len(points)])

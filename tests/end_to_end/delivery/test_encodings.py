@@ -10,8 +10,9 @@ import msgpack
 import pytest
 
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import PATIENCE_S, until
+from tests.end_to_end.programs import PATIENCE_S
 from tests.end_to_end.workbench import REST, SPHERE, Workbench
+from tests.waiting import until
 from traverse.protocol.messages import ScanArgs
 
 pytestmark = pytest.mark.needs("mosquitto")

@@ -12,9 +12,10 @@ from paho.mqtt.properties import Properties
 
 from tests.end_to_end.listener import Listener
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import PATIENCE_S, until
+from tests.end_to_end.programs import PATIENCE_S
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.hostile_messages import examples, fixed, names, payloads
+from tests.waiting import until
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.daemon.commands.dispatcher import MAX_COMMAND_BYTES
 from traverse.daemon.commands.rate_limit import ALL, FLOOD

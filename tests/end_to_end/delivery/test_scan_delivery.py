@@ -10,10 +10,10 @@ import pytest
 from tests.daemon.store.outbox_entries import rows
 from tests.end_to_end.listener import listening, numbers
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import SWEEP, Workbench
 from tests.mosquitto import Mosquitto
-from traverse.protocol.messages import ResendArgs, ScanArgs
+from tests.waiting import until
+from traverse.protocol.messages import ResendArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
 
@@ -28,8 +28,7 @@ async def test_a_complete_scan_has_every_point_after_an_outage(
     bench.write_daemon(scan='delivery = "complete"', capture="scan_block_s = 0.01")
     path = bench.folder / "state" / "scans.db"
     async with measuring(bench) as (listener, _, _):
-        started = await listener.command(ScanArgs(action="start", rate_hz=1000.0))
-        scan = str((started.result or {})["scan"])
+        scan = await listener.start_scan(1000.0)
         await listener.scan_points(scan, 300)
         broker.kill()
         await until(lambda: not listener.connected, "the broker is gone")
@@ -39,9 +38,7 @@ async def test_a_complete_scan_has_every_point_after_an_outage(
         broker.start()
         await until(lambda: listener.connected, "the broker is back")
         await listener.ready()
-        stopped = await listener.command(ScanArgs(action="stop"))
-        total = (stopped.result or {})["total"]
-        await listener.scan_ended(scan)
+        total = (await listener.stop_scan(scan))[-1].total
         await until(
             lambda: len({*numbers(listener.scans).tolist()}) == total, "all points"
         )

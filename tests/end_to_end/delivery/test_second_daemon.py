@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import REST, Workbench
 from tests.mosquitto import Mosquitto
+from tests.waiting import until
 from traverse.daemon.mqtt.second_daemon import CODE, UNREAD
 
 pytestmark = pytest.mark.needs("mosquitto")

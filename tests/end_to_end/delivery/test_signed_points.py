@@ -5,11 +5,10 @@ import re
 import signal
 
 import pytest
-from typer.testing import CliRunner
 
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import REST, Workbench
-from traverse.cli.__main__ import app
+from tests.running import invoke
 from traverse.client import Arm
 from traverse.protocol.messages import Point
 from traverse.protocol.signed_points import checked_points, read_public_key
@@ -18,8 +17,7 @@ pytestmark = pytest.mark.needs("mosquitto")
 
 
 def run(*words: object, status: int = 0) -> str:
-    ran = CliRunner().invoke(app, [str(word) for word in words])
-    assert ran.exit_code == status, (ran.output, ran.exception)
+    ran = invoke(*words, status=status)
     return ran.output
 
 

@@ -8,11 +8,10 @@ import pytest
 
 from tests.end_to_end.listener import times_ns
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import SWEEP, Workbench
 from tests.fleet.running import becomes, rows, started
 from tests.mosquitto import Mosquitto
-from traverse.protocol.messages import ScanArgs
+from tests.waiting import until
 
 pytestmark = [pytest.mark.needs("mosquitto"), pytest.mark.slow]
 
@@ -27,8 +26,7 @@ async def test_what_died_with_the_broker_is_requested_from_the_arm(
     member = await started(bench.folder, broker)
     await member.says("connected to")
     async with measuring(bench) as (listener, _, _):
-        started_scan = await listener.command(ScanArgs(action="start", rate_hz=500.0))
-        scan = str((started_scan.result or {})["scan"])
+        scan = await listener.start_scan(500.0)
         await listener.scan_points(scan, 200)
         member.process.kill()
         await member.ended()
@@ -40,9 +38,7 @@ async def test_what_died_with_the_broker_is_requested_from_the_arm(
         listener.statuses.clear()
         await listener.ready()
         member = await started(bench.folder, broker)
-        stopped = await listener.command(ScanArgs(action="stop"))
-        total = (stopped.result or {})["total"]
-        await listener.scan_ended(scan)
+        total = (await listener.stop_scan(scan))[-1].total
         await becomes(
             bench.folder,
             f"SELECT sum(points), max(total) FROM scan_block WHERE scan = '{scan}'",

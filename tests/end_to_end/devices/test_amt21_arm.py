@@ -4,13 +4,12 @@ import os
 import struct
 import time
 
-import numpy as np
 import pytest
 
-from tests.end_to_end.arm_matrices import MatrixArm
+from tests.end_to_end.agreement import assert_where_the_ball_was
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import until
-from tests.end_to_end.workbench import REST, SPHERE, Workbench
+from tests.end_to_end.workbench import REST, SPHERE, Workbench, rest
+from tests.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 
@@ -44,7 +43,7 @@ driver = "evdev"
 port = "{folder}/pedal"
 keys = ["KEY_B"]
 """
-BUTTON = 'trigger = "button" },'
+PEDAL = '{ source = "pedal/0", trigger = "button" }'
 SILENT = """
 [[fault]]
 kind = "silent"
@@ -57,17 +56,15 @@ duration_s = 1.0
 
 @pytest.fixture
 def line(bench: Workbench) -> Workbench:
-    text = bench.arm_file.read_text("utf-8")
-    text = text.replace("8388608", "16384").replace("4194304", "16384")
-    bench.arm_file.write_text(text, "utf-8")
-    bench.write_daemon(capture="tracking_rate_hz = 50.0")
-    path = bench.folder / "daemon.toml"
-    text = path.read_text("utf-8").replace('"base/0"', '"handle/0"')
-    board = f'driver = "latch-board"\nport = "{bench.pty}"'
-    assert board in text
-    text = text.replace(board, READ_BY.format(pty=bench.pty))
-    text = text.replace("inputs = [", 'inputs = [{ source = "pedal/0", ' + BUTTON)
-    path.write_text(text + HANDLE.format(folder=bench.folder), "utf-8")
+    bench.change("arm.toml", "8388608", "16384")
+    bench.change("arm.toml", "4194304", "16384")
+    bench.write_daemon(
+        capture="tracking_rate_hz = 50.0",
+        read_by=READ_BY.format(pty=bench.pty),
+        source="handle",
+        devices=HANDLE.format(folder=bench.folder),
+    )
+    bench.change("daemon.toml", "inputs = [", f"inputs = [{PEDAL}, ")
     os.mkfifo(bench.folder / "pedal")
     return bench
 
@@ -82,9 +79,8 @@ def step_on(pedal: int) -> None:
 
 
 async def test_points_of_amt21_encoders_are_where_the_ball_was(line: Workbench) -> None:
-    rest = '[[motion]]\nkind = "rest"\nduration_s = 3.0'
-    sphere = SPHERE.format(points=4)
-    line.write_simulator(rest, sphere, REST, board=ENCODERS, faults=SILENT)
+    motions = (rest(3.0), SPHERE.format(points=4), REST)
+    line.write_simulator(*motions, board=ENCODERS, faults=SILENT)
     # A pipe replaces the pedal's device file; the writer holds it open.
     pedal = os.open(line.folder / "pedal", os.O_RDWR)
     async with measuring(line) as (listener, _, _):
@@ -100,12 +96,8 @@ async def test_points_of_amt21_encoders_are_where_the_ball_was(line: Workbench) 
         health = listener.healths[-1]
     os.close(pedal)
     truth, points = line.presses(), listener.points[:4]
-    rounding_mm = MatrixArm(line.arm_file).resolution_mm()
-    for point, edge in zip(points, truth, strict=True):
-        # The hand rests while it presses; what is left is the rounding of counts.
-        off_mm = np.abs(np.array(point.xyz_mm) - edge["centre_mm"]).max()
-        assert off_mm < rounding_mm
-        assert "interpolated" in point.quality.flags
+    assert_where_the_ball_was(line, points, truth)
+    assert all("interpolated" in point.quality.flags for point in points)
     assert health.skew_mm is not None
     counters = next(d.counters for d in health.devices if d.id == "base")
     assert counters["echoed"] == 1

@@ -1,11 +1,10 @@
 """Seven CANopen encoders behind an slcan adapter, the button on a board of its own."""
 
-import numpy as np
 import pytest
 
-from tests.end_to_end.arm_matrices import MatrixArm
+from tests.end_to_end.agreement import assert_where_the_ball_was
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.workbench import SPHERE, Workbench
+from tests.end_to_end.workbench import SPHERE, Workbench, rest
 from traverse.protocol.messages import PointArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
@@ -36,20 +35,18 @@ port = "{folder}/handle.pty"
 
 
 def write_daemon(bench: Workbench) -> None:
-    bench.write_daemon()
-    path = bench.folder / "daemon.toml"
-    text = path.read_text("utf-8").replace('"base/0"', '"handle/0"')
-    board = f'driver = "latch-board"\nport = "{bench.pty}"'
-    assert board in text
-    text = text.replace(board, READ_BY.format(pty=bench.pty))
-    path.write_text(text + HANDLE.format(folder=bench.folder), "utf-8")
+    bench.write_daemon(
+        read_by=READ_BY.format(pty=bench.pty),
+        source="handle",
+        devices=HANDLE.format(folder=bench.folder),
+    )
 
 
 async def test_points_of_canopen_encoders_are_where_the_ball_was(
     bench: Workbench,
 ) -> None:
-    rest = '[[motion]]\nkind = "rest"\nduration_s = 1.0'
-    bench.write_simulator(rest, SPHERE.format(points=4), rest, board=ENCODERS)
+    motions = (rest(1.0), SPHERE.format(points=4), rest(1.0))
+    bench.write_simulator(*motions, board=ENCODERS)
     write_daemon(bench)
     async with measuring(bench) as (listener, _, _):
         await listener.n_points(4)
@@ -61,11 +58,7 @@ async def test_points_of_canopen_encoders_are_where_the_ball_was(
     assert [d.driver for d in drivers] == ["canopen", "latch-board"]
     assert "12:53-1960001-3e9" in drivers[0].identity["name"]
     points = list({point.id: point for point in listener.points}.values())[:4]
-    truth = bench.presses()
-    rounding_mm = MatrixArm(bench.arm_file).resolution_mm()
-    for point, edge in zip(points, truth, strict=True):
-        off_mm = np.abs(np.array(point.xyz_mm) - edge["centre_mm"]).max()
-        assert off_mm < 2 * rounding_mm, (point, edge, truth)
-        assert "incomplete" not in point.quality.flags
+    assert_where_the_ball_was(bench, points, bench.presses(), 2.0)
+    assert not any("incomplete" in point.quality.flags for point in points)
     counters = next(d.counters for d in health.devices if d.id == "base")
     assert counters["samples_complete"] > 100

@@ -7,9 +7,9 @@ import pytest
 
 from tests.end_to_end.listener import Listener, numbers, times_ns
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import REST, SPHERE, Workbench
-from traverse.protocol.messages import Scan, ScanArgs
+from tests.waiting import until
+from traverse.protocol.messages import Scan
 
 pytestmark = pytest.mark.needs("mosquitto")
 RATE_HZ = 500.0
@@ -17,8 +17,7 @@ RATE_HZ = 500.0
 
 async def start_scan(listener: Listener) -> str:
     """Begin a scan; its identifier."""
-    started = await listener.command(ScanArgs(action="start", rate_hz=RATE_HZ))
-    scan = str((started.result or {})["scan"])
+    scan = await listener.start_scan(RATE_HZ)
     await listener.scan_points(scan, 500)
     return scan
 
@@ -56,8 +55,7 @@ async def test_a_killed_board_leaves_the_right_gap_and_returns(
             await listener.event("device.lost", active=False)
             await listener.ready()
             await listener.n_points(n_before + 4)  # the whole script, from its start
-            await listener.command(ScanArgs(action="stop"))
-            blocks = await listener.scan_ended(scan)
+            blocks = await listener.stop_scan(scan)
             await until(lambda: listener.healths[-1].devices[0].rate_hz > 0, "a rate")
             assert await again.stop() == 0
         assert "device.lost" in daemon.log
@@ -77,8 +75,7 @@ async def test_a_board_that_is_unplugged_for_a_while_goes_on(bench: Workbench) -
         await listener.event("device.lost", active=False)
         after = max(int(s.seq) for s in listener.scans) + 800
         await listener.scan_points(scan, after)
-        await listener.command(ScanArgs(action="stop"))
-        blocks = await listener.scan_ended(scan)
+        blocks = await listener.stop_scan(scan)
     assert_gap_is_the_outage(blocks, 1.1)
 
 

@@ -8,9 +8,8 @@ import pytest
 from tests.end_to_end.agreement import assert_one_point_an_edge
 from tests.end_to_end.listener import Listener, numbers
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import REST, SPHERE, Workbench
-from traverse.protocol.messages import ScanArgs
+from tests.waiting import until
 
 pytestmark = pytest.mark.needs("mosquitto")
 N_POINTS = 4
@@ -32,12 +31,10 @@ async def scan_and_probe(
     bench.write_simulator(SPHERE.format(points=N_POINTS), faults=faults)
     bench.write_daemon()
     async with measuring(bench) as (listener, simulator, _):
-        started = await listener.command(ScanArgs(action="start", rate_hz=1000.0))
-        scan = str((started.result or {})["scan"])
+        scan = await listener.start_scan(1000.0)
         await listener.n_points(N_POINTS)
         await listener.scan_points(scan, 1600)
-        await listener.command(ScanArgs(action="stop"))
-        blocks = await listener.scan_ended(scan)
+        blocks = await listener.stop_scan(scan)
         assert await simulator.stop() == 0
         await listener.event("device.lost", active=True)
         told = len(listener.healths)
@@ -91,11 +88,10 @@ async def test_an_encoder_that_doubts_its_count_marks_points_and_samples(
     bench.write_simulator(REST, faults=fault)
     bench.write_daemon()
     async with measuring(bench) as (listener, _, _):
-        started = await listener.command(ScanArgs(action="start", rate_hz=200.0))
+        scan = await listener.start_scan(200.0)
         raised = await listener.event("alarm.2", active=True)
         cleared = await listener.event("alarm.2", active=False)
-        await listener.command(ScanArgs(action="stop"))
-        blocks = await listener.scan_ended(str((started.result or {})["scan"]))
+        blocks = await listener.stop_scan(scan)
     assert raised.source == cleared.source == "base/2"
     quality = np.concatenate([b.quality for b in blocks])
     # The device's alarm is a warning on top of what each sample says of itself.

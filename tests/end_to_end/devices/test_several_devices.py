@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from tests.end_to_end.arm_matrices import MatrixArm
+from tests.end_to_end.agreement import assert_where_the_ball_was
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.workbench import REST, SPHERE, SWEEP, Workbench
-from traverse.protocol.messages import PointArgs, QualityFlag, ScanArgs
+from tests.end_to_end.workbench import REST, SPHERE, SWEEP, Workbench, rest
+from traverse.protocol.messages import PointArgs, QualityFlag
 
 pytestmark = pytest.mark.needs("mosquitto")
 
@@ -40,26 +40,20 @@ port = "{folder}/handle.pty"
 @pytest.fixture
 def boards(bench: Workbench) -> Workbench:
     """J1 to J3 on the base, J4 to J7 on the wrist, the button on the handle."""
-    text = bench.arm_file.read_text("utf-8")
     for channel in range(3, 7):
-        text = text.replace(f'"base/{channel}"', f'"wrist/{channel - 3}"')
-    bench.arm_file.write_text(text, "utf-8")
+        bench.change("arm.toml", f'"base/{channel}"', f'"wrist/{channel - 3}"')
+    bench.write_daemon(
+        capture="tracking_rate_hz = 500.0",
+        source="handle",
+        devices=DEVICES.format(folder=bench.folder),
+    )
     return bench
-
-
-def write_daemon(bench: Workbench, capture: str) -> None:
-    bench.write_daemon(capture=capture)
-    path = bench.folder / "daemon.toml"
-    text = path.read_text("utf-8").replace('"base/0"', '"handle/0"')
-    path.write_text(text + DEVICES.format(folder=bench.folder), "utf-8")
 
 
 async def test_points_of_a_button_on_a_third_board_are_where_the_ball_was(
     boards: Workbench,
 ) -> None:
-    rest = '[[motion]]\nkind = "rest"\nduration_s = 1.0'
-    boards.write_simulator(rest, SPHERE.format(points=6), REST, board=BOARDS)
-    write_daemon(boards, "tracking_rate_hz = 500.0")
+    boards.write_simulator(rest(1.0), SPHERE.format(points=6), REST, board=BOARDS)
     async with measuring(boards) as (listener, _, _):
         await listener.n_points(6)
         reply = await listener.command(PointArgs())
@@ -71,24 +65,17 @@ async def test_points_of_a_button_on_a_third_board_are_where_the_ball_was(
     assert [e["device"] for e in truth] == ["handle"] * 6
     assert [p.seq for p in listener.points] == list(range(7))
     assert {p.trigger for p in points} == {"button"}
-    rounding_mm = MatrixArm(boards.arm_file).resolution_mm()
-    for point, edge in zip(points, truth, strict=True):
-        # The hand rests while it presses; what is left is the rounding of counts.
-        off_mm = np.abs(np.array(point.xyz_mm) - edge["centre_mm"]).max()
-        assert off_mm < 2 * rounding_mm
-        assert point.quality.flags == ("interpolated",)
+    assert_where_the_ball_was(boards, points, truth, 2.0)
+    assert {point.quality.flags for point in points} == {("interpolated",)}
     assert listener.points[6].trigger == "command"
 
 
 async def test_a_scan_over_two_boards_stays_on_the_ball(boards: Workbench) -> None:
     boards.write_simulator(SWEEP, board=BOARDS)
-    write_daemon(boards, "tracking_rate_hz = 500.0")
     async with measuring(boards) as (listener, _, _):
-        reply = await listener.command(ScanArgs(action="start", rate_hz=500.0))
-        assert reply.ok, reply
-        await listener.scan_points(reply.result["scan"], 900)
-        await listener.command(ScanArgs(action="stop"))
-        blocks = await listener.scan_ended(reply.result["scan"])
+        scan = await listener.start_scan(500.0)
+        await listener.scan_points(scan, 900)
+        blocks = await listener.stop_scan(scan)
     xyz_mm = np.concatenate([b.xyz_mm for b in blocks if len(b.xyz_mm)])
     off_mm = np.linalg.norm(xyz_mm - [700.0, 100.0, 120.0], axis=1) - 53.8
     swept_mm = off_mm[np.flatnonzero(np.abs(off_mm) < 0.5)[0] + 20 :]

@@ -20,7 +20,7 @@ from tests.end_to_end.devices import test_text_line as text_line
 from tests.end_to_end.devices import test_two_makes as two_makes
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.programs import Program
-from tests.end_to_end.workbench import REST, SPHERE, Workbench
+from tests.end_to_end.workbench import REST, SPHERE, Workbench, rest
 from traverse.client.cancel_tasks import cancel_tasks
 
 pytestmark = [pytest.mark.needs("mosquitto"), pytest.mark.slow]
@@ -28,7 +28,7 @@ pytestmark = [pytest.mark.needs("mosquitto"), pytest.mark.slow]
 line, arm = amt21.line, two_makes.arm  # fixtures
 LONGEST_S = pytest.mark.parametrize("longest_s", [0.06, 0.5, 1.8])
 TRIED_S = 12.0
-SCENE = ('[[motion]]\nkind = "rest"\nduration_s = 1.0', SPHERE.format(points=6), REST)
+SCENE = (rest(1.0), SPHERE.format(points=6), REST)
 
 
 async def stand_still(programs: list[Program], longest_s: float) -> None:

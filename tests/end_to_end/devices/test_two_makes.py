@@ -1,11 +1,10 @@
 """RLS encoders at the base, Modbus encoders at the wrist, the button on a board."""
 
-import numpy as np
 import pytest
 
-from tests.end_to_end.arm_matrices import MatrixArm
+from tests.end_to_end.agreement import assert_where_the_ball_was
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.workbench import SPHERE, Workbench
+from tests.end_to_end.workbench import SPHERE, Workbench, rest
 from traverse.protocol.messages import PointArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
@@ -54,7 +53,11 @@ counts_per_turn = 65536
 position_register = 1
 words = 1
 """
-AT_EASE = {"move_s = 0.1": "move_s = 0.6", "dwell_s = 0.06": "dwell_s = 0.5"}
+AT_EASE = {
+    'port = "board.pty"\n': "",
+    "move_s = 0.1": "move_s = 0.6",
+    "dwell_s = 0.06": "dwell_s = 0.5",
+}
 
 
 @pytest.fixture
@@ -70,23 +73,17 @@ def arm(bench: Workbench) -> Workbench:
 
 
 def write_files(bench: Workbench) -> None:
-    rest = '[[motion]]\nkind = "rest"\nduration_s = 1.5'
-    bench.write_simulator(rest, SPHERE.format(points=3), rest, board=ENCODERS)
-    path = bench.folder / "simulator.toml"
-    text = path.read_text("utf-8").replace('port = "board.pty"\n', "")
-    for quick, at_ease in AT_EASE.items():
-        assert quick in text
-        text = text.replace(quick, at_ease)
-    path.write_text(text, "utf-8")
-    bench.write_daemon(capture="tracking_rate_hz = 40.0")
-    path = bench.folder / "daemon.toml"
-    text = path.read_text("utf-8").replace('"base/0"', '"handle/0"')
-    board = f'driver = "latch-board"\nport = "{bench.pty}"'
-    assert board in text
+    motions = (rest(1.5), SPHERE.format(points=3), rest(1.5))
+    bench.write_simulator(*motions, board=ENCODERS)
+    for old, new in AT_EASE.items():
+        bench.change("simulator.toml", old, new)
     ports = ", ".join(f'"{bench.folder / port}"' for port in PORTS)
     encoders = "".join(ENCODER.format(address=n) for n in (1, 2, 3, 4))
-    read_by = READ_BY.format(ports=ports, folder=bench.folder, encoders=encoders)
-    path.write_text(text.replace(board, read_by), "utf-8")
+    bench.write_daemon(
+        capture="tracking_rate_hz = 40.0",
+        read_by=READ_BY.format(ports=ports, folder=bench.folder, encoders=encoders),
+        source="handle",
+    )
 
 
 async def test_points_of_an_arm_of_two_makes_are_where_the_ball_was(
@@ -99,8 +96,6 @@ async def test_points_of_an_arm_of_two_makes_are_where_the_ball_was(
         assert reply.ok, reply
         drivers = listener.statuses[-1].drivers
     assert [d.driver for d in drivers] == ["rls", "modbus", "latch-board"]
-    rounding_mm = MatrixArm(arm.arm_file).resolution_mm()
-    for point, edge in zip(listener.points, arm.presses(), strict=False):
-        assert edge["device"] == "handle"
-        off_mm = np.abs(np.array(point.xyz_mm) - edge["centre_mm"]).max()
-        assert off_mm < 2 * rounding_mm
+    truth = arm.presses()
+    assert {edge["device"] for edge in truth} == {"handle"}
+    assert_where_the_ball_was(arm, listener.points[:3], truth, 2.0)

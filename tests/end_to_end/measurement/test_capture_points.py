@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from tests.end_to_end.agreement import assert_one_point_an_edge
+from tests.end_to_end.agreement import assert_one_point_an_edge, covariance
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import CONE, DEMO_ARM, REST, SPHERE, Workbench
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.protocol.messages import (
     LabelArgs,
-    Point,
     PointArgs,
     ProbeArgs,
     Reply,
@@ -32,23 +31,9 @@ kind = "hard"
 """
 
 
-def change(bench: Workbench, file: str, old: str, new: str) -> None:
-    """Change a file of the workbench."""
-    path = bench.folder / file
-    text = path.read_text("utf-8")
-    assert old in text
-    path.write_text(text.replace(old, new), "utf-8")
-
-
 def result(reply: Reply) -> dict[str, object]:
     assert reply.ok, reply.error
     return dict(reply.result or {})
-
-
-def covariance(point: Point) -> np.ndarray:
-    assert point.covariance_mm2 is not None
-    xx, xy, xz, yy, yz, zz = point.covariance_mm2
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 async def test_a_list_with_means_labels_undos_and_a_new_session(
@@ -57,11 +42,8 @@ async def test_a_list_with_means_labels_undos_and_a_new_session(
     bench.write_simulator(REST, arm="noise_rad = 5e-6")
     bench.write_daemon()
     (bench.folder / "probes.toml").write_text(LIBRARY, "utf-8")
-    change(
-        bench,
-        "daemon.toml",
-        'file = "arm.toml"',
-        'file = "arm.toml"\nprobes = "probes.toml"',
+    bench.change(
+        "daemon.toml", 'file = "arm.toml"', 'file = "arm.toml"\nprobes = "probes.toml"'
     )
     async with measuring(bench) as (listener, _, _):
         first = result(await listener.command(PointArgs()))
@@ -111,8 +93,7 @@ async def test_buttons_with_gestures_take_each_click_where_it_was_pressed(
 ) -> None:
     bench.write_simulator(SPHERE.format(points=5))
     bench.write_daemon(capture="double_s = 0.05")
-    change(
-        bench,
+    bench.change(
         "daemon.toml",
         'trigger = "button"',
         'trigger = "button", double = "undo", hold = "scan"',
@@ -124,11 +105,10 @@ async def test_buttons_with_gestures_take_each_click_where_it_was_pressed(
 
 async def test_a_hold_averages_from_its_press_on(bench: Workbench) -> None:
     bench.write_simulator(CONE.format(postures=2), arm="noise_rad = 5e-6")
-    change(bench, "simulator.toml", "press_s = 0.03", "press_s = 0.8")
-    change(bench, "simulator.toml", "dwell_s = 0.06", "dwell_s = 0.2")
+    bench.change("simulator.toml", "press_s = 0.03", "press_s = 0.8")
+    bench.change("simulator.toml", "dwell_s = 0.06", "dwell_s = 0.2")
     bench.write_daemon(capture="average_s = 0.3\nhold_s = 0.2")
-    change(
-        bench,
+    bench.change(
         "daemon.toml",
         'trigger = "button"',
         'trigger = "button", click = "none", hold = "average"',
@@ -148,8 +128,7 @@ async def test_a_hold_averages_from_its_press_on(bench: Workbench) -> None:
 async def test_the_touched_point_lies_on_the_sphere(
     bench: Workbench, method: str
 ) -> None:
-    text = bench.arm_file.read_text("utf-8")
-    bench.arm_file.write_text(text.replace('"hard"', '"switching"'), "utf-8")
+    bench.change("arm.toml", '"hard"', '"switching"')
     bench.write_simulator(SPHERE.format(points=5))
     bench.write_daemon(
         trigger="switch",

@@ -22,21 +22,17 @@ from traverse.protocol.messages import (
     QualityFlag,
     ReloadArgs,
     Scan,
-    ScanArgs,
 )
 
 BALL_MM = read_arm(DEMO_ARM).probe.radius_mm
 pytestmark = pytest.mark.needs("mosquitto")
 
 
-async def scanned(listener: Listener, args: ScanArgs, n: int) -> list[Scan]:
+async def scanned(listener: Listener, n: int, **args: object) -> list[Scan]:
     """Blocks of a whole scan, stopped after at least n points."""
-    started = await listener.command(args)
-    assert started.ok, started
-    scan = str((started.result or {})["scan"])
+    scan = await listener.start_scan(**args)
     await listener.scan_points(scan, n)
-    await listener.command(ScanArgs(action="stop"))
-    blocks = await listener.scan_ended(scan)
+    blocks = await listener.stop_scan(scan)
     assert (numbers(blocks) == np.arange(blocks[-1].total or 0)).all()
     assert (blocks[-1].lost, blocks[-1].dropped) == (0, 0)
     return blocks
@@ -58,9 +54,8 @@ async def test_a_scan_by_distance_has_its_points_so_far_apart(
 ) -> None:
     bench.write_simulator(SWEEP, top="repeat = true")
     bench.write_daemon()
-    args = ScanArgs(action="start", mode="distance", spacing_mm=2.0)
     async with measuring(bench) as (listener, _, _):
-        blocks = await scanned(listener, args, 200)
+        blocks = await scanned(listener, 200, mode="distance", spacing_mm=2.0)
     found_mm = places_mm(blocks)
     steps_mm = np.linalg.norm(np.diff(found_mm, axis=0), axis=1)
     assert (steps_mm >= 2.0).all()
@@ -79,15 +74,9 @@ async def test_a_scan_by_distance_has_its_points_so_far_apart(
 async def test_a_scan_at_planes_has_its_points_on_them(bench: Workbench) -> None:
     bench.write_simulator(SWEEP, top="repeat = true")
     bench.write_daemon()
-    args = ScanArgs(
-        action="start",
-        mode="planes",
-        spacing_mm=5.0,
-        normal=(1.0, 0.0, 0.0),
-        offset_mm=2.5,
-    )
+    args = {"mode": "planes", "spacing_mm": 5.0, "offset_mm": 2.5}
     async with measuring(bench) as (listener, _, _):
-        blocks = await scanned(listener, args, 180)
+        blocks = await scanned(listener, 180, normal=(1.0, 0.0, 0.0), **args)
     heights = (places_mm(blocks)[:, 0] - 2.5) / 5.0
     assert heights == pytest.approx(np.rint(heights), abs=1e-9)
     assert len(set(np.rint(heights).tolist())) > 5
@@ -103,16 +92,13 @@ async def test_a_held_scan_has_all_from_each_press_to_its_release(
     rate_hz = 1000.0
     bench.write_simulator(SPHERE.format(points=9))
     bench.write_daemon()
-    args = ScanArgs(action="start", rate_hz=rate_hz, held=True)
     async with measuring(bench) as (listener, _, _):
         # A board that has just connected reports its first edges later than all others.
         await listener.n_points(3)
-        started = await listener.command(args)
-        scan = str((started.result or {})["scan"])
+        scan = await listener.start_scan(rate_hz, held=True)
         await listener.n_points(9)
         await listener.scan_points(scan, 4 * 25)
-        await listener.command(ScanArgs(action="stop"))
-        blocks = await listener.scan_ended(scan)
+        blocks = await listener.stop_scan(scan)
     assert listener.told("scan.edge_late") == []
     assert (numbers(blocks) == np.arange(blocks[-1].total or 0)).all()
     at_ns = times_ns(blocks)
@@ -144,7 +130,7 @@ async def test_filters_of_the_configuration_hold_points_back(
         'high_mm = [700, 300, 300] }, { kind = "spacing", spacing_mm = 3.0 }]'
     )
     async with measuring(bench) as (listener, _, _):
-        blocks = await scanned(listener, ScanArgs(action="start", rate_hz=1000.0), 40)
+        blocks = await scanned(listener, 40, rate_hz=1000.0)
         held_back = listener.healths[-1].counters
     found_mm = places_mm(blocks)
     assert (found_mm[:, 0] <= 700.0).all()

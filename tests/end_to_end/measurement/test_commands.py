@@ -9,8 +9,9 @@ from paho.mqtt.properties import Properties
 
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import PATIENCE_S, until
+from tests.end_to_end.programs import PATIENCE_S
 from tests.end_to_end.workbench import Workbench
+from tests.waiting import until
 from traverse.protocol import topics
 from traverse.protocol.encoding import decode, encode
 from traverse.protocol.messages import Command, PointArgs, Reply, UndoArgs

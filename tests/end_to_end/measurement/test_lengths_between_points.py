@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.end_to_end.agreement import covariance
 from tests.end_to_end.measuring import measuring
 from tests.end_to_end.workbench import CONE, Workbench
 from traverse.client import Arm, CommandRefused
@@ -17,7 +18,6 @@ from traverse.kinematics.uncertainty.arm_covariance import (
     parameter_columns,
     parameter_names,
 )
-from traverse.protocol.messages import Point
 
 pytestmark = pytest.mark.needs("mosquitto")
 
@@ -36,12 +36,6 @@ def write_covariance(file: Path) -> np.ndarray:
     known = Identification(covariance_file=path.name, covariance_digest=digest)
     write_arm(file, arm.model_copy(update={"identification": known}))
     return covariance
-
-
-def full(point: Point) -> np.ndarray:
-    assert point.covariance_mm2 is not None
-    xx, xy, xz, yy, yz, zz = point.covariance_mm2
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 async def test_a_length_between_two_points_with_what_they_share(
@@ -70,11 +64,11 @@ async def test_a_length_between_two_points_with_what_they_share(
     np.testing.assert_allclose(
         joint.covariance_mm2[:3, 3:], cross, rtol=1e-6, atol=1e-12
     )
-    np.testing.assert_allclose(joint.covariance_mm2[:3, :3], full(first))
+    np.testing.assert_allclose(joint.covariance_mm2[:3, :3], covariance(first))
     way_mm = np.subtract(last.xyz_mm, first.xyz_mm)
     assert found.length_mm == pytest.approx(np.linalg.norm(way_mm))
     n = way_mm / np.linalg.norm(way_mm)
-    variance = n @ (full(first) + full(last) - cross - cross.T) @ n
+    variance = n @ (covariance(first) + covariance(last) - cross - cross.T) @ n
     assert found.expanded_mm == pytest.approx(2.0 * np.sqrt(variance), rel=1e-6)
     assert found.with_arm
 

@@ -5,10 +5,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.end_to_end.agreement import assert_one_point_an_edge, delays_s
+from tests.end_to_end.agreement import (
+    assert_one_point_an_edge,
+    assert_where_the_ball_was,
+    delays_s,
+)
 from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.workbench import CONE, SPHERE, Workbench
+from tests.end_to_end.workbench import CONE, SPHERE, Workbench, rest
 from traverse.protocol.messages import Point
 
 pytestmark = pytest.mark.needs("mosquitto")
@@ -28,8 +32,7 @@ async def measured(
 async def test_every_press_is_one_point_where_the_ball_truly_was(
     bench: Workbench,
 ) -> None:
-    rest = '[[motion]]\nkind = "rest"\nduration_s = 1.0'
-    bench.write_simulator(rest, SPHERE.format(points=8), CONE.format(postures=4))
+    bench.write_simulator(rest(1.0), SPHERE.format(points=8), CONE.format(postures=4))
     points, truth = await measured(bench, 12, capture="tracking_rate_hz = 1000.0")
     assert_one_point_an_edge(bench, points, truth)
     assert {p.trigger for p in points} == {"button"}
@@ -38,10 +41,10 @@ async def test_every_press_is_one_point_where_the_ball_truly_was(
     assert np.ptp(delays) < 2e-3
     assert {p.probe_radius_mm for p in points} == {3.0}
     # Truth and arm file are the same arm here: only counts are rounded.
-    rounding_mm = MatrixArm(bench.arm_file).resolution_mm()
+    assert_where_the_ball_was(bench, points, truth)
     for point, edge in zip(points, truth, strict=True):
-        assert np.abs(np.array(point.xyz_mm) - edge["centre_mm"]).max() < rounding_mm
         assert np.abs(np.array(point.ijk) - edge["shank"]).max() < 1e-5
+    rounding_mm = MatrixArm(bench.arm_file).resolution_mm()
     on_ball = np.array([p.xyz_mm for p in points[:8]]) - [700.0, 100.0, 120.0]
     assert np.linalg.norm(on_ball, axis=1) == pytest.approx(53.8, abs=2 * rounding_mm)
 
@@ -64,8 +67,7 @@ async def test_points_keep_to_the_arm_file_where_the_true_arm_differs(
 
 
 async def test_a_switching_probe_gives_its_points_at_contact(bench: Workbench) -> None:
-    text = bench.arm_file.read_text("utf-8")
-    bench.arm_file.write_text(text.replace('"hard"', '"switching"'), "utf-8")
+    bench.change("arm.toml", '"hard"', '"switching"')
     bench.write_simulator(SPHERE.format(points=6))
     points, truth = await measured(bench, 6, trigger="switch")
     assert_one_point_an_edge(bench, points, truth)

@@ -20,14 +20,9 @@ SETTLED_S = 1.0  # the host learns the board's clock in the first half second
 async def scanned(listener: Listener, rate_hz: float, n: int) -> list[Scan]:
     """Blocks of a whole scan, stopped after at least n points."""
     await asyncio.sleep(SETTLED_S)
-    started = await listener.command(ScanArgs(action="start", rate_hz=rate_hz))
-    assert started.ok, started
-    scan = str((started.result or {})["scan"])
+    scan = await listener.start_scan(rate_hz)
     await listener.scan_points(scan, n)
-    stopped = await listener.command(ScanArgs(action="stop"))
-    blocks = await listener.scan_ended(scan)
-    assert stopped.result == {"scan": scan, "total": blocks[-1].total}
-    return blocks
+    return await listener.stop_scan(scan)
 
 
 def assert_complete(blocks: list[Scan], rate_hz: float) -> None:
@@ -89,10 +84,10 @@ async def test_scans_follow_each_other_and_points_continue_meanwhile(
     bench.write_daemon()
     async with measuring(bench) as (listener, _, _):
         await asyncio.sleep(SETTLED_S)
-        first = await listener.command(ScanArgs(action="start", rate_hz=500.0))
-        await listener.scan_points(str((first.result or {})["scan"]), 100)
+        first = await listener.start_scan(500.0)
+        await listener.scan_points(first, 100)
         blocks = await scanned(listener, 200.0, 50)  # replaces the first one
-        ended = await listener.scan_ended(str((first.result or {})["scan"]))
+        ended = await listener.scan_ended(first)
         assert (await listener.command(PointArgs())).ok
         nothing = await listener.command(ScanArgs(action="stop"))
     assert_complete(ended, 500.0)

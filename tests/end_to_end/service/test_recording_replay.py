@@ -8,10 +8,11 @@ from typing import Any
 
 import pytest
 
-from tests.end_to_end.measurement.test_capture_points import LIBRARY, change, result
+from tests.end_to_end.measurement.test_capture_points import LIBRARY, result
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import Program, until
+from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import SPHERE, Workbench
+from tests.waiting import until
 from traverse.protocol.messages import (
     Label,
     LabelArgs,
@@ -73,7 +74,7 @@ async def test_a_replay_gives_what_was_published_to_the_last_bit(
     bench.write_daemon(capture='compensation = "pretouch"\npretouch_mm = 1.0')
     (bench.folder / "probes.toml").write_text(LIBRARY, "utf-8")
     with_probes = 'file = "arm.toml"\nprobes = "probes.toml"'
-    change(bench, "daemon.toml", 'file = "arm.toml"', with_probes)
+    bench.change("daemon.toml", 'file = "arm.toml"', with_probes)
     async with measuring(bench) as (listener, _, _):
         await listener.n_points(2)
         start = RecordArgs(action="start", name="first", note="all sorts of things")
@@ -88,7 +89,7 @@ async def test_a_replay_gives_what_was_published_to_the_last_bit(
         result(await listener.command(UndoArgs()))
         result(await listener.command(ProbeArgs(name="long")))
         await listener.n_points(12)
-        change(bench, "daemon.toml", "pretouch_mm = 1.0", "pretouch_mm = 1.5")
+        bench.change("daemon.toml", "pretouch_mm = 1.0", "pretouch_mm = 1.5")
         result(await listener.command(ReloadArgs()))
         await listener.n_points(16)
         recorded = result(await listener.command(RecordArgs(action="stop")))

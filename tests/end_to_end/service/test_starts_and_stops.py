@@ -9,9 +9,9 @@ import pytest
 
 from tests.end_to_end.listener import listening
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.programs import until
 from tests.end_to_end.workbench import REST, Workbench
 from tests.mosquitto import HOST, free_port
+from tests.waiting import until
 
 REFUSED, UNREACHABLE = 2, 3
 
@@ -33,7 +33,8 @@ async def test_no_port_and_no_broker_are_told_together(alone: Workbench) -> None
         assert len(failures) == 2
         assert str(alone.pty) in failures[0]
         assert "no such port" in failures[0]
-        assert f"{alone.host}:{alone.port}" in failures[1]
+        assert "device base" in failures[0]
+        assert f"{alone.host}:{alone.port}: nothing listens there" in failures[1]
         assert "Traceback" not in daemon.log
         assert daemon.output == ""
 
@@ -41,12 +42,12 @@ async def test_no_port_and_no_broker_are_told_together(alone: Workbench) -> None
 async def test_every_mistake_of_a_configuration_is_reported_at_once(
     alone: Workbench,
 ) -> None:
-    config = alone.folder / "daemon.toml"
-    text = config.read_text("utf-8").replace('driver = "latch-board"', "driver = 5")
-    config.write_text(f"colour = 1\n{text}\nperiod = 3\n", "utf-8")
+    alone.change("daemon.toml", 'id = "base"\ndriver = "latch-board"', 'id = "a b"')
+    alone.change("daemon.toml", "[arm]", "colour = 1\n[arm]")
+    alone.change("daemon.toml", "[health]", "[health]\nperiod = 3")
     with alone.daemon() as daemon:
         assert await daemon.ended() == REFUSED
-        for where in ("colour", "device[0].driver", "health.period"):
+        for where in ("colour", "device[0].id", "device[0].driver", "health.period"):
             assert f"{where}: " in daemon.log
         assert "Traceback" not in daemon.log
 
@@ -54,9 +55,8 @@ async def test_every_mistake_of_a_configuration_is_reported_at_once(
 async def test_a_bad_arm_file_and_a_missing_broker_table_are_told_together(
     alone: Workbench,
 ) -> None:
-    arm = alone.arm_file.read_text("utf-8")
-    arm = arm.replace("axis = [0.0, 0.0, 1.0]", "axis = [0.0, 0.0, 0.0]")
-    alone.arm_file.write_text(arm.replace("sign = -1", "sign = 2"), "utf-8")
+    alone.change("arm.toml", "axis = [0.0, 0.0, 1.0]", "axis = [0.0, 0.0, 0.0]")
+    alone.change("arm.toml", "sign = -1", "sign = 2")
     alone.port = 0
     alone.write_daemon()
     with alone.daemon() as daemon:
@@ -74,19 +74,29 @@ async def test_an_effect_that_cannot_be_applied_stops_the_start(
         '[[effects]]\nkind = "empirical"\njoint = "J3"\ncovariate = "time_s"\n'
         "knots = [0.0, 60.0]\nvalues_rad = [0.0, 1e-5]\n"
     )
-    text = alone.arm_file.read_text("utf-8")
-    alone.arm_file.write_text(f"{text}\n{effect}", "utf-8")
+    alone.change("arm.toml", "[probe]", f"{effect}[probe]")
     with alone.daemon() as daemon:
         assert await daemon.ended() == REFUSED
         assert "effects[0]" in daemon.log
         assert "J3.empirical.time_s" in daemon.log
 
 
-async def test_a_missing_configuration_is_refused(tmp_path: Path) -> None:
-    with Workbench(tmp_path, HOST, 0).daemon() as daemon:
+@pytest.mark.parametrize("name", ["daemon.toml", "arm.toml"])
+async def test_a_missing_file_is_refused(alone: Workbench, name: str) -> None:
+    (alone.folder / name).unlink()
+    with alone.daemon() as daemon:
         assert await daemon.ended() == REFUSED
-        assert "daemon.toml" in daemon.log
+        assert name in daemon.log
         assert "Traceback" not in daemon.log
+
+
+async def test_a_clock_that_reads_no_joint_is_refused(alone: Workbench) -> None:
+    handle = '[[device]]\nid = "handle"\ndriver = "latch-board"\nport = "/dev/null"\n'
+    alone.write_daemon(devices=f'{handle}[assembly]\nclock = "handle"\n')
+    with alone.daemon() as daemon:
+        assert await daemon.ended() == REFUSED
+        told = "assembly.clock: 'handle' reads no joint; one of these does: base"
+        assert told in daemon.log
 
 
 async def test_an_arm_that_does_not_fit_the_board_is_refused(
@@ -94,9 +104,10 @@ async def test_an_arm_that_does_not_fit_the_board_is_refused(
 ) -> None:
     with alone.simulator() as simulator:
         await simulator.says("ready base")
-        text = alone.arm_file.read_text("utf-8")
-        text = text.replace("counts_per_turn = 8388608", "counts_per_turn = 8388607", 1)
-        alone.arm_file.write_text(text.replace('"base/6"', '"base/9"'), "utf-8")
+        alone.change(
+            "arm.toml", "counts_per_turn = 8388608", "counts_per_turn = 8388607"
+        )
+        alone.change("arm.toml", '"base/6"', '"base/9"')
         with alone.daemon() as daemon:
             assert await daemon.ended() == REFUSED
             for said in ("8388607", "channel 9", f"{alone.host}:{alone.port}"):

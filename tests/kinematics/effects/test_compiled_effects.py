@@ -1,7 +1,6 @@
 """The kernel in C with effects: against NumPy, in every variant, and against itself."""
 
 import os
-import subprocess
 import sys
 from dataclasses import fields, replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from tests.kinematics.effects.samples import (
     GEOMETRY,
     full_block,
 )
+from tests.running import run_program
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.base.block import Block
 from traverse.kinematics.effects.pose import (
@@ -185,17 +185,10 @@ def test_columns_of_another_shape_or_type_are_refused():
 
 @pytest.mark.slow
 def test_laws_of_the_effects_hold_without_the_kernel():
-    files = ("blocks", "compliance", "contacts", "mechanics", "readings", "together")
-    run = subprocess.run(
-        [
-            *(sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"),
-            *(f"tests/kinematics/effects/test_effect_{name}.py" for name in files),
-        ],
+    files = ("blocks", "contacts", "mechanics", "readings")
+    run_program(
+        *(sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"),
+        *(f"tests/kinematics/effects/test_effect_{name}.py" for name in files),
         cwd=ROOT,
         env={**os.environ, "TRAVERSE_KERNEL": "numpy"},
-        capture_output=True,
-        text=True,
-        timeout=100,
-        check=False,
     )
-    assert run.returncode == 0, run.stdout

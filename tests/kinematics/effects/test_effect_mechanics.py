@@ -1,9 +1,14 @@
-"""Mechanical kinds without weights, each against rigid motions."""
+"""Mechanical kinds without weights, each against rigid motions.
+
+Compliances under gravity against rigid motions, and one by hand.
+All mechanical kinds at once against rigid motions.
+"""
 
 import numpy as np
 import pytest
 
-from tests.kinematics.effects.agreement import SEEDS, across_axis, agree
+from tests.arm_files import arm_text, joint_text
+from tests.kinematics.effects.agreement import GRAVITY, SEEDS, across_axis, agree, poses
 from tests.kinematics.effects.reference import (
     EPOCH,
     EPOCH_NS,
@@ -16,7 +21,7 @@ from tests.kinematics.effects.reference import (
     random_readings,
     shifted,
 )
-from traverse.kinematics.arm_file.arm import Identification
+from traverse.kinematics.arm_file.arm import Identification, parse_arm
 from traverse.kinematics.model.geometry import geometry_from_arm
 
 
@@ -117,3 +122,125 @@ def test_base_drifts_with_time_inside_its_campaign_and_steps_for_good():
 
     utc_ns = EPOCH_NS + (seconds * 1e9).astype(np.int64)
     agree(dated, (drift, step), readings, motions, utc_ns=utc_ns)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_joint_compliance_twists_about_the_axis_by_the_torque_of_all_weights(seed):
+    arm, readings = random_arm(seed), random_readings(seed)
+    joint = seed % N_JOINTS
+    one = effect("joint_compliance", joint=NAMES[joint], compliance_rad_nm=2e-5)
+
+    def motions(rigid, n, turns):
+        axis = rigid.axes[joint]
+        torque_nm = axis @ rigid.moment_nm(arm, joint, GRAVITY)
+        return {joint: about(rigid.origins[joint], 2e-5 * torque_nm * axis)}
+
+    agree(arm, (one,), readings, motions)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_bearing_compliance_tilts_by_the_moment_across_the_axis(seed):
+    arm, readings = random_arm(seed), random_readings(seed)
+    joint = (seed + 1) % N_JOINTS
+    one = effect("bearing_compliance", joint=NAMES[joint], compliance_rad_nm=3e-5)
+
+    def motions(rigid, n, turns):
+        axis = rigid.axes[joint]
+        moment = rigid.moment_nm(arm, joint, GRAVITY)
+        across = np.cross(axis, np.cross(moment, axis))
+        return {joint: about(rigid.origins[joint], 3e-5 * across)}
+
+    agree(arm, (one,), readings, motions)
+
+
+@pytest.mark.parametrize("override", [None, np.array([5.0, 1.0, -8.0])])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_mount_compliance_turns_everything_about_the_origin(seed, override):
+    arm, readings = random_arm(seed), random_readings(seed)
+    one = effect("mount_compliance", compliance_rad_nm=1e-5)
+    gravity = GRAVITY if override is None else override
+
+    def motions(rigid, n, turns):
+        moment = rigid.moment_nm(arm, 0, gravity)
+        down = gravity / np.linalg.norm(gravity)
+        across = moment - down * (down @ moment)
+        return {-1: about(np.array(arm.origin_mm), 1e-5 * across)}
+
+    agree(arm, (one,), readings, motions, gravity_m_s2=override)
+
+
+def test_weights_on_a_horizontal_link_by_hand():
+    """1 m of 2 kg and a probe of 0.5 kg, 2e-5 rad per N m, about a level axis."""
+    arm = parse_arm(
+        arm_text(
+            "beam",
+            joint_text("J1", [0, 1.0, 0], [1000.0, 0, 0], more="mass_kg = 2.0\n"),
+            probe='radius_mm = 1.0\nkind = "hard"\nmass_kg = 0.5',
+            gravity_m_s2=10.0,
+        )
+    )
+    one = effect("joint_compliance", joint="J1", compliance_rad_nm=2e-5)
+    centre, _ = poses(arm, (one,), np.zeros((1, 1)))
+    # 2 kg at 0.5 m and 0.5 kg at 1 m: 15 N m downwards, that is 3e-4 rad and 0.3 mm.
+    np.testing.assert_allclose(
+        centre, [[1000 * np.cos(3e-4), 0, -1000 * np.sin(3e-4)]], atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_all_mechanical_kinds_together_are_motions_from_the_outermost_inwards(seed):
+    arm, readings = random_arm(seed), random_readings(seed)
+    cos, sin = across_axis(arm, 1, seed)
+    far = 50 * across_axis(arm, 3, seed)
+    first_axis = geometry_from_arm(arm).axes[0]
+    arm_c = np.full(len(readings), T_REF + 8)
+    effects = (
+        effect("encoder_scale", joint="J4", scale_ppm=40.0),
+        effect("axis_wobble", joint="J2", order=2, cos_rad=[*cos], sin_rad=[*sin]),
+        effect("bearing_compliance", joint="J2", compliance_rad_nm=1e-5),
+        effect("joint_compliance", joint="J2", compliance_rad_nm=4e-5),
+        effect("joint_compliance", joint="J4", compliance_rad_nm=2e-5),
+        effect(
+            "axis_runout",
+            joint="J4",
+            component="radial",
+            order=2,
+            cos_mm=[*far[0]],
+            sin_mm=[*far[1]],
+        ),
+        effect(
+            "axis_runout",
+            joint="J1",
+            component="axial",
+            order=1,
+            cos_mm=[*(0.02 * first_axis)],
+            sin_mm=[*(0.01 * first_axis)],
+        ),
+        effect("thermal_expansion", joint="J3", expansion_per_c=2e-5),
+        effect("mount_compliance", compliance_rad_nm=5e-6),
+    )
+
+    def motions(rigid, n, turns):
+        moments = [rigid.moment_nm(arm, k, GRAVITY) for k in range(N_JOINTS)]
+        torque = [rigid.axes[k] @ moments[k] for k in range(N_JOINTS)]
+        wave = cos * np.cos(2 * turns[1]) + sin * np.sin(2 * turns[1])
+        tilt = rigid.carried[1][:3, :3] @ wave
+        tilt = tilt + 1e-5 * (moments[1] - rigid.axes[1] * torque[1])
+        runout = far[0] * np.cos(2 * turns[3]) + far[1] * np.sin(2 * turns[3])
+        return {
+            -1: about(np.array(arm.origin_mm), 5e-6 * moments[0]),
+            0: shifted(
+                (0.02 * np.cos(turns[0]) + 0.01 * np.sin(turns[0])) * first_axis
+            ),
+            1: about(rigid.origins[1], tilt)
+            @ about(rigid.origins[1], 4e-5 * torque[1] * rigid.axes[1]),
+            2: shifted(2e-5 * 8 * rigid.links[2]),
+            3: shifted(rigid.carried[3][:3, :3] @ runout)
+            @ about(rigid.origins[3], 2e-5 * torque[3] * rigid.axes[3]),
+        }
+
+    def turns_of(n, sample):
+        zero = geometry_from_arm(arm).zeros_rad[3]
+        return np.array([0, 0, 0, 40e-6 * (sample[3] - zero), 0, 0])
+
+    agree(arm, effects, readings, motions, turns_of, temperature_c=arm_c)

@@ -1,10 +1,19 @@
+"""The smallest enclosing sphere: by hand, by its optimality, by trying everything."""
+
+from itertools import combinations
+
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.kinematics.arms import seeds
-from traverse.kinematics.fits import fit_sphere, fit_sphere_of_radius, spread_about_mean
+from traverse.kinematics.fits import (
+    enclosing_sphere,
+    fit_sphere,
+    fit_sphere_of_radius,
+    spread_about_mean,
+)
 
 CENTRE = np.array([800.0, -250.0, 120.0])
 OCTAHEDRON = np.vstack([np.eye(3), -np.eye(3)])
@@ -113,3 +122,104 @@ def test_spread_of_one_point_is_nothing():
     assert (spread.max_deviation_mm, spread.rms_mm) == (0.0, 0.0)
     with pytest.raises(ValueError, match="at least 1"):
         spread_about_mean(np.empty((0, 3)))
+
+
+SQUARE = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
+CUBE = np.array([[x, y, z] for x in (0.0, 2) for y in (0.0, 2) for z in (0.0, 2)])
+TETRAHEDRON = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+TRIANGLE = np.array([[1.0, 0, 0], [-0.5, np.sqrt(0.75), 0], [-0.5, -np.sqrt(0.75), 0]])
+
+
+@pytest.mark.parametrize(
+    ("points", "centre", "radius", "n_supports"),
+    [
+        ([[3.0, 4, 5]], [3, 4, 5], 0.0, 1),
+        ([[3.0, 4, 5]] * 4, [3, 4, 5], 0.0, 1),
+        ([[0.0, 0, 0], [2, 0, 0]], [1, 0, 0], 1.0, 2),
+        # Collinear, doubled, in any order: the ends count.
+        ([[1.0, 0, 0], [4, 0, 0], [0, 0, 0], [4, 0, 0], [0, 0, 0]], [2, 0, 0], 2.0, 2),
+        # Obtuse and right triangles are held by their longest side.
+        ([[0.0, 0, 0], [4, 0, 0], [2, 1, 0]], [2, 0, 0], 2.0, 2),
+        ([[0.0, 0, 0], [4, 0, 0], [2, 2, 0]], [2, 0, 0], 2.0, 2),
+        (TRIANGLE, [0, 0, 0], 1.0, 3),
+        # Acute: sides 2, sqrt(10), sqrt(10); R = a b c / (4 area) = 20 / 12.
+        ([[-1.0, 0, 0], [1, 0, 0], [0, 3, 0]], [0, 4 / 3, 0], 5 / 3, 3),
+        (TETRAHEDRON, [0, 0, 0], np.sqrt(3), 4),
+        # A flat pyramid over the triangle is held by its base alone.
+        ([*TRIANGLE, [0, 0, 0.5]], [0, 0, 0], 1.0, 3),
+        # A tall one by all four: h = 2, R = (h^2 + 1) / (2 h).
+        ([*TRIANGLE, [0, 0, 2.0]], [0, 0, 0.75], 1.25, 4),
+        # Ties: four and eight points on the sphere, two are enough.
+        (SQUARE, [0, 0, 0], 1.0, 2),
+        (CUBE, [1, 1, 1], np.sqrt(3), 2),
+        ([*TETRAHEDRON, [0, 0, 0], [0.5, 0.5, 0.5]], [0, 0, 0], np.sqrt(3), 4),
+    ],
+)
+def test_by_hand(points, centre, radius, n_supports):
+    sphere = enclosing_sphere(np.array(points, dtype=float))
+    np.testing.assert_allclose(sphere.centre_mm, centre, atol=1e-12)
+    assert sphere.radius_mm == pytest.approx(radius, abs=1e-12)
+    assert len(sphere.supports) == n_supports
+
+
+def by_trying_everything(points):
+    """The smallest of all spheres through two, three or four points around all."""
+    best = np.inf
+    for size in (2, 3, 4):
+        for subset in combinations(points, size):
+            corner, *others = np.array(subset)
+            edges = np.array(others) - corner
+            gram = edges @ edges.T
+            if np.linalg.matrix_rank(gram, tol=1e-9) < len(edges):
+                continue
+            offset = np.linalg.solve(2 * gram, np.diag(gram)) @ edges
+            radius = np.linalg.norm(offset)
+            away = np.linalg.norm(points - corner - offset, axis=1)
+            if np.all(away <= radius * (1 + 1e-9)):
+                best = min(best, radius)
+    return best
+
+
+@settings(max_examples=40)
+@given(seeds, st.integers(2, 9), st.booleans())
+def test_none_is_smaller(seed, n_points, on_a_grid):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(0, 10, (n_points, 3))
+    if on_a_grid:  # many ties, coplanar, collinear and coinciding points
+        points = np.round(points / 8.0)
+    sphere = enclosing_sphere(points)
+    if np.ptp(points, axis=0).max() == 0.0:
+        assert sphere.radius_mm == 0.0
+        return
+    assert sphere.radius_mm == pytest.approx(by_trying_everything(points), rel=1e-9)
+
+
+@settings(max_examples=100)
+@given(seeds, st.integers(5, 300), st.sampled_from([0.0, 1e-9, 1.0]))
+def test_supports_hold_the_sphere(seed, n_points, depth):
+    # Optimal: all inside, the centre a mean of supports with weights above 0.
+    rng = np.random.default_rng(seed)
+    out = rng.standard_normal((n_points, 3))
+    out /= np.linalg.norm(out, axis=1)[:, np.newaxis]
+    points = [800.0, -300, 50] + 0.03 * out * (
+        1 - depth * rng.uniform(size=(n_points, 1))
+    )
+    sphere = enclosing_sphere(points)
+    away = np.linalg.norm(points - sphere.centre_mm, axis=1)
+    assert away.max() <= sphere.radius_mm + 1e-12
+    held = points[list(sphere.supports)] - sphere.centre_mm
+    np.testing.assert_allclose(
+        np.linalg.norm(held, axis=1), sphere.radius_mm, atol=1e-11
+    )
+    weights = np.linalg.lstsq(
+        np.vstack([held.T, np.full(len(held), 0.03)]), [0, 0, 0, 0.03], rcond=None
+    )[0]
+    assert np.all(weights > -1e-6)
+    np.testing.assert_allclose(weights @ held, 0.0, atol=1e-9)
+
+
+def test_points_are_checked():
+    with pytest.raises(ValueError, match="at least 1"):
+        enclosing_sphere(np.empty((0, 3)))
+    with pytest.raises(ValueError, match="not finite"):
+        enclosing_sphere(np.array([[0.0, np.nan, 0.0]]))

@@ -169,18 +169,15 @@ def reaching(bench, start, place_mm):
     """A posture whose ball is at a place near that of another posture."""
     angles_rad = start.copy()
     for _ in range(20):
-        off_mm = place_mm - bench.measured(angles_rad[None], None)[0]
-        columns = np.array(
-            [
-                (
-                    bench.measured(angles_rad[None] + step, None)[0]
-                    - bench.measured(angles_rad[None] - step, None)[0]
-                )
-                / 2e-6
-                for step in 1e-6 * np.eye(len(angles_rad))
-            ]
-        ).T
+        steps = 1e-6 * np.eye(len(angles_rad))
+        tried = angles_rad + np.vstack([0.0 * steps[:1], steps, -steps])
+        here_mm, *moved_mm = bench.measured(tried, None)
+        off_mm = place_mm - here_mm
+        ahead_mm, behind_mm = np.split(np.array(moved_mm), 2)
+        columns = (ahead_mm - behind_mm).T / 2e-6
         angles_rad = angles_rad + np.linalg.pinv(columns) @ off_mm
+        if np.linalg.norm(off_mm) < 1e-10:
+            break
     assert np.linalg.norm(off_mm) < 1e-8
     return angles_rad
 

@@ -5,6 +5,7 @@ import hashlib
 import numpy as np
 import pytest
 
+from tests.arm_files import arm_text, joint_text
 from tests.kinematics.arms import random_geometry
 from traverse.kinematics.arm_file.arm import parse_arm
 from traverse.kinematics.effects.arm_effects import ArmEffects, effects_from_arm
@@ -30,21 +31,18 @@ N = 4000
 @pytest.fixture(scope="module")
 def arm():
     drawn = random_geometry(11, 7)
-    lines = ['schema = "traverse/arm/1"', 'name = "seven"', "origin_mm = [3, -4, 5]"]
-    for number, axis in enumerate(drawn.axes.tolist()):
-        lines += [
-            "[[joints]]",
-            f'name = "J{number + 1}"',
-            f"axis = {axis}",
-            f"link_mm = {drawn.links_mm[number].tolist()}",
-            f"zero_rad = {drawn.zeros_rad[number] / 5}",
-        ]
-    lines += ["[probe]", "radius_mm = 3.0", 'kind = "hard"', "vector_mm = [10, 0, 20]"]
-    lines += ["[[effects]]", 'kind = "encoder_eccentricity"', 'joint = "J2"']
-    lines += ["cos_rad = 3e-5", "sin_rad = -2e-5"]
-    lines += ["[reference]", "temperature_c = 20"]
-    lines += ["gravity_m_s2 = [0, 0, -9.80665]"]
-    return parse_arm("\n".join(lines))
+    rows = zip(drawn.axes, drawn.links_mm, drawn.zeros_rad / 5, strict=True)
+    joints = (
+        joint_text(f"J{number}", axis.tolist(), link_mm.tolist(), zero_rad)
+        for number, (axis, link_mm, zero_rad) in enumerate(rows, start=1)
+    )
+    text = arm_text(
+        *("seven", *joints),
+        origin_mm=[3, -4, 5],
+        probe='radius_mm = 3.0\nkind = "hard"\nvector_mm = [10, 0, 20]',
+    )
+    eccentric = '[[effects]]\nkind = "encoder_eccentricity"\njoint = "J2"\n'
+    return parse_arm(f"{text}{eccentric}cos_rad = 3e-5\nsin_rad = -2e-5\n")
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,8 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from traverse.cli.__main__ import app
+from tests.running import invoke
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.artefacts.socket_gauge import SocketGauge
 from traverse.simulator.campaigns import (
@@ -102,8 +101,7 @@ def test_a_ball_in_a_socket_touches_its_walls_and_nothing_else():
 )
 def test_what_cannot_be_printed_is_refused(tmp_path, words, told):
     out = tmp_path / "gauge"
-    ran = CliRunner().invoke(app, ["artefact", "--out", str(out), *words.split()])
-    assert ran.exit_code == 2
+    ran = invoke("artefact", "--out", out, *words.split(), status=2)
     assert told in ran.stderr
     assert not out.exists()
 
@@ -118,18 +116,15 @@ def test_its_campaign_is_checked_and_identified_with(tmp_path):
     folder = tmp_path / "printed"
     words = f"artefact --out {folder} --distance-mm {distance_mm} "
     words += "--distance-std-mm 0.0005 --places 4"
-    assert CliRunner().invoke(app, words.split()).exit_code == 0
-    again = CliRunner().invoke(app, words.split())
-    assert again.exit_code == 2
+    invoke(*words.split())
+    again = invoke(*words.split(), status=2)
     assert "exists" in again.stderr
     table = (simulated / "poses.csv").read_text("utf-8").replace("bar-", "gauge-")
     (folder / "poses.csv").write_text(table, "utf-8")
-    checked = CliRunner().invoke(app, ["check", str(folder)])
-    assert checked.exit_code == 0, checked.stderr
+    invoke("check", folder)
     out = tmp_path / "identified"
     words = f"identify {folder} --arm {ARM} --out {out}"
-    ran = CliRunner().invoke(app, words.split())
-    assert ran.exit_code == 0, ran.stderr
+    invoke(*words.split())
     report = json.loads((out / "identification.json").read_text("utf-8"))
     assert report["converged"]
     assert set(report["artefacts"]) == {f"gauge-{k}" for k in range(1, 5)}

@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
+from tests.arm_files import arm_text, joint_text
 from tests.recording.sample_recordings import RecordingWriter
 from traverse.lab.campaign.campaign import read_campaign
 from traverse.lab.campaign.stream_table import senses_of, speeds_of, stretches_of
@@ -13,34 +14,11 @@ from traverse.strict_toml.problems import FileError
 
 PER_TURN = 4096
 JOINTS = ("J1", "J2")
-ARM = f"""schema = "traverse/arm/1"
-name = "two"
-origin_mm = [0.0, 0.0, 0.0]
-[[joints]]
-name = "J1"
-axis = [0.0, 0.0, 1.0]
-link_mm = [0.0, 0.0, 100.0]
-zero_rad = 6.0
-[joints.encoder]
-counts_per_turn = {PER_TURN}
-sign = 1
-source = "base/0"
-[[joints]]
-name = "J2"
-axis = [0.0, 1.0, 0.0]
-link_mm = [100.0, 0.0, 0.0]
-zero_rad = -0.5
-[joints.encoder]
-counts_per_turn = {PER_TURN}
-sign = -1
-source = "base/1"
-[probe]
-radius_mm = 3.0
-kind = "hard"
-[reference]
-temperature_c = 20.0
-gravity_m_s2 = [0.0, 0.0, -9.80665]
-"""
+ARM = arm_text(
+    "two",
+    joint_text("J1", [0, 0, 1.0], [0, 0, 100.0], 6.0, (PER_TURN, 1, "base/0")),
+    joint_text("J2", [0, 1.0, 0], [100.0, 0, 0], -0.5, (PER_TURN, -1, "base/1")),
+)
 HEAD = 'schema = "traverse/campaign/1"\nposes = "scan.mcap"\n'
 ARTEFACTS = """[[artefacts]]
 id = "seat"

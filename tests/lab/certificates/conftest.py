@@ -4,10 +4,9 @@ import shutil
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from tests.lab.certificates.made import ARM, LABORATORY, Issued, issued
-from traverse.cli.__main__ import app
+from tests.running import invoke
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.certificates.certificate import certify
 from traverse.lab.certificates.evidence import add_data
@@ -37,8 +36,7 @@ def _dated(campaign: Path) -> None:
 
 
 def _run(*arguments: object) -> None:
-    ran = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert ran.exit_code == 0, ran.output
+    invoke(*arguments)
 
 
 @pytest.fixture(scope="session")

@@ -7,12 +7,11 @@ import shutil
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from tests.lab.certificates.made import ARM
 from tests.lab.certificates.test_tampering import mutated
 from tests.protocol.message_examples import POINT
-from traverse.cli.__main__ import app
+from tests.running import invoke
 from traverse.kinematics.arm_file.arm import arm_digest, read_arm, write_arm
 from traverse.lab.certificates.trace import Tracer
 from traverse.lab.report.checksums import SUMS, read_sums
@@ -131,23 +130,17 @@ def test_a_recording_and_points_lead_to_the_arm(chain: Path) -> None:
 
 def test_the_command(chain: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(chain)
-    ran = CliRunner().invoke(app, ["trace", "results"])
-    assert ran.exit_code == 0, ran.output
+    ran = invoke("trace", "results")
     assert ran.output.splitlines()[0] == "identification (results): whole"
     assert ran.output.splitlines()[-1] == "1 not stated"
     shutil.move("campaign", chain.parent / f"{chain.name}-campaign")
-    ran = CliRunner().invoke(app, ["trace", "results", "--json"])
-    assert ran.exit_code == 1
+    ran = invoke("trace", "results", "--json", status=1)
     values = json.loads(ran.output)
     assert values["state"] == "whole"
     (missing,) = [
         one for one in values["links"][0]["links"] if one["state"] == "missing"
     ]
     assert missing["what"] == "campaign"
-    ran = CliRunner().invoke(
-        app, ["trace", "results", "--in", str(chain.parent / f"{chain.name}-campaign")]
-    )
-    assert ran.exit_code == 0, ran.output
-    ran = CliRunner().invoke(app, ["trace", "nothing.txt"])
-    assert ran.exit_code == 2
+    ran = invoke("trace", "results", "--in", chain.parent / f"{chain.name}-campaign")
+    ran = invoke("trace", "nothing.txt", status=2)
     assert "is neither a folder of results" in ran.output

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from tests.lab.simulated import (
+    DESIGN_ARM,
     Noise,
-    arm_value,
     bar,
+    built,
     cones,
-    disturbed,
     random_directions,
-    seven_joints,
     simulate,
 )
 from traverse.kinematics.model.derivatives import probe_derivatives
@@ -37,11 +36,10 @@ def with_blunders(campaign, true, part, sigmas, seed=3):
 
 @pytest.mark.parametrize("part", [0.01, 0.02, 0.05])
 def test_blunders_of_fifteen_sigma_at_cones_are_all_removed(part):
-    design = seven_joints()
-    true = disturbed(design, 1)
+    true = built(1)
     clean = simulate(true, TABLES, 100, 7)
     campaign, bad = with_blunders(clean, true, part, 15.0)
-    result = identify(campaign, arm_value(design))
+    result = identify(campaign, DESIGN_ARM)
     excluded = {entry.line - 2 for entry in result.excluded}
     at_cones = {at for at in bad if campaign.poses.artefacts[at] < 3}
     assert at_cones <= excluded
@@ -49,7 +47,7 @@ def test_blunders_of_fifteen_sigma_at_cones_are_all_removed(part):
     assert all(result.statistics.w[at] < 4.3 for at in bad - excluded)
     assert len(excluded - bad) <= 1
     assert result.global_test.passed
-    reference = identify(clean, arm_value(design))
+    reference = identify(clean, DESIGN_ARM)
     spread = np.sqrt(np.diag(reference.covariance))
     change = [
         one.value - other.value
@@ -59,10 +57,9 @@ def test_blunders_of_fifteen_sigma_at_cones_are_all_removed(part):
 
 
 def test_huge_blunders_do_not_take_good_poses_with_them():
-    design = seven_joints()
-    true = disturbed(design, 1)
+    true = built(1)
     campaign, bad = with_blunders(simulate(true, TABLES, 60, 8), true, 0.08, 2000.0)
-    result = identify(campaign, arm_value(design))
+    result = identify(campaign, DESIGN_ARM)
     excluded = {entry.line - 2 for entry in result.excluded}
     assert len(excluded - bad) <= 1
     assert len(bad - excluded) <= 2
@@ -70,28 +67,25 @@ def test_huge_blunders_do_not_take_good_poses_with_them():
 
 
 def test_a_clean_campaign_loses_no_pose():
-    design = seven_joints()
-    campaign = simulate(disturbed(design, 2), TABLES, 60, 9)
-    result = identify(campaign, arm_value(design))
+    campaign = simulate(built(2), TABLES, 60, 9)
+    result = identify(campaign, DESIGN_ARM)
     assert result.excluded == ()
     assert np.all(result.included)
 
 
 def test_without_snooping_every_pose_stays():
-    design = seven_joints()
-    true = disturbed(design, 1)
+    true = built(1)
     campaign, _ = with_blunders(simulate(true, TABLES, 40, 7), true, 0.05, 15.0)
-    result = identify(campaign, arm_value(design), Options(snooping=False))
+    result = identify(campaign, DESIGN_ARM, Options(snooping=False))
     assert np.all(result.included)
     assert not result.global_test.passed
 
 
 def test_absent_noise_is_estimated():
-    design = seven_joints()
-    true = disturbed(design, 1)
+    true = built(1)
     campaign = simulate(true, TABLES, 120, 10, noise=Noise(1.5e-5, 0.003))
     unknown = replace(campaign, encoder_rad=None, contact_mm=None)
-    result = identify(unknown, arm_value(design))
+    result = identify(unknown, DESIGN_ARM)
     assert result.noise.encoder_rad == pytest.approx(1.5e-5, rel=0.2)
     assert result.noise.contact_mm[0] == pytest.approx(0.003, rel=0.5)
     assert result.sigma0 == pytest.approx(1.0, abs=0.02)
@@ -99,8 +93,7 @@ def test_absent_noise_is_estimated():
 
 
 def test_noise_may_differ_between_joints():
-    design = seven_joints()
-    campaign = simulate(disturbed(design, 1), cones(3), 250, 11, noise=Noise(0, 0.003))
+    campaign = simulate(built(1), cones(3), 250, 11, noise=Noise(0, 0.003))
     rng = np.random.default_rng(1)
     angles = campaign.poses.angles_rad.copy()
     stds = np.array([2e-5, 2e-5, 2e-5, 2e-5, 5e-6, 5e-6, 5e-6])
@@ -109,7 +102,7 @@ def test_noise_may_differ_between_joints():
         campaign, poses=replace(campaign.poses, angles_rad=angles), encoder_rad=None
     )
     options = Options(variances=VarianceModel("each", "held"))
-    result = identify(campaign, arm_value(design), options)
+    result = identify(campaign, DESIGN_ARM, options)
     assert result.noise.encoder_rad[[0, 1, 3]] == pytest.approx(2e-5, rel=0.35)
     assert result.noise.contact_mm == pytest.approx(0.003)
 
@@ -117,10 +110,9 @@ def test_noise_may_differ_between_joints():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_design_far_off_is_no_obstacle(seed):
-    design = seven_joints()
-    far = disturbed(design, 50 + seed, 10.0, np.radians(2.0))
+    far = built(50 + seed, 10.0, np.radians(2.0))
     campaign = simulate(far, TABLES, 50, seed)
-    result = identify(campaign, arm_value(design))
+    result = identify(campaign, DESIGN_ARM)
     assert result.converged
     assert result.global_test.passed
     assert result.rms_before_mm > 20.0
@@ -129,12 +121,11 @@ def test_a_design_far_off_is_no_obstacle(seed):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 3])
 def test_zeros_wrong_by_a_radian_are_found(seed):
-    design = seven_joints()
     offsets = np.random.default_rng(seed).uniform(-1, 1, 7)
-    true = disturbed(design, 60 + seed)
+    true = built(60 + seed)
     true = replace(true, zeros_rad=true.zeros_rad + offsets)
     campaign = simulate(true, TABLES, 50, seed)
-    result = identify(campaign, arm_value(design))
+    result = identify(campaign, DESIGN_ARM)
     assert result.converged
     assert result.global_test.passed
     # That of the first joint turns the arm as a whole: it is undetectable.
@@ -143,10 +134,9 @@ def test_zeros_wrong_by_a_radian_are_found(seed):
 
 @pytest.mark.slow
 def test_a_far_start_survives_blunders():
-    design = seven_joints()
-    far = disturbed(design, 70, 10.0, np.radians(2.0))
+    far = built(70, 10.0, np.radians(2.0))
     campaign, bad = with_blunders(simulate(far, TABLES, 60, 4), far, 0.05, 500.0)
-    result = identify(campaign, arm_value(design))
+    result = identify(campaign, DESIGN_ARM)
     excluded = {entry.line - 2 for entry in result.excluded}
     assert len(excluded ^ bad) <= 3
     assert result.sigma0 < 1.2
@@ -155,13 +145,12 @@ def test_a_far_start_survives_blunders():
 @pytest.mark.parametrize("artefact", [0, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_joint_read_one_radian_off_costs_its_pose_alone(artefact):
     """Decimetres off, at a seat or at one of the few touches of a bar's sphere."""
-    design = seven_joints()
-    clean = simulate(disturbed(design, 1), TABLES, 27, 8)
+    clean = simulate(built(1), TABLES, 27, 8)
     of_artefact = np.flatnonzero(clean.poses.artefacts == artefact)
     for bad in of_artefact[:3]:
         angles_rad = clean.poses.angles_rad.copy()
         angles_rad[bad, 2] += 1.0
         poses = replace(clean.poses, angles_rad=angles_rad)
-        result = identify(replace(clean, poses=poses), arm_value(design))
+        result = identify(replace(clean, poses=poses), DESIGN_ARM)
         assert [entry.line - 2 for entry in result.excluded] == [bad]
         assert result.converged

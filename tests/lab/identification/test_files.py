@@ -8,15 +8,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from tests.lab.simulated import (
-    arm_value,
-    bar,
-    cones,
-    disturbed,
-    seven_joints,
-    simulate,
-    written,
-)
+from tests.lab.simulated import DESIGN, DESIGN_ARM, bar, built, cones, simulate, written
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.campaign.campaign import read_campaign
@@ -35,12 +27,11 @@ NET = {
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
-    design = seven_joints()
-    campaign = simulate(disturbed(design, 1), [*cones(2), bar(), NET], 40, 5)
+    campaign = simulate(built(1), [*cones(2), bar(), NET], 40, 5)
     angles = campaign.poses.angles_rad
     angles[17] += 1e-3
     source = written(campaign, tmp_path_factory.mktemp("campaign"))
-    result = identify(read_campaign(source, NAMES), arm_value(design))
+    result = identify(read_campaign(source, NAMES), DESIGN_ARM)
     target = tmp_path_factory.mktemp("out") / "deep"
     arm = write_result(result, target, WHEN)
     return result, arm, target, campaign
@@ -48,7 +39,7 @@ def folders(tmp_path_factory):
 
 def test_the_files_of_a_campaign_give_the_same_as_its_arrays(folders):
     result, _, _, campaign = folders
-    direct = identify(campaign, arm_value(seven_joints()))
+    direct = identify(campaign, DESIGN_ARM)
     assert result.sigma0 == direct.sigma0
     assert result.arm.joints == direct.arm.joints
 
@@ -66,7 +57,7 @@ def test_the_arm_is_written_with_its_provenance(folders):
     assert read.identification.covariance_digest == hashlib.sha256(content).hexdigest()
     geometry = geometry_from_arm(read)
     assert np.allclose(geometry.axes, result.adjustment.state.arm.geometry.axes)
-    assert read.probe == arm_value(seven_joints()).probe
+    assert read.probe == DESIGN_ARM.probe
 
 
 def test_the_covariance_is_over_components_and_free_of_any_basis(folders):
@@ -146,10 +137,9 @@ def test_readings_are_corrected_by_about_their_noise(folders):
 
 
 def test_iterations_are_reported_as_they_happen():
-    design = seven_joints()
-    campaign = simulate(disturbed(design, 1), [*cones(2), bar()], 30, 5)
+    campaign = simulate(built(1), [*cones(2), bar()], 30, 5)
     told = []
-    result = identify(campaign, arm_value(design), Options(), told.append)
+    result = identify(campaign, DESIGN_ARM, Options(), told.append)
     assert tuple(told) == result.iterations
     assert told[0].number == 1
     assert told[-1].step < 1e-6
@@ -158,8 +148,7 @@ def test_iterations_are_reported_as_they_happen():
 
 
 def test_an_own_certificate_is_left_out_of_what_the_arm_measures():
-    design = seven_joints()
-    wrong = simulate(disturbed(design, 1), [*cones(2), bar(), bar(id="other")], 60, 5)
+    wrong = simulate(built(1), [*cones(2), bar(), bar(id="other")], 60, 5)
     # The second certificate is wrong by a tenth of a millimetre.
     other = wrong.artefacts[3].model_copy(
         update={"distance_mm": 400.1, "distance_std_mm": 0.5}
@@ -172,12 +161,12 @@ def test_an_own_certificate_is_left_out_of_what_the_arm_measures():
         encoder_rad=5e-6,
         contact_mm=0.005,
     )
-    result = identify(campaign, arm_value(design), Options(snooping=False))
+    result = identify(campaign, DESIGN_ARM, Options(snooping=False))
     length = result.artefacts[3].lengths[0]
     assert length.value_mm == pytest.approx(400.0, abs=5 * length.std_mm)
     assert length.std_mm < 0.02
     alone = (
-        identify(simulate(design, [*cones(2), bar()], 30, 1), arm_value(design))
+        identify(simulate(DESIGN, [*cones(2), bar()], 30, 1), DESIGN_ARM)
         .artefacts[2]
         .lengths[0]
     )

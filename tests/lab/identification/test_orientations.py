@@ -363,12 +363,12 @@ def test_inverse_rotations_are_refused_with_the_remedy():
 
 
 def test_components_in_another_order_leave_the_result_in_doubt():
-    campaign, _ = measured(1)
+    campaign = measured(1)[0].part(np.arange(120) % 2 == 0)
     rolled = np.roll(campaign.poses.orientations, -1, axis=1)
     wrong = replace(campaign, poses=replace(campaign.poses, orientations=rolled))
     result = identify(wrong, ARM, QUICK)
     assert result.converged
-    assert len(result.orientations.excluded) > 110
+    assert len(result.orientations.excluded) > 55
     page = report_page(result, result_map(result))
     assert "orientations contradict the positions and were left out" in page
     assert "(w, x, y, z)" in page

@@ -7,12 +7,14 @@ import pytest
 from scipy.stats import chi2
 
 from tests.lab.simulated import (
+    DESIGN,
+    DESIGN_ARM,
     Noise,
     TrueArm,
     arm_value,
     bar,
+    built,
     cones,
-    disturbed,
     rotations,
     seven_joints,
     simulate,
@@ -77,13 +79,12 @@ def squared_deviation(result, true, n_postures=12):
 @pytest.mark.slow
 @pytest.mark.parametrize("mix", MIXES)
 def test_estimates_agree_with_the_truth_as_their_covariance_says(mix):
-    design = seven_joints()
     total, degrees, passed = 0.0, 0, 0
     n_seeds = 3
     for seed in range(n_seeds):
-        true = disturbed(design, 100 + seed)
+        true = built(100 + seed)
         campaign = simulate(true, MIXES[mix], 40, seed)
-        result = identify(campaign, arm_value(design), PLAIN)
+        result = identify(campaign, DESIGN_ARM, PLAIN)
         assert result.converged
         statistic, count = squared_deviation(result, true)
         total, degrees = total + statistic, degrees + count
@@ -93,10 +94,9 @@ def test_estimates_agree_with_the_truth_as_their_covariance_says(mix):
 
 
 def test_a_single_campaign_is_as_good_as_it_says():
-    design = seven_joints()
-    true = disturbed(design, 7)
+    true = built(7)
     campaign = simulate(true, MIXES["everything"], 40, 7)
-    result = identify(campaign, arm_value(design), PLAIN)
+    result = identify(campaign, DESIGN_ARM, PLAIN)
     statistic, degrees = squared_deviation(result, true)
     assert chi2.ppf(0.001, degrees) < statistic < chi2.ppf(0.999, degrees)
     assert result.rms_after_mm < 0.01
@@ -105,32 +105,29 @@ def test_a_single_campaign_is_as_good_as_it_says():
 
 
 def test_without_noise_the_truth_is_recovered_exactly():
-    design = seven_joints()
-    true = disturbed(design, 8)
+    true = built(8)
     exact = simulate(true, MIXES["everything"], 25, 8, noise=Noise(0.0, 0.0))
-    result = identify(exact, arm_value(design), PLAIN)
+    result = identify(exact, DESIGN_ARM, PLAIN)
     angles = np.random.default_rng(1).uniform(-3, 3, (10, 7))
     found = distances(result.adjustment.state.arm.geometry, angles)
     assert found == pytest.approx(distances(true.geometry(), angles), abs=1e-6)
 
 
 def test_points_in_the_arms_system_give_absolute_positions():
-    design = seven_joints()
-    true = replace(disturbed(design, 9), origin_mm=np.array([13.0, -22.0, 31.0]))
+    true = replace(built(9), origin_mm=np.array([13.0, -22.0, 31.0]))
     points = {"A": [600.0, 0, 300], "B": [-200.0, 500, 500], "C": [300.0, -500, 100]}
     table = {"id": "net", "kind": "points", "frame": "arm", "points_mm": points}
     campaign = simulate(true, [table], 150, 9)
-    result = identify(campaign, arm_value(design), PLAIN)
+    result = identify(campaign, DESIGN_ARM, PLAIN)
     angles = np.random.default_rng(1).uniform(-3, 3, (20, 7))
     found = probe_centre(result.adjustment.state.arm.geometry, angles)
     assert found == pytest.approx(true.centres(angles), abs=0.05)
 
 
 def test_the_answer_does_not_depend_on_the_datum():
-    design = seven_joints()
-    campaign = simulate(disturbed(design, 4), MIXES["cones and bar"], 40, 4)
+    campaign = simulate(built(4), MIXES["cones and bar"], 40, 4)
     angles = np.random.default_rng(1).uniform(-3, 3, (10, 7))
-    first = identify(campaign, arm_value(design), PLAIN)
+    first = identify(campaign, DESIGN_ARM, PLAIN)
     used = first.adjustment.network.parameters
     others = np.array(
         [
@@ -140,11 +137,11 @@ def test_the_answer_does_not_depend_on_the_datum():
     )
     joints = np.array([".axis." in n or ".link." in n for n in used.names])
     freed = used.with_free(used.free | joints)
-    changed = with_datum(freed, design.geometry(), preferred=others)
+    changed = with_datum(freed, DESIGN.geometry(), preferred=others)
     hold = tuple(np.array(used.names)[joints & ~changed.free])
     assert len(hold) == 3
     assert not set(hold) & set(np.array(used.names)[~used.free])
-    second = identify(campaign, arm_value(design), replace(PLAIN, hold=hold))
+    second = identify(campaign, DESIGN_ARM, replace(PLAIN, hold=hold))
     assert second.adjustment.network.parameters.n_free == 25
     one, two = (r.adjustment.state.arm.geometry for r in (first, second))
     assert distances(one, angles) == pytest.approx(distances(two, angles), abs=1e-9)
@@ -152,18 +149,17 @@ def test_the_answer_does_not_depend_on_the_datum():
 
 
 def test_the_answer_does_not_depend_on_the_base_posture():
-    design = seven_joints()
-    campaign = simulate(disturbed(design, 5), MIXES["cones and bar"], 40, 5)
+    campaign = simulate(built(5), MIXES["cones and bar"], 40, 5)
     angles = np.random.default_rng(1).uniform(-3, 3, (10, 7))
     turns = np.random.default_rng(2).uniform(-2, 2, 7)
-    moved = in_another_posture(design, turns)
-    assert moved.centres(angles) == pytest.approx(design.centres(angles), abs=1e-10)
+    moved = in_another_posture(DESIGN, turns)
+    assert moved.centres(angles) == pytest.approx(DESIGN.centres(angles), abs=1e-10)
     found = [
         distances(
             identify(campaign, arm_value(arm), PLAIN).adjustment.state.arm.geometry,
             angles,
         )
-        for arm in (design, moved)
+        for arm in (DESIGN, moved)
     ]
     assert found[0] == pytest.approx(found[1], rel=0, abs=1e-9)
 
@@ -182,9 +178,8 @@ def in_another_posture(arm: TrueArm, turns_rad) -> TrueArm:
 
 
 def test_rigid_motions_change_no_distance():
-    design = seven_joints()
-    campaign = simulate(design, cones(1), 20, 1)
-    result = identify(campaign, arm_value(design), PLAIN)
+    campaign = simulate(DESIGN, cones(1), 20, 1)
+    result = identify(campaign, DESIGN_ARM, PLAIN)
     parameters = result.adjustment.network.parameters
     all_free = parameters.with_free(np.ones_like(parameters.free))
     values = result.adjustment.state.arm
@@ -200,9 +195,8 @@ def test_rigid_motions_change_no_distance():
 
 def test_the_datum_holds_three_components_and_the_origin():
     geometry = seven_joints().geometry()
-    design = seven_joints()
-    campaign = simulate(design, cones(1), 5, 1)
-    result = identify(campaign, arm_value(design), PLAIN)
+    campaign = simulate(DESIGN, cones(1), 5, 1)
+    result = identify(campaign, DESIGN_ARM, PLAIN)
     parameters = result.adjustment.network.parameters
     held = set(parameters.names) - set(parameters.free_names)
     joints = {name for name in held if ".axis." in name or ".link." in name}
@@ -211,9 +205,8 @@ def test_the_datum_holds_three_components_and_the_origin():
 
 
 def test_the_campaigns_poses_are_left_alone():
-    design = seven_joints()
-    campaign = simulate(disturbed(design, 4), MIXES["everything"], 10, 4)
+    campaign = simulate(built(4), MIXES["everything"], 10, 4)
     campaign.poses.angles_rad.setflags(write=False)
     before = campaign.poses.angles_rad.copy()
-    identify(campaign, arm_value(design))
+    identify(campaign, DESIGN_ARM)
     assert np.array_equal(before, campaign.poses.angles_rad)

@@ -8,15 +8,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from tests.lab.simulated import (
-    Noise,
-    arm_value,
-    bar,
-    cones,
-    disturbed,
-    seven_joints,
-    simulate,
-)
+from tests.lab.simulated import DESIGN_ARM, Noise, bar, built, cones, simulate
 from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.report.page import WORDS, result_map, summary_lines
@@ -35,7 +27,7 @@ def postures(std_mm):
     stds = dict.fromkeys(("distance_std_mm", "radius_std_mm"), std_mm)
     tables = [*cones(3), bar(**stds)]
     silence = Noise(encoder_rad=0.0, contact_mm=0.0)
-    return simulate(disturbed(seven_joints(), 1), tables, 30, 5, noise=silence)
+    return simulate(built(1), tables, 30, 5, noise=silence)
 
 
 def stream(phi, seed=3, std_mm=1e-5, is_stream=True):
@@ -63,7 +55,7 @@ def stream(phi, seed=3, std_mm=1e-5, is_stream=True):
 
 
 def identified(**more):
-    return identify(stream(**more), arm_value(seven_joints()), OPTIONS)
+    return identify(stream(**more), DESIGN_ARM, OPTIONS)
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +94,7 @@ def test_samples_that_were_excluded_change_no_correlation():
     campaign = stream(phi=PHI)
     spoilt = np.random.default_rng(1).choice(len(campaign.poses), 60, replace=False)
     campaign.poses.angles_rad[spoilt, 3] += 1e-3
-    found = identify(campaign, arm_value(seven_joints()), OPTIONS)
+    found = identify(campaign, DESIGN_ARM, OPTIONS)
     assert set(np.flatnonzero(~found.included)) >= set(spoilt)
     assert np.count_nonzero(~found.included) < 70
     of_process = PHI ** np.arange(1, 21)
@@ -121,7 +113,7 @@ def test_standard_deviations_grow_with_the_noise_that_is_shared(shared, single):
 
 def test_estimates_are_as_far_off_as_the_covariance_says(shared, single):
     """Distances between the held postures themselves, whitened."""
-    truth = disturbed(seven_joints(), 1)
+    truth = built(1)
     angles_rad = postures(1e-5).poses.angles_rad
     pairs = np.random.default_rng(2).permutation(len(angles_rad))[:80]
 

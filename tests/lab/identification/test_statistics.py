@@ -8,14 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from tests.lab.simulated import (
-    arm_value,
-    bar,
-    cones,
-    disturbed,
-    seven_joints,
-    simulate,
-)
+from tests.lab.simulated import DESIGN, DESIGN_ARM, bar, built, cones, simulate
 from traverse.lab.identification.equations.network import (
     white_rows,
     whiteners,
@@ -38,10 +31,9 @@ OPTIONS = Options(snooping=False, coarse_start=False)
 
 @pytest.fixture(scope="module")
 def result():
-    design = seven_joints()
     tables = [*cones(2), bar(distance_std_mm=0.003), {"id": "p", "kind": "plane"}]
-    campaign = simulate(disturbed(design, 1), tables, 30, 5)
-    return identify(campaign, arm_value(design), OPTIONS)
+    campaign = simulate(built(1), tables, 30, 5)
+    return identify(campaign, DESIGN_ARM, OPTIONS)
 
 
 @pytest.fixture(scope="module")
@@ -133,10 +125,9 @@ def test_controllability_is_one_without_competition(result):
 
 
 def test_w_is_standard_normal_in_a_clean_campaign():
-    design = seven_joints()
     tables = [{"id": f"s{i}", "kind": "sphere", "radius_mm": 25.0} for i in range(4)]
-    campaign = simulate(disturbed(design, 1), tables, 100, 6)
-    result = identify(campaign, arm_value(design), OPTIONS)
+    campaign = simulate(built(1), tables, 100, 6)
+    result = identify(campaign, DESIGN_ARM, OPTIONS)
     w = result.statistics.w
     assert np.mean(w**2) == pytest.approx(1.0, abs=0.2)
     assert np.mean(w > 1.96) == pytest.approx(0.05, abs=0.03)
@@ -150,16 +141,15 @@ def test_an_error_of_the_detectable_size_is_about_as_large_as_said(result):
 
 
 def test_suggested_poses_stay_within_the_travel_that_was_shown():
-    design = seven_joints()
     travel_rad = np.radians([150, 75, 150, 75, 150, 60, 4.0])
     turns = np.random.default_rng(2).uniform(-0.4, 0.4, (3, 7))
-    middles_mm = design.centres(design.zeros_rad + turns * travel_rad)
+    middles_mm = DESIGN.centres(DESIGN.zeros_rad + turns * travel_rad)
     tables = [
         {**table, "place_mm": middle_mm}
         for table, middle_mm in zip(cones(3), middles_mm, strict=True)
     ]
-    campaign = simulate(disturbed(design, 1), tables, 40, 5, travel_rad=travel_rad)
-    found = identify(campaign, arm_value(design), OPTIONS)
+    campaign = simulate(built(1), tables, 40, 5, travel_rad=travel_rad)
+    found = identify(campaign, DESIGN_ARM, OPTIONS)
     angles_rad = np.array([entry.angles_rad for entry in found.suggestions])
     assert len(angles_rad) == 8
     shown_rad = campaign.poses.angles_rad
@@ -191,7 +181,7 @@ def test_suggested_poses_touch_and_help(result):
     )
     again = identify(
         replace(result.campaign, poses=more),
-        arm_value(seven_joints()),
+        DESIGN_ARM,
         replace(OPTIONS, n_suggestions=0),
     )
     assert np.all(np.diag(again.covariance) <= np.diag(result.covariance) * 1.001)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from tests.lab.simulated import (
+    DESIGN_ARM,
     Noise,
-    arm_value,
     bar,
+    built,
     cones,
     disturbed,
     seen_places,
@@ -38,7 +39,7 @@ QUICK = Options(n_suggestions=0)
 
 def identified(tables, n_each=50, options=QUICK, seed=1, arm=None, **more):
     """An arm as identified, and what is said first about artefacts and noise."""
-    true = disturbed(DESIGN, seed) if arm is None else arm
+    true = built(seed) if arm is None else arm
     campaign = simulate(true, tables, n_each, seed, **more.pop("simulated", {}))
     for key, value in more.pop("lies", {}).items():
         changed = [
@@ -46,7 +47,7 @@ def identified(tables, n_each=50, options=QUICK, seed=1, arm=None, **more):
             for one in campaign.artefacts
         ]
         campaign = replace(campaign, artefacts=tuple(changed))
-    result = identify(replace(campaign, **more), arm_value(DESIGN), options)
+    result = identify(replace(campaign, **more), DESIGN_ARM, options)
     words = WORDS.lines("artefacts", result) + WORDS.lines("sigma0", result)
     return result, " ".join(words)
 
@@ -54,7 +55,7 @@ def identified(tables, n_each=50, options=QUICK, seed=1, arm=None, **more):
 def tracked(seed, n_poses, travel_rad, noise):
     """Follow the ball of a true arm with a tracker: every pose is a known point."""
     rng = np.random.default_rng(seed)
-    true = disturbed(DESIGN, seed)
+    true = built(seed)
     turns = rng.uniform(-1.0, 1.0, (n_poses, 7)) * travel_rad
     angles_rad = true.zeros_rad + turns
     read_rad = angles_rad + rng.normal(size=angles_rad.shape) * noise.encoder_rad
@@ -68,7 +69,7 @@ def tracked(seed, n_poses, travel_rad, noise):
 def test_a_campaign_that_determines_little_converges(seed, free):
     rough = Noise(3e-4, 0.2)
     campaign = tracked(seed, 40, (0.2, 0.5)[seed % 2], rough)
-    result = identify(campaign, arm_value(DESIGN), replace(QUICK, free=free))
+    result = identify(campaign, DESIGN_ARM, replace(QUICK, free=free))
     words = " ".join(WORDS.lines("sigma0", result))
     assert result.converged, words
     assert "units" not in words
@@ -79,62 +80,27 @@ def test_a_campaign_that_determines_little_converges(seed, free):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("tables", "lies", "length", "value_mm", "noise_known"),
+    ("tables", "lie", "wrong_mm", "value_mm", "noise_known"),
     [
-        ([*cones(3), BALL], {"ball": {"radius_mm": 254.0}}, "radius", 25.4, False),
-        (
-            [*cones(2), BALL, SHORT],
-            {"ball": {"radius_mm": 254.0}},
-            "radius",
-            25.4,
-            True,
-        ),
-        (
-            [*cones(2), SHORT, LONG],
-            {"short": {"distance_mm": 404.0}},
-            "distance",
-            400,
-            True,
-        ),
-        (
-            [*cones(2), SHORT, LONGEST],
-            {"longest": {"distance_mm": 808.0}},
-            "distance",
-            800,
-            True,
-        ),
-        (
-            [*cones(2), SHORT, LONGEST],
-            {"longest": {"distance_mm": 80.0}},
-            "distance",
-            800,
-            False,
-        ),
-        (
-            [*cones(2), SHORT, LONG],
-            {"short": {"radius_mm": 13.7}},
-            "radius",
-            12.7,
-            False,
-        ),
-        (
-            [*cones(2), LONG, GAUGE],
-            {"gauge": {"distance_mm": 101.0}},
-            "distance",
-            100,
-            True,
-        ),
+        ([*cones(3), BALL], "ball.radius_mm", 254.0, 25.4, False),
+        ([*cones(2), BALL, SHORT], "ball.radius_mm", 254.0, 25.4, True),
+        ([*cones(2), SHORT, LONG], "short.distance_mm", 404.0, 400, True),
+        ([*cones(2), SHORT, LONGEST], "longest.distance_mm", 808.0, 800, True),
+        ([*cones(2), SHORT, LONGEST], "longest.distance_mm", 80.0, 800, False),
+        ([*cones(2), SHORT, LONG], "short.radius_mm", 13.7, 12.7, False),
+        ([*cones(2), LONG, GAUGE], "gauge.distance_mm", 101.0, 100, True),
     ],
 )
 def test_a_wrong_certificate_is_named_with_its_value(
-    tables, lies, length, value_mm, noise_known
+    tables, lie, wrong_mm, value_mm, noise_known
 ):
+    artefact, key = lie.split(".")
     noise = {} if noise_known else {"encoder_rad": None, "contact_mm": None}
+    lies = {artefact: {key: wrong_mm}}
     result, words = identified(tables, 72, lies=lies, **noise)
     (found,) = result.contradictions
-    ((artefact, wrong),) = lies.items()
-    assert (found.artefact, found.name) == (artefact, f"{length}_mm")
-    assert found.certified_mm == wrong[found.name]
+    assert (found.artefact, found.name) == (artefact, key)
+    assert found.certified_mm == wrong_mm
     estimate = result.length_of(artefact, found.name)
     # Without another length the arm keeps the design's scale.
     close = 5.0 * estimate.std_mm if tables[-1] is not BALL else 0.01 * value_mm
@@ -158,12 +124,12 @@ def test_a_good_certificate_is_not_blamed_for_an_arm_held_wrong(tables):
 
 
 def test_an_artefact_that_loses_many_poses_is_in_the_verdict():
-    design = disturbed(DESIGN, 1)
+    design = built(1)
     campaign = simulate(design, [*cones(4), bar()], 40, 3)
     moved = campaign.poses.angles_rad.copy()
     moved[28:40, 0] += 0.01
     campaign = replace(campaign, poses=replace(campaign.poses, angles_rad=moved))
-    result = identify(campaign, arm_value(DESIGN), QUICK)
+    result = identify(campaign, DESIGN_ARM, QUICK)
     assert [entry.artefact for entry in result.lost_poses] == ["cone-0"]
     assert not result.artefacts_agree
     words = " ".join(WORDS.lines("artefacts", result) + WORDS.lines("sigma0", result))

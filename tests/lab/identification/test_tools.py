@@ -6,18 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from typer.testing import CliRunner
 
 from tests.lab.simulated import (
     Noise,
     arm_value,
+    built,
     disturbed,
     rotations,
-    seven_joints,
     simulate,
     written,
 )
-from traverse.cli.__main__ import app
+from tests.running import invoke
 from traverse.lab.campaign.campaign_file import Tool
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.report.files import write_diagnosis
@@ -35,7 +34,7 @@ TABLES = [
     {"id": "cone-0", "kind": "cone", "place_mm": (450.0, 380.0, 200.0)},
     {"id": "cone-1", "kind": "cone", "place_mm": (-200.0, 560.0, 100.0)},
 ]
-TRUE = disturbed(seven_joints(), seed=3)
+TRUE = built(3)
 QUICK = Options(n_suggestions=0)
 RARE = 1e-3
 
@@ -175,15 +174,12 @@ def test_the_commands_take_several_tools_and_others_refuse_them(campaign, tmp_pa
     (folder / "poses.csv").write_text("\n".join(lines) + "\n")
     arm = written_arm(tmp_path)
     words = [str(folder), "--arm", str(arm)]
-    ended = CliRunner().invoke(app, ["identify", *words, "-o", str(tmp_path / "out")])
-    assert ended.exit_code == 0, ended.output
+    ended = invoke("identify", *words, "-o", tmp_path / "out")
     values = json.loads((tmp_path / "out" / "identification.json").read_text())
     vector_mm = values["tools"]["far"]["vector_mm"]
     assert f"Tool far: vector_mm = [{vector_mm[0]:.4f}, " in ended.output
-    ended = CliRunner().invoke(app, ["predict", *words, "--fit-on", str(folder)])
-    assert ended.exit_code == 0, ended.output
-    ended = CliRunner().invoke(app, ["probe", "pivot", str(folder), "--arm", str(arm)])
-    assert ended.exit_code == 2
+    ended = invoke("predict", *words, "--fit-on", folder)
+    ended = invoke("probe", "pivot", folder, "--arm", arm, status=2)
     assert (
         "only `traverse identify`, `diagnose`, `predict` and `verify`" in ended.output
     )

@@ -1,4 +1,7 @@
-"""What data do not say is held at the design value and named with its reason."""
+"""What data do not say is held at the design value and named with its reason.
+
+How many parameters data determine: the counts of the theory.
+"""
 
 from dataclasses import replace
 
@@ -6,11 +9,12 @@ import numpy as np
 import pytest
 
 from tests.lab.simulated import (
+    DESIGN,
+    DESIGN_ARM,
     arm_value,
     bar,
+    built,
     cones,
-    disturbed,
-    seven_joints,
     simulate,
 )
 from traverse.lab.identification.identify import IdentificationError, Options, identify
@@ -20,23 +24,21 @@ EVERYWHERE = np.full(7, np.pi)
 
 
 def test_cones_alone_leave_the_scale_at_the_design():
-    design = seven_joints()
-    true = replace(disturbed(design, 1), links_mm=disturbed(design, 1).links_mm * 1.002)
-    result = identify(simulate(true, cones(4), 50, 5), arm_value(design))
+    true = replace(built(1), links_mm=built(1).links_mm * 1.002)
+    result = identify(simulate(true, cones(4), 50, 5), DESIGN_ARM)
     (scale,) = result.undetermined
     assert "add a ball bar" in scale.why
     assert all(".link." in name for name in scale.direction)
     assert result.converged
     found = np.linalg.norm([joint.link_mm for joint in result.arm.joints])
     # No data show that the arm is larger than designed by 2 parts in a thousand.
-    assert found == pytest.approx(np.linalg.norm(design.links_mm), rel=1e-3)
+    assert found == pytest.approx(np.linalg.norm(DESIGN.links_mm), rel=1e-3)
 
 
 def test_a_probe_on_the_last_axis_is_named():
-    design = seven_joints()
-    links = design.links_mm.copy()
+    links = DESIGN.links_mm.copy()
     links[-1] = [145.0, 0, 0]
-    straight = replace(design, links_mm=links)
+    straight = replace(DESIGN, links_mm=links)
     result = identify(simulate(straight, TABLES, 50, 8), arm_value(straight))
     assert len(result.undetermined) == 2
     for entry in result.undetermined:
@@ -47,11 +49,10 @@ def test_a_probe_on_the_last_axis_is_named():
 
 
 def test_a_joint_that_did_not_turn_is_named():
-    design = seven_joints()
     travel = EVERYWHERE.copy()
     travel[4] = 1e-4
-    campaign = simulate(disturbed(design, 1), TABLES, 50, 9, travel_rad=travel)
-    result = identify(campaign, arm_value(design))
+    campaign = simulate(built(1), TABLES, 50, 9, travel_rad=travel)
+    result = identify(campaign, DESIGN_ARM)
     assert 1 <= len(result.undetermined) <= 4
     for entry in result.undetermined:
         assert entry.why.startswith("J5 turned by ")
@@ -59,11 +60,10 @@ def test_a_joint_that_did_not_turn_is_named():
 
 
 def test_a_joint_that_hardly_turned_makes_weak_parameters():
-    design = seven_joints()
     travel = EVERYWHERE.copy()
     travel[4] = 0.003
-    campaign = simulate(disturbed(design, 1), TABLES, 50, 9, travel_rad=travel)
-    result = identify(campaign, arm_value(design))
+    campaign = simulate(built(1), TABLES, 50, 9, travel_rad=travel)
+    result = identify(campaign, DESIGN_ARM)
     assert result.weak
     worst = result.weak[0]
     assert worst.why.startswith("J5 turned by 0.")
@@ -74,64 +74,123 @@ def test_a_joint_that_hardly_turned_makes_weak_parameters():
 
 
 def test_freeing_the_probe_vector_with_the_last_link_is_named():
-    design = seven_joints()
-    campaign = simulate(design, TABLES, 40, 2)
+    campaign = simulate(DESIGN, TABLES, 40, 2)
     options = Options(free=("probe.vector.*",))
-    result = identify(campaign, arm_value(design), options)
+    result = identify(campaign, DESIGN_ARM, options)
     whys = [entry.why for entry in result.undetermined]
     assert len(whys) == 3
     assert all("hold one of them" in why for why in whys)
 
 
 def test_too_few_poses_are_named_not_crashed_upon():
-    design = seven_joints()
-    campaign = simulate(design, [*cones(1), bar()], 6, 2)
-    result = identify(campaign, arm_value(design))
+    campaign = simulate(DESIGN, [*cones(1), bar()], 6, 2)
+    result = identify(campaign, DESIGN_ARM)
     assert result.undetermined
     assert any("measure more" in entry.why for entry in result.undetermined)
 
 
 @pytest.mark.parametrize("kind", ["sphere", "plane", "cone"])
 def test_an_artefact_touched_once_says_nothing_and_harms_nothing(kind):
-    design = seven_joints()
-    campaign = simulate(design, [*TABLES, {"id": "once", "kind": kind}], 40, 3)
+    campaign = simulate(DESIGN, [*TABLES, {"id": "once", "kind": kind}], 40, 3)
     last = np.flatnonzero(campaign.poses.artefacts == 4)
     keep = np.ones(len(campaign.poses), bool)
     keep[last[1:]] = False
-    result = identify(campaign.part(keep), arm_value(design))
-    plain = identify(campaign.part(campaign.poses.artefacts < 4), arm_value(design))
+    result = identify(campaign.part(keep), DESIGN_ARM)
+    plain = identify(campaign.part(campaign.poses.artefacts < 4), DESIGN_ARM)
     assert result.converged
     assert result.redundancy == plain.redundancy
     assert result.sigma0 == pytest.approx(plain.sigma0, rel=1e-6)
 
 
 def test_held_parameters_stay_at_the_design():
-    design = seven_joints()
-    campaign = simulate(disturbed(design, 1), TABLES, 40, 2)
+    campaign = simulate(built(1), TABLES, 40, 2)
     options = Options(hold=("J4.*",), snooping=False)
-    result = identify(campaign, arm_value(design), options)
+    result = identify(campaign, DESIGN_ARM, options)
     assert not any(entry.name.startswith("J4.") for entry in result.parameters)
-    assert result.arm.joints[3].axis == tuple(design.axes[3])
-    assert result.arm.joints[3].link_mm == tuple(design.links_mm[3])
+    assert result.arm.joints[3].axis == tuple(DESIGN.axes[3])
+    assert result.arm.joints[3].link_mm == tuple(DESIGN.links_mm[3])
 
 
 def test_a_pattern_that_fits_nothing_is_refused():
-    design = seven_joints()
-    campaign = simulate(design, cones(1), 5, 2)
+    campaign = simulate(DESIGN, cones(1), 5, 2)
     with pytest.raises(IdentificationError, match=r"'J9\.\*' fits no parameter"):
-        identify(campaign, arm_value(design), Options(hold=("J9.*",)))
+        identify(campaign, DESIGN_ARM, Options(hold=("J9.*",)))
 
 
 def test_another_arms_campaign_is_refused():
-    design = seven_joints()
-    campaign = replace(simulate(design, cones(1), 5, 2), joint_names=tuple("ABCDEFG"))
+    campaign = replace(simulate(DESIGN, cones(1), 5, 2), joint_names=tuple("ABCDEFG"))
     with pytest.raises(IdentificationError, match="take the arm file"):
-        identify(campaign, arm_value(design))
+        identify(campaign, DESIGN_ARM)
 
 
 def test_everything_held_still_tests_the_design():
-    design = seven_joints()
-    campaign = simulate(design, TABLES, 40, 2)
-    result = identify(campaign, arm_value(design), Options(hold=("J*", "origin.*")))
+    campaign = simulate(DESIGN, TABLES, 40, 2)
+    result = identify(campaign, DESIGN_ARM, Options(hold=("J*", "origin.*")))
     assert result.parameters == ()
     assert result.global_test.passed
+
+
+CORNERS = {
+    f"P{i}": [float(x) for x in place]
+    for i, place in enumerate(
+        np.array([[600, 0, 300], [-200, 500, 500], [300, -500, 100], [0, 700, -50]])
+    )
+}
+
+
+def determined(tables, n_each=40, **more):
+    campaign = simulate(built(3), tables, n_each, 11)
+    result = identify(campaign, DESIGN_ARM, Options(snooping=False, **more))
+    assert result.converged
+    return result
+
+
+def test_cones_alone_determine_all_but_the_scale():
+    result = determined(cones(4))
+    assert result.adjustment.network.parameters.n_free == 4 * 7 - 3
+    assert result.adjustment.split.n_determined == 4 * 7 - 4
+
+
+@pytest.mark.parametrize(
+    "tables",
+    [
+        [{"id": f"s{i}", "kind": "sphere"} for i in range(5)],
+        [{"id": f"p{i}", "kind": "plane"} for i in range(8)],
+    ],
+)
+def test_surfaces_without_a_length_determine_all_but_the_scale(tables):
+    # The probe's radius is no length where the surface is unknown.
+    result = determined(tables, 60)
+    assert result.adjustment.split.n_determined == 4 * 7 - 4
+    assert "no length" in result.undetermined[0].why
+
+
+def test_one_length_determines_the_scale_too():
+    result = determined([*cones(3), bar()])
+    assert result.adjustment.split.n_determined == 4 * 7 - 3
+    assert result.undetermined == ()
+
+
+def test_points_in_the_arms_system_are_the_datum():
+    table = {"id": "net", "kind": "points", "frame": "arm", "points_mm": CORNERS}
+    result = determined([table], 160)
+    assert result.adjustment.network.parameters.n_free == 4 * 7 + 3
+    assert result.adjustment.split.n_determined == 4 * 7 + 3
+
+
+def test_points_with_a_scale_of_their_own_give_no_length():
+    table = {
+        "id": "net",
+        "kind": "points",
+        "frame": "own_scaled",
+        "points_mm": {"A": [0.0, 0, 0], "B": [200.0, 0, 0], "C": [0.0, 150, 0]},
+        "true_scale": 1.003,
+    }
+    result = determined([table, *cones(3)], 60)
+    assert result.adjustment.split.n_determined == 4 * 7 - 4
+
+
+def test_redundancy_counts_equations_less_unknowns():
+    result = determined([*cones(3), bar()])
+    equations = 3 * 3 * 40 + 40 + 3  # three certified lengths
+    assert result.redundancy == equations - 3 * 3 - 8 - 25

@@ -3,12 +3,12 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.simulator.conftest import arm_text
+from tests.simulator.conftest import seven_text
 from traverse.kinematics.arm_file.arm import Arm, parse_arm
 
 
 def seven_joint_arm() -> Arm:
-    return parse_arm(arm_text())
+    return parse_arm(seven_text())
 
 
 def six_joint_arm() -> Arm:

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.simulator.conftest import arm_text
+from tests.simulator.conftest import seven_text
 from traverse.simulator.campaigns import CampaignFile
 from traverse.simulator.campaigns.__main__ import main
 from traverse.simulator.campaigns.spec import spec_problems
@@ -19,7 +19,7 @@ n_poses = 30
 
 @pytest.fixture
 def spec_file(tmp_path):
-    (tmp_path / "arm.toml").write_text(arm_text())
+    (tmp_path / "arm.toml").write_text(seven_text())
     path = tmp_path / "spec.toml"
     path.write_text(FILE)
     return path

@@ -58,7 +58,9 @@ def bench(tmp_path):
     made = []
 
     def make(*faults, **keys):
-        made.append(Bench(tmp_path, *faults, **keys))
+        """Two encoders that have booted."""
+        made.append(Bench(tmp_path, *faults, nodes=(5, 9), **keys))
+        made[-1].at(0.0)
         return made[-1]
 
     yield make
@@ -77,8 +79,7 @@ PORTABLE = [  # what a host writes to have the position at every SYNC
 
 
 def started(bench, *faults, **keys):
-    one = bench(*faults, nodes=(5, 9), **keys)
-    one.at(0.0)
+    one = bench(*faults, **keys)
     for request in PORTABLE:
         (answer,) = one.tell(0x605, request)
         assert answer == "585 60 " + request[3:11] + " 00 00 00 00"
@@ -112,8 +113,7 @@ def test_boot_up_is_said_at_power_up(tmp_path):
 
 
 def test_refusals_have_their_codes(bench):
-    one = bench(nodes=(5, 9))
-    one.at(0.0)
+    one = bench()
     # read only; no such object; no such sub-index; wrong length
     assert one.tell(0x605, "23 04 60 00 01 00 00 00") == ["585 80 04 60 00 02 00 01 06"]
     assert one.tell(0x605, "40 99 60 00 00 00 00 00") == ["585 80 99 60 00 00 00 02 06"]
@@ -122,8 +122,7 @@ def test_refusals_have_their_codes(bench):
 
 
 def test_network_management_and_heartbeat(bench):
-    one = bench(nodes=(5, 9))
-    one.at(0.0)
+    one = bench()
     one.tell(0x605, "2B 17 10 00 64 00 00 00")  # 100 ms
     assert one.at(0.09) == []
     assert one.at(0.11) == ["705 7F"]
@@ -137,8 +136,7 @@ def test_network_management_and_heartbeat(bench):
 
 
 def test_what_is_stored_outlives_a_reset(bench):
-    one = bench(nodes=(5, 9))
-    one.at(0.0)
+    one = bench()
     one.tell(0x605, "2B 17 10 00 64 00 00 00")
     assert one.tell(0x605, "23 10 10 01 73 61 76 65") == ["585 60 10 10 01 00 00 00 00"]
     one.tell(0x000, "81 05")
@@ -148,15 +146,13 @@ def test_what_is_stored_outlives_a_reset(bench):
 
 
 def test_a_preset_makes_the_position_what_it_says(bench):
-    one = bench(nodes=(5, 9))
-    one.at(0.0)
+    one = bench()
     one.tell(0x605, "23 03 60 00 40 02 00 00")
     assert one.tell(0x605, "40 04 60 00 00 00 00 00") == ["585 43 04 60 00 40 02 00 00"]
 
 
 def test_the_event_timer_sends_by_itself(bench):
-    one = bench(nodes=(5, 9))
-    one.at(0.0)
+    one = bench()
     one.tell(0x605, "2B 00 62 00 0A 00 00 00")  # 10 ms; type 254 as delivered
     one.tell(0x000, "01 05")
     assert one.device.next_due_s(0.0) <= 0.01
@@ -165,8 +161,7 @@ def test_the_event_timer_sends_by_itself(bench):
 
 
 def test_layer_setting_in_bytes(bench):
-    one = bench(nodes=(5, 9))
-    one.at(0.0)
+    one = bench()
     assert one.tell(0x7E5, "5E 00 00 00 00 00 00 00") == []
     # selected by vendor, product, revision and serial number of the second
     one.tell(0x7E5, "40 53 00 00 00 00 00 00")
@@ -235,14 +230,12 @@ def test_a_bus_that_is_off_says_so_and_is_silent(bench):
 
 
 def test_an_encoder_that_says_another_resolution(bench):
-    one = bench(nodes=(5, 9), told_counts_per_turn=(4096, 8192))
-    one.at(0.0)
+    one = bench(told_counts_per_turn=(4096, 8192))
     assert one.tell(0x605, "40 01 65 00 00 00 00 00") == ["585 43 01 65 00 00 10 00 00"]
 
 
 def test_the_library_can_ask_them(bench):
-    one = bench(nodes=(5, 9))
-    one.at(0.0)
+    one = bench()
 
     class Asked(canopen.Network):
         def send_message(self, can_id, data, remote=False):

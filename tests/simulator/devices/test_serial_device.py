@@ -1,15 +1,26 @@
-"""Devices on serial lines, with a device that answers "0", "1" with a count."""
+"""Devices on serial lines, with a device that answers "0", "1" with a count.
+
+When samples are dropped, and why.
+A simulator that was suspended, on a busy computer, catches up piece by piece.
+"""
 
 import os
 import select
+import threading
 import time
 from contextlib import contextmanager
 
 import pytest
 
 from tests.simulator.devices.host_side import heard, hosts_of, opened
-from tests.simulator.one_hinge import mounted
+from tests.simulator.one_hinge import Notebook, mounted
+from tests.simulator.test_process import HELLO, START_1_KHZ
 from traverse.simulator.devices.device import make_device
+from traverse.simulator.devices.latch_board.device import (
+    DropCounter,
+    LatchBoardTable,
+    SimulatedLatchBoard,
+)
 from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
 from traverse.simulator.devices.table import KINDS, DeviceTable, class_named
 from traverse.simulator.pacing import MonotonicClock, live_real
@@ -181,3 +192,46 @@ def test_every_kind_in_the_table_can_be_made():
         assert DeviceTable.variant({"kind": name}) is table
         assert callable(class_named(kind.device))
     assert callable(make_device)
+
+
+def test_drops_in_a_row_are_one_note_with_what_came_before_them():
+    notes = Notebook()
+    drops = DropCounter("base", notes)
+    for now_s, n_dropped in ((1.0, 0), (3.5, 900), (3.6, 20), (3.7, 0), (3.8, 4)):
+        drops.live(now_s)
+        drops.count(n_dropped)
+    assert [(*one[:3], round(one[3], 9)) for one in notes.drops] == [
+        ("base", 920, 3.5, 2.5)
+    ]
+    drops.finish()
+    drops.finish()
+    assert [one[1] for one in notes.drops] == [920, 4]
+
+
+STOOD_S = 10.0
+
+
+def test_a_host_that_reads_loses_nothing_to_it(tmp_path):
+    table = LatchBoardTable(id="base", kind="latch-board", port="base")
+    board = SimulatedLatchBoard(table, mounted(tmp_path, table))
+    host = os.open(tmp_path / "base", os.O_RDWR | os.O_NOCTTY)
+    board.live(0.001)  # it has detected its host
+    os.write(host, HELLO + START_1_KHZ)
+    board.live(0.002)
+    over = threading.Event()
+
+    def read():
+        while not over.is_set():
+            if select.select([host], [], [], 0.01)[0]:
+                os.read(host, 65_536)
+
+    reading = threading.Thread(target=read)
+    reading.start()
+    board.live(STOOD_S)
+    over.set()
+    reading.join()
+    totals = board.totals()
+    os.close(host)
+    board.close()
+    assert abs(totals["samples"] - 1000 * STOOD_S) < 10
+    assert totals["tx_dropped"] == 0

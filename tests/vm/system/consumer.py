@@ -7,9 +7,9 @@ from collections.abc import AsyncIterator
 import aiomqtt
 
 from tests.end_to_end.listener import Listener
-from tests.end_to_end.programs import until
 from tests.vm.system.preparation import OPERATOR, PASSWORDS
 from tests.vm.system.unit import ARM
+from tests.waiting import until
 from traverse.client.mqtt.subscription import received, subscribe
 
 START_S = 60.0

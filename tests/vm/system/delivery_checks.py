@@ -8,9 +8,9 @@ from collections.abc import Callable
 from functools import partial
 
 from tests.end_to_end.listener import Listener
-from tests.end_to_end.programs import until
 from tests.vm.system import unit
 from tests.vm.system.pedal import Pedal
+from tests.waiting import until
 from traverse.protocol.messages import Args, PointArgs, Reply, ResendArgs
 
 SOON_S = 150.0

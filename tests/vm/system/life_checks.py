@@ -7,9 +7,9 @@ import signal
 import time
 
 from tests.end_to_end.listener import Listener
-from tests.end_to_end.programs import until
 from tests.vm.system import unit
 from tests.vm.system.preparation import FOLDER
+from tests.waiting import until
 from traverse.protocol.messages import Status
 
 SOON_S = 150.0

@@ -8,9 +8,10 @@ from collections.abc import AsyncIterator
 import pytest
 
 from tests.client.gateways.ippdme.client import IppClient
-from tests.client.reading import PATIENCE_S, until
+from tests.client.reading import PATIENCE_S
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import LIVE
+from tests.waiting import until
 from traverse.client import Arm
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.gateways.ippdme.server import IppServer

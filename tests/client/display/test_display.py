@@ -1,11 +1,20 @@
-"""State of an arm on the page, and its texts."""
+"""State of an arm on the page, and its texts.
+
+Deviation from a nominal place, and when it is proved.
+Clouds of scanned points within a budget.
+"""
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tests.client.display.values import event, health, live, point, retraction, status
 from traverse.client.display.arm_state import MAX_POINTS, ArmSight, Change
 from traverse.client.display.condition import verdict
+from traverse.client.display.figures import INCH, MM, expanded_axes_mm
+from traverse.client.display.nominal import Nominal
+from traverse.client.display.point_cloud import Cloud
 from traverse.protocol.messages import Alarm
 
 
@@ -241,3 +250,81 @@ def test_alarms_of_before_are_known_from_the_status(sight: ArmSight) -> None:
     # One that ended while the page was cut off is over.
     sight.take_status(status().model_copy(update={"alarms": ()}))
     assert verdict(sight).level == "good"
+
+
+@pytest.mark.parametrize(
+    ("x_mm", "expanded_mm", "level"),
+    [
+        (0.02, 0.01, "good"),
+        (0.045, 0.01, "warning"),
+        (0.055, 0.01, "warning"),
+        (0.07, 0.01, "bad"),
+        (0.02, None, "warning"),
+        (0.07, None, "warning"),
+    ],
+)
+def test_nothing_is_proved_within_the_uncertainty_of_the_limit(
+    x_mm: float, expanded_mm: float | None, level: str
+) -> None:
+    off = Nominal((0.0, None, 5.0), 0.05).deviation((x_mm, 99.0, 5.0), expanded_mm)
+    assert off.offsets_mm == (x_mm, None, 0.0)
+    assert off.distance_mm == pytest.approx(x_mm)
+    assert off.decision[0] == level
+
+
+def test_zero_has_no_minus_and_inches_have_their_digits() -> None:
+    assert MM.text(-0.0004) == "0.000"
+    assert MM.text(-0.0006) == "-0.001"
+    assert MM.text(0.0, sign=True) == "+0.000"
+    assert INCH.with_name(25.4) == "1.00000 inch"
+
+
+def test_in_the_parts_system_the_worst_direction_counts() -> None:
+    covariance = (1.0, 0.0, 0.0, 4.0, 0.0, 9.0)
+    assert expanded_axes_mm(covariance, "arm") == pytest.approx([2.0, 4.0, 6.0])
+    assert expanded_axes_mm(covariance, "part") == pytest.approx([6.0, 6.0, 6.0])
+    assert expanded_axes_mm(None, "arm") is None
+
+
+def kept(cloud: Cloud) -> np.ndarray:
+    return np.frombuffer(cloud.bytes_from(0), "<f4").reshape(-1, 3)
+
+
+@given(st.lists(st.integers(0, 70), max_size=40), st.sampled_from([2, 8, 32]))
+def test_every_kth_point_of_all_is_kept_whatever_the_blocks(
+    sizes: list[int], budget: int
+) -> None:
+    cloud = Cloud(budget)
+    n = 0
+    for size in sizes:
+        cloud.add(np.repeat(np.arange(n, n + size, dtype=float)[:, np.newaxis], 3, 1))
+        n += size
+    assert cloud.n_seen == n
+    assert cloud.n_kept <= budget
+    expected = np.arange(0, n, cloud.every, dtype=np.float32)
+    assert (kept(cloud)[:, 0] == expected).all()
+    assert len(expected) == cloud.n_kept
+    # It is thinned only when it must be.
+    assert cloud.every == 1 or n > (budget - 1) * cloud.every // 2
+
+
+def test_what_was_handed_out_holds_until_the_version_changes() -> None:
+    cloud = Cloud(8)
+    cloud.add(np.ones((5, 3)))
+    version = cloud.version
+    first = cloud.bytes_from(0)
+    cloud.add(2.0 * np.ones((2, 3)))
+    assert cloud.version == version
+    assert cloud.bytes_from(0)[: len(first)] == first
+    assert len(cloud.bytes_from(5)) == 2 * 12
+    cloud.add(np.zeros((1, 3)))
+    assert cloud.version != version
+
+
+def test_another_scan_begins_anew() -> None:
+    cloud = Cloud(8)
+    cloud.add(np.ones((20, 3)))
+    version = cloud.version
+    cloud.clear()
+    assert (cloud.n_kept, cloud.n_seen, cloud.every) == (0, 0, 1)
+    assert cloud.version != version

@@ -1,0 +1,235 @@
+"""The files for systemd, judged by systemd's own programs.
+
+The manual page agrees with the command line.
+The rules for devices: as udev would read them.
+The programs that set up an environment and a fresh machine, in their parts.
+
+Debian 12 has no `udevadm verify`; the effect of the rules is tested by `make test-vm`.
+"""
+
+import importlib.util
+import os
+import re
+import shutil
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from tests.deploy.places import DEPLOY, program, said
+from tests.running import run_program
+from traverse.cli.__main__ import app
+
+UNIT = DEPLOY / "systemd/traverse@.service"
+PAGE = DEPLOY / "systemd/traverse-page@.service"
+MOST_EXPOSURE = 2.0
+both = pytest.mark.parametrize("file", [UNIT, PAGE], ids=lambda file: file.stem)
+
+
+def settings(text: str) -> dict[str, list[str]]:
+    """All values of each key of a unit file."""
+    found: dict[str, list[str]] = {}
+    for key, value in re.findall(r"^([A-Za-z]+)=(.*)$", text, re.MULTILINE):
+        found.setdefault(key, []).append(value)
+    return found
+
+
+@both
+@pytest.mark.needs("systemd")
+def test_systemd_understands_every_line_of_a_unit(tmp_path: Path, file: Path) -> None:
+    analyze = program("systemd-analyze")
+    text = file.read_text("utf-8").replace("/usr/bin/traverse", "/bin/true")
+    text = re.sub(r"(?m)^Documentation=.*\n", "", text)
+    if not Path("/bin/kill").exists():
+        text = text.replace("/bin/kill", "/bin/true")
+    unit = tmp_path / f"{file.stem}bench-7.service"
+    unit.write_text(text, "utf-8")
+    assert said(analyze, "--man=no", "verify", unit) == ""
+
+
+@both
+@pytest.mark.needs("systemd")
+def test_a_unit_is_shut_as_tightly_as_it_shall_be(tmp_path: Path, file: Path) -> None:
+    analyze = program("systemd-analyze")
+    shutil.copy(file, tmp_path)
+    unit = tmp_path / file.name
+    told = said(analyze, "security", "--no-pager", "--offline=true", unit)
+    figure = re.search(r"exposure level for .*: ([\d.]+)", told)
+    assert figure is not None
+    assert float(figure[1]) <= MOST_EXPOSURE
+
+
+def test_the_unit_reloads_by_a_signal_and_is_watched() -> None:
+    found = settings(UNIT.read_text("utf-8"))
+    assert found["Type"] == ["notify"]  # systemd 252 has no notify-reload
+    assert found["ExecReload"] == ["/bin/kill -HUP $MAINPID"]
+    assert float(found["WatchdogSec"][0]) > 0
+    assert found["RestartPreventExitStatus"] == ["2"]  # input refused
+
+
+@both
+def test_secrets_may_be_missing_but_the_token(file: Path) -> None:
+    found = settings(file.read_text("utf-8"))
+    loaded = {one.partition(":")[0] for one in found["LoadCredential"]}
+    required = {Path(one).name for one in found.get("AssertPathExists", ())}
+    assert required == ({"page.token"} if file == PAGE else set())
+    assert loaded - required == {
+        one.partition(":")[0] for one in found["SetCredential"]
+    }
+    assert all(one.endswith(r":\n") for one in found["SetCredential"])
+
+
+@pytest.mark.needs("systemd")
+def test_user_and_groups_can_be_made(tmp_path: Path) -> None:
+    sysusers = program("systemd-sysusers")
+    (tmp_path / "etc").mkdir()
+    file = DEPLOY / "systemd/traverse.sysusers"
+    said(sysusers, f"--root={tmp_path}", file)
+    users = (tmp_path / "etc/passwd").read_text("utf-8")
+    assert re.search(r"^traverse:.*:/var/lib/traverse:/usr/sbin/nologin$", users, re.M)
+    groups = (tmp_path / "etc/group").read_text("utf-8")
+    members = re.findall(r"^(\w+):[^:]*:\d+:traverse$", groups, re.M)
+    assert sorted(members) == ["dialout", "gpio", "input"]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="owners are set by root alone")
+@pytest.mark.needs("systemd")
+def test_folders_can_be_made(tmp_path: Path) -> None:
+    tmpfiles = program("systemd-tmpfiles")
+    (tmp_path / "etc").mkdir()
+    said(program("systemd-sysusers"), f"--root={tmp_path}", sysusers_file())
+    file = DEPLOY / "systemd/traverse.tmpfiles"
+    said(tmpfiles, "--create", f"--root={tmp_path}", file)
+    for name in ("etc/traverse", "var/lib/traverse"):
+        assert (tmp_path / name).stat().st_mode & 0o777 == 0o750
+    assert (tmp_path / "etc/traverse").stat().st_uid == 0
+    assert (tmp_path / "var/lib/traverse").stat().st_uid != 0
+
+
+def sysusers_file() -> Path:
+    """What makes the user."""
+    return DEPLOY / "systemd/traverse.sysusers"
+
+
+def written() -> str:
+    """The page in roff."""
+    return said(sys.executable, DEPLOY / "package/man_page.py")
+
+
+def test_every_command_and_group_has_its_part() -> None:
+    parts = set(re.findall(r"^\.SS traverse (\S+)$", written(), re.MULTILINE))
+    names = {
+        str(one.name or getattr(one.callback, "__name__", "")).replace("_", "\\-")
+        for one in app.registered_commands
+        if not one.hidden
+    }
+    groups = {one.typer_instance.info.name for one in app.registered_groups}
+    assert names | groups <= parts
+
+
+@pytest.mark.needs("groff")
+def test_man_prints_it_without_a_warning(tmp_path: Path) -> None:
+    page = tmp_path / "traverse.1"
+    page.write_text(written(), "utf-8")
+    groff = program("groff")
+    told = said(groff, "-man", "-Tutf8", "-ww", "-b", "-z", page)
+    assert told == ""
+
+
+RULES = DEPLOY / "udev/70-traverse.rules"
+PART = re.compile(
+    r"(?P<key>[A-Z_]+)(?:\{(?P<name>[\w/]+)\})?(?P<sign>==|!=|\+=|:=|=)"
+    r'"(?P<value>[^"]*)"'
+)
+MATCHED = {"ACTION", "SUBSYSTEM", "SUBSYSTEMS", "KERNEL", "DRIVER", "ENV", "ATTR"}
+ASSIGNED = {"GOTO", "LABEL", "SYMLINK", "ENV", "ATTR", "GROUP", "MODE", "IMPORT"}
+
+
+def rules() -> list[list[re.Match[str]]]:
+    """Lines as their parts; a line with anything else in it fails."""
+    lines = [
+        line
+        for line in RULES.read_text("utf-8").splitlines()
+        if line and not line.startswith("#")
+    ]
+    found = []
+    for line in lines:
+        parts = [
+            PART.fullmatch(part) for part in re.split(r", (?=[A-Z_]+[{=!+:])", line)
+        ]
+        assert all(parts), line
+        found.append([part for part in parts if part])
+    return found
+
+
+def test_every_part_is_a_known_match_or_assignment() -> None:
+    for part in (part for rule in rules() for part in rule):
+        known = MATCHED if part["sign"] in {"==", "!="} else ASSIGNED
+        assert part["key"] in known, part[0]
+
+
+def test_every_jump_has_its_label() -> None:
+    parts = [part for rule in rules() for part in rule]
+    labels = {part["value"] for part in parts if part["key"] == "LABEL"}
+    assert {part["value"] for part in parts if part["key"] == "GOTO"} == labels
+
+
+def test_names_are_below_one_folder_and_tell_the_serial_number() -> None:
+    links = [p["value"] for rule in rules() for p in rule if p["key"] == "SYMLINK"]
+    assert all(link.startswith("traverse/") for link in links)
+    usb = [link for link in links if "gpio" not in link]
+    assert all("$env{ID_SERIAL}" in link for link in usb)
+
+
+def module_of(name: str) -> ModuleType:
+    """Load a program of deploy/, which is no package."""
+    spec = importlib.util.spec_from_file_location(name, DEPLOY / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def environment() -> ModuleType:
+    return module_of("environment")
+
+
+def test_the_commands_of_a_fresh_machine_are_those_of_the_readme():
+    assert module_of("fresh_machine").readme_commands() == ["make demo", "make test"]
+
+
+def test_progress_says_how_many_packages_are_left(environment):
+    lines = [
+        "Ignoring colorama: markers do not match your environment\n",
+        "Collecting numpy==2.4.6 (from -r lock (line 7))\n",
+        "  Downloading numpy-2.4.6-cp311-manylinux_2_28_x86_64.whl (16.8 MB)\n",
+        "Requirement already satisfied: rich==15.0.0 in ./.venv\n",
+        "Processing /wheels/typing_extensions-4.16.0-py3-none-any.whl\n",
+        "Installing collected packages: numpy, typing-extensions\n",
+    ]
+    assert list(environment.progress(iter(lines), 4)) == [
+        "  1 of 4 packages, 3 left: numpy",
+        "  3 of 4 packages, 1 left: typing_extensions",
+        "  unpacking 3 packages",
+    ]
+
+
+def test_markers_of_other_machines_do_not_count(environment, tmp_path):
+    lock = tmp_path / "a.lock"
+    lock.write_text(
+        "# made by make lock\nrich==15.0.0\n    # via typer\n"
+        "pywin==1 ; sys_platform == 'win32'\nold==1 ; python_version < '3'\n"
+    )
+    assert environment.wanted(lock) == ["rich"]
+
+
+def test_a_damaged_lock_file_is_named_with_its_line(tmp_path):
+    lock = tmp_path / "a.lock"
+    lock.write_text("rich==15.0.0\n<<<<<<< HEAD\n")
+    ran = run_program(sys.executable, DEPLOY / "environment.py", lock, "demo", status=1)
+    assert f"{lock}:2: " in ran.stderr
+    assert "run `make lock`" in ran.stderr
+    assert "Traceback" not in ran.stderr
