@@ -4,10 +4,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from tests.lab.certificates.made import ARM, LABORATORY, Issued, issued
-from traverse.cli.__main__ import app
+from tests.lab.certificates.made import ARM, LABORATORY, Issued, issued, run
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.certificates.certificate import certify
 from traverse.lab.certificates.evidence import add_data
@@ -36,11 +34,6 @@ def _dated(campaign: Path) -> None:
     campaign.write_text(text.replace("[noise]", f"{head}[noise]", 1), "utf-8")
 
 
-def _run(*arguments: object) -> None:
-    ran = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert ran.exit_code == 0, ran.output
-
-
 @pytest.fixture(scope="session")
 def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("laboratory") / "laboratory.toml"
@@ -64,7 +57,7 @@ def verified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "limits.toml").write_text(LIMITS)
     arguments = ("--standard", "vdi2617-9", "--arm", ARM, "--limits")
     out = folder / "results"
-    _run(
+    run(
         *("verify", folder / "campaign", *arguments, folder / "limits.toml"),
         *("--out", out),
     )
@@ -80,7 +73,7 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_campaign(folder / "campaign", draw_noise(poses, 5), arm)
     _dated(folder / "campaign" / "campaign.toml")
     out = folder / "results"
-    _run("identify", folder / "campaign", "--arm", ARM, "--out", out)
+    run("identify", folder / "campaign", "--arm", ARM, "--out", out)
     add_data(out, folder / "campaign", ARM)
     return out
 

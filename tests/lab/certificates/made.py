@@ -13,8 +13,10 @@ from cryptography.hazmat.primitives.serialization import (
     PrivateFormat,
 )
 from cryptography.x509.oid import NameOID
+from typer.testing import CliRunner
 
 from tests.docs.pages import CHECKOUT
+from traverse.cli.__main__ import app
 
 ARM = CHECKOUT / "cli" / "demo_data" / "arm.toml"
 
@@ -92,3 +94,9 @@ def issued(
         .sign(by.key if by else key, hashes.SHA256())
     )
     return Issued(key, certificate)
+
+
+def run(*arguments: object) -> None:
+    """Run a command that succeeds."""
+    ran = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert ran.exit_code == 0, ran.output
