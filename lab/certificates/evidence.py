@@ -81,16 +81,8 @@ def evidence_text(folder: Path, laboratory: Laboratory, issued: date) -> str:
         arm = read_arm(folder / _ARM)
         campaign = _campaign(folder, arm)
         measured = measured_campaign(campaign, arm, campaign.artefacts)
-        # Vectors that were estimated are among the results.
-        tools = [
-            {"name": name, "vector_mm": tool["vector_mm"]}
-            for name, tool in values["tools"].items()
-            if tool["std_mm"] == [None, None, None]
-        ]
-        about = {**administration_of([measured], arm), "tools": tools}
-        return certificate_text(
-            "identification", values, about, arm_digest(arm), **stated
-        )
+        about = administration_of([measured], arm), arm_digest(arm)
+        return certificate_text("identification", values, *about, **stated)
     except FileError:
         raise
     except (KeyError, TypeError, MissingValueError) as error:

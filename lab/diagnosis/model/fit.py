@@ -1,7 +1,7 @@
 """Fits of the arm with terms: all estimated together, and what each term explains."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from glob import escape
 
 import numpy as np
@@ -27,12 +27,12 @@ from traverse.lab.identification.equations.first_moments import with_first_momen
 from traverse.lab.identification.equations.network import network_of
 from traverse.lab.identification.identify import prepared
 from traverse.lab.identification.results.postprocessing import arm_of_adjustment
-from traverse.lab.identification.solve.adjustment import MOST_ITERATIONS, Adjustment
+from traverse.lab.identification.solve.adjustment import MOST_ITERATIONS
 from traverse.lab.identification.solve.iterative_adjustment import (
+    IteratedAdjustment,
     Options,
     iterate,
 )
-from traverse.lab.identification.solve.reliability import PoseStatistics
 from traverse.lab.identification.solve.starting_values import with_tools_fitted
 
 # Moments of weight that the poses do not bear out wander; sound ones take up to 51.
@@ -40,19 +40,14 @@ MOST_ITERATIONS_WITH_MOMENTS = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class Fit(IteratedAdjustment):
     """An arm with terms, fitted to some poses of a campaign.
 
     Attributes:
         arm: As estimated, effects included.
-        statistics: Of all poses; of those that took no part: as predicted.
-        included: Poses that took part, (n_poses,).
     """
 
     arm: Arm
-    adjustment: Adjustment
-    statistics: PoseStatistics
-    included: Booleans
 
 
 def fitted(
@@ -86,7 +81,8 @@ def fitted(
         network, design, options, radius_mm, first=first, most_iterations=most
     )
     adapted = arm_of_adjustment(arm, found.adjustment)
-    return Fit(adapted, found.adjustment, found.statistics, found.included)
+    of_run = {one.name: getattr(found, one.name) for one in fields(found)}
+    return Fit(**of_run, arm=adapted)
 
 
 def with_tools_begun(campaign: Campaign, arm: Arm) -> Campaign:
