@@ -47,14 +47,8 @@ def without_wrong_orientations(
         wrong = contradict_by_orientation(run)
         if not np.any(wrong):
             break
-        found += [
-            WrongOrientation(int(line), float(w))
-            for line, w in zip(
-                campaign.poses.lines[wrong],
-                run.statistics.w_orientation[wrong],
-                strict=True,
-            )
-        ]
+        lines, w = campaign.poses.lines[wrong], run.statistics.w_orientation[wrong]
+        found += map(WrongOrientation, lines.tolist(), w.tolist())
         campaign = without_orientations(campaign, wrong)
         run = adjusted(campaign)
     return campaign, run, tuple(sorted(found, key=lambda one: one.line))
