@@ -24,7 +24,7 @@ from traverse.lab.acceptance.certificate.check import (
     certificate_problems,
 )
 from traverse.lab.acceptance.certificate.values import administration_of
-from traverse.lab.campaign.campaign import read_campaign
+from traverse.lab.campaign.campaign import Campaign, read_campaign
 from traverse.lab.certificates.laboratory import Laboratory
 from traverse.lab.identification.identify import IdentificationError, Options, identify
 from traverse.lab.identification.results.files import (
@@ -36,7 +36,7 @@ from traverse.lab.identification.results.files import (
     identified_arm,
 )
 from traverse.lab.identification.results.result import Identification
-from traverse.lab.measured_points.reading import files_read, read_measured
+from traverse.lab.measured_points.reading import files_read, measured_campaign
 from traverse.lab.report.checksums import sums_of
 from traverse.lab.report.plain_values import differences
 from traverse.lab.report.provenance import digest_of_files
@@ -185,7 +185,8 @@ def evidence_text(folder: Path, laboratory: Laboratory, issued: date) -> str:
             return certificate_text("verification", values, *about, **stated)
         values = _values(folder / IDENTIFICATION)
         arm = read_arm(folder / _ARM)
-        measured = read_measured(folder / DATA, arm)
+        campaign = _campaign(folder, arm)
+        measured = measured_campaign(campaign, arm, campaign.artefacts)
         about = administration_of([measured], arm), arm_digest(arm)
         return certificate_text("identification", values, *about, **stated)
     except FileError:
@@ -223,6 +224,11 @@ def add_data(folder: Path, campaign: Path, design: Path) -> None:
     shutil.copyfile(design, folder / DATA / _DESIGN)
 
 
+def _campaign(folder: Path, arm: Arm) -> Campaign:
+    names = [joint.name for joint in arm.joints]
+    return read_campaign(folder / DATA, names, several_tools=True, orientations=True)
+
+
 def evidence_problems(folder: Path) -> Iterator[str]:
     """Compute everything again and name what does not follow from the raw data."""
     if (folder / CERTIFICATE).is_file():
@@ -241,10 +247,7 @@ def evidence_problems(folder: Path) -> Iterator[str]:
     if arm_digest(design) != inputs.get("arm_digest"):
         yield f"{DATA}/{_DESIGN} is not the arm file that was identified from"
         return
-    names = [joint.name for joint in design.joints]
-    campaign = read_campaign(
-        folder / DATA, names, several_tools=True, orientations=True
-    )
+    campaign = _campaign(folder, design)
     if campaign.digest != values["provenance"]["campaign"]["sha256"]:
         yield f"the campaign in {DATA} is not the one that was identified from"
         return

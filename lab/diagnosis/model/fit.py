@@ -1,7 +1,7 @@
 """Fits of the arm with terms: all estimated together, and what each term explains."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from glob import escape
 
 import numpy as np
@@ -9,11 +9,10 @@ import numpy as np
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.kinematics.effect_table import EFFECT_KINDS, key_unit
-from traverse.kinematics.effects import effect_class
 from traverse.kinematics.effects.arm_effects import ArmEffects
 from traverse.kinematics.effects.base.correction import Correction
 from traverse.kinematics.effects.columns import columns
-from traverse.kinematics.effects.mechanics.deformations import Compliance, FirstMoment
+from traverse.kinematics.effects.mechanics.deformations import Compliance
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import (
@@ -27,32 +26,26 @@ from traverse.lab.identification.equations.first_moments import with_first_momen
 from traverse.lab.identification.equations.network import network_of
 from traverse.lab.identification.identify import prepared
 from traverse.lab.identification.results.postprocessing import arm_of_adjustment
-from traverse.lab.identification.solve.adjustment import MOST_ITERATIONS, Adjustment
 from traverse.lab.identification.solve.iterative_adjustment import (
+    IteratedAdjustment,
     Options,
     iterate,
 )
-from traverse.lab.identification.solve.reliability import PoseStatistics
 from traverse.lab.identification.solve.starting_values import with_tools_fitted
 
-# Moments of weight that the poses do not bear out wander; sound ones take up to 51.
-MOST_ITERATIONS_WITH_MOMENTS = 60
+# Moments of weight that the poses do not bear out wander; what is sound takes up to 51.
+_MOST_ITERATIONS = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class Fit(IteratedAdjustment):
     """An arm with terms, fitted to some poses of a campaign.
 
     Attributes:
         arm: As estimated, effects included.
-        statistics: Of all poses; of those that took no part: as predicted.
-        included: Poses that took part, (n_poses,).
     """
 
     arm: Arm
-    adjustment: Adjustment
-    statistics: PoseStatistics
-    included: Booleans
 
 
 def fitted(
@@ -80,13 +73,14 @@ def fitted(
     noise = None if before is None else before.adjustment.network.noise
     network = network_of(campaign, radius_mm, eligible, parameters, noise)
     first = None if before is None else before.included
-    yields = any(effect_class(effect.kind) is FirstMoment for effect in arm.effects)
-    most = MOST_ITERATIONS_WITH_MOMENTS if yields else MOST_ITERATIONS
     found = iterate(
-        network, design, options, radius_mm, first=first, most_iterations=most
+        *(network, design, options, radius_mm),
+        first=first,
+        most_iterations=_MOST_ITERATIONS,
     )
     adapted = arm_of_adjustment(arm, found.adjustment)
-    return Fit(adapted, found.adjustment, found.statistics, found.included)
+    of_run = {one.name: getattr(found, one.name) for one in fields(found)}
+    return Fit(**of_run, arm=adapted)
 
 
 def with_tools_begun(campaign: Campaign, arm: Arm) -> Campaign:

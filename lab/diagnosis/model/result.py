@@ -269,6 +269,12 @@ class Diagnosis:
     seconds: Mapping[str, float]
 
     @property
+    def turned(self) -> Booleans:
+        """Poses whose orientation contradicts and took no part, (n_poses,)."""
+        used = self.all_terms.network.campaign.poses
+        return self.campaign.poses.oriented & ~used.oriented
+
+    @property
     def blind(self) -> bool:
         """Whether the poses could have shown nothing: too few, or too much alike."""
         return self.n_visible == 0

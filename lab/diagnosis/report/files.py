@@ -79,7 +79,7 @@ def diagnosis_json(
     diagnosis: Diagnosis, provenance: ReportProvenance | None = None
 ) -> dict[str, Any]:
     """Put a diagnosis into the plain values of `diagnosis.json`."""
-    lines = sorted(diagnosis.campaign.poses.lines[diagnosis.excluded].tolist())
+    lines = diagnosis.campaign.poses.lines
     noise, ids = diagnosis.noise, [one.id for one in diagnosis.campaign.artefacts]
     unwritten = terms_without_epoch(diagnosis)
     masses = mass_distribution(diagnosis.all_terms)
@@ -97,7 +97,10 @@ def diagnosis_json(
             "after": diagnosis.after.sigma0,
         },
         "gap": _gap(diagnosis),
-        "excluded": [{"line": line} for line in lines],
+        "excluded": [{"line": n} for n in sorted(lines[diagnosis.excluded].tolist())],
+        "orientations": {
+            "excluded": [{"line": n} for n in lines[diagnosis.turned].tolist()]
+        },
         "detectable": detectable_json(diagnosis.detectable),
         "ledger": [_ledger_line(step) for step in diagnosis.ledger],
         "vetoed": diagnosis.vetoed,

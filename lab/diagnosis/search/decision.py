@@ -50,6 +50,10 @@ from traverse.lab.diagnosis.search.forward_search import (
     scores_at,
 )
 from traverse.lab.identification.identify import IdentificationError
+from traverse.lab.identification.solve.wrong_orientations import (
+    contradict_by_orientation,
+    without_orientations,
+)
 
 # Whoever is within this of the best belongs to the printed set.
 _SET = float(np.log(100.0))
@@ -284,7 +288,8 @@ def decide(
 ) -> Decision:
     """Search with white noise, and again with serial noise if that is what is left.
 
-    Only eligible poses, (n_poses,), are used for choosing.
+    Only eligible poses, (n_poses,), are used for choosing; those that only their
+    orientation excludes take part again without it.
 
     Raises:
         IdentificationError: The poses are too few, or too much alike.
@@ -306,6 +311,10 @@ def decide(
         search, names = _revised(
             forward_search(start, eligible, options, serial, progress), eligible
         )
+    turned = eligible & contradict_by_orientation(search.fit)
+    if np.any(turned):
+        remaining = without_orientations(campaign, turned)
+        return decide(remaining, arm, eligible, options, progress)
     return Decision(search, names)
 
 

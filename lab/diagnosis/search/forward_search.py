@@ -149,13 +149,17 @@ def is_significant(
 
 
 def select_next(
-    stage: CandidateScores, joints_with_own_curve: Collection[str]
+    stage: CandidateScores,
+    thresholds: dict[BankName, float],
+    joints_with_own_curve: Collection[str],
 ) -> ScoredCandidate | None:
     """Choose what to add: a name if it explains as much as any curve does.
 
     A curve that wins may be two named effects at once: then the name that with a
-    second one explains as much is first.
+    second one explains as much is first. None: no bank finds anything.
     """
+    if not is_significant(stage, thresholds, joints_with_own_curve):
+        return None
     named = ranked(stage, NAMED_BANKS, joints_with_own_curve)
     curves = ranked(stage, (BankName.GENERIC,), joints_with_own_curve)
     if not curves:
@@ -276,7 +280,7 @@ def forward_search(
     stuck: ScoredCandidate | None = None
     while len(terms) < options.most_terms:
         joints_with_own_curve = joints_with_curve(terms)
-        choice = _choice(stage, thresholds, joints_with_own_curve)
+        choice = select_next(stage, thresholds, joints_with_own_curve)
         if choice is None or choice.candidate.bank is BankName.GENERIC:
             # Poses that look like blunders may be what a curve is about.
             believed = thresholds[BankName.GENERIC]
@@ -284,7 +288,7 @@ def forward_search(
                 fit, eligible, believed, joints_with_own_curve, serial
             )
             if again is not None:
-                better = _choice(again[1], thresholds, joints_with_own_curve)
+                better = select_next(again[1], thresholds, joints_with_own_curve)
                 if better is not None and better.log_p < believed:
                     (fit, stage), choice = again, better
         if choice is None:
@@ -301,17 +305,6 @@ def forward_search(
     return SearchState(
         fit, stage, tuple(terms), thresholds, first, n_given, serial, stuck
     )
-
-
-def _choice(
-    stage: CandidateScores,
-    thresholds: dict[BankName, float],
-    joints_with_own_curve: frozenset[str],
-) -> ScoredCandidate | None:
-    """Choose what to add; None: no bank finds anything."""
-    if not is_significant(stage, thresholds, joints_with_own_curve):
-        return None
-    return select_next(stage, joints_with_own_curve)
 
 
 def _with_readmitted(

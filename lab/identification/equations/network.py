@@ -12,15 +12,11 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats, Integers
 from traverse.kinematics.effects.pose import (
-    angle_corrections,
     corrected_pose,
+    corrected_readings,
     corrected_rotations,
 )
-from traverse.kinematics.model.derivatives import (
-    ProbeDerivatives,
-    probe_derivatives,
-    turn_derivatives,
-)
+from traverse.kinematics.model.derivatives import probe_derivatives, turn_derivatives
 from traverse.kinematics.model.forward import body_rotations, probe_centre
 from traverse.kinematics.model.geometry import Geometry
 from traverse.kinematics.model.quaternion import conjugate, multiply, small_turn
@@ -454,13 +450,6 @@ def station_centres(
     corrections: Floats | None = None,
 ) -> Floats:
     """Compute the ball centres of a station's poses in mm, (n_poses, 3)."""
-    if network.parameters.effects is None and not network.parameters.n_tools:
-        angles_rad = network.campaign.poses.angles_rad[station.poses]
-        if corrections is None:
-            return probe_centre(arm.geometry, angles_rad)
-        n = network.parameters.n_joints
-        angles_rad = angles_rad + corrections[:, :n]
-        return probe_centre(arm.geometry, angles_rad) + corrections[:, n : n + 3]
     chunks = _chunks(network, station, arm, corrections)
     return np.concatenate([chunk.centres_mm for chunk in chunks])
 
@@ -485,7 +474,8 @@ def white_rows(
     others = {3: contact, 6: np.append(contact, np.full(3, noise.orientation_rad))}
     n_corrected = parameters.n_joints + max(station.most_rows, 3)
     for chunk in _chunks(network, station, arm, corrections):
-        part, derivatives = chunk.part, chunk.derivatives
+        part, geometry = chunk.part, arm.with_tool(chunk.tool).geometry
+        derivatives = probe_derivatives(geometry, chunk.readings_rad)
         rows = station.poses[part]
         touches = station.touches.part(part)
         equations = station.artefact.equations(unknowns, chunk.centres_mm, touches)
@@ -568,14 +558,15 @@ class _Chunk:
 
     Attributes:
         part: Which poses of the station.
+        readings_rad: Corrected, (n_poses, n_joints).
         body_turns: Rotations of the last body, (4, n_poses), and of the instrument's
             probe on it; None: they have no orientations.
     """
 
     part: slice
     tool: int
+    readings_rad: Floats
     centres_mm: Floats
-    derivatives: ProbeDerivatives
     body_turns: Floats
     turns: Floats | None = None
 
@@ -596,15 +587,13 @@ def _chunks(
         is_oriented = len(rows) > 0 and bool(oriented[part][0])
         body_turns = np.empty((4, 0))
         if effects is None:
-            derivatives = probe_derivatives(arm.geometry, angles_rad)
-            centres_mm = derivatives.centres_mm
+            centres_mm = probe_centre(arm.geometry, angles_rad)
             if is_oriented:
                 body_turns = body_rotations(arm.geometry, angles_rad)
         else:
             block = effects.campaign.block(poses.part(rows), angles_rad)
             sized = effects.at(arm.amplitudes)
-            errors_rad = angle_corrections(arm.geometry, sized, block)
-            derivatives = probe_derivatives(arm.geometry, angles_rad - errors_rad)
+            angles_rad = corrected_readings(arm.geometry, sized, block)
             centres_mm = corrected_pose(arm.geometry, sized, block)[0]
             if is_oriented:
                 body_turns = corrected_rotations(arm.geometry, sized, block)
@@ -616,7 +605,7 @@ def _chunks(
             turns = multiply(body_turns, mounting[:, np.newaxis])
             if corrections is not None:
                 turns = multiply(small_turn(corrections[part, n + 3 :].T), turns)
-        yield _Chunk(part, tool, centres_mm, derivatives, body_turns, turns)
+        yield _Chunk(part, tool, angles_rad, centres_mm, body_turns, turns)
 
 
 def _times(matrices: Floats, vectors: Floats) -> Floats:

@@ -164,6 +164,9 @@ _SLOW_AFTER = 50
 _CONVERGED_SLOWLY = 1e-2
 # A sum of squares may rise by this much of itself from rounding.
 _ROUNDING = 1e-9
+# And by what columns of effects leave out, this part of them: at deflections of some
+# milliradians the sum of squares is lowest a little beside where they point.
+_LEFT_OUT = 1e-3
 # Mean square of whitened misclosures below which observations are corrected.
 _GOOD_START = 100.0
 # After a step this small the rank stays. After this many it changes only where a
@@ -378,6 +381,7 @@ def _stepped(
         # go uphill, by as much as the linear model says.
         cost = _modelled(system, step) - _modelled(system, step - held)
         limit = system.sum_of_squares * (1.0 + _ROUNDING) + 1.5 * max(cost, 0.0)
+        limit += _LEFT_OUT * size * float(np.sqrt(system.sum_of_squares))
         unknowns = tuple(
             station.artefact.moved(values, fraction * found.step(step))
             for station, values, found in zip(

@@ -44,21 +44,24 @@ def without_wrong_orientations(
     """
     found: list[WrongOrientation] = []
     for _ in range(_MOST_ROUNDS):
-        alone = run.statistics.w_position < run.critical  # NaN: has no orientation
-        wrong = ~run.included & ~run.alternating & alone
+        wrong = contradict_by_orientation(run)
         if not np.any(wrong):
             break
-        found += [
-            WrongOrientation(int(line), float(w))
-            for line, w in zip(
-                campaign.poses.lines[wrong],
-                run.statistics.w_orientation[wrong],
-                strict=True,
-            )
-        ]
+        lines, w = campaign.poses.lines[wrong], run.statistics.w_orientation[wrong]
+        found += map(WrongOrientation, lines.tolist(), w.tolist())
         campaign = without_orientations(campaign, wrong)
         run = adjusted(campaign)
     return campaign, run, tuple(sorted(found, key=lambda one: one.line))
+
+
+def contradict_by_orientation(run: IteratedAdjustment) -> Booleans:
+    """Find poses that were excluded, but whose position alone agrees, (n_poses,).
+
+    None of an adjustment that excluded nobody.
+    """
+    alone = run.statistics.w_position < run.critical  # NaN: has no orientation
+    found: Booleans = alone & ~run.included & ~run.alternating
+    return found if np.isfinite(run.critical) else np.zeros_like(found)
 
 
 def without_orientations(campaign: Campaign, which: Booleans) -> Campaign:

@@ -73,7 +73,7 @@ async def test_the_last_seconds_before_a_fault_are_kept_and_can_be_replayed(tmp_
 
 
 async def test_segments_are_bounded_by_time(tmp_path):
-    async with RecordedRun(tmp_path, flight_s=20.0) as run:
+    async with RecordedRun(tmp_path, flight_s=20.0, flush_s=0.1) as run:
         flight = tmp_path / "recordings" / "flight"
         for _ in range(9):
             run.later(11.0, every_s=0.5)
@@ -85,9 +85,9 @@ async def test_segments_are_bounded_by_time(tmp_path):
     assert 20.0 <= (last - oldest) * 1e-9 <= 45.0
 
 
-def n_entries_torn(segment: Path, torn: Path) -> int:
-    """Copy it without its last 100 bytes; what can be read of that."""
-    torn.write_bytes(segment.read_bytes()[:-100])
+def n_entries_torn(segment: Path, torn: Path, n_bytes: int = 100) -> int:
+    """Copy it without its last bytes; what can be read of that."""
+    torn.write_bytes(segment.read_bytes()[:-n_bytes])
     with contextlib.suppress(ValueError), RunReader(torn) as reader:
         return len(list(reader))
     return 0
@@ -96,14 +96,15 @@ def n_entries_torn(segment: Path, torn: Path) -> int:
 async def test_what_a_dead_daemon_left_is_kept_and_what_an_orderly_one_left_is_not(
     tmp_path,
 ):
-    async with RecordedRun(tmp_path) as run:
+    async with RecordedRun(tmp_path, flush_s=0.1) as run:
         run.later(2.0)
         run.click()
-        run.later(1.0)
         flight = tmp_path / "recordings" / "flight"
         await until(lambda: any(flight.glob("*")))
         (segment,) = flight.iterdir()
         torn = tmp_path / "torn.mcap"
+        await until(lambda: n_entries_torn(segment, torn, 1) > 10)
+        run.later(1.0)
         await until(lambda: n_entries_torn(segment, torn) > 10)
     async with RecordedRun(tmp_path) as run:
         await until(lambda: not segment.exists())

@@ -35,10 +35,6 @@ def _dated(campaign: Path) -> None:
     campaign.write_text(text.replace("[noise]", f"{head}[noise]", 1), "utf-8")
 
 
-def _run(*arguments: object) -> None:
-    invoke(*arguments)
-
-
 @pytest.fixture(scope="session")
 def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("laboratory") / "laboratory.toml"
@@ -62,7 +58,7 @@ def verified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "limits.toml").write_text(LIMITS)
     arguments = ("--standard", "vdi2617-9", "--arm", ARM, "--limits")
     out = folder / "results"
-    _run(
+    invoke(
         *("verify", folder / "campaign", *arguments, folder / "limits.toml"),
         *("--out", out),
     )
@@ -78,7 +74,7 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_campaign(folder / "campaign", draw_noise(poses, 5), arm)
     _dated(folder / "campaign" / "campaign.toml")
     out = folder / "results"
-    _run("identify", folder / "campaign", "--arm", ARM, "--out", out)
+    invoke("identify", folder / "campaign", "--arm", ARM, "--out", out)
     add_data(out, folder / "campaign", ARM)
     return out
 

@@ -1,5 +1,6 @@
 """A certificate states what its evidence says; read back by another XML library."""
 
+import csv
 import json
 import math
 import shutil
@@ -8,13 +9,17 @@ from xml.etree import ElementTree
 
 import pytest
 
-from tests.lab.certificates.made import LABORATORY, Issued
+from tests.lab.certificates.made import ARM, LABORATORY, Issued
+from tests.running import invoke
+from tests.simulator.effects.examples import spec_of
+from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.certificates.certificate import (
     certify,
     checked_certificate,
 )
 from traverse.lab.certificates.evidence import (
     UNITS,
+    add_data,
     certificate_text,
     quantity,
 )
@@ -22,6 +27,13 @@ from traverse.lab.certificates.laboratory import Laboratory
 from traverse.lab.certificates.signature import SigningKey
 from traverse.lab.certificates.xml import indented, read_xml, schema_problems
 from traverse.lab.report.checksums import read_sums, sums_of, write_sums
+from traverse.simulator.campaigns import (
+    NoiseTable,
+    Points,
+    draw_noise,
+    make_poses,
+    write_campaign,
+)
 from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.reader import read_strict
 
@@ -103,6 +115,38 @@ def test_parameters_of_an_identification(signed_identification):
     assert math.isclose(float(stated), bar["value"], abs_tol=bar["std"])
     root = ElementTree.parse(signed_identification / "dcc.xml").getroot()
     assert said(root, ".//dcc:conformity") == []
+
+
+def with_a_second_tool(poses: Path, tool: str) -> None:
+    """Give a tool to every other pose, and turn the last orientation."""
+    with poses.open(newline="") as file:
+        rows = list(csv.reader(file))
+    w, x = (rows[0].index(f"orientation_{part}") for part in "wx")
+    rows[-1][w], rows[-1][x] = rows[-1][x], rows[-1][w]
+    named = [[*row, tool if at % 2 else ""] for at, row in enumerate(rows[1:])]
+    with poses.open("w", newline="") as file:
+        csv.writer(file).writerows([[*rows[0], "tool"], *named])
+
+
+def test_an_identification_with_tools_and_orientations(laboratory, signer, tmp_path):
+    tracker = Points(
+        id="tracker", n_poses=90, n_points=90, size_mm=450.0, orientations=True
+    )
+    noise = NoiseTable(encoder_rad=5e-6, contact_mm=0.02, orientation_rad=5e-5)
+    poses = make_poses(read_arm(ARM), spec_of(tracker), 3)
+    campaign, out = tmp_path / "campaign", tmp_path / "results"
+    write_campaign(campaign, draw_noise(poses, 1, noise), read_arm(ARM))
+    file = campaign / "campaign.toml"
+    file.write_text(file.read_text() + '\n[[tools]]\nname = "second"\n')
+    with_a_second_tool(campaign / "poses.csv", "second")
+    invoke("identify", campaign, "--arm", ARM, "--out", out)
+    add_data(out, campaign, ARM)
+    certify(out, laboratory, SigningKey(signer.key, signer.certificate))
+    root = ElementTree.parse(out / "dcc.xml").getroot()
+    statements = said(root, ".//dcc:statement/dcc:declaration/dcc:content")
+    assert "89 used, 1 left out without their positions" in statements
+    assert not any("as given" in one for one in statements)
+    assert {f"tool.second.{axis}" for axis in "xyz"} <= set(results(out))
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,8 @@ from traverse.lab.diagnosis.advice.minimal_detectable import planned_equations
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.model.fit import with_effects as with_other_effects
+from traverse.lab.diagnosis.report.files import diagnosis_json
+from traverse.lab.diagnosis.report.page import summary_lines
 from traverse.lab.identification.equations.network import all_misclosures
 from traverse.lab.identification.identify import Options, prepared
 from traverse.simulator.campaigns import (
@@ -45,6 +47,11 @@ def measured(poses, noise=NOISE):
     return campaign_from_simulation(draw_noise(poses, 1, noise).campaign)
 
 
+def turned_lines(poses, noise):
+    truth = draw_noise(poses, 1, noise).truth
+    return {one.line for one in truth.blunders if one.kind == "orientation"}
+
+
 def without(campaign):
     return replace(campaign, poses=replace(campaign.poses, orientations=None))
 
@@ -72,6 +79,16 @@ def test_nothing_is_found_where_nothing_is_and_blunders_are_no_effects(poses):
     for noise in (NOISE, spoilt):
         found = diagnose(measured(poses, noise), ARM)
         assert (found.verdict, found.terms) == ("clean", ())
+        # The positions of poses with a wrong orientation take part.
+        assert not np.any(found.excluded)
+        lines = found.campaign.poses.lines
+        wrong = turned_lines(poses, noise) & set(lines[found.choosing].tolist())
+        assert set(lines[found.turned].tolist()) == wrong
+        listed = diagnosis_json(found)["orientations"]["excluded"]
+        assert {one["line"] for one in listed} == wrong
+        said = "\n".join(summary_lines(found))
+        assert ("Orientations that contradict the rest" in said) == bool(wrong)
+    assert wrong
 
 
 def test_columns_of_effects_are_what_they_do_to_the_rows(poses):
