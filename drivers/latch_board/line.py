@@ -71,8 +71,14 @@ class LatchBoardLine:
             not self._has_other_frames(data)
             and n_bytes < MOST_BYTES
             and received_ns < until_ns
-            and self._wait_for_more(received_ns, until_ns)
         ):
+            # To wake for each of 10 000 samples a second costs more than to process
+            # them: those of a fast stream gather for a while.
+            if received_ns - self._read_ns < FAST_NS:
+                time.sleep(PAUSE_S)
+            self._read_ns = received_ns
+            if not self.port.wait((until_ns - received_ns) * 1e-9):
+                break
             try:
                 data = self.port.read()
             except DeviceError:
@@ -90,17 +96,6 @@ class LatchBoardLine:
                 self._answer = message
             self._dispatch(message, received_ns, earlier)
             earlier = ()  # they are of the first block
-
-    def _wait_for_more(self, received_ns: int, until_ns: int) -> bool:
-        """Wait for bytes; those of a fast stream gather for a while.
-
-        To wake for each of 10 000 samples a second costs more than to process them.
-        """
-        is_fast = received_ns - self._read_ns < FAST_NS
-        self._read_ns = received_ns
-        if is_fast:
-            time.sleep(PAUSE_S)
-        return self.port.wait((until_ns - received_ns) * 1e-9)
 
     def _has_other_frames(self, data: bytes) -> bool:
         """Whether these bytes, the next ones of the line, are not of samples alone.
