@@ -117,7 +117,7 @@ def _command(name: str) -> Any:  # noqa: ANN401 - a function, or a group
 
 
 def __getattr__(name: str) -> CommandGroup:
-    """Make `app`, the whole command line, when it is asked for."""
+    """Make `app`, the whole command line, on first access."""
     if name != "app":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return command_line(COMMANDS)
