@@ -35,8 +35,8 @@ def artefact(
     if distance_std_mm is not None and not distance_std_mm > 0.0:
         refuse(f"--distance-std-mm {distance_std_mm:g}: expected above 0 mm")
     with refusals():
-        from traverse.lab.artefacts.socket_gauge import SocketGauge  # noqa: PLC0415 - keeps --help quick
-        from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
+        from traverse.lab.artefacts.socket_gauge import SocketGauge
+        from traverse.strict_toml.writing import write_atomically
 
         with refusals(ValueError):
             gauge = SocketGauge(distance_mm, ball_mm, clearance_mm)

@@ -47,12 +47,12 @@ def certify(
         certificate: X.509 certificate of the key, PEM.
     """
     with refusals():
-        from traverse.lab.certificates.certificate import certify as made  # noqa: PLC0415
-        from traverse.lab.certificates.certificate import issue_date  # noqa: PLC0415
-        from traverse.lab.certificates.evidence import add_data  # noqa: PLC0415
-        from traverse.lab.certificates.laboratory import Laboratory  # noqa: PLC0415
-        from traverse.lab.certificates.signature import read_signing_key  # noqa: PLC0415
-        from traverse.strict_toml.reader import read_strict  # noqa: PLC0415
+        from traverse.lab.certificates.certificate import certify as made
+        from traverse.lab.certificates.certificate import issue_date
+        from traverse.lab.certificates.evidence import add_data
+        from traverse.lab.certificates.laboratory import Laboratory
+        from traverse.lab.certificates.signature import read_signing_key
+        from traverse.strict_toml.reader import read_strict
 
         if (campaign is None) != (arm is None):
             refuse("--campaign and --arm belong together; give both")

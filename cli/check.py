@@ -29,7 +29,7 @@ def check(
     Args:
         file: An arm file, a configuration, a campaign, ...
     """
-    from traverse.daemon.inputs import StartupError  # noqa: PLC0415 - keeps --help quick
+    from traverse.daemon.inputs import StartupError
 
     if (file / "campaign.toml").is_file():
         file /= "campaign.toml"
@@ -63,7 +63,7 @@ def check(
 
 def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
     """The kind of the file, by its schema or its tables, and its reader."""
-    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import read_arm
 
     try:
         tables = toml_table(toml_text(file), str(file))
@@ -77,8 +77,8 @@ def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
 
 
 def _read_simulator(path: Path) -> object:
-    from traverse.simulator.config import SimulatorConfig, config_problems  # noqa: PLC0415
-    from traverse.strict_toml.reader import read_strict  # noqa: PLC0415
+    from traverse.simulator.config import SimulatorConfig, config_problems
+    from traverse.strict_toml.reader import read_strict
 
     return read_strict(path, SimulatorConfig, config_problems)
 
@@ -87,7 +87,7 @@ def _by(module: str, name: str) -> Callable[[Path], object]:
     """A reader, or a class, imported when it reads, which keeps --help quick."""
 
     def read(path: Path) -> object:
-        from traverse.strict_toml.reader import read_strict  # noqa: PLC0415
+        from traverse.strict_toml.reader import read_strict
 
         found = getattr(import_module(f"traverse.{module}"), name)
         return read_strict(path, found) if isinstance(found, type) else found(path)
@@ -103,7 +103,7 @@ _read_plan = _by("lab.collection.plan", "PlanFile")
 
 
 def _read_daemon(path: Path) -> object:
-    from traverse.daemon.inputs import read_inputs  # noqa: PLC0415
+    from traverse.daemon.inputs import read_inputs
 
     # Without a broker it may run with an embedded one.
     return read_inputs(path, True)
@@ -111,9 +111,9 @@ def _read_daemon(path: Path) -> object:
 
 def _read_campaign(path: Path) -> object:
     """Read a campaign with whatever joints its poses have."""
-    from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
-    from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
-    from traverse.lab.campaign.csv_rows import csv_rows  # noqa: PLC0415
+    from traverse.lab.campaign.campaign import read_campaign
+    from traverse.lab.campaign.campaign_file import read_campaign_file
+    from traverse.lab.campaign.csv_rows import csv_rows
 
     poses = path.parent / read_campaign_file(path).poses
     joints: list[str] = []

@@ -177,7 +177,7 @@ def send_command(
     name: str | None, broker: BrokerOptions, act: Callable[["Arm"], Awaitable[T]]
 ) -> T:
     """Have an arm do something; ends the program where it does not."""
-    from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.client.arm import Arm
 
     address = broker.address()
     arm = name or only_arm(address, FIND_S)
@@ -201,7 +201,7 @@ def _place(text: str) -> tuple[float, float, float]:
 
 
 def _show_point(taken: "Point", *, as_json: bool) -> None:
-    from traverse.cli.common.message_lines import line  # noqa: PLC0415 - keeps --help quick
+    from traverse.cli.common.message_lines import line
 
     values = taken.model_dump(mode="json", by_alias=True)
     _show(values, line(taken.arm, taken), as_json=as_json)

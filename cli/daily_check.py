@@ -67,10 +67,10 @@ def daily_check(
         limits: Permitted errors, as for `verify`.
         out: Folder for chart.png, .html.
     """
-    import sqlite3  # noqa: PLC0415 - keeps --help quick
+    import sqlite3
 
-    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
-    from traverse.lab.daily_check.history import (  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import read_arm
+    from traverse.lab.daily_check.history import (
         HistoryRefusedError,
         add_check,
         checks_of,
@@ -112,13 +112,13 @@ def daily_check(
             refuse(f"{path}: has no check of arm {model.name} yet")
         report = _report(checks, model.name, limits, acceptance)
         if out is not None:
-            from traverse.lab.daily_check.chart_pictures import (  # noqa: PLC0415
+            from traverse.lab.daily_check.chart_pictures import (
                 write_charts,
             )
 
             write_charts(report, out)
-    from traverse.lab.daily_check.chart_pictures import report_lines  # noqa: PLC0415
-    from traverse.lab.daily_check.report import report_values  # noqa: PLC0415
+    from traverse.lab.daily_check.chart_pictures import report_lines
+    from traverse.lab.daily_check.report import report_values
 
     print_report(report_values(report), report_lines(report), as_json=as_json)
     if not report.is_in_control:
@@ -127,7 +127,7 @@ def daily_check(
 
 def _lacking() -> str | None:
     """What keeps the figures from being computed, in a sentence; else None."""
-    from importlib.util import find_spec  # noqa: PLC0415 - keeps --help quick
+    from importlib.util import find_spec
 
     for library in LIBRARIES:
         if find_spec(library) is None:
@@ -136,7 +136,7 @@ def _lacking() -> str | None:
 
 
 def _history(config: Path | None, history: Path | None) -> Path:
-    from traverse.daemon.state_dir import state_folder  # noqa: PLC0415 - quick help
+    from traverse.daemon.state_dir import state_folder
 
     if (config is None) == (history is None):
         refuse("give --history FILE or --config FILE, one of them")
@@ -162,10 +162,10 @@ def _collected(
 
     `again` is the command that computes a folder later.
     """
-    from traverse.cli.collect.session import collection_of, run_collection  # noqa: PLC0415
-    from traverse.lab.acceptance.plan import CAMPAIGN  # noqa: PLC0415
-    from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
-    from traverse.lab.daily_check.figures import write_check  # noqa: PLC0415
+    from traverse.cli.collect.session import collection_of, run_collection
+    from traverse.lab.acceptance.plan import CAMPAIGN
+    from traverse.lab.campaign.campaign_file import read_campaign_file
+    from traverse.lab.daily_check.figures import write_check
 
     if not radius_mm > 0.0:
         refuse("--radius missing: the sphere's calibrated radius in mm")
@@ -187,13 +187,13 @@ def _collected(
 
 def _checked(folder: Path, arm: "Arm", begins: str) -> "Check":
     """The figures of a folder, as they go into the history."""
-    from traverse.kinematics.arm_file.arm import arm_digest  # noqa: PLC0415 - quick help
-    from traverse.lab.campaign.campaign_file import read_campaign_file  # noqa: PLC0415
-    from traverse.lab.daily_check.figures import daily_check_figures  # noqa: PLC0415
-    from traverse.lab.daily_check.history import Check  # noqa: PLC0415
-    from traverse.lab.measured_points.measurement import IncompleteError  # noqa: PLC0415
-    from traverse.lab.measured_points.reading import files_read, read_measured  # noqa: PLC0415
-    from traverse.lab.report.provenance import digest_of_files  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import arm_digest
+    from traverse.lab.campaign.campaign_file import read_campaign_file
+    from traverse.lab.daily_check.figures import daily_check_figures
+    from traverse.lab.daily_check.history import Check
+    from traverse.lab.measured_points.measurement import IncompleteError
+    from traverse.lab.measured_points.reading import files_read, read_measured
+    from traverse.lab.report.provenance import digest_of_files
 
     try:
         figures = daily_check_figures(read_measured(folder, arm))
@@ -214,12 +214,12 @@ def _checked(folder: Path, arm: "Arm", begins: str) -> "Check":
 def _report(
     checks: "list[Check]", arm: str, limits: Path | None, acceptance: Path | None
 ) -> "DailyCheckReport":
-    from traverse.lab.acceptance.conformity import NO_LIMITS, Limits  # noqa: PLC0415
-    from traverse.lab.daily_check.report import (  # noqa: PLC0415 - quick help
+    from traverse.lab.acceptance.conformity import NO_LIMITS, Limits
+    from traverse.lab.daily_check.report import (
         read_certificate,
         report_of,
     )
-    from traverse.strict_toml.reader import read_strict  # noqa: PLC0415
+    from traverse.strict_toml.reader import read_strict
 
     permitted = NO_LIMITS if limits is None else read_strict(limits, Limits)
     beside: dict[str, Any] | None = None

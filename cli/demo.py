@@ -86,9 +86,9 @@ async def _demonstrate(
     *,
     with_page: bool,
 ) -> None:
-    from traverse.cli.demo_round import Round, write_files  # noqa: PLC0415
-    from traverse.client.cancel_tasks import run_until_first  # noqa: PLC0415
-    from traverse.daemon.mqtt.embedded_broker import HOST, free_port  # noqa: PLC0415
+    from traverse.cli.demo_round import Round, write_files
+    from traverse.client.cancel_tasks import run_until_first
+    from traverse.daemon.mqtt.embedded_broker import HOST, free_port
 
     # A terminal that is closed and `kill` end it as Ctrl-C does: else its programs,
     # which have sessions of their own, would go on.
@@ -187,11 +187,11 @@ async def _follow(
     broker: BrokerAddress, measured: "Round", once: bool, rate_hz: float
 ) -> None:
     """Print and note the arm's messages, until a round is complete."""
-    from traverse.cli.common.message_lines import line  # noqa: PLC0415
-    from traverse.client.mqtt.subscription import received, subscribe  # noqa: PLC0415
-    from traverse.protocol.encoding import encode  # noqa: PLC0415
-    from traverse.protocol.messages import Command, Event, Point, Scan, ScanArgs  # noqa: PLC0415
-    from traverse.protocol.topics import command_topic  # noqa: PLC0415
+    from traverse.cli.common.message_lines import line
+    from traverse.client.mqtt.subscription import received, subscribe
+    from traverse.protocol.encoding import encode
+    from traverse.protocol.messages import Command, Event, Point, Scan, ScanArgs
+    from traverse.protocol.topics import command_topic
 
     async with _patient_connection(broker) as client:
         await subscribe(client, ARM, ("point", "scan", "event", "status"))
@@ -221,9 +221,9 @@ async def _patient_connection(
     broker: BrokerAddress,
 ) -> "AsyncIterator[aiomqtt.Client]":
     """A connection to a broker that may still be starting."""
-    import aiomqtt  # noqa: PLC0415
+    import aiomqtt
 
-    from traverse.client.mqtt.subscription import connection  # noqa: PLC0415
+    from traverse.client.mqtt.subscription import connection
 
     loop = asyncio.get_running_loop()
     until = loop.time() + READY_S

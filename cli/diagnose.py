@@ -72,7 +72,7 @@ def diagnose(
             refuse("--out missing: name a folder for the results, or give --plan")
         if not accept:
             check_results(out, arm)
-        from traverse.lab.diagnosis.model.result import DiagnosisOptions  # noqa: PLC0415
+        from traverse.lab.diagnosis.model.result import DiagnosisOptions
 
         options = DiagnosisOptions(
             seed=seed,
@@ -80,7 +80,7 @@ def diagnose(
             most_terms=max_terms,
             accept_tentative=accept_tentative,
         )
-        from traverse.lab import runs  # noqa: PLC0415
+        from traverse.lab import runs
 
         design, measured = read_noted(campaign, arm, family, prior)
         progress = _Progress() if sys.stderr.isatty() else None
@@ -93,7 +93,7 @@ def diagnose(
         result = found[0]
         provenance = result.campaign.provenance(operator)
         lines = runs.write_diagnosed(found, arm, out, provenance, accept=accept)
-    from traverse.lab.diagnosis.report.files import diagnosis_json  # noqa: PLC0415
+    from traverse.lab.diagnosis.report.files import diagnosis_json
 
     print_report(diagnosis_json(result, provenance), lines, as_json=as_json)
     if strict and result.verdict != "clean":
@@ -119,12 +119,12 @@ class _Progress:
 
 def _plan(arm: "Arm", campaign: "Campaign", *, as_json: bool) -> None:
     """Print what a campaign could detect, without its measured misclosures."""
-    from traverse.lab.diagnosis.advice.minimal_detectable import planned  # noqa: PLC0415
-    from traverse.lab.diagnosis.report.files import detectable_json  # noqa: PLC0415
-    from traverse.lab.diagnosis.report.names import (  # noqa: PLC0415
+    from traverse.lab.diagnosis.advice.minimal_detectable import planned
+    from traverse.lab.diagnosis.report.files import detectable_json
+    from traverse.lab.diagnosis.report.names import (
         detectable_lines,
     )
-    from traverse.lab.diagnosis.scans.decimation import decimated  # noqa: PLC0415
+    from traverse.lab.diagnosis.scans.decimation import decimated
 
     with adjustment_errors():
         if campaign.is_stream:

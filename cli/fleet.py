@@ -49,8 +49,8 @@ def add(
     Args:
         files: Folders of verifications, or histories of daily checks (interim.db).
     """
-    from traverse.fleet.evidence import add_evidence  # noqa: PLC0415 - keeps --help quick
-    from traverse.lab.daily_check.history import HistoryRefusedError  # noqa: PLC0415
+    from traverse.fleet.evidence import add_evidence
+    from traverse.lab.daily_check.history import HistoryRefusedError
 
     with refusals(*STORE_ERRORS, HistoryRefusedError):
         store = _opened(database)
@@ -78,8 +78,8 @@ def overview(
         out: Write a page, in one file.
         every_s: Write it anew so often, until Ctrl-C [s].
     """
-    from traverse.fleet.overview import overview_page, overview_values  # noqa: PLC0415 - keeps --help quick
-    from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
+    from traverse.fleet.overview import overview_page, overview_values
+    from traverse.strict_toml.writing import write_atomically
 
     with refusals(*STORE_ERRORS):
         if "://" not in database and not Path(database).is_file():
@@ -150,7 +150,7 @@ def identify(
         hold: As of `traverse identify`.
         free: As of `traverse identify`.
     """
-    from traverse.lab.identification.identify import Options  # noqa: PLC0415 - keeps --help quick
+    from traverse.lab.identification.identify import Options
 
     options = Options(hold=tuple(hold or ()), free=tuple(free or ()))
     _run(campaigns, arm, options, run, as_json=as_json)
@@ -174,7 +174,7 @@ def diagnose(
         arm: Arm file of the design, or folder of results, NAME/ each.
         seed: As of `traverse diagnose`.
     """
-    from traverse.lab.diagnosis.model.result import DiagnosisOptions  # noqa: PLC0415 - keeps --help quick
+    from traverse.lab.diagnosis.model.result import DiagnosisOptions
 
     options = DiagnosisOptions(seed=seed, holdout_by=holdout_by)
     _run(campaigns, arm, options, run, as_json=as_json)
@@ -189,13 +189,13 @@ def _run(
     as_json: bool,
 ) -> None:
     """Run campaigns, tell of each as it ends, and of all."""
-    from traverse.fleet.campaigns import (  # noqa: PLC0415
+    from traverse.fleet.campaigns import (
         Request,
         check_request,
         results_of,
         run_campaigns,
     )
-    from traverse.fleet.workers import Workers, WorkersError  # noqa: PLC0415
+    from traverse.fleet.workers import Workers, WorkersError
 
     with refusals(ValueError, WorkersError):
         check_prior(run.family, run.prior)
@@ -245,7 +245,7 @@ def family(
         results: Folders of `traverse identify`, of arms of one design.
         out: File of it, for `identify --family`.
     """
-    from traverse.lab.identification.family import (  # noqa: PLC0415 - keeps --help quick
+    from traverse.lab.identification.family import (
         family_lines,
         family_values,
         read_family,

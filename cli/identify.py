@@ -76,7 +76,7 @@ def identify(
         if campaign is None or arm is None or out is None:
             refuse(f"{', '.join(missing)} missing; or give --compare A B")
         check_results(out, arm)
-        from traverse.lab import runs  # noqa: PLC0415
+        from traverse.lab import runs
 
         options = _options(hold or [], free or [], masks)
         kept = None if holdout is None else runs.KeptAside(holdout, holdout_by, seed)
@@ -86,7 +86,7 @@ def identify(
             result = runs.identified(measured, design, options, kept, progress)
         provenance = result.campaign.provenance(operator)
         lines = runs.write_identified(result, out, provenance)
-    from traverse.lab.identification.results import files as files_of  # noqa: PLC0415
+    from traverse.lab.identification.results import files as files_of
 
     values = files_of.identification_json(result, provenance)
     print_report(values, lines, as_json=as_json)
@@ -97,8 +97,8 @@ def identify(
 
 def _options(hold: list[str], free: list[str], masks: Path | None) -> "Options":
     """The masks of the command line, and of a file."""
-    from traverse.lab.identification.identify import Masks, Options  # noqa: PLC0415
-    from traverse.strict_toml.reader import read_strict  # noqa: PLC0415
+    from traverse.lab.identification.identify import Masks, Options
+    from traverse.strict_toml.reader import read_strict
 
     if masks is not None:
         found = read_strict(masks, Masks)
@@ -130,9 +130,9 @@ class _Progress:
 
 def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -> None:
     """Compare two arms at the probe, within a campaign's ranges if there is one."""
-    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
-    from traverse.lab.identification.results import arm_comparison  # noqa: PLC0415
-    from traverse.lab.runs import read_inputs  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import read_arm
+    from traverse.lab.identification.results import arm_comparison
+    from traverse.lab.runs import read_inputs
 
     files = [path / "arm.toml" if path.is_dir() else path for path in (first, second)]
     arms = [read_arm(file) for file in files]
@@ -143,6 +143,6 @@ def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -
     with refusals(arm_comparison.ComparisonError):
         found = arm_comparison.compare_arms(arms[0], arms[1], ranges)
     values = arm_comparison.comparison_values(files, arms, found)
-    from traverse.lab.identification.report.page import WORDS  # noqa: PLC0415
+    from traverse.lab.identification.report.page import WORDS
 
     print_report(values, WORDS.lines("comparison", values), as_json=as_json)

@@ -43,11 +43,11 @@ def page(
         key: Its key, PEM.
         show: Open a browser.
     """
-    from traverse.broker.credentials import credential_file  # noqa: PLC0415
-    from traverse.client.display.follower import Follower  # noqa: PLC0415
-    from traverse.client.exports.formats import points_as  # noqa: PLC0415
-    from traverse.client.page.access import read_token  # noqa: PLC0415
-    from traverse.client.page.server import serve  # noqa: PLC0415
+    from traverse.broker.credentials import credential_file
+    from traverse.client.display.follower import Follower
+    from traverse.client.exports.formats import points_as
+    from traverse.client.page.access import read_token
+    from traverse.client.page.server import serve
 
     beyond = host not in LOOPBACK
     if beyond and None in (token_file, certificate, key):
@@ -84,7 +84,7 @@ def page(
 
 def _check_pair(certificate: Path, key: Path | None) -> None:
     """Try a certificate; OSError where it is none, or the key another one's."""
-    from traverse.broker.credentials import load_pair  # noqa: PLC0415 - quick help
+    from traverse.broker.credentials import load_pair
 
     try:
         load_pair(ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), certificate, key)

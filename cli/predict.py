@@ -33,10 +33,10 @@ def predict(
         fit_tool: Find the probe's vector, too.
         out: CSV file, a line for each pose.
     """
-    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
-    from traverse.lab.campaign.campaign import read_campaign  # noqa: PLC0415
-    from traverse.lab.identification import prediction  # noqa: PLC0415
-    from traverse.lab.identification.identify import IdentificationError  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import read_arm
+    from traverse.lab.campaign.campaign import read_campaign
+    from traverse.lab.identification import prediction
+    from traverse.lab.identification.identify import IdentificationError
 
     with refusals(IdentificationError):
         held = read_arm(arm)

@@ -51,10 +51,10 @@ async def _record(
     *,
     quiet: bool,
 ) -> dict[str, Any]:
-    import signal  # noqa: PLC0415 - keeps --help quick
+    import signal
 
-    from traverse.client.arm import Arm  # noqa: PLC0415
-    from traverse.protocol.messages import RecordArgs  # noqa: PLC0415
+    from traverse.client.arm import Arm
+    from traverse.protocol.messages import RecordArgs
 
     async with Arm(arm, broker) as there:
         start = RecordArgs(action="start", name=name, note=note or None)

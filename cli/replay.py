@@ -51,8 +51,8 @@ def replay(
         block: Samples of a block; without it, blocks are as they were.
         publish: Publish the points, in their own session.
     """
-    from traverse.recording.run_reader import RunReader  # noqa: PLC0415 - quick help
-    from traverse.strict_toml.writing import replacing  # noqa: PLC0415
+    from traverse.recording.run_reader import RunReader
+    from traverse.strict_toml.writing import replacing
 
     address = broker.address()
     points: list[Point] = []
@@ -79,7 +79,7 @@ def replay(
 async def _replayed(
     reader: "RunReader", block: int | None, take: Callable[["Point"], None]
 ) -> "ReplayResult":
-    from traverse.daemon.replay.replay import Replay  # noqa: PLC0415 - keeps --help quick
+    from traverse.daemon.replay.replay import Replay
 
     log = logging.getLogger("traverse.daemon")
     level = log.level
@@ -107,11 +107,11 @@ async def _published(points: Sequence["Point"], broker: BrokerAddress) -> int:
     Raises:
         OSError: the broker cannot be reached.
     """
-    import aiomqtt  # noqa: PLC0415 - keeps --help quick
+    import aiomqtt
 
-    from traverse.client.mqtt.connection import ConfiguredClient  # noqa: PLC0415
-    from traverse.protocol.encoding import encode  # noqa: PLC0415
-    from traverse.protocol.topics import point_topic  # noqa: PLC0415
+    from traverse.client.mqtt.connection import ConfiguredClient
+    from traverse.protocol.encoding import encode
+    from traverse.protocol.topics import point_topic
 
     sessions: dict[str, str] = {}
     try:

@@ -35,7 +35,7 @@ def run(
         log_level: Lowest level that is logged.
     """
     gc.disable()  # until `freeze_objects`; what a start makes stays
-    from traverse.daemon.app import run_service  # noqa: PLC0415 - keeps --help quick
+    from traverse.daemon.app import run_service
 
     start_log(log_format, log_level)
     status = asyncio.run(

@@ -18,6 +18,6 @@ def simulate(
     Args:
         config: The simulator's configuration, TOML.
     """
-    from traverse.simulator.run import run_simulator  # noqa: PLC0415 - heavy; not for --help
+    from traverse.simulator.run import run_simulator  # heavy; not for --help
 
     raise typer.Exit(run_simulator(config))

@@ -58,9 +58,9 @@ def store(
         list_s: Ask each arm so often what it has [s].
         keep_s: The broker keeps messages for an absent member [s].
     """
-    from traverse.fleet.member import Member, MemberSettings, NameTakenError  # noqa: PLC0415
-    from traverse.fleet.scan_files import ScanFiles  # noqa: PLC0415
-    from traverse.fleet.store import Store  # noqa: PLC0415
+    from traverse.fleet.member import Member, MemberSettings, NameTakenError
+    from traverse.fleet.scan_files import ScanFiles
+    from traverse.fleet.store import Store
 
     name = re.sub(r"[^A-Za-z0-9_.-]", "-", member or socket.gethostname())[:40]
     for option, text in (("--group", group), ("--member", member or name)):

@@ -32,7 +32,7 @@ def trace(
         key: Public key of the arm, by which points are checked.
     """
     with refusals():
-        from traverse.lab.certificates.trace import Tracer  # noqa: PLC0415
+        from traverse.lab.certificates.trace import Tracer
 
         # Path.resolve raises RuntimeError where a link leads to itself.
         beside = Path(os.path.realpath(file)).parent

@@ -54,7 +54,7 @@ def verify(
         if plan is not None:
             known = _known(plan, "--plan")
             report = _planned(known, arm, out, bidirectional=bidirectional)
-            from traverse.lab.acceptance.plan import plan_words  # noqa: PLC0415
+            from traverse.lab.acceptance.plan import plan_words
 
             print_report(report, plan_words(report), as_json=as_json)
             return
@@ -69,10 +69,10 @@ def verify(
         certificate = _certificate(data, known, arm, limits, operator)
         values = certificate.values
         if out is not None:
-            from traverse.lab.acceptance.certificate.files import write_certificate  # noqa: PLC0415
+            from traverse.lab.acceptance.certificate.files import write_certificate
 
             write_certificate(certificate, out)
-    from traverse.lab.acceptance.certificate.page import WORDS  # noqa: PLC0415
+    from traverse.lab.acceptance.certificate.page import WORDS
 
     wrote = f"wrote {out}: certificate.json, .html, .pdf, data"
     lines = [*WORDS.lines("summary", values), *([] if out is None else [wrote])]
@@ -82,7 +82,7 @@ def verify(
 
 
 def _known(standard: str, option: str) -> str:
-    from traverse.lab.acceptance.standards import STANDARDS  # noqa: PLC0415
+    from traverse.lab.acceptance.standards import STANDARDS
 
     if standard not in STANDARDS:
         names = ", ".join(STANDARDS)
@@ -97,16 +97,16 @@ def _certificate(
     limits_file: Path | None,
     computed_by: str | None,
 ) -> "SealedCertificate":
-    from traverse.lab.acceptance.certificate.check import ARM, LIMITS  # noqa: PLC0415
-    from traverse.lab.acceptance.certificate.values import (  # noqa: PLC0415
+    from traverse.lab.acceptance.certificate.check import ARM, LIMITS
+    from traverse.lab.acceptance.certificate.values import (
         SealedCertificate,
         administration_of,
     )
-    from traverse.lab.acceptance.conformity import NO_LIMITS, Limits  # noqa: PLC0415
-    from traverse.lab.acceptance.standards import verified  # noqa: PLC0415
-    from traverse.lab.measured_points.reading import files_read, read_by_tool  # noqa: PLC0415
-    from traverse.lab.report import provenance as sources  # noqa: PLC0415
-    from traverse.strict_toml.reader import read_strict  # noqa: PLC0415
+    from traverse.lab.acceptance.conformity import NO_LIMITS, Limits
+    from traverse.lab.acceptance.standards import verified
+    from traverse.lab.measured_points.reading import files_read, read_by_tool
+    from traverse.lab.report import provenance as sources
+    from traverse.strict_toml.reader import read_strict
 
     arm, text = _arm(data, arm_file)
     permitted = NO_LIMITS if limits_file is None else read_strict(limits_file, Limits)
@@ -145,13 +145,13 @@ def _covariance_beside(arm: "Arm", file: Path | None) -> Path | None:
 
 def _arm(data: Path, file: Path | None) -> "tuple[Arm, bytes]":
     """The arm, and its file as it is."""
-    from traverse.kinematics.arm_file.arm import parse_arm, read_arm  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import parse_arm, read_arm
 
     if file is not None:
         return read_arm(file), bytes_of(file)
     if data.suffix != ".mcap":
         refuse("--arm missing; the arm file with which it was measured")
-    from traverse.recording.reader import read_recording  # noqa: PLC0415
+    from traverse.recording.reader import read_recording
 
     text = read_recording(data).arm_text
     return parse_arm(text, f"{data}: arm.toml"), text.encode()
@@ -160,8 +160,8 @@ def _arm(data: Path, file: Path | None) -> "tuple[Arm, bytes]":
 def _planned(
     standard: str, arm_file: Path | None, out: Path | None, *, bidirectional: bool
 ) -> dict[str, Any]:
-    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415
-    from traverse.lab.acceptance.plan import plan_of, write_plan  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import read_arm
+    from traverse.lab.acceptance.plan import plan_of, write_plan
 
     if arm_file is None or out is None:
         refuse("--plan needs --arm and --out")
@@ -172,14 +172,14 @@ def _planned(
 def _checked(
     path: Path, trust: list[Path], schemas: Path | None, *, as_json: bool
 ) -> None:
-    from traverse.lab.acceptance.certificate.check import (  # noqa: PLC0415
+    from traverse.lab.acceptance.certificate.check import (
         certificate_problems,
     )
 
     folder = path if path.is_dir() else path.parent
     if (folder / "dcc.xml").is_file():
-        from traverse.lab.certificates.certificate import checked_certificate  # noqa: PLC0415
-        from traverse.lab.certificates.signature import read_certificate  # noqa: PLC0415
+        from traverse.lab.certificates.certificate import checked_certificate
+        from traverse.lab.certificates.signature import read_certificate
 
         trusted = [read_certificate(one) for one in trust]
         found = checked_certificate(folder, trusted, schemas)

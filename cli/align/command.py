@@ -86,13 +86,13 @@ def align(
         return
     if points is None:
         refuse("name the points to be aligned, or give --clear")
-    from traverse.lab.alignment import files  # noqa: PLC0415 - keeps --help quick
+    from traverse.lab.alignment import files
 
     with refusals():
         if options.problem is not None:
             refuse(options.problem)
         if options.nominal is not None:
-            from traverse.cli.align.computing import compute_alignment  # noqa: PLC0415
+            from traverse.cli.align.computing import compute_alignment
 
             with refusals(ValueError):
                 values = compute_alignment(points, options.nominal, options)

@@ -75,13 +75,13 @@ def show(
         file: An arm file.
         png: Draw the base posture from three sides (extra `lab`).
     """
-    from traverse.cli.arm.summary import arm_summary, summary_lines  # noqa: PLC0415
-    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.cli.arm.summary import arm_summary, summary_lines
+    from traverse.kinematics.arm_file.arm import read_arm
 
     with refusals():
         values = read_arm(file)
         if png is not None:
-            from traverse.lab.report.arm_picture import draw_base_posture  # noqa: PLC0415 - extra `lab`
+            from traverse.lab.report.arm_picture import draw_base_posture  # extra `lab`
 
             draw_base_posture(values, png)
     summary = arm_summary(values)
@@ -115,8 +115,8 @@ def from_dh(
         base_xyz_mm: The first frame in the arm's system: x,y,z.
         base_rpy_rad: Its attitude there: roll,pitch,yaw.
     """
-    from traverse.cli.arm.making import arm_from_dh_file  # noqa: PLC0415
-    from traverse.kinematics.importers.dh_file import Units  # noqa: PLC0415
+    from traverse.cli.arm.making import arm_from_dh_file
+    from traverse.kinematics.importers.dh_file import Units
 
     check_target(out, force=force)
     units = Units(lengths, angles)
@@ -153,7 +153,7 @@ def from_urdf(
         root: Fixed link; default the root.
         tip: Link with the probe; default the only end.
     """
-    from traverse.cli.arm.making import arm_from_urdf_file  # noqa: PLC0415
+    from traverse.cli.arm.making import arm_from_urdf_file
 
     check_target(out, force=force)
     with refusals():
@@ -179,10 +179,10 @@ def to_dh(
         out: Write the table: TOML (.toml), else CSV.
         parallel_below_rad: Hinges nearer than this are parallel.
     """
-    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
-    from traverse.kinematics.importers.dh_report import dh_report, remark_lines  # noqa: PLC0415
-    from traverse.strict_toml.arm_text import arm_text  # noqa: PLC0415
-    from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import read_arm
+    from traverse.kinematics.importers.dh_report import dh_report, remark_lines
+    from traverse.strict_toml.arm_text import arm_text
+    from traverse.strict_toml.writing import write_atomically
 
     check_target(out, force=force)
     with refusals():
@@ -210,9 +210,9 @@ def to_urdf(
         file: An arm file.
         out: Write the description.
     """
-    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
-    from traverse.kinematics.importers.urdf_report import urdf_remarks, urdf_report  # noqa: PLC0415
-    from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import read_arm
+    from traverse.kinematics.importers.urdf_report import urdf_remarks, urdf_report
+    from traverse.strict_toml.writing import write_atomically
 
     check_target(out, force=force)
     with refusals():
@@ -241,9 +241,9 @@ def to_qif(
         file: An arm file.
         verification: Folder of `traverse verify --out` of the arm.
     """
-    from traverse.cli.arm.qif import qif_of_arm  # noqa: PLC0415
-    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
-    from traverse.strict_toml.writing import replacing  # noqa: PLC0415
+    from traverse.cli.arm.qif import qif_of_arm
+    from traverse.kinematics.arm_file.arm import read_arm
+    from traverse.strict_toml.writing import replacing
 
     check_target(out, force=force)
     with refusals(ValueError):
@@ -272,7 +272,7 @@ def _print_converted(
 
 
 def _write(file: Path, made: "Arm", *, as_json: bool) -> None:
-    from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import write_arm
 
     write_arm(file, made)
     names = [joint.name for joint in made.joints]

@@ -75,7 +75,7 @@ def qif_of_arm(arm: Arm, verification: Path | None) -> tuple[bytes, dict[str, An
 
 
 def _checked(verification: Path, digest: str) -> dict[str, Any]:
-    from traverse.lab.acceptance.certificate.check import (  # noqa: PLC0415 - extra `lab`
+    from traverse.lab.acceptance.certificate.check import (  # extra `lab`
         CERTIFICATE,
         certificate_problems,
     )

@@ -37,15 +37,15 @@ def collect(
         each: Touches of every feature; not with a plan.
         allow: Quality flags that a point may have, with commas.
     """
-    from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
+    from traverse.kinematics.arm_file.arm import read_arm
 
     flags = frozenset(flag.strip() for flag in allow.split(",") if flag.strip())
     address = broker.address()
     with refusals():
-        from traverse.cli.collect.session import collection_of, run_collection  # noqa: PLC0415
-        from traverse.lab.campaign import campaign_file  # noqa: PLC0415
-        from traverse.lab.collection.collection import collection_report  # noqa: PLC0415
-        from traverse.protocol.messages.quality import FLAG_MEANINGS  # noqa: PLC0415
+        from traverse.cli.collect.session import collection_of, run_collection
+        from traverse.lab.campaign import campaign_file
+        from traverse.lab.collection.collection import collection_report
+        from traverse.protocol.messages.quality import FLAG_MEANINGS
 
         known = {str(flag.name).lower() for flag in FLAG_MEANINGS}
         if unknown := sorted(flags - known):

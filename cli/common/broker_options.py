@@ -30,7 +30,7 @@ class BrokerOptions:
 
     def address(self) -> BrokerAddress:
         """Their values; ends the command where they or their files are bad."""
-        from traverse.broker.credentials import CredentialsError, read_credentials  # noqa: PLC0415
+        from traverse.broker.credentials import CredentialsError, read_credentials
 
         with refusals(CredentialsError, ValueError):
             address = replace(
@@ -47,8 +47,8 @@ class BrokerOptions:
 
 def arms_at(broker: BrokerAddress, seconds: float) -> list[str]:
     """Names of all arms with a status at a broker; ends the command without one."""
-    from traverse.client.errors import BrokerUnreachableError  # noqa: PLC0415
-    from traverse.client.mqtt.subscription import find_arms  # noqa: PLC0415
+    from traverse.client.errors import BrokerUnreachableError
+    from traverse.client.mqtt.subscription import find_arms
 
     try:
         return asyncio.run(find_arms(broker, seconds))

@@ -23,7 +23,7 @@ def check_schema(content: bytes, file: Path, schemas: Path) -> None:
     Raises:
         FileError: It does not keep to the schema, or that cannot be used.
     """
-    from traverse.lab.certificates.xml import read_xml, schema_problems  # noqa: PLC0415 - of an extra
+    from traverse.lab.certificates.xml import read_xml, schema_problems  # of an extra
 
     found = schema_problems(read_xml(content, str(file)), schemas, SCHEMA)
     problems = [Problem("", f"schema: {told}") for told in found]

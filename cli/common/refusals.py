@@ -109,7 +109,7 @@ def check_results(folder: Path, arm: Path) -> None:
 @contextmanager
 def client_errors() -> Iterator[None]:
     """End with exit status 2 where the arm refuses, 3 where it is not reached."""
-    from traverse.client.errors import ClientError, CommandRefused  # noqa: PLC0415
+    from traverse.client.errors import ClientError, CommandRefused
 
     # Errors end the command with the same text.
     logging.getLogger("traverse.client").addHandler(logging.NullHandler())
@@ -124,7 +124,7 @@ def client_errors() -> Iterator[None]:
 @contextmanager
 def device_errors() -> Iterator[None]:
     """End with exit status 3 where a device cannot be reached."""
-    from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
+    from traverse.drivers.base.values import DeviceError
 
     try:
         yield

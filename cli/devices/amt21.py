@@ -48,8 +48,8 @@ class LineOptions:
     @contextmanager
     def opened(self) -> Iterator["Amt21Line"]:
         """The line; ends the command where a device cannot be reached."""
-        from traverse.drivers.amt21.line import Amt21Line  # noqa: PLC0415
-        from traverse.drivers.io.serial_port import SerialPort  # noqa: PLC0415
+        from traverse.drivers.amt21.line import Amt21Line
+        from traverse.drivers.io.serial_port import SerialPort
 
         wake_read, wake_write = os.pipe2(os.O_NONBLOCK)
         try:
@@ -141,8 +141,8 @@ def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, An
     Raises:
         DeviceError: none.
     """
-    from traverse.drivers.base.values import DeviceError  # noqa: PLC0415
-    from traverse.drivers.polling.channel import EncoderReading  # noqa: PLC0415
+    from traverse.drivers.base.values import DeviceError
+    from traverse.drivers.polling.channel import EncoderReading
 
     line.find_echo(addresses)
     found = []
@@ -169,7 +169,7 @@ def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, An
 
 
 def _value(line: "Amt21Line", request: bytes) -> int | None:
-    from traverse.drivers.polling.channel import EncoderReading  # noqa: PLC0415
+    from traverse.drivers.polling.channel import EncoderReading
 
     answers = (line.ask(request) for _ in range(TRIES))
     return next((a.count for a in answers if isinstance(a, EncoderReading)), None)

@@ -91,7 +91,9 @@ def preset(
 @contextmanager
 def _opened(bus: BusOptions) -> Iterator["Commissioning"]:
     """The bus, opened; ends the command where a device cannot be reached."""
-    from traverse.drivers.canopen.commissioning import Commissioning  # noqa: PLC0415 - an extra; quick help
+    from traverse.drivers.canopen.commissioning import (
+        Commissioning,  # an extra; quick help
+    )
 
     where = bus.interface, bus.channel, bus.bitrate, bus.timeout
     with device_errors(), Commissioning(*where) as tool:
@@ -100,7 +102,7 @@ def _opened(bus: BusOptions) -> Iterator["Commissioning"]:
 
 def _report(found: "FoundNode") -> dict[str, Any]:
     """A node for JSON; what it does not report is null."""
-    from traverse.protocol.canopen.frames import STATES  # noqa: PLC0415
+    from traverse.protocol.canopen.frames import STATES
 
     heard, facts, kind = found.heard, found.facts, found.device_type
     vendor, product, revision, serial = (None,) * 4 if facts is None else facts.identity
@@ -126,7 +128,7 @@ def _report(found: "FoundNode") -> dict[str, Any]:
 
 
 def _line(one: dict[str, Any]) -> str:
-    from traverse.protocol.canopen.objects import alarm_text, warning_text  # noqa: PLC0415
+    from traverse.protocol.canopen.objects import alarm_text, warning_text
 
     text = f"node {one['node']:3d}: "
     if one["problem"]:

@@ -50,13 +50,13 @@ def arm_file(
         device: Its id in the daemon's configuration.
         radius_mm: Radius of the ball; 0 for a pointed stylus.
     """
-    from traverse.cli.devices.microscribe_arm import (  # noqa: PLC0415
+    from traverse.cli.devices.microscribe_arm import (
         arm_from_microscribe,
         query_microscribe,
     )
-    from traverse.kinematics.arm_file.arm import write_arm  # noqa: PLC0415
-    from traverse.strict_toml.files import text_of  # noqa: PLC0415
-    from traverse.strict_toml.writing import write_atomically  # noqa: PLC0415
+    from traverse.kinematics.arm_file.arm import write_arm
+    from traverse.strict_toml.files import text_of
+    from traverse.strict_toml.writing import write_atomically
 
     config = out.with_name("traverse.toml")
     _check_names(out, config, baud_rate, device, force=force)
@@ -100,7 +100,7 @@ def _check_names(
     out: Path, config: Path, baud_rate: int | None, device: str, *, force: bool
 ) -> None:
     """Refuse what could only fail later, before a request to the arm."""
-    from traverse.drivers.microscribe.session import BAUD_RATES  # noqa: PLC0415
+    from traverse.drivers.microscribe.session import BAUD_RATES
 
     if baud_rate is not None and baud_rate not in BAUD_RATES:
         rates = ", ".join(map(str, sorted(BAUD_RATES)))

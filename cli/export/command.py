@@ -57,9 +57,9 @@ def export(
         arm: With --to campaign: the arm file.
         campaign: With --to campaign: a campaign.toml, or its folder.
     """
-    from traverse.cli.export import campaign as labelled  # noqa: PLC0415
-    from traverse.cli.export.file import file_words, write_file  # noqa: PLC0415
-    from traverse.client.exports.formats import FORMATS  # noqa: PLC0415 - keeps --help quick
+    from traverse.cli.export import campaign as labelled
+    from traverse.cli.export.file import file_words, write_file
+    from traverse.client.exports.formats import FORMATS
 
     to = wanted.to
     if to not in (*FORMATS, "campaign"):

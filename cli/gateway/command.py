@@ -49,10 +49,10 @@ def ippdme(
         key: INPUT=NAME: button as KeyPress, as base/1=Done. Repeatable.
         quote_class: GetMachineClass answers in quotes.
     """
-    from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
-    from traverse.client.gateways.ippdme.server import IppServer  # noqa: PLC0415
-    from traverse.client.gateways.ippdme.session import Options  # noqa: PLC0415
-    from traverse.daemon.pose.probe_library import read_probes  # noqa: PLC0415
+    from traverse.client.arm import Arm
+    from traverse.client.gateways.ippdme.server import IppServer
+    from traverse.client.gateways.ippdme.session import Options
+    from traverse.daemon.pose.probe_library import read_probes
 
     with refusals(ValueError):
         host, port = host_port(listen, "--listen", "127.0.0.1")
@@ -106,9 +106,9 @@ def keys(
         decimal: Decimal sign.
         stop_key: Stops typing; pressed again, lets it go on.
     """
-    from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
-    from traverse.client.gateways import keys as typing_keys  # noqa: PLC0415
-    from traverse.client.gateways.lines import LineForm, LineGateway  # noqa: PLC0415
+    from traverse.client.arm import Arm
+    from traverse.client.gateways import keys as typing_keys
+    from traverse.client.gateways.lines import LineForm, LineGateway
 
     with refusals(ValueError):
         typing_keys.check_typable(through, separator)
@@ -149,8 +149,8 @@ def live(
         magnify: Ellipsoids are so many times as large.
         since: From where on points are shown.
     """
-    from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
-    from traverse.client.gateways.live import LiveServer  # noqa: PLC0415
+    from traverse.client.arm import Arm
+    from traverse.client.gateways.live import LiveServer
 
     with refusals(ValueError):
         host, port = host_port(listen, "--listen", "127.0.0.1")
@@ -210,8 +210,8 @@ def lines(
         since: Where points begin without a cursor.
         cursor_file: File that keeps the place over restarts.
     """
-    from traverse.client.arm import Arm  # noqa: PLC0415 - keeps --help quick
-    from traverse.client.gateways.lines import LineForm, LineGateway  # noqa: PLC0415
+    from traverse.client.arm import Arm
+    from traverse.client.gateways.lines import LineForm, LineGateway
 
     with refusals(ValueError):
         form = LineForm(
@@ -253,10 +253,10 @@ def home_assistant(
         history: File of daily checks, interim.db: shows the last one.
         remove: Take the arm out again, and end.
     """
-    from traverse.client.gateways.home_assistant import HomeAssistantGateway  # noqa: PLC0415 - keeps --help quick
-    from traverse.lab.daily_check.history import HistoryRefusedError, checks_of  # noqa: PLC0415
-    from traverse.protocol.message_error import MessageError  # noqa: PLC0415
-    from traverse.protocol.topics import status_topic  # noqa: PLC0415
+    from traverse.client.gateways.home_assistant import HomeAssistantGateway
+    from traverse.lab.daily_check.history import HistoryRefusedError, checks_of
+    from traverse.protocol.message_error import MessageError
+    from traverse.protocol.topics import status_topic
 
     with refusals(MessageError):
         status_topic(arm)
@@ -280,7 +280,7 @@ def _outlet(
     tcp: str | None, udp: str | None, serial: str | None, baud: int, file: Path | None
 ) -> "Outlet":
     """The one that is named; raises ValueError."""
-    from traverse.client.gateways import outlets  # noqa: PLC0415
+    from traverse.client.gateways import outlets
 
     if sum(one is not None for one in (tcp, udp, serial, file)) != 1:
         raise ValueError("give one of --tcp, --udp, --serial and --file")

@@ -65,7 +65,7 @@ def resend(
         scan: Blocks of this scan instead of points.
         arm: Name of the arm.
     """
-    from traverse.protocol.messages import ResendArgs  # noqa: PLC0415
+    from traverse.protocol.messages import ResendArgs
 
     try:
         args = ResendArgs(session=session, scan=scan, from_seq=from_seq, to_seq=to_seq)
@@ -120,15 +120,15 @@ def key(
     Args:
         out: File of the private key; new.
     """
-    from base64 import b64encode  # noqa: PLC0415
-    from os import O_CREAT, O_EXCL, O_WRONLY, fdopen, open  # noqa: PLC0415
+    from base64 import b64encode
+    from os import O_CREAT, O_EXCL, O_WRONLY, fdopen, open
 
     check_target(out, force=False)
     with refusals():
-        from cryptography.hazmat.primitives.asymmetric.ed25519 import (  # noqa: PLC0415
+        from cryptography.hazmat.primitives.asymmetric.ed25519 import (
             Ed25519PrivateKey,
         )
-        from cryptography.hazmat.primitives.serialization import (  # noqa: PLC0415
+        from cryptography.hazmat.primitives.serialization import (
             Encoding,
             NoEncryption,
             PrivateFormat,
@@ -164,9 +164,9 @@ def verify(
         file: Points as JSON lines; else --db or --config.
         public: The arm's public key, that its owner gave you.
     """
-    from traverse.cli.points.outbox import opened_outbox, point_of  # noqa: PLC0415
-    from traverse.daemon.store.queries import iter_messages, read_sessions  # noqa: PLC0415
-    from traverse.protocol.signed_points import (  # noqa: PLC0415
+    from traverse.cli.points.outbox import opened_outbox, point_of
+    from traverse.daemon.store.queries import iter_messages, read_sessions
+    from traverse.protocol.signed_points import (
         checked_points,
         points_of_lines,
     )
@@ -199,7 +199,7 @@ def verify(
 
 def read_public_key_file(path: Path) -> bytes:
     """Read a public key; refuse what is none."""
-    from traverse.protocol.signed_points import read_public_key  # noqa: PLC0415
+    from traverse.protocol.signed_points import read_public_key
 
     try:
         with refusals():
@@ -227,8 +227,8 @@ def list_points(
         session: List its points, not the sessions.
         as_json: One object a line.
     """
-    from traverse.cli.points import outbox  # noqa: PLC0415
-    from traverse.daemon.store import queries  # noqa: PLC0415
+    from traverse.cli.points import outbox
+    from traverse.daemon.store import queries
 
     with (
         refusals(ValueError),
@@ -268,9 +268,9 @@ def export(
         out: File to write; else standard output.
         as_json: With --out: report as JSON.
     """
-    from traverse.cli.points import outbox  # noqa: PLC0415
-    from traverse.daemon.store import queries  # noqa: PLC0415
-    from traverse.strict_toml.writing import replacing  # noqa: PLC0415
+    from traverse.cli.points import outbox
+    from traverse.daemon.store import queries
+    from traverse.strict_toml.writing import replacing
 
     if as_format not in outbox.FORMATS:
         refuse(f"--format {as_format}: one of {', '.join(outbox.FORMATS)}")
@@ -305,7 +305,7 @@ def export(
 
 def _check(connection: "Connection", session: str) -> None:
     """End the command where the outbox has nothing of a session."""
-    from traverse.daemon.store import queries  # noqa: PLC0415
+    from traverse.daemon.store import queries
 
     if not queries.read_messages(connection, session, 0, LAST, 1):
         refuse(
@@ -316,7 +316,7 @@ def _check(connection: "Connection", session: str) -> None:
 
 def outbox_of(db: Path | None, config: Path | None) -> Path:
     """Find the outbox that is meant."""
-    from traverse.daemon.state_dir import OUTBOX, state_path  # noqa: PLC0415
+    from traverse.daemon.state_dir import OUTBOX, state_path
 
     if (db is None) == (config is None):
         refuse("give --db FILE or --config FILE, one of them")

@@ -46,8 +46,8 @@ def pivot(
         yes: Do not ask for confirmation beyond the limit.
     """
     with refusals():
-        from traverse.cli.probe.pivot import pivoted, write_vector  # noqa: PLC0415
-        from traverse.kinematics.arm_file.arm import read_arm  # noqa: PLC0415 - keeps --help quick
+        from traverse.cli.probe.pivot import pivoted, write_vector
+        from traverse.kinematics.arm_file.arm import read_arm
 
         probes, chosen = _chosen(library, name, write=write)
         try:
@@ -68,7 +68,7 @@ def _chosen(
     library: Path | None, name: str | None, *, write: bool
 ) -> tuple["ProbeLibrary | None", "LibraryProbe | None"]:
     """The probe of the library, or none where the arm's own is meant."""
-    from traverse.daemon.pose.probe_library import read_probes  # noqa: PLC0415
+    from traverse.daemon.pose.probe_library import read_probes
 
     if (library is None) != (name is None):
         refuse("--library and --name go together: give both, or neither")

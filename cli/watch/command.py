@@ -57,10 +57,10 @@ def watch(
 
 
 async def _display(broker: BrokerAddress, arm: str) -> None:
-    from rich.live import Live  # noqa: PLC0415 - keeps --help quick
+    from rich.live import Live
 
-    from traverse.cli.watch.view import picture  # noqa: PLC0415
-    from traverse.client.display.follower import Follower, following  # noqa: PLC0415
+    from traverse.cli.watch.view import picture
+    from traverse.client.display.follower import Follower, following
 
     follower = Follower(arm, broker)
     with contextlib.suppress(asyncio.CancelledError):  # Ctrl-C
@@ -83,8 +83,8 @@ async def _follow(
 async def _notify_absence(
     broker: BrokerAddress, arm: str, heard: asyncio.Event
 ) -> None:
-    from traverse.client.errors import ClientError  # noqa: PLC0415 - keeps --help quick
-    from traverse.client.mqtt.subscription import absence_of  # noqa: PLC0415
+    from traverse.client.errors import ClientError
+    from traverse.client.mqtt.subscription import absence_of
 
     await asyncio.sleep(FIND_S)
     with contextlib.suppress(ClientError):  # no broker, which is reported elsewhere
@@ -99,11 +99,11 @@ async def _write(
     as_json: bool,
     heard: asyncio.Event,
 ) -> None:
-    import aiomqtt  # noqa: PLC0415 - keeps --help quick
+    import aiomqtt
 
-    from traverse.cli.common.message_lines import line  # noqa: PLC0415
-    from traverse.client.mqtt.subscription import connection, received, subscribe  # noqa: PLC0415
-    from traverse.protocol.encoding import encode  # noqa: PLC0415
+    from traverse.cli.common.message_lines import line
+    from traverse.client.mqtt.subscription import connection, received, subscribe
+    from traverse.protocol.encoding import encode
 
     reached = False
     while True:
