@@ -18,9 +18,11 @@ A blunder may be anywhere. Where excluded poses gather in a range of a joint's a
 the arm does something there that its model lacks: they tell more about it than all
 others, and without them the arm would be fitted to where it is easy. They take part
 again. Those that gather on one artefact or in time may tell of a socket that moved:
-they stay out. Either is reported.
+they stay out. So do the few that chance brings together: taking blunders back costs
+more than leaving such poses out. Either is reported.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
@@ -277,6 +279,9 @@ _N_DRAWS = 300
 _MOST_CLUSTERS = 3
 # A blunder may be there as well: so many times the median of the others' |w|.
 _MUCH_WORSE = 4.0
+# Probability of a cluster by chance, below which it is a finding about the arm: one
+# that is reported at 0.001 would bring back blunders of one campaign in hundreds.
+_BY_CHANCE = 1e-6
 
 # Adjusts a campaign again, with a noise or as it is found, and poses that stay.
 Again = Callable[[Campaign, None, Booleans], IteratedAdjustment]
@@ -322,8 +327,10 @@ def with_clusters_back(
             w = run.statistics.w
             there &= ~(w > _MUCH_WORSE * np.nanmedian(w[there]))
         artefacts = np.unique(poses.artefacts[there])
-        of_joint = place.joint is not None and (
-            len(artefacts) > 1 or len(np.unique(poses.artefacts)) == 1
+        of_joint = (
+            place.joint is not None
+            and (len(artefacts) > 1 or len(np.unique(poses.artefacts)) == 1)
+            and place.log_p < math.log(_BY_CHANCE)
         )
         found.append(ExcludedCluster(place, of_joint))
         if not of_joint:

@@ -292,6 +292,23 @@ def test_excluded_poses_that_lie_together_are_a_finding_of_the_model(seed, n_blu
     assert rms_mm < 1.03 * everything
 
 
+def test_blunders_that_lie_together_by_chance_stay_out():
+    angles_rad, places_mm = seen_by_a_tracker(
+        built(2), 300, 2, travel_rad=1.5, noise=(3e-5, 0.02)
+    )
+    by_angle = np.argsort(angles_rad[:300, 1])
+    wrong = by_angle[[100, 102, 103, 106]]
+    towards = [[0.9, 0.0, -0.4], [-0.3, 0.8, 0.5], [0.1, -0.9, 0.6], [-0.7, 0.4, -0.7]]
+    places_mm[wrong] += towards
+    result, _ = ours(angles_rad, places_mm)
+    assert np.flatnonzero(~result.included).tolist() == sorted(wrong)
+    (found,) = result.clusters
+    assert (found.cluster.joint, found.taken_back) == ("J2", False)
+    words = " ".join(WORDS.lines("artefacts", result))
+    assert "the arm may do something there" in words
+    assert "They were left out" in words
+
+
 def test_excluded_poses_of_one_time_stay_out_and_are_reported():
     angles_rad, places_mm = seen_by_a_tracker(
         built(1), 80, 1, travel_rad=1.5, noise=(3e-5, 0.02)
