@@ -41,21 +41,19 @@ def predict(
     with refusals(IdentificationError):
         held = read_arm(arm)
         names = [joint.name for joint in held.joints]
-        judged = fitted = read_campaign(
-            campaign, names, several_tools=True, orientations=True
-        )
-        if fit_on is not None:
-            fitted = read_campaign(fit_on, names, several_tools=True, orientations=True)
-        for folder, one in {campaign: judged, fit_on or campaign: fitted}.items():
+        read = [
+            read_campaign(folder, names, several_tools=True, orientations=True)
+            for folder in (campaign, *([] if fit_on is None else [fit_on]))
+        ]
+        for folder, one in zip((campaign, fit_on), read, strict=False):
             for note in one.notes:
                 typer.echo(f"{folder}: {note}", err=True)
-        found = prediction.placed(fitted, held, with_tool=fit_tool)
-        places = {} if fit_on is None else prediction.places_of(found)
-        known = {} if fit_on is None else prediction.mountings_of(found)
-        result = prediction.predict(judged, found.arm, places, found.tools_mm, known)
+        judged, *fitted = read
+        found, result = prediction.predicted(judged, held, *fitted, with_tool=fit_tool)
         if out is not None:
             prediction.write_prediction(result, out)
-    tool = None if not fit_tool else list(found.arm.probe.vector_mm)
+        curves = prediction.curve_figures(judged, held, *fitted, with_tool=fit_tool)
+    tool = None if not fit_tool else list(found.probe.vector_mm)
     values = {
         "schema": SCHEMA,
         "arm": str(arm),
@@ -64,6 +62,7 @@ def predict(
         "probe_vector_mm": tool,
         "distance_mm": result.figures(),
         "artefacts": result.by_artefact(),
+        "curves": curves,
     }
     lines = prediction.WORDS.lines("prediction", values, out)
     print_report(values, lines, as_json=as_json)

@@ -13,7 +13,9 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.effects.pose import pose_flags
 from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.identification.equations.effect_model import effect_model
 from traverse.lab.identification.equations.network import (
     DEFAULT_CONTACT_MM,
     DEFAULT_ENCODER_RAD,
@@ -201,6 +203,44 @@ def predict(
         of_station_mm = misclosures_mm(network, station, values, state)
         found_mm[station.poses, : artefact.rows_per_pose] = of_station_mm
     return Prediction(campaign, found_mm, frozenset(own), errors_rad)
+
+
+def predicted(
+    judged: Campaign, arm: Arm, fit_on: Campaign | None = None, *, with_tool: bool
+) -> tuple[Arm, Prediction]:
+    """Predict poses with artefacts, tools and mountings found by others, or by them.
+
+    Returns the arm, with the probe's vector that was found, and the prediction.
+
+    Raises:
+        IdentificationError: Arm and campaigns do not fit together.
+    """
+    found = placed(judged if fit_on is None else fit_on, arm, with_tool=with_tool)
+    places = {} if fit_on is None else places_of(found)
+    known = {} if fit_on is None else mountings_of(found)
+    return found.arm, predict(judged, found.arm, places, found.tools_mm, known)
+
+
+def curve_figures(
+    judged: Campaign, arm: Arm, fit_on: Campaign | None = None, *, with_tool: bool
+) -> dict[str, Any] | None:
+    """Compare with the arm without its empirical curves; None where it has none.
+
+    Gives how many poses lie beyond the knots of any, and the figures without them.
+
+    Raises:
+        IdentificationError: Arm and campaigns do not fit together.
+    """
+    others = tuple(entry for entry in arm.effects if entry.kind != "empirical")
+    if len(others) == len(arm.effects):
+        return None
+    effects = effect_model(arm, arm.effects, judged).effects
+    beyond = pose_flags(effects, judged.block()).beyond_knots
+    bare = arm.model_copy(update={"effects": others})
+    return {
+        "n_beyond_knots": int(np.count_nonzero(beyond)),
+        "without": predicted(judged, bare, fit_on, with_tool=with_tool)[1].figures(),
+    }
 
 
 def write_prediction(result: Prediction, path: Path) -> None:

@@ -24,10 +24,20 @@ from tests.lab.simulated import (
     seven_joints,
     simulate,
 )
+from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import geometry_from_arm
 from traverse.lab.identification.identify import Options, identify
-from traverse.lab.identification.prediction import placed, places_of, predict
+from traverse.lab.identification.prediction import (
+    WORDS as PREDICTION_WORDS,
+)
+from traverse.lab.identification.prediction import (
+    curve_figures,
+    placed,
+    places_of,
+    predict,
+    predicted,
+)
 from traverse.lab.identification.report.page import WORDS
 
 GRID = {"A": [0.0, 0, 0], "B": [90.0, 0, 0], "C": [0.0, 80, 0], "D": [10.0, 20, 70]}
@@ -45,6 +55,44 @@ TRUE = built(3)
 def exact():
     """Without any noise."""
     return simulate(TRUE, TABLES, 24, seed=4, noise=NONE, travel_rad=2.5)
+
+
+def with_curve(arm, joint, knots, values_rad):
+    curve = {
+        "kind": "empirical",
+        "joint": joint,
+        "covariate": f"{joint}_rad",
+        "knots": knots,
+        "values_rad": values_rad,
+    }
+    return Arm.model_validate({**arm.model_dump(by_alias=True), "effects": (curve,)})
+
+
+@pytest.mark.parametrize("error_rad", [1e-3, 0.0])
+def test_a_curve_is_compared_with_the_arm_without_it(exact, error_rad):
+    fitted, judged = halves(exact)
+    knots, values_rad = (-0.4, 0.0, 0.5), (0.0, error_rad, -error_rad)
+    arm = with_curve(arm_value(TRUE), "J3", knots, values_rad)
+    found = curve_figures(judged, arm, fitted, with_tool=False)
+    read_rad = judged.poses.angles_rad[:, judged.joint_names.index("J3")]
+    n_beyond = np.count_nonzero((read_rad < -0.4) | (read_rad > 0.5))
+    assert 0 < found["n_beyond_knots"] == n_beyond < len(read_rad)
+    assert found["without"]["largest_mm"] < 1e-6
+    _, result = predicted(judged, arm, fitted, with_tool=False)
+    values = {
+        **{"campaign": "c", "arm": "a", "fit_on": "f", "probe_vector_mm": None},
+        "distance_mm": result.figures(),
+        "artefacts": result.by_artefact(),
+        "curves": found,
+    }
+    words = " ".join(PREDICTION_WORDS.lines("prediction", values, None))
+    assert f"{n_beyond} of {len(read_rad)} poses lie beyond" in words
+    worse = "The curves make the mean and the largest worse"
+    assert (worse in words) == (error_rad > 0.0)
+
+
+def test_an_arm_without_curves_is_compared_with_nothing(exact):
+    assert curve_figures(exact, arm_value(TRUE), with_tool=False) is None
 
 
 def halves(campaign):
