@@ -266,11 +266,9 @@ def holdout_figures(
     kept aside, of the same artefacts, were chosen by groups and a seed.
     """
     # The tool is part of the last link, which is free in the result.
-    given = placed(result.campaign, result.design, with_tool=True)
-    before, after = (
-        predict(kept_aside, of.arm, places_of(of), of.tools_mm, mountings_of(of))
-        for of in (given, result)
-    )
+    _, before = predicted(kept_aside, result.design, result.campaign, with_tool=True)
+    known = places_of(result), result.tools_mm, mountings_of(result)
+    after = predict(kept_aside, result.arm, *known)
     return {
         "by": by,
         "seed": seed,
