@@ -31,7 +31,12 @@ from traverse.protocol.messages import (
 
 
 class Listener:
-    """Messages in the order of arrival, by kind."""
+    """Messages in the order of arrival, by kind.
+
+    Attributes:
+        points: Where acknowledgements may be lost, those that are repeated are not kept
+            again; each must be as it was.
+    """
 
     def __init__(self, client: Any, arm: str) -> None:
         self.client = client
@@ -39,6 +44,7 @@ class Listener:
         self._requests = 0
         self._name = uuid.uuid4().hex[:8]  # requests are not those of another listener
         self.connected = False
+        self.may_miss_acknowledgements = False
         self.points: list[Point] = []
         self.scans: list[Scan] = []
         self.live_ns: list[int] = []
@@ -52,7 +58,11 @@ class Listener:
         """Keep one message."""
         match message:
             case Point():
-                self.points.append(message)
+                earlier = [p for p in self.points if p.id == message.id]
+                if not (earlier and self.may_miss_acknowledgements):
+                    self.points.append(message)
+                elif message not in earlier:
+                    self.errors.append(f"{message} was {earlier}")
             case Scan():
                 self.scans.append(message)
             case Live():

@@ -21,7 +21,11 @@ pytestmark = pytest.mark.needs("mosquitto")
 async def outage(
     broker: Mosquitto, daemon: Program, listener: Listener, seconds: float
 ) -> None:
-    """Kill the broker for a time; the listener is back before the daemon."""
+    """Kill the broker for a time; the listener is back before the daemon.
+
+    What the broker delivered and could not acknowledge any more is sent again.
+    """
+    listener.may_miss_acknowledgements = True
     broker.kill()
     await until(lambda: not listener.connected, "the listener has lost its broker")
     await daemon.says("broker.lost")
