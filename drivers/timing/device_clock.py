@@ -25,7 +25,7 @@ BINS = 64  # half a minute: long against jitter, short against temperature
 BINS_FOR_SLOPE = 10  # five seconds: before, a busy host's delays look like a rate
 MAX_RATE_ERROR = 1e-3  # a crystal is within 1e-4; beyond this it is not a clock
 MAX_EARLY_NS = 20_000_000  # more than jitter: received so long before its latch
-MAX_LAG_NS = 2_000_000  # shorter than any motion that matters
+MAX_LAG_NS = 500_000  # 0.1 mm of a hand that moves at 200 mm/s
 
 
 class DeviceClock:
@@ -164,11 +164,11 @@ class DeviceClock:
         if len(self._bins) < BINS_FOR_SLOPE:
             # No crystal drifts like the delays of a host that stands still for a bin.
             drift_ns = MAX_RATE_ERROR * self._ns_per_tick * (at[-1] - at)
-            lowest_ns = np.sort(offsets_ns + drift_ns)
-            slope, height_ns = 0.0, float(lowest_ns[0])
+            order = np.argsort(offsets_ns + drift_ns)
+            slope, height_ns = 0.0, float((offsets_ns + drift_ns)[order[0]])
             # Where all of a bin is late, another one is not late by as much.
-            agrees = len(lowest_ns) > 1 and lowest_ns[1] - lowest_ns[0] < MAX_LAG_NS
-            self._is_confirmed = bool(agrees)
+            apart_ns = np.abs(np.diff(offsets_ns[order[:2]])) + drift_ns[order[0]]
+            self._is_confirmed = bool((apart_ns < MAX_LAG_NS).any())
         else:
             elapsed_ns = at * self._ns_per_tick
             self._is_confirmed = True
