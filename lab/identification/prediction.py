@@ -13,6 +13,7 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.kinematics.effects.pose import pose_flags
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.equations.effect_model import effect_model
@@ -231,7 +232,11 @@ def curve_figures(
     Raises:
         IdentificationError: Arm and campaigns do not fit together.
     """
-    others = tuple(entry for entry in arm.effects if entry.kind != "empirical")
+    others = tuple(
+        entry
+        for entry in arm.effects
+        if EFFECT_KINDS[entry.kind].family is not Family.CURVE
+    )
     if len(others) == len(arm.effects):
         return None
     effects = effect_model(arm, arm.effects, judged).effects
