@@ -13,7 +13,7 @@ import typer
 from traverse.installation import EXTRAS, missing
 from traverse.strict_toml.problems import FileError, system_reason
 
-FAILED, REFUSED, UNREACHABLE = 1, 2, 3
+FAILED, REFUSED, UNREACHABLE, IN_DOUBT = 1, 2, 3, 4
 
 _OF_THE_LAB = (
     "align",
@@ -74,6 +74,14 @@ def print_report(values: Any, lines: Iterable[str], *, as_json: bool) -> None:  
         typer.echo(json.dumps(values, indent=1, default=str, ensure_ascii=False))
     else:
         typer.echo("\n".join(lines))
+
+
+def end_by_state(state: str, *, strict: bool) -> None:
+    """End a command by the state of its result; in doubt only where it is strict."""
+    if state == "bad":
+        raise typer.Exit(FAILED)
+    if strict and state != "good":
+        raise typer.Exit(IN_DOUBT)
 
 
 def system_refusal(error: OSError) -> str:

@@ -1,0 +1,1 @@
+"""What the lab's commands conclude: a state, and the reasons for it."""
