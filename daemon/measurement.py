@@ -20,6 +20,8 @@ from traverse.daemon.acquisition.monitors import (
 )
 from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.clock import HostClock
+from traverse.daemon.conditions.monitor import ConditionMonitor
+from traverse.daemon.conditions.table import HOST
 from traverse.daemon.config.schema import Action, Configuration
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.monitoring.latencies import Latencies, latencies_by_name
@@ -28,6 +30,10 @@ from traverse.daemon.points.controller import PointController, PointFuture
 from traverse.daemon.points.measurement import MeasurementContext
 from traverse.daemon.pose.alignment import ActiveAlignment, Alignment
 from traverse.daemon.pose.arm_model import ArmModel, model_with_probe
+from traverse.daemon.pose.condition_subjects import (
+    counting_subjects,
+    subjects_by_condition,
+)
 from traverse.daemon.pose.live import LivePoseSampler
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.poses import ArmReadings, PoseBlock
@@ -47,6 +53,7 @@ from traverse.daemon.scans.scanner import Scanner, ScanSink
 from traverse.daemon.step_listener import StepListener
 from traverse.drivers.base.delivery_maps import delivery_from_map
 from traverse.drivers.base.values import (
+    STATUS_TIME_UNCERTAIN,
     CountSamples,
     Delivery,
     DeviceAlarm,
@@ -58,10 +65,11 @@ from traverse.drivers.base.values import (
     LatchedCounts,
     StreamStarted,
 )
-from traverse.protocol.messages import Label, Live
+from traverse.protocol.messages import FLAG_MEANINGS, Label, Live, QualityFlag
 
 MAX_TEMPERATURES = 1000  # in a snapshot
 REST_NS, REST_MM = 2_000_000_000, 0.1  # so long within so much of one place
+EARLIEST_UTC_NS = 1_600_000_000_000_000_000  # in 2020, before this was made
 DEFERRED_NS = 50_000_000  # readings wait no longer for others to be evaluated with
 
 
@@ -98,6 +106,7 @@ class Measurement(MeasurementContext):
         listener: notified of each step, before it is taken.
         devices: all of the configuration, by id.
         joint_devices: those of them that read the arm's joints.
+        conditions: that all numbers rest on.
         latches: what waits for a requested latch, by its token, with its request.
         latch_points: all requests of such points that are not done, by the same.
         probe: that of the library which measures; None for that of the arm file.
@@ -128,7 +137,11 @@ class Measurement(MeasurementContext):
         self.resampler = Resampler(model, settings)
         parts = self.joint_devices, self.pipeline, self.resampler
         changed = sinks.status_changed
-        self.states = DeviceStateTracker(clock, *parts, events, changed)
+        self.conditions = ConditionMonitor(clock, events, changed)
+        self._use_conditions(model)
+        self.states = DeviceStateTracker(
+            clock, *parts, events, self.conditions, changed
+        )
         self.late_readings = LateReadingMonitor(self.resampler, clock, events)
         self.temperatures = TemperatureMonitor(clock, events)
         self.skew = SkewMonitor(settings.skew_limit_mm)
@@ -138,7 +151,7 @@ class Measurement(MeasurementContext):
             configuration.quality,
             model,
             clock,
-            events,
+            self.conditions,
             sinks.references,
             reset_turns=self.pipeline.reset_turns,
         )
@@ -212,9 +225,14 @@ class Measurement(MeasurementContext):
         self.scanner.use_settings(capture.scan_block_s, configuration.scan)
         self._set_batch_window()
 
+    def _use_conditions(self, model: ArmModel) -> None:
+        subjects = subjects_by_condition(model, tuple(self.devices))
+        self.conditions.use(subjects, counting_subjects(model))
+
     def set_model(self, model: ArmModel) -> None:
         """Measure with another probe on the same arm from the next sample on."""
         self.evaluate_readings()
+        self._use_conditions(model)
         self.pipeline.use_model(model)
         self.quality.use_model(model)
         self.trajectory.forget()  # it was that of another ball
@@ -282,6 +300,7 @@ class Measurement(MeasurementContext):
             "temperatures": self.quality.persistent.temperatures[-MAX_TEMPERATURES:],
             "pipeline": self.pipeline.state,
             "references": self.quality.references.state,
+            "conditions": self.conditions.state,
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -314,6 +333,7 @@ class Measurement(MeasurementContext):
         # Recordings of earlier versions know nothing of references.
         nothing: dict[str, Any] = {"doubts": {}, "confirmed": {}}
         self.quality.references.resume(state.get("references", nothing))
+        self.conditions.resume(state.get("conditions", ()))
 
     # -- deliveries and time --------------------------------------------------
 
@@ -325,11 +345,19 @@ class Measurement(MeasurementContext):
         """
         now_ns = self.clock.step()
         self.listener.passed(now_ns, self)
-        self.quality.check_clock()
+        self._check_host_clock()
         self.evaluate_readings()
         self._take_assembled(now_ns)
         self.points.settle(now_ns)
         self.late_readings.check()
+
+    def _check_host_clock(self) -> None:
+        self.quality.check_clock()
+        now_ns = self.clock.monotonic_ns()
+        if now_ns + self.clock.utc_offset_ns() >= EARLIEST_UTC_NS:
+            self.conditions.establish("utc", HOST)
+        else:
+            self.conditions.doubt("utc", HOST, "the computer's clock is years behind")
 
     def dispatch(
         self, device: Device, delivery: Delivery, *, is_before_edge: bool = False
@@ -342,7 +370,7 @@ class Measurement(MeasurementContext):
         """
         device.last_ns = self.clock.step()
         self.listener.delivered(device.last_ns, delivery, self)
-        self.quality.check_clock()
+        self._check_host_clock()
         match delivery:
             case CountSamples():
                 self._take_samples(device, delivery, is_before_edge)
@@ -394,6 +422,7 @@ class Measurement(MeasurementContext):
         ):
             return
         self.quality.references.add(samples, device.max_speed_rad_s)
+        self._note_device_clock(samples)
         waited_ns = self.clock.running.monotonic_ns() - samples.received_ns
         self.sinks.latencies["queue_wait"].add(waited_ns)
         if self.joint_devices.is_single and samples.skew_ns is None:
@@ -413,6 +442,15 @@ class Measurement(MeasurementContext):
             self.resampler.add(samples, self.clock.monotonic_ns())
             self._take_assembled()
         self.points.settle()
+
+    def _note_device_clock(self, samples: CountSamples) -> None:
+        """Feed the condition of the device's clock by what its driver says."""
+        condition = "device_clock", samples.device
+        if (samples.status & STATUS_TIME_UNCERTAIN).any():
+            cause = FLAG_MEANINGS[QualityFlag.TIME_UNCERTAIN]
+            self.conditions.mark(*condition, cause)
+        else:
+            self.conditions.settle(*condition)
 
     def _take_assembled(self, now_ns: int | None = None) -> None:
         for samples, error_bounds_counts in self.resampler.resampled(now_ns):

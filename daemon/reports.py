@@ -6,10 +6,11 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.commands.dispatcher import CommandDispatcher
+from traverse.daemon.conditions.monitor import Standing
 from traverse.daemon.config.filters import removed_counters
 from traverse.daemon.measurement import Measurement
 from traverse.daemon.monitoring.events import Occurrence
@@ -22,6 +23,7 @@ from traverse.protocol.encoding import Encoding
 from traverse.protocol.messages import (
     Alarm,
     BrokerHealth,
+    ConditionStanding,
     Health,
     OutboxHealth,
     RecordingHealth,
@@ -31,6 +33,8 @@ from traverse.protocol.messages import (
 
 MAX_ALARMS = 64  # in a status
 MAX_PROBES = 64
+MAX_CONDITIONS = 256
+MAX_TEXT = 2000
 SUMMED = (
     "samples_received",
     "samples_lost",
@@ -65,12 +69,14 @@ def status_message(
             "label": measurement.capture.label,
             "alignment": None if alignment is None else alignment.name,
             "public_key": public_key,
+            "conditions": tuple(
+                _condition(standing, clock)
+                for standing in measurement.conditions.standings[:MAX_CONDITIONS]
+            ),
         }
-    devices = measurement.devices.values()
-    ready = keeps_points and all(device.state == "ready" for device in devices)
     return Status(
         online=online,
-        state="offline" if not online else "ready" if ready else "degraded",
+        state=_state(measurement, keeps_points) if online else "offline",
         arm=measurement.model.name,
         model=measurement.model.digest,
         version=version("traverse-cmm"),
@@ -78,8 +84,29 @@ def status_message(
         encoding=encoding,
         session=measurement.capture.session.id,
         time_ns=clock.monotonic_ns() + clock.utc_offset_ns(),
-        drivers=tuple(device.status() for device in devices),
+        drivers=tuple(device.status() for device in measurement.devices.values()),
         **arrangement,
+    )
+
+
+def _state(
+    measurement: Measurement, keeps_points: bool
+) -> Literal["ready", "doubt", "degraded"]:
+    devices = measurement.devices.values()
+    if not keeps_points or any(device.state != "ready" for device in devices):
+        return "degraded"
+    return "ready" if measurement.conditions.all_established else "doubt"
+
+
+def _condition(standing: Standing, clock: HostClock) -> ConditionStanding:
+    return ConditionStanding(
+        name=standing.name,
+        source=standing.subject,
+        established=standing.established,
+        since_ns=clock.to_utc_ns(standing.since_ns),
+        cause=standing.cause[:MAX_TEXT],
+        remedy=standing.remedy[:MAX_TEXT],
+        command=standing.condition.command,
     )
 
 

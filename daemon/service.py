@@ -457,6 +457,7 @@ async def _poll_periodically(service: Service) -> None:
     loop = asyncio.get_running_loop()
     while True:
         period_s = service.measurement.configuration.health.period_s
+        service.measurement.conditions.check_overdue()
         service.events.flush()
         service.outbox.poll()
         service.spool.poll()

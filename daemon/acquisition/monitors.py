@@ -8,10 +8,13 @@ from traverse.daemon.acquisition.device import Device
 from traverse.daemon.acquisition.joint_devices import JointDevices
 from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.clock import HostClock
+from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.pipeline import Pipeline
 from traverse.drivers.base.values import DeviceAlarm, DeviceFault, DeviceLost, DeviceUp
+
+MATCH = "correct the arm file, or set the device up for it"
 
 
 @dataclass(eq=False)
@@ -20,6 +23,7 @@ class DeviceStateTracker:
 
     Args:
         pipeline: restarted where turns are no longer known.
+        conditions: are notified whether a device is present.
     """
 
     clock: HostClock
@@ -27,6 +31,7 @@ class DeviceStateTracker:
     pipeline: Pipeline
     resampler: Resampler
     events: EventLog
+    conditions: ConditionMonitor
     changed: Callable[[], None]
 
     def on_up(self, device: Device, up: DeviceUp) -> None:
@@ -46,7 +51,7 @@ class DeviceStateTracker:
                 "device.mismatch",
                 problem,
                 source=name,
-                remedy="correct the arm file, or set the device up for it",
+                remedy=MATCH,
             )
         device.reconnects += device.state == "lost"
         device.state = "failed" if device.problems else "ready"
@@ -61,13 +66,12 @@ class DeviceStateTracker:
                 remedy="check a known point before measuring on",
             )
         firmware = f", firmware {up.identity.firmware}" if up.identity.firmware else ""
-        self.events.change(
-            False,
-            "error",
-            "device.lost",
-            f"{up.identity.name} is there{firmware}",
-            source=name,
-        )
+        if device.problems:
+            cause = "; ".join(device.problems)
+            self.conditions.doubt("present", name, cause, remedy=MATCH)
+        else:
+            text = f"{up.identity.name} is there{firmware}"
+            self.conditions.establish("present", name, text)
         device.answered.set()
         self.changed()
 
@@ -78,14 +82,8 @@ class DeviceStateTracker:
             self.resampler.on_lost(device.section.id)
         if device.state != "starting":
             device.state = "lost"
-            self.events.change(
-                True,
-                "error",
-                "device.lost",
-                lost.reason,
-                source=device.section.id,
-                remedy=lost.remedy,
-            )
+            name = device.section.id
+            self.conditions.doubt("present", name, lost.reason, remedy=lost.remedy)
         device.answered.set()
         self.changed()
 

@@ -151,7 +151,8 @@ class QualityMonitor:
     """Flags every pose.
 
     Args:
-        references: knows which positions are only assumed.
+        references: knows which positions are only assumed, and feeds the conditions,
+            whose flags mark every pose.
     """
 
     def __init__(
@@ -163,6 +164,7 @@ class QualityMonitor:
         references: ReferenceMonitor,
     ) -> None:
         self._events = events
+        self._conditions = references.conditions
         self.references = references
         self.persistent = PersistentFlags(section, model, clock)
         self._speeds = SpeedTracker()
@@ -217,7 +219,7 @@ class QualityMonitor:
         """
         if model is not self._model:
             self.use_model(model)
-        persistent = self.persistent.bits(temperature_c) | self.references.bits
+        persistent = self.persistent.bits(temperature_c) | self._conditions.bits
         flags = persistent
         if self._has_pose_limits:
             found = self._limits.flags_of_angles(poses.angles_rad)
@@ -227,6 +229,7 @@ class QualityMonitor:
                 )
             np.bitwise_or(poses.quality, found, out=poses.quality)
             flags |= int(np.bitwise_or.reduce(found))
+        self._conditions.add_samples(int(np.bitwise_or.reduce(poses.quality)))
         if persistent:
             np.bitwise_or(poses.quality, np.uint32(persistent), out=poses.quality)
         if not is_scanning:
@@ -241,7 +244,7 @@ class QualityMonitor:
         temperature_c: float | None,
     ) -> LatchedPose:
         """A pose beside the stream, flagged; speeds are (n_joints,), None: unknown."""
-        found = self.persistent.bits(temperature_c) | self.references.bits
+        found = self.persistent.bits(temperature_c) | self._conditions.bits
         if self._has_pose_limits:
             limits, angles_rad = self._limits, pose.angles_rad
             found |= int(limits.flags_of_angles(angles_rad[np.newaxis])[0])

@@ -19,8 +19,9 @@ import numpy as np
 
 from traverse.arrays import Floats, Indices, Integers
 from traverse.daemon.clock import HostClock
+from traverse.daemon.conditions.monitor import ConditionMonitor
+from traverse.daemon.conditions.table import CONFIRM
 from traverse.daemon.config.schema import QualitySection
-from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.covariates import CovariateBuilder
 from traverse.drivers.base.values import (
@@ -32,18 +33,16 @@ from traverse.drivers.base.values import (
     Identity,
 )
 from traverse.kinematics.effects.pose import corrected_pose
-from traverse.protocol.messages import QualityFlag
 
-CODE = "device.turns_uncertain"
 SAME_MM = 1e-6  # rounding moves the ball by less, an effect that matters by more
 POSTURES_RAD = (0.3, 1.1)  # from the base posture, times the joint's number
+CONDITION = "reference"  # of the table, which this feeds
 PLACE, TURN = "place", "turn"
 MAX_SPEED_RAD_S = 20.0  # no joint turns faster, where a device's options do not say
 SPEED_NS = 50_000_000  # speed is taken from so much before and after an outage
 SPEED_RISE = 2.0  # a hand may have moved faster in between
 LONG_AGO_NS = -(2**62)
 NOT_READ = STATUS_ERROR | STATUS_MISSING | STATUS_STALE
-CONFIRM = "confirm (`traverse confirm`, or on the operator's page)"
 
 
 class ReferenceMemory:
@@ -206,7 +205,7 @@ class ReferenceMonitor:
     section: InitVar[QualitySection]
     model: InitVar[ArmModel]
     clock: HostClock
-    events: EventLog
+    conditions: ConditionMonitor
     memory: ReferenceMemory
     _: KW_ONLY
     reset_turns: Callable[[Sequence[int], int], None] = lambda joints, ns: None
@@ -222,11 +221,6 @@ class ReferenceMonitor:
         self._model = model
         self._one_turn = one_turn_joints(section, model)
         self._turning = turn_dependent_joints(section, model, self.clock)
-
-    @property
-    def bits(self) -> int:
-        """The flags of every measurement now."""
-        return int(QualityFlag.TURNS_UNCERTAIN) if self._doubts else 0
 
     @property
     def state(self) -> dict[str, object]:
@@ -276,6 +270,8 @@ class ReferenceMonitor:
             self._remember([device])
         if (is_first or up.restarted) and any(j in self._turning for j in joints):
             self._doubt(device, TURN)
+        if device not in self._doubts:
+            self.conditions.establish(CONDITION, device)
 
     def add(self, samples: CountSamples, max_speed_rad_s: float | None = None) -> None:
         """A device's encoders have been read, perhaps not for a while."""
@@ -319,7 +315,7 @@ class ReferenceMonitor:
         self._doubts.clear()
         for device in devices:
             text = f"the positions of {device} have been confirmed"
-            self.events.change(False, "error", CODE, text, source=device)
+            self.conditions.establish(CONDITION, device, text)
         self._remember(devices)
         return devices
 
@@ -332,8 +328,6 @@ class ReferenceMonitor:
         known = self._doubts.get(device)
         if known in (kind, PLACE):
             return
-        if known is not None:  # the alarm has more details from now on
-            self.events.change(False, "error", CODE, "more is in doubt", source=device)
         self._doubts[device] = kind
         names = self._model.effects.joint_names
         joints = self._joints_of(device)
@@ -359,7 +353,7 @@ class ReferenceMonitor:
                 f"or touch a point that you know and {CONFIRM}; for a joint that turns "
                 "less, write its end stops in [[quality.end_stops]]"
             )
-        self.events.change(True, "error", CODE, text, source=device, remedy=remedy)
+        self.conditions.doubt(CONDITION, device, text, remedy=remedy)
 
     def _joints_of(self, device: str) -> list[int]:
         return [j for j, d in enumerate(self._model.joint_devices) if d == device]

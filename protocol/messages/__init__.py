@@ -41,7 +41,12 @@ from traverse.protocol.messages.quality import (
 )
 from traverse.protocol.messages.reply import Reply, ReplyError
 from traverse.protocol.messages.scan import Scan
-from traverse.protocol.messages.status import Alarm, DriverStatus, Status
+from traverse.protocol.messages.status import (
+    Alarm,
+    ConditionStanding,
+    DriverStatus,
+    Status,
+)
 
 MESSAGES: tuple[type[Message], ...] = (
     Status,

@@ -32,6 +32,9 @@ class QualityFlag(IntFlag):
     TEMPERATURE_UNKNOWN = 1 << 17
     MOTION_UNKNOWN = 1 << 18
     SKEW = 1 << 19
+    GEOMETRY_UNKNOWN = 1 << 20
+    IDENTITY_UNCONFIRMED = 1 << 21
+    UTC_UNCERTAIN = 1 << 22
 
 
 FLAG_MEANINGS = {
@@ -61,6 +64,11 @@ FLAG_MEANINGS = {
     "last sense of a motion: left out",
     QualityFlag.SKEW: "joints were read at different instants, and the arm moved so "
     "that the point may be off by more than the limit",
+    QualityFlag.GEOMETRY_UNKNOWN: "the arm's geometry has not been identified with a "
+    "covariance: how far a point is off is not known",
+    QualityFlag.IDENTITY_UNCONFIRMED: "a device is not the one that was confirmed, or "
+    "was never confirmed",
+    QualityFlag.UTC_UNCERTAIN: "the computer's UTC cannot be believed",
 }
 """What each flag says."""
 

@@ -52,14 +52,35 @@ class Alarm(Value):
     """When it began. [UTC]"""
 
 
+class ConditionStanding(Value):
+    """Whether one condition that numbers rest on is established."""
+
+    name: Word
+    """Of the condition, from the table of conditions."""
+    source: Name
+    """What it concerns: a device, "arm" for the arm, "host" for the computer."""
+    established: bool
+    """While any is false, numbers are in doubt."""
+    since_ns: TimeNs
+    """Since when it is so. [UTC]"""
+    cause: Text
+    """Why it is not established, for people; empty where it is."""
+    remedy: Text
+    """What to do about it; empty where nothing is to be done."""
+    command: Annotated[str, Field(max_length=32)]
+    """Command by which the operator establishes it; empty where there is none."""
+
+
 class Status(Message):
     """The daemon's state: retained, sent at every change, and its last will."""
 
     schema_: Literal["traverse/status/1"] = schema_field("traverse/status/1")
     online: bool
     """False in the last will and after an orderly stop."""
-    state: Literal["starting", "ready", "degraded", "stopping", "offline"]
-    """"degraded": something configured is missing; see `drivers` and events."""
+    state: Literal["starting", "ready", "doubt", "degraded", "stopping", "offline"]
+    """"ready": every number is `ok` now, as far as no single one is marked; "doubt":
+    all is there, but a condition is not established; "degraded": something configured
+    is missing; see `conditions`, `drivers` and events."""
     arm: ArmName
     """Name of the arm, as in the topic."""
     model: Digest | None
@@ -79,6 +100,10 @@ class Status(Message):
     alarms: Annotated[tuple[Alarm, ...], Field(max_length=64)] | None = None
     """Lasting conditions, oldest first, at most 64; null in the last will, and from
     earlier versions."""
+    conditions: Annotated[
+        tuple[ConditionStanding, ...], Field(max_length=256, fail_fast=True)
+    ] = ()
+    """All conditions that numbers rest on; empty in the last will."""
     probe: Name | None = None
     """Probe of the library that measures; null: that of the arm file."""
     probes: Annotated[tuple[Name, ...], Field(max_length=64)] | None = None

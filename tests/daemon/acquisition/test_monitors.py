@@ -55,7 +55,7 @@ async def test_a_lost_device_is_reported_once_and_cleared_once(bench):
     states = [(event.code, event.active) for event in bench.events]
     assert states == [("device.lost", True), ("device.lost", False)]
     assert bench.device.reconnects == 1
-    assert bench.changes == 5
+    assert bench.changes == 5 + 5  # of the device, and of its conditions
 
 
 async def test_a_restarted_board_is_told_and_the_turns_are_taken_afresh(bench):

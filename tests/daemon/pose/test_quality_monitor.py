@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.daemon.values import PoseMaker, SetClock, arm_model
+from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.config.schema import EndStopSection, QualitySection
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.monitoring.events import EventLog
@@ -27,7 +28,11 @@ class Bench:
             EventLog(self.clock, self.events.append),
         )
         references = ReferenceMonitor(
-            section, model, self.clock, events, ReferenceMemory()
+            section,
+            model,
+            self.clock,
+            ConditionMonitor(self.clock, events),
+            ReferenceMemory(),
         )
         self.watch = QualityMonitor(section, model, self.clock, events, references)
         self.poses = PoseMaker(model, 1_000_000)

@@ -9,13 +9,14 @@ import pytest
 from tests.daemon.board_harness import BOARD, Bench
 from tests.daemon.two_devices import base
 from tests.daemon.values import ARM, MODULI, SetClock, arm_model, count_samples, latch
+from traverse.daemon.conditions.monitor import ConditionMonitor
+from traverse.daemon.conditions.table import BY_NAME
 from traverse.daemon.config.schema import EndStopSection, QualitySection
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.executor import ConfirmReference
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.reference_file import ReferenceFile
 from traverse.daemon.pose.references import (
-    CODE,
     ReferenceMemory,
     ReferenceMonitor,
     turn_dependent_joints,
@@ -33,6 +34,7 @@ HARMONIC = (
     ARM + '\n[[effects]]\nkind = "encoder_harmonic"\njoint = "J2"\n'
     "order = 3\ncos_rad = 1e-4\nsin_rad = 2e-4\n"
 )
+CODE = BY_NAME["reference"].code
 
 
 def up(*, restarted=False, boot="a", absolute=None):
@@ -54,19 +56,22 @@ class Rig:
     def __init__(self, folder, text=ARM, memory=None, **limits) -> None:
         self.events, clock = [], SetClock()
         self.limits = QualitySection(**limits)
+        events = EventLog(clock, self.events.append)
+        self.conditions = ConditionMonitor(clock, events)
+        self.conditions.use({"reference": ("base",)}, ("base",))
         self.monitor = ReferenceMonitor(
             self.limits,
             arm_model(folder, text),
             clock,
-            EventLog(clock, self.events.append),
+            self.conditions,
             memory or ReferenceMemory(),
         )
 
     @property
     def is_doubtful(self):
         alarms = [event.active for event in self.events if event.code == CODE]
-        assert bool(self.monitor.bits) == bool(alarms and alarms[-1])
-        return bool(self.monitor.bits)
+        assert bool(self.conditions.bits) == bool(alarms and alarms[-1])
+        return bool(self.conditions.bits)
 
 
 @pytest.mark.parametrize(
@@ -303,7 +308,7 @@ async def test_a_known_point_is_held_against_the_position(bench):
     wrong = ReferenceArgs(action="confirm", at_xyz_mm=off)
     with pytest.raises(CaptureRefusedError, match=r"2\.000 mm from the known point"):
         await ConfirmReference(wrong).execute(bench.measurement)
-    assert bench.measurement.quality.references.bits
+    assert bench.measurement.conditions.bits
     right = ReferenceArgs(action="confirm", at_xyz_mm=off, tolerance_mm=2.1)
     await ConfirmReference(right).execute(bench.measurement)
-    assert not bench.measurement.quality.references.bits
+    assert not bench.measurement.conditions.bits

@@ -1,0 +1,255 @@
+"""Know which conditions are established, and report those that are lost."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import astuple, dataclass, replace
+from typing import Any
+
+from traverse.daemon.clock import HostClock
+from traverse.daemon.conditions.table import ARM, BY_NAME, CONDITIONS, Condition
+from traverse.daemon.monitoring.events import EventLog
+from traverse.protocol.messages.quality import FLAG_MEANINGS
+
+CALM_NS = 1_000_000_000  # without a marked sample so long it is established again
+PATIENCE_NS = 5_000_000_000  # to be established at first before an event says it is not
+NOT_YET = "not established yet"
+
+Key = tuple[str, str]
+"""Name of the condition, and its subject."""
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """Whether one condition of one subject is established.
+
+    Attributes:
+        subject: id of the device; `ARM` or `HOST`.
+        since_ns: since when, host monotonic.
+        cause: why it is not; empty where it is.
+        remedy: what to do about it; empty where nothing is to be done.
+        is_reported: its lasting event has begun.
+    """
+
+    name: str
+    subject: str
+    established: bool
+    since_ns: int
+    cause: str
+    remedy: str
+    is_reported: bool = False
+
+    @property
+    def condition(self) -> Condition:
+        """Its row of the table."""
+        return BY_NAME[self.name]
+
+
+class ConditionMonitor:
+    """Hold the standing of every condition that applies, each in doubt at first.
+
+    Feeders call `establish` and `doubt`; a condition that does not apply is ignored.
+
+    Args:
+        changed: called when a standing has changed.
+
+    Attributes:
+        bits: flags of every number now.
+    """
+
+    def __init__(
+        self,
+        clock: HostClock,
+        events: EventLog,
+        changed: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._clock = clock
+        self._events = events
+        self._changed = changed
+        self._standings: dict[Key, Standing] = {}
+        self._counting: frozenset[str] = frozenset()
+        self._sample_rows: list[Condition] = []
+        self._sample_bits = 0
+        self._marked_ns: dict[Key, int] = {}
+        self._open: frozenset[Key] = frozenset()
+        self.bits = 0
+
+    # -- what applies ---------------------------------------------------------
+
+    def use(
+        self, subjects: Mapping[str, Iterable[str]], counting: Sequence[str]
+    ) -> None:
+        """Follow what applies: by condition its subjects; new ones are in doubt.
+
+        Only subjects in ``counting`` mark numbers: devices that read no joint do not.
+        """
+        now_ns = self._clock.monotonic_ns()
+        keys = {
+            (row.name, subject): row
+            for row in CONDITIONS
+            for subject in subjects.get(row.name, ())
+        }
+        for key in self._standings.keys() - keys.keys():
+            self._end_event(self._standings.pop(key), "it does not apply any more")
+            self._marked_ns.pop(key, None)
+        self._standings = {
+            key: self._standings.get(key)
+            or Standing(*key, False, now_ns, NOT_YET, row.remedy)
+            for key, row in keys.items()
+        }
+        self._counting = frozenset(counting)
+        self._sample_rows = [
+            row
+            for row in CONDITIONS
+            if row.marks == "samples" and (row.name, ARM) in self._standings
+        ]
+        self._sample_bits = 0
+        for row in self._sample_rows:
+            self._sample_bits |= int(row.flags)
+        self._update_bits()
+
+    # -- what holds -----------------------------------------------------------
+
+    def is_established(self, name: str, subject: str = ARM) -> bool:
+        """Whether it is; also true where it does not apply."""
+        standing = self._standings.get((name, subject))
+        return standing is None or standing.established
+
+    @property
+    def all_established(self) -> bool:
+        """Every condition of what counts is established: numbers are ok."""
+        return not any(
+            not standing.established and standing.subject in self._counting
+            for standing in self._standings.values()
+        )
+
+    @property
+    def standings(self) -> tuple[Standing, ...]:
+        """All that apply, in the order of the table."""
+        return tuple(self._standings.values())
+
+    def establish(self, name: str, subject: str = ARM, text: str = "") -> None:
+        """It holds now; ``text`` is said by the event that ends."""
+        before = self._standings.get((name, subject))
+        if before is None or before.established:
+            return
+        self._marked_ns.pop((name, subject), None)
+        now_ns = self._clock.monotonic_ns()
+        self._standings[name, subject] = Standing(name, subject, True, now_ns, "", "")
+        self._end_event(before, text or before.condition.means)
+        self._update_bits()
+        self._changed()
+
+    def doubt(
+        self,
+        name: str,
+        subject: str = ARM,
+        cause: str = NOT_YET,
+        data: Mapping[str, int | float | str] | None = None,
+        *,
+        remedy: str = "",
+    ) -> None:
+        """It does not hold, or is not known to hold, for a cause."""
+        before = self._standings.get((name, subject))
+        if before is None or (before.cause == cause and before.is_reported):
+            return
+        row = before.condition
+        since_ns = self._clock.monotonic_ns() if before.established else before.since_ns
+        self._end_event(before, "more is in doubt")
+        after = Standing(name, subject, False, since_ns, cause, remedy or row.remedy)
+        self._standings[name, subject] = self._reported(after, data)
+        self._update_bits()
+        self._changed()
+
+    def add_samples(self, flags: int) -> None:
+        """Take the flags that any of the arm's newest samples carries."""
+        if not flags & self._sample_bits and not self._open:
+            return
+        for row in self._sample_rows:
+            if marked := flags & row.flags:
+                self.mark(row.name, ARM, meanings(marked))
+            elif (row.name, ARM) in self._open:
+                self.settle(row.name, ARM)
+
+    def mark(self, name: str, subject: str, cause: str) -> None:
+        """A sample is marked for the lack of a condition that marks samples."""
+        key = name, subject
+        before = self._standings.get(key)
+        if before is None:
+            return
+        self._marked_ns[key] = self._clock.monotonic_ns()
+        if before.established or before.is_reported:
+            self.doubt(name, subject, cause)
+        elif before.cause != cause:  # since its begin: reported if it stays
+            self._standings[key] = replace(before, cause=cause)
+
+    def settle(self, name: str, subject: str) -> None:
+        """A sample is not marked: establish the condition once none was for a while."""
+        key = name, subject
+        if key not in self._open:
+            return
+        now_ns = self._clock.monotonic_ns()
+        if now_ns - self._marked_ns.get(key, now_ns - CALM_NS) >= CALM_NS:
+            self.establish(name, subject)
+
+    def check_overdue(self) -> None:
+        """Report what was not established for long; call it now and then."""
+        now_ns = self._clock.monotonic_ns()
+        for key, standing in self._standings.items():
+            if standing.established or standing.is_reported:
+                continue
+            if now_ns - standing.since_ns >= PATIENCE_NS:
+                self._standings[key] = self._reported(standing, None)
+
+    # -- over a snapshot ------------------------------------------------------
+
+    @property
+    def state(self) -> list[list[object]]:
+        """What `resume` needs."""
+        return [list(astuple(s)) for s in self._standings.values()]
+
+    def resume(self, state: Sequence[Sequence[Any]]) -> None:
+        """Continue from the `state` of another time."""
+        for values in state:
+            standing = Standing(*values)
+            key = standing.name, standing.subject
+            if key in self._standings:
+                self._standings[key] = standing
+        self._update_bits()
+
+    # -- events and bits ------------------------------------------------------
+
+    def _reported(
+        self, standing: Standing, data: Mapping[str, int | float | str] | None
+    ) -> Standing:
+        row = standing.condition
+        self._events.change(
+            True,
+            row.severity,
+            row.code,
+            standing.cause,
+            source=standing.subject,
+            remedy=standing.remedy,
+            data=data,
+        )
+        return replace(standing, is_reported=True)
+
+    def _end_event(self, standing: Standing, text: str) -> None:
+        if standing.is_reported:
+            row = standing.condition
+            self._events.change(
+                False, row.severity, row.code, text, source=standing.subject
+            )
+
+    def _update_bits(self) -> None:
+        """Compute `bits` anew, once a change, so that a block only reads them."""
+        in_doubt = [s for s in self._standings.values() if not s.established]
+        self._open = frozenset((s.name, s.subject) for s in in_doubt)
+        self.bits = 0
+        for standing in in_doubt:
+            row = standing.condition
+            if row.marks == "all" and standing.subject in self._counting:
+                self.bits |= int(row.flags)
+
+
+def meanings(flags: int) -> str:
+    """What the flags say, as one text."""
+    return "; ".join(text for flag, text in FLAG_MEANINGS.items() if flag & flags)

@@ -1,0 +1,132 @@
+"""The one table of the conditions that a measured number rests on.
+
+Doubt is the default: each condition begins not established, and must be established
+for each subject that it applies to. Status, metrics, reference pages and tests are made
+from this table.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from traverse.protocol.messages.quality import QualityFlag
+
+SubjectKind = Literal["device", "arm", "host"]
+ARM, HOST = "arm", "host"
+CONFIRM = "confirm (`traverse confirm`, or on the operator's page)"
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """One row.
+
+    Attributes:
+        name: of the condition, a word.
+        subject: what it is a condition of: each device, the arm, or the computer.
+        means: what holds while it is established.
+        established_by: what establishes it.
+        lost_by: what takes it away.
+        flags: what marks the numbers without it.
+        marks: whether every number is marked while it is not established, or only the
+            samples concerned, by whoever finds them; then the condition is established
+            again when none was found for a while.
+        code: of the lasting event while it is lost.
+        remedy: what to do about it, unless the loss has a remedy of its own.
+        command: MQTT command by which the operator establishes it; empty for none.
+        remembered: what is kept over a restart of the daemon; empty for nothing.
+        severity: of its event.
+    """
+
+    name: str
+    subject: SubjectKind
+    means: str
+    established_by: str
+    lost_by: str
+    flags: QualityFlag
+    marks: Literal["all", "samples"]
+    code: str
+    remedy: str
+    command: str = ""
+    remembered: str = ""
+    severity: Literal["warning", "error"] = "error"
+
+
+CONDITIONS = (
+    Condition(
+        "present",
+        "device",
+        "the device is there, and is as the arm file describes it",
+        "the device answers, and nothing of it contradicts the arm file",
+        "the device is lost, or does not match the arm file",
+        QualityFlag.INCOMPLETE,
+        "all",
+        "device.lost",
+        "see the device's events",
+    ),
+    Condition(
+        "readings",
+        "arm",
+        "readings of all joints are valid, complete and recent",
+        "samples in which nothing is missing",
+        "a reading that is invalid, missing, late or repeated",
+        QualityFlag.ENCODER_ERROR
+        | QualityFlag.LATE
+        | QualityFlag.STALE
+        | QualityFlag.INCOMPLETE,
+        "samples",
+        "condition.readings",
+        "see the devices' events; check encoders and lines",
+        severity="warning",
+    ),
+    Condition(
+        "reference",
+        "device",
+        "place and turns of the joints that the device reads are known",
+        "`reference` or `home`; an absolute encoder needs it once",
+        "the device has been without power, or a joint may have turned unseen",
+        QualityFlag.TURNS_UNCERTAIN,
+        "all",
+        "device.turns_uncertain",
+        f"bring the arm to its reference, touch a point that you know, then {CONFIRM}",
+        command="reference",
+        remembered="the power-up that was confirmed",
+    ),
+    Condition(
+        "device_clock",
+        "device",
+        "the device's clock is tied to the computer's, with a stated bound",
+        "readings from which the relation of the two clocks is learned",
+        "a clock that restarts, steps or stands still, or too large a bound",
+        QualityFlag.TIME_UNCERTAIN,
+        "samples",
+        "condition.device_clock",
+        "wait some seconds; if it stays, see the device's events",
+        severity="warning",
+    ),
+    Condition(
+        "skew",
+        "arm",
+        "all joints are known at one instant, within skew_limit_mm",
+        "samples whose joints were read close enough together for the motion",
+        "a motion too fast for joints that are read at different instants",
+        QualityFlag.SKEW,
+        "samples",
+        "condition.skew",
+        "move slower, or read the devices faster",
+        severity="warning",
+    ),
+    Condition(
+        "utc",
+        "host",
+        "the computer's UTC can be believed",
+        "a time after this version was made",
+        "a time that cannot be",
+        QualityFlag.UTC_UNCERTAIN,
+        "all",
+        "condition.utc",
+        "set the computer's clock, and let it be synchronised",
+    ),
+)
+"""All conditions."""
+
+BY_NAME = {condition.name: condition for condition in CONDITIONS}
+"""The same by name."""
