@@ -20,6 +20,7 @@ from traverse.protocol import topics
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import (
+    Clock,
     Event,
     Health,
     Live,
@@ -84,6 +85,7 @@ class Arm(ArmCommands):
         # Answers arrive with quality of service 0: they must not wait behind points
         # that are held back, and a command without an answer is sent again.
         self._link.topics |= {
+            topics.clock_topic(name): 0,
             topics.status_topic(name): 0,
             topics.health_topic(name): 0,
             topics.reply_filter(name): 0,
@@ -96,6 +98,7 @@ class Arm(ArmCommands):
         self._lives = Feeds[Live](1, keep_newest=True)
         self._scans = Feeds[Scan](MAX_BLOCKS, keep_newest=False)
         self._kinds: dict[str, Callable[[IncomingMessage], None]] = {
+            "clock": lambda m: self._requests.take_clock(decode(Clock, m.payload)),
             "status": self._take_status,
             "health": lambda m: self._healths.put(decode(Health, m.payload)),
             "event": self._take_event,

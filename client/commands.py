@@ -112,9 +112,8 @@ class ArmCommands:
             args: of the command.
             extra_timeout_s: so much longer than usual it may take.
         """
-        return await self._requests.result(
-            args, self._reply_timeout_s + extra_timeout_s
-        )
+        valid_s = self._reply_timeout_s
+        return await self._requests.result(args, valid_s + extra_timeout_s, valid_s)
 
     async def capture(
         self, samples: int | None = None, dwell_s: float | None = None

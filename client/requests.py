@@ -4,11 +4,16 @@ A command may be lost on either side of the broker. It is sent again, with the s
 `request`, whenever a connection or the arm is there again: the daemon
 answers a repeated request with its first reply. A restarted daemon remembers no
 requests, so a command that acts each time is not repeated to it.
+
+Each command states until when it may be begun, by the daemon's own clock: when we have
+given up, it is refused wherever it was held up.
 """
 
 import asyncio
 import contextlib
+import time
 import uuid
+from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,11 +23,47 @@ from traverse.client.change_signal import ChangeSignal
 from traverse.client.errors import CommandRefused, NoAnswerError
 from traverse.client.mqtt.connection import ReconnectingConnection
 from traverse.protocol.encoding import encode
-from traverse.protocol.messages import Args, Command, Reply, ScanArgs, Status
+from traverse.protocol.messages import (
+    Args,
+    Clock,
+    Command,
+    Expiry,
+    Reply,
+    ScanArgs,
+    Status,
+)
 from traverse.protocol.topics import command_topic
 
 REPEATABLE = frozenset({"label", "probe", "reload", "align", "resend"})
 """Commands that may be executed twice and have the same effect."""
+MOST_READINGS = 8
+
+
+class DaemonClock:
+    """What the clock of an arm's daemon shows, by its latest messages.
+
+    Each message was written before it arrived, so the clock shows at least what the
+    quickest of them says.
+    """
+
+    def __init__(self) -> None:
+        self._name: str | None = None
+        self._ahead_ns: deque[int] = deque(maxlen=MOST_READINGS)
+
+    def take(self, clock: Clock) -> None:
+        """A message of the clock has just arrived."""
+        if clock.clock != self._name:
+            self._name = clock.clock
+            self._ahead_ns.clear()
+        self._ahead_ns.append(clock.now_ns - time.monotonic_ns())
+
+    def expiry(self, monotonic_ns: int) -> Expiry | None:
+        """An instant of ours by that clock; None where it is not known."""
+        if self._name is None:
+            return None
+        return Expiry(
+            clock=self._name, at_ns=max(0, monotonic_ns + max(self._ahead_ns))
+        )
 
 
 class CommandClient:
@@ -40,7 +81,12 @@ class CommandClient:
         self._number = 0
         self._waiting: dict[str, asyncio.Future[Reply]] = {}
         self._status: Status | None = None
+        self._clock = DaemonClock()
         self._news = ChangeSignal()
+
+    def take_clock(self, clock: Clock) -> None:
+        """The arm's daemon has published its clock."""
+        self._clock.take(clock)
 
     def take_reply(self, reply: Reply) -> None:
         """An answer was received, to one of our requests or to another client's."""
@@ -59,8 +105,15 @@ class CommandClient:
             self._status = None
         self._news.notify()
 
-    async def result(self, args: Args, answer_s: float) -> Mapping[str, Any]:
+    async def result(
+        self, args: Args, answer_s: float, valid_s: float | None = None
+    ) -> Mapping[str, Any]:
         """Execute a command; return its result.
+
+        Args:
+            args: of the command.
+            answer_s: how long the answer may take.
+            valid_s: how long the command may be begun; None: as long.
 
         Raises:
             CommandRefused: it was not executed, with the reason.
@@ -68,12 +121,13 @@ class CommandClient:
         """
         self._number += 1
         request = f"{self._name}-{self._number}"
-        payload = encode(Command.carrying(args, request), "msgpack")
+        valid_ns = round((answer_s if valid_s is None else valid_s) * 1e9)
+        until_ns = time.monotonic_ns() + valid_ns
         answer = asyncio.get_running_loop().create_future()
         self._waiting[request] = answer
         try:
             async with asyncio.timeout(answer_s):
-                reply = await self._reply(args, payload, answer)
+                reply = await self._reply(args, request, until_ns, answer)
         except TimeoutError as error:
             raise NoAnswerError(self._timeout_reason(args.command, answer_s)) from error
         finally:
@@ -84,7 +138,7 @@ class CommandClient:
         return reply.result or {}
 
     async def _reply(
-        self, args: Args, payload: bytes, answer: asyncio.Future[Reply]
+        self, args: Args, request: str, until_ns: int, answer: asyncio.Future[Reply]
     ) -> Reply:
         is_stop = isinstance(args, ScanArgs) and args.action == "stop"
         may_repeat = is_stop or args.command in REPEATABLE
@@ -97,6 +151,9 @@ class CommandClient:
                 daemon_session = daemon_session or status.session
                 if may_repeat or not was_sent or status.session == daemon_session:
                     was_sent = True
+                    expires = self._clock.expiry(until_ns)
+                    command = Command.carrying(args, request, expires)
+                    payload = encode(command, "msgpack")
                     with contextlib.suppress(aiomqtt.MqttError):
                         await self._link.publish(topic, payload)
             if beats != self._news.beats:
@@ -121,6 +178,6 @@ class CommandClient:
         if not self._status.online:
             return f"{what}; the arm is offline: start its daemon"
         return (
-            f"{what}; it may have been executed: check the points before you send "
-            "it again"
+            f"{what}; it may have been executed, and will not be any more: check the "
+            "points before you send it again"
         )

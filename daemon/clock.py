@@ -15,6 +15,10 @@ class HostClock:
         """Time that never jumps [ns]."""
         return time.monotonic_ns()
 
+    def elapsed_ns(self) -> int:
+        """Time that never jumps and counts while the computer is suspended, too."""
+        return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+
     def utc_offset_ns(self) -> int:
         """What to add to monotonic time to get nanoseconds since 1970, UTC."""
         return time.time_ns() - time.monotonic_ns()

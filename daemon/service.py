@@ -9,6 +9,7 @@ import logging
 import signal
 import time
 from collections.abc import AsyncIterator, Coroutine
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from typing import Any
 from traverse.daemon.acquisition.device import Device, open_device, running_drivers
 from traverse.daemon.clock import FrozenClock, HostClock
 from traverse.daemon.commands.dispatcher import MAX_REMEMBERED, CommandDispatcher
+from traverse.daemon.commands.expiry import KEPT_S, PERIOD_S, CommandExpiry
 from traverse.daemon.commands.points import PointCommands, point_result
 from traverse.daemon.commands.reload import ConfigurationReloader
 from traverse.daemon.commands.resend import ResendCommands
@@ -159,6 +161,7 @@ class Service:
         )
         measurement.probes = probes
 
+        self.expiry = CommandExpiry(arm, clock)
         self.others = SecondDaemonWatch(arm, encoding, clock, events)
 
         self.connection = connection = BrokerConnection(
@@ -167,7 +170,11 @@ class Service:
             will=publisher.outgoing("status", self.status(False)),
             encoding=encoding,
             queue=queue,
-            subscriptions=(topics.command_filter(arm), topics.status_topic(arm)),
+            subscriptions=(
+                topics.command_filter(arm),
+                topics.status_topic(arm),
+                topics.clock_topic(arm),
+            ),
             changed=self._broker_changed,
             least_retry_s=lambda: self.others.retry_s,
         )
@@ -208,6 +215,7 @@ class Service:
             encoding=encoding,
             events=events,
             clock=clock,
+            expiry=self.expiry,
             response_topics=broker.response_topics,
             offer=lambda answer: queue.offer("reply", answer),
             carry_out={
@@ -233,7 +241,10 @@ class Service:
         return (*stores, self.recorder.heartbeat)
 
     def receive(self, incoming: IncomingCommand) -> float:
-        """Take a command, or a status of this arm; see `CommandDispatcher.receive`."""
+        """Take a command, or a status or clock of this arm; see `CommandDispatcher`."""
+        if incoming.topic == self.expiry.topic:
+            self.expiry.receive(incoming)
+            return 0.0
         if incoming.topic == topics.status_topic(self.measurement.model.name):
             self.others.receive(incoming.payload, retained=incoming.retained)
             return 0.0
@@ -262,6 +273,7 @@ class Service:
     def _broker_changed(self, connected: bool, text: str) -> None:
         self.others.connected(connected)
         if connected:
+            self.publish_clock()  # before the status: who waits for it may send then
             self.publish_status()
         remedy = "" if connected else "start or correct the broker; points are kept"
         self.events.change(not connected, "error", "broker.lost", text, remedy=remedy)
@@ -269,6 +281,11 @@ class Service:
     def publish_status(self) -> None:
         """Publish the state now."""
         self.publisher.publish("status", self.status(True))
+
+    def publish_clock(self) -> None:
+        """Publish the clock by which commands expire; it is in no recording."""
+        message = self.publisher.outgoing("clock", self.expiry.message())
+        self.queue.offer("clock", replace(message, expiry_s=KEPT_S))
 
     def health_message(self, *, anew: bool) -> Health:
         """The figures; with ``anew`` another period begins."""
@@ -453,7 +470,7 @@ async def _process_timeouts(measurement: Measurement) -> None:
 
 async def _poll_periodically(service: Service) -> None:
     """Continue deferred work a few times a second; publish health now and then."""
-    due_s = 0.0
+    due_s = clock_due_s = 0.0
     loop = asyncio.get_running_loop()
     while True:
         period_s = service.measurement.configuration.health.period_s
@@ -465,6 +482,9 @@ async def _poll_periodically(service: Service) -> None:
         service.update_status_line()
         service.commands.check_flood_end()
         service.others.poll()
+        if loop.time() >= clock_due_s:
+            clock_due_s = loop.time() + PERIOD_S
+            service.publish_clock()
         if loop.time() >= due_s:
             due_s = loop.time() + period_s
             service.publisher.publish("health", service.health_message(anew=True))

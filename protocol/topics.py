@@ -33,6 +33,7 @@ CHANNELS: Final = {
     "live": Channel(qos=0, retained=False),
     "event": Channel(qos=1, retained=False),
     "health": Channel(qos=0, retained=True),
+    "clock": Channel(qos=1, retained=True),
     "cmd": Channel(qos=1, retained=False),
     "reply": Channel(qos=1, retained=False),
 }
@@ -76,6 +77,7 @@ scan_topic = partial(_topic, kind="scan")
 live_topic = partial(_topic, kind="live")
 event_topic = partial(_topic, kind="event")
 health_topic = partial(_topic, kind="health")
+clock_topic = partial(_topic, kind="clock")
 
 
 def command_topic(arm: str, name: str) -> str:

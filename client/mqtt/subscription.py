@@ -18,9 +18,9 @@ from traverse.client.mqtt.connection import ConfiguredClient
 from traverse.protocol import topics
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
-from traverse.protocol.messages import MESSAGES, Command, Message, Status
+from traverse.protocol.messages import MESSAGES, Clock, Command, Message, Status
 
-KINDS = {one.__name__.lower(): one for one in MESSAGES if one is not Command}
+KINDS = {one.__name__.lower(): one for one in MESSAGES if one not in (Clock, Command)}
 MAX_WAITING = 10_000
 
 

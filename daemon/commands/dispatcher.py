@@ -1,8 +1,9 @@
 """Validate commands, execute each request once, always reply.
 
 A command with the `request` of an earlier one is not executed again: it gets the
-first answer. Retained commands are ignored, since they are out of date. What is
-beyond the limits is answered so, or dropped and counted; see docs/security.md.
+first answer. Retained commands are ignored, since they are out of date, and what comes
+too late is refused (`daemon/commands/expiry.py`). What is beyond the limits is answered
+so, or dropped and counted; see docs/security.md.
 """
 
 import asyncio
@@ -13,6 +14,7 @@ from dataclasses import InitVar, dataclass
 from typing import Any
 
 from traverse.daemon.clock import HostClock
+from traverse.daemon.commands.expiry import Arrival, CommandExpiry
 from traverse.daemon.commands.rate_limit import (
     PAUSE_S,
     CommandRateLimiter,
@@ -49,6 +51,7 @@ class CommandDispatcher:
     Args:
         carry_out: what carries out each command that this daemon has, by name;
             called with the command's typed arguments.
+        expiry: judges whether a command comes too late.
         response_topics: filters of topics that answers may go to; see [broker].
     """
 
@@ -57,6 +60,7 @@ class CommandDispatcher:
     offer: Callable[[OutgoingMessage], bool]
     carry_out: Mapping[str, CommandHandler]
     events: EventLog
+    expiry: CommandExpiry
     clock: InitVar[HostClock]
     response_topics: tuple[str, ...] = ()
 
@@ -94,7 +98,8 @@ class CommandDispatcher:
         elif len(self._running) >= 2 * MAX_RUNNING:  # with those who wait for answers
             self._refuse(f"too many commands at once, one on {incoming.topic} dropped")
         else:
-            task = asyncio.create_task(self._answer(incoming))
+            arrival = self.expiry.arrival(incoming)
+            task = asyncio.create_task(self._answer(incoming, arrival))
             self._running.add(task)
             task.add_done_callback(self._running.discard)
         return 0.0
@@ -116,7 +121,7 @@ class CommandDispatcher:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
 
-    async def _answer(self, incoming: IncomingCommand) -> None:
+    async def _answer(self, incoming: IncomingCommand, arrival: Arrival) -> None:
         try:
             name = parse_topic(incoming.topic).command or ""
             command = decode(
@@ -134,16 +139,17 @@ class CommandDispatcher:
             task = self._answers.answers.get((name, command.request))
             if task is None:
                 self._check_rate(name)  # the same request may be sent again later
-                work = self._reply(name, command)
+                work = self._reply(name, command, arrival)
                 task = self._answers.begin(name, command.request, work)
             payload = await asyncio.shield(task)
         except RequestRefusedError as problem:
             payload = self._refusal(name, command.request, problem)
         self.offer(OutgoingMessage(topic, payload, qos=1, correlation=correlation))
 
-    async def _reply(self, name: str, command: Command) -> bytes:
+    async def _reply(self, name: str, command: Command, arrival: Arrival) -> bytes:
         CURRENT_REQUEST.set(command.request)  # of this task
         try:
+            self.expiry.check(command.expires, arrival)
             carry_out = self.carry_out.get(name)
             if carry_out is None:
                 known = name in COMMANDS

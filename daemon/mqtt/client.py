@@ -36,12 +36,16 @@ HEAD_BYTES = 2_097_152  # of topic and properties: cut within, they cannot be re
 
 
 @lru_cache(maxsize=64)  # packing is slow, and nearly all messages have the same
-def publish_properties(encoding: Encoding, correlation: bytes | None = None) -> bytes:
+def publish_properties(
+    encoding: Encoding, correlation: bytes | None = None, expiry_s: int | None = None
+) -> bytes:
     """Properties of a message of MQTT 5, as they go into its packet."""
     properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]  # paho's is not typed
     properties.ContentType = content_type(encoding)
     if correlation is not None:
         properties.CorrelationData = correlation
+    if expiry_s is not None:
+        properties.MessageExpiryInterval = expiry_s
     packed: bytes = properties.pack()  # type: ignore[no-untyped-call]  # paho's is not typed
     return packed
 

@@ -215,7 +215,7 @@ class BrokerConnection:
         if self._version is not aiomqtt.ProtocolVersion.V5:
             return b""
         encoding = message.encoding or self.encoding
-        return publish_properties(encoding, message.correlation)
+        return publish_properties(encoding, message.correlation, message.expiry_s)
 
     @contextlib.asynccontextmanager
     async def _connection(

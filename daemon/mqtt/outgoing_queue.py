@@ -3,7 +3,7 @@
 Points and spooled blocks of scans are never dropped: those for which there is no room
 here are on the disk, and are put in later. Live poses and health are only worth their
 latest. Scan blocks and events are dropped newest first, and counted. Order of sending:
-status, replies, points, events, requested again, spooled scan blocks, scan
+clock, status, replies, points, events, requested again, spooled scan blocks, scan
 blocks, live, health.
 """
 
@@ -23,6 +23,7 @@ MAX_SPOOLED = 100
 MAX_SCAN_BLOCKS = 400
 # In the order of sending; of a kind without a limit only the latest is kept.
 LIMITS: Mapping[str, int | None] = {
+    "clock": None,
     "status": None,
     "reply": MAX_REPLIES,
     "point": MAX_POINTS,
@@ -46,6 +47,7 @@ class OutgoingMessage:
             again later.
         encoding: of the payload, where it is not as configured now.
         correlation: MQTT 5 correlation data of an answer.
+        expiry_s: so long the broker keeps it for whoever is away; None: as it likes.
     """
 
     topic: str
@@ -56,6 +58,7 @@ class OutgoingMessage:
     sent: Callable[[], None] | None = None
     refused: Callable[[], None] | None = None
     encoding: Encoding | None = None
+    expiry_s: int | None = None
 
 
 class OutgoingQueue:

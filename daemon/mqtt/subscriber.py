@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from paho.mqtt.client import MQTTMessage
 from paho.mqtt.reasoncodes import ReasonCode
 
+from traverse.daemon.clock import HostClock
 from traverse.daemon.mqtt.client import BrokerClient
 
 log = logging.getLogger("traverse.daemon.publisher")
@@ -17,13 +18,22 @@ REFUSED_SUBSCRIPTION = 128  # and above, in MQTT 3.1.1 and 5
 
 @dataclass(frozen=True, slots=True)
 class IncomingCommand:
-    """A received command: topic, payload, and topic of the answer."""
+    """A received command: topic, payload, and topic of the answer.
+
+    Attributes:
+        subscribed_ns: when this connection subscribed, by `HostClock.elapsed_ns`;
+            a broker sends nothing that it had before, but what is retained.
+        expiry_s: what the broker left of the sender's message expiry interval (MQTT
+            5); None: the sender stated none.
+    """
 
     topic: str
     payload: bytes
     retained: bool
     response_topic: str | None
     correlation: bytes | None
+    subscribed_ns: int
+    expiry_s: int | None = None
 
 
 class CommandSubscriber:
@@ -42,6 +52,8 @@ class CommandSubscriber:
     ) -> None:
         self._subscriptions = [(topic, 1) for topic in subscriptions]
         self._receive = receive
+        self._clock = HostClock()
+        self._subscribed_ns = 0
         self._backoff_until_s = 0.0
         self._flooded = asyncio.Event()
 
@@ -63,6 +75,7 @@ class CommandSubscriber:
         await self._flooded.wait()
 
     async def _subscribe(self, client: BrokerClient) -> None:
+        self._subscribed_ns = self._clock.elapsed_ns()
         codes: Sequence[int | ReasonCode] = await client.subscribe(self._subscriptions)
         for (topic, _), code in zip(self._subscriptions, codes, strict=True):
             if (code if isinstance(code, int) else code.value) >= REFUSED_SUBSCRIPTION:
@@ -84,6 +97,8 @@ class CommandSubscriber:
                 message.retain,
                 getattr(message.properties, "ResponseTopic", None),
                 getattr(message.properties, "CorrelationData", None),
+                self._subscribed_ns,
+                getattr(message.properties, "MessageExpiryInterval", None),
             )
         )
         if pause_s:

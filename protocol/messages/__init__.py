@@ -1,5 +1,6 @@
 """All messages that travel over MQTT, defined once, here."""
 
+from traverse.protocol.messages.clock import Clock, Expiry
 from traverse.protocol.messages.commands import (
     COMMANDS,
     AlignArgs,
@@ -55,6 +56,7 @@ MESSAGES: tuple[type[Message], ...] = (
     Live,
     Event,
     Health,
+    Clock,
     Command,
     Reply,
 )

@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
+from traverse.protocol.messages.clock import Expiry
 from traverse.protocol.messages.fields import (
     Count,
     Message,
@@ -235,11 +236,14 @@ class Command(Message):
     """Chosen by the sender, unique for it; repeated, it gets the first reply again."""
     args: PlainMap
     """The arguments of the command that the topic names."""
+    expires: Expiry | None = None
+    """Until when it may be begun; null: within 5 s, as far as the daemon can tell."""
 
     @classmethod
-    def carrying(cls, args: Args, request: str) -> Self:
+    def carrying(cls, args: Args, request: str, expires: Expiry | None = None) -> Self:
         """The envelope around typed arguments; what is left out stays out."""
-        return cls(request=request, args=args.model_dump(exclude_unset=True))
+        given = args.model_dump(exclude_unset=True)
+        return cls(request=request, args=given, expires=expires)
 
 
 COMMANDS: dict[str, type[Args]] = {

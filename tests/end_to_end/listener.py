@@ -77,7 +77,17 @@ class Listener:
                 self.replies[message.request] = message
 
     async def command(self, args: Args, request: str = "") -> Reply:
-        """Send a command and wait for its answer on reply/<name>."""
+        """Send a command and wait for its answer on reply/<name>.
+
+        It is sent again where an outage has just ended, as the refusal says.
+        """
+        reply = await self._command(args, request)
+        while reply.error is not None and "until just now" in reply.error.text:
+            await asyncio.sleep(0.2)
+            reply = await self._command(args, "")
+        return reply
+
+    async def _command(self, args: Args, request: str) -> Reply:
         self._requests += 1
         command = Command.carrying(args, request or f"{self._name}-{self._requests}")
         topic = topics.command_topic(self._arm, args.command)

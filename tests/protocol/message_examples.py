@@ -14,12 +14,14 @@ from traverse.protocol.messages import (
     Alarm,
     AlignArgs,
     BrokerHealth,
+    Clock,
     Command,
     ConditionStanding,
     CovarianceArgs,
     DeviceHealth,
     DriverStatus,
     Event,
+    Expiry,
     Health,
     Label,
     LabelArgs,
@@ -288,6 +290,11 @@ ARGS = (
     CovarianceArgs(ids=("4f1a-17", "4f1a-18")),
 )
 
+CLOCK = Clock(
+    arm="bench-7", clock="5b1c0a52e7f94c5fa1d3c1a4b7b0e0c1", now_ns=86_400_123_456_789
+)
+EXPIRES = Expiry(clock=CLOCK.clock, at_ns=CLOCK.now_ns + 5_000_000_000)
+
 EXAMPLES: dict[str, Message] = {
     "status": STATUS,
     "status-offline": LAST_WILL,
@@ -297,8 +304,9 @@ EXAMPLES: dict[str, Message] = {
     "live": LIVE,
     "event": EVENT,
     "health": HEALTH,
+    "clock": CLOCK,
     **{
-        f"command-{args.command}": Command.carrying(args, request="r-1")
+        f"command-{args.command}": Command.carrying(args, "r-1", EXPIRES)
         for args in ARGS
     },
     "reply": REPLY,

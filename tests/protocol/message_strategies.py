@@ -5,8 +5,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays_of
 
 from traverse.protocol.messages import (
+    Clock,
     Command,
     Event,
+    Expiry,
     Label,
     Live,
     Message,
@@ -156,11 +158,13 @@ def events(draw) -> Event:
     )
 
 
-commands = st.builds(Command, request=names, args=maps)
+clocks = st.builds(Clock, arm=arms, clock=names, now_ns=times)
+expiries = st.builds(Expiry, clock=names, at_ns=times)
+commands = st.builds(Command, request=names, args=maps, expires=st.none() | expiries)
 refusals = st.builds(ReplyError, code=codes, text=texts, remedy=texts)
 replies = st.builds(Reply, request=names, ok=st.just(True), result=maps) | st.builds(
     Reply, request=names, ok=st.just(False), error=refusals
 )
 messages: st.SearchStrategy[Message] = st.one_of(
-    points(), scans(), lives, events(), commands, replies
+    points(), scans(), lives, events(), clocks, commands, replies
 )

@@ -149,7 +149,9 @@ def test_reply_has_either_result_or_error(name):
 def test_schema_names_are_those_of_the_contract():
     schemas = [message.model_fields["schema_"].default for message in MESSAGES]
     kinds = [schema.split("/")[1] for schema in schemas]
-    assert " ".join(kinds) == "status point scan live event health command reply"
+    assert " ".join(kinds) == (
+        "status point scan live event health clock command reply"
+    )
     assert schemas == [f"traverse/{kind}/1" for kind in kinds]
 
 

@@ -56,6 +56,7 @@ def test_quality_of_service_and_retention_are_those_of_the_contract():
         "live": (0, False),
         "event": (1, False),
         "health": (0, True),
+        "clock": (1, True),
         "cmd": (1, False),
         "reply": (1, False),
     }

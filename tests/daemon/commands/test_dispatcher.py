@@ -12,6 +12,7 @@ from traverse.daemon.commands.dispatcher import (
     MAX_RUNNING,
     CommandDispatcher,
 )
+from traverse.daemon.commands.expiry import CommandExpiry
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.subscriber import IncomingCommand
@@ -26,6 +27,9 @@ class SteppedClock(HostClock):
         self.now_ns = 10**12
 
     def monotonic_ns(self) -> int:
+        return self.now_ns
+
+    def elapsed_ns(self) -> int:
         return self.now_ns
 
     def go_on_s(self, seconds: float) -> None:
@@ -48,6 +52,7 @@ class Bench:
             arm="bench-7",
             events=EventLog(self.clock, self.events.append),
             clock=self.clock,
+            expiry=CommandExpiry("bench-7", self.clock),
             response_topics=("my/#", "elsewhere/+"),
             encoding="msgpack",
             offer=lambda answer: not self.answers.append(answer),
@@ -70,6 +75,7 @@ class Bench:
             "retained": False,
             "response_topic": None,
             "correlation": None,
+            "subscribed_ns": self.clock.elapsed_ns(),
             **options,
         }
         return self.desk.receive(

@@ -10,11 +10,14 @@ from hypothesis import strategies as st
 from tests.daemon.commands.test_dispatcher import SteppedClock
 from tests.hostile_messages import deep, fixed, names, payloads
 from traverse.daemon.commands.dispatcher import MAX_COMMAND_BYTES, CommandDispatcher
+from traverse.daemon.commands.expiry import CommandExpiry
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.subscriber import IncomingCommand
 from traverse.protocol.encoding import MAX_BYTES, decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import COMMANDS, Command, Reply
+
+NOW_NS = 10**18  # after all that the clock shows: nothing is too late
 
 
 class Bench:
@@ -29,6 +32,7 @@ class Bench:
             offer=lambda answer: not self.answers.append(answer),
             carry_out=dict.fromkeys(COMMANDS, self.carry_out),
             events=EventLog(self.clock, lambda what: None),
+            expiry=CommandExpiry("bench-7", self.clock),
             clock=self.clock,
         )
 
@@ -67,6 +71,7 @@ def send_all(messages) -> list[Reply]:
             st.booleans(),
             st.none() | st.text(max_size=80) | st.just("traverse/bench-7/reply/x/1"),
             st.none() | st.binary(max_size=400),
+            st.just(NOW_NS),
         ),
         max_size=5,
     )
@@ -79,7 +84,9 @@ def test_whatever_comes_is_answered_or_dropped_without_a_fault(messages):
 
 def test_no_payload_of_the_list_is_a_fault():
     messages = [
-        IncomingCommand(f"traverse/bench-7/cmd/{name}", payload, False, None, None)
+        IncomingCommand(
+            f"traverse/bench-7/cmd/{name}", payload, False, None, None, NOW_NS
+        )
         for name in ("point", "scan", "align", "resend")
         for payload in fixed()
     ]

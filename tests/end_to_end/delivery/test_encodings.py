@@ -71,18 +71,19 @@ async def test_every_payload_is_in_the_configured_encoding(
     assert listener.scans
 
 
-async def test_status_and_health_are_retained_and_nothing_else(
+async def test_status_health_and_clock_are_retained_and_nothing_else(
     bench: Workbench,
 ) -> None:
     bench.write_simulator(REST)
     bench.write_daemon()
     async with measuring(bench) as (listener, _, _):
         await until(lambda: listener.healths, "health")
-        found = await raw(bench, {"status", "health", "live"})
+        found = await raw(bench, {"status", "health", "clock", "live"})
     assert found["status"].retain
+    assert found["clock"].retain
     assert found["health"].retain
     assert not found["live"].retain
-    (last, *_) = (await raw(bench, {"status"})).values()
+    last = (await raw(bench, {"status"}))["status"]
     values = as_map(last, "msgpack")
     assert (values["online"], values["state"]) == (False, "offline")
 

@@ -155,7 +155,7 @@ async def test_clients_read_and_command_their_own_arm_alone(
             async with person(port, OTHER_ARM, identifier="traverse-bench-7"):
                 await operator.send(PointArgs(), "again")
                 assert (await operator.answer("again")).ok
-        kinds = {"status", "point", "event", "health", "live"}
+        kinds = {"status", "point", "event", "health", "live", "clock"}
         of_arm = {f"traverse/bench-7/{kind}" for kind in kinds}
         assert set(operator.topics) <= of_arm | {"traverse/bench-7/reply/point"}
         assert set(display.topics) <= of_arm
