@@ -140,10 +140,10 @@ bench-identification: venv  ## the adjustment beside scipy's least squares; take
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification.__main__
 
 prove-acceptance: venv  ## a thousand arms accepted or rejected, rightly or not; takes minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.acceptance.__main__ --out build/acceptance.json --pictures docs $(CLUSTER)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.acceptance --pictures $(FIGURES) $(CLUSTER)
 
 prove-alignment: venv  ## 10 000 dispositions of common points: predicted errors against true ones; takes minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.alignment.__main__ --out build/alignment.json --pictures docs $(CLUSTER)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.alignment --pictures $(FIGURES) $(CLUSTER)
 
 prove: venv  ## the statistics of the identification over thousands of campaigns; takes an hour
 	$(BIN)/python -m benchmarks.proofs $(CLUSTER)

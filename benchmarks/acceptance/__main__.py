@@ -8,7 +8,7 @@ their limit: it is drawn within three standard uncertainties of the true figure.
 """
 
 import argparse
-import time
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,46 +18,50 @@ from numpy.typing import NDArray
 
 from benchmarks.acceptance.arms import (
     FIGURES,
-    N_AGAIN,
     RULES,
     Tested,
-    again,
+    drawn_again,
+    drawn_arm,
     limits_of,
-    tested_arm,
+    tested,
+    tested_again,
 )
-from benchmarks.tools.rounds import write_json
-from benchmarks.tools.workers import add_workers, ordered
+from benchmarks.trials.lines import Line, outcomes
+from benchmarks.trials.program import Program, Verdict
+from benchmarks.trials.series import Series
 from traverse.arrays import Floats
 from traverse.lab.acceptance.conformity import decision_of
 
+ARMS, AGAIN = "arms", "one arm again"
+N_ARMS, N_AGAIN, BATCH = 1000, 200, 10
+MOST_FALSE = 0.05
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the tables; 1 if the rule does not keep its promise."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.acceptance.__main__")
-    parser.add_argument("--arms", type=int, default=1000)
-    parser.add_argument("--first", type=int, default=1, help="first seed")
-    parser.add_argument("--out", type=Path, help="file for the figures, JSON")
-    parser.add_argument("--pictures", type=Path, help="folder for the pictures")
-    add_workers(parser)
-    given = parser.parse_args(arguments)
-    begun_s = time.monotonic()
-    seeds = range(given.first, given.first + given.arms)
-    found = ordered(given.scheduler, tested_arm, seeds, 10)
-    report: dict[str, Any] = {"arms": given.arms, "first_seed": given.first}
-    report["rates"] = [row for key in FIGURES for row in rates(found, key)]
-    report["procedure"] = list(procedure_rates(found))
-    report["agreement"] = [agreement(found, key) for key in FIGURES]
-    report["coverage"] = coverage(found)
-    report["again"] = again(given.first)
-    print(f"{given.arms} arms in {time.monotonic() - begun_s:.0f} s")
-    _print(report)
-    write_json(given.out, report)
-    if given.pictures:
-        from benchmarks.acceptance.pictures import paint  # noqa: PLC0415 - heavy
 
-        paint(found, given.pictures)
-    kept = [r["false_accept"] <= 0.05 for r in report["rates"] if r["rule"] != "simple"]
-    return 0 if all(kept) else 1
+def series(_asked: argparse.Namespace) -> list[Series[Any]]:
+    """Make the trials: of many arms, and of one and the same."""
+    return [
+        Series(ARMS, drawn_arm, tested, N_ARMS, BATCH, first=1),
+        Series(AGAIN, drawn_again, tested_again, N_AGAIN, BATCH, first=10_000),
+    ]
+
+
+def judge(lines: Sequence[Line]) -> Verdict:
+    """Make the tables; the guard bands hold if they accept few bad arms."""
+    found = _outcomes(lines)
+    of_rules = [row for key in FIGURES for row in rates(found, key)]
+    text = [
+        *_rate_lines([*of_rules, *procedure_rates(found)]),
+        *_agreement_lines(found),
+        *_again_lines(outcomes(lines, AGAIN)),
+    ]
+    holds = all(
+        row["false_accept"] <= MOST_FALSE for row in of_rules if row["rule"] != "simple"
+    )
+    return Verdict("\n".join(text), holds)
+
+
+def _outcomes(lines: Sequence[Line]) -> list[Tested]:
+    return [Tested(**each) for each in outcomes(lines, ARMS)]
 
 
 def limits_mm(found: Sequence[Tested], key: str) -> Floats:
@@ -139,37 +143,52 @@ def coverage(found: Sequence[Tested]) -> dict[str, float]:
     }
 
 
-def _print(report: dict[str, Any]) -> None:
-    print(
-        "\n| figure | rule | u [um] | bad arms accepted | good arms "
-        "rejected | good accepted | bad rejected | neither |"
+def _rate_lines(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    yield (
+        "| figure | rule | u [um] | bad arms accepted | good arms "
+        "rejected | good accepted | bad rejected | neither |\n"
+        "|---|---|---|---|---|---|---|---|"
     )
-    print("|---|---|---|---|---|---|---|---|")
-    for row in [*report["rates"], *report["procedure"]]:
+    for row in rows:
         cells = [row["figure"], row["rule"]]
         cells += [f"{1e3 * row['u_mm']:.2f}"]
         names = ("false_accept", "false_reject", "accepted_good", "rejected_bad")
         cells += [f"{row[name]:.1%}" for name in (*names, "neither")]
-        print(f"| {' | '.join(cells)} |")
-    print("\n| figure | true 5 %, 50 %, 95 % [um] | rms off [um] | in u | within 2 u |")
-    print("|---|---|---|---|---|")
-    for row in report["agreement"]:
+        yield f"| {' | '.join(cells)} |"
+
+
+def _agreement_lines(found: Sequence[Tested]) -> Iterator[str]:
+    yield "\n| figure | true 5 %, 50 %, 95 % [um] | rms off [um] | in u | within 2 u |"
+    yield "|---|---|---|---|---|"
+    for row in (agreement(found, key) for key in FIGURES):
         true = ", ".join(f"{1e3 * value:.1f}" for value in row["true_mm"])
-        print(
+        yield (
             f"| {row['figure']} | {true} | {1e3 * row['rms_off_mm']:.2f} | "
             f"{row['rms_off_u']:.2f} | {row['within_2u']:.1%} |"
         )
-    found = report["coverage"]
-    print(
-        f"\n{found['lengths']} lengths: {found['within_2u']:.1%} within 2 u, rms "
-        f"{found['rms_u']:.2f} u"
+    of_lengths = coverage(found)
+    yield (
+        f"\n{of_lengths['lengths']} lengths: {of_lengths['within_2u']:.1%} within 2 u, "
+        f"rms {of_lengths['rms_u']:.2f} u"
     )
-    print(f"\n| one arm, {N_AGAIN} tests | mean [um] | std | least | largest |")
-    print("|---|---|---|---|---|")
-    for key, own in report["again"].items():
-        cells = [f"{1e3 * value:.1f}" for value in own.values()]
-        print(f"| {key} | {' | '.join(cells)} |")
 
+
+def _again_lines(tests: Sequence[dict[str, float]]) -> Iterator[str]:
+    yield f"\n| one arm, {len(tests)} tests | mean [um] | std | least | largest |"
+    yield "|---|---|---|---|---|"
+    for key in tests[0] if len(tests) > 1 else ():
+        values = 1e3 * np.array([test[key] for test in tests])
+        figures = (values.mean(), values.std(ddof=1), values.min(), values.max())
+        yield f"| {key} | {' | '.join(f'{figure:.1f}' for figure in figures)} |"
+
+
+def _paint(lines: Sequence[Line], folder: Path) -> None:
+    from benchmarks.acceptance.pictures import paint  # noqa: PLC0415 - heavy
+
+    paint(_outcomes(lines), folder)
+
+
+PROGRAM = Program("benchmarks.acceptance", series, judge, paint=_paint)
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(PROGRAM.main())

@@ -1,12 +1,12 @@
 """Simulated arms that are tested by ISO 10360-12, and what is true of them."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from benchmarks.trials.lines import Line
 from traverse.kinematics.arm_file.arm import Arm, read_arm
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import geometry_from_arm
@@ -51,7 +51,6 @@ TEMPERATURE_STD_C = 0.1
 NOISE = NoiseTable(encoder_rad=3e-6, contact_mm=0.003)
 LINKS_MM, AXES_RAD = 0.004, 3e-6
 NEAR_U = 3.0  # how far a limit is from the true figure, at most
-N_AGAIN = 200
 FIGURES = ("p_size", "e_uni")
 RULES = ("simple", "1.65", "2.0")
 
@@ -77,38 +76,67 @@ class Tested:
     lengths: tuple[tuple[float, float, float], ...]
 
 
-def tested_arm(seed: int) -> Tested:
-    """Test one arm; its errors are half to one and a half of the usual ones."""
-    arm, poses, exact = _prepared()
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """One measured arm.
+
+    Attributes:
+        seed: Of everything.
+        poses: Of the standards, touched by this arm.
+        drawn: What was measured.
+        warm_c: Temperature of the standards; the thermometer says 20 °C.
+        rng: Draws the limits.
+    """
+
+    seed: int
+    poses: PoseSet
+    drawn: SimulatedCampaign
+    warm_c: float
+    rng: np.random.Generator
+
+
+def drawn_arm(seed: int) -> Case:
+    """Draw an arm; its errors are half to one and a half of the usual ones."""
+    arm, poses, _ = _prepared()
     rng = np.random.default_rng([seed, 0xACC])
     scale = rng.uniform(0.5, 1.5)
     deviations = Deviations(links_mm=scale * LINKS_MM, axes_rad=scale * AXES_RAD)
     mine = touched_by(poses, true_arm(arm, deviations, seed))
-    drawn = drawn_acceptance(mine, seed)
     warm_c = 20.0 + TEMPERATURE_STD_C * float(rng.standard_normal())
+    return Case(seed, mine, drawn_acceptance(mine, seed), warm_c, rng)
+
+
+def tested(case: Case) -> Line:
+    """Test one arm by its certificates, and by exact standards."""
+    arm, _, exact = _prepared()
+    drawn = case.drawn
     true = verified([_measured(arm, drawn, exact, 20.0)], STANDARD, limits_of("1.65"))
-    measured = _measured(arm, drawn, drawn.campaign.artefacts, warm_c)
-    found = verified([measured], STANDARD, limits_of("1.65"))
+    measured = _measured(arm, drawn, drawn.campaign.artefacts, case.warm_c)
+    stated = verified([measured], STANDARD, limits_of("1.65"))
     true_mm, standard_mm = (
         _values(true.figures),
         {
             figure.key: _stated(figure.budget.standard_mm)
-            for figure in found.figures
+            for figure in stated.figures
             if figure.key in FIGURES
         },
     )
     limit_mm = {
-        key: true_mm[key] + standard_mm[key] * float(rng.uniform(-NEAR_U, NEAR_U))
+        key: true_mm[key] + standard_mm[key] * float(case.rng.uniform(-NEAR_U, NEAR_U))
         for key in FIGURES
     }
-    return Tested(
+    outcome = Tested(
         true_mm,
-        _values(found.figures),
+        _values(stated.figures),
         standard_mm,
         limit_mm,
-        {rule: _procedure(mine, measured, seed, rule, limit_mm) for rule in RULES},
-        tuple(_paired(true.lengths, found.lengths)),
+        {
+            rule: _procedure(case.poses, measured, case.seed, rule, limit_mm)
+            for rule in RULES
+        },
+        tuple(_paired(true.lengths, stated.lengths)),
     )
+    return {"outcome": asdict(outcome)}
 
 
 def _procedure(
@@ -234,26 +262,17 @@ def _paired(
         yield one.error_mm, other.error_mm, _stated(other.standard_mm)
 
 
-def again(seed: int) -> dict[str, Any]:
-    """Test one and the same arm many times, with exact standards."""
-    arm, poses, exact = _prepared()
-    mine = touched_by(
-        poses, true_arm(arm, Deviations(links_mm=LINKS_MM, axes_rad=AXES_RAD), seed)
-    )
-    values: dict[str, list[float]] = {}
-    for test in range(N_AGAIN):
-        drawn = drawn_acceptance(mine, 10_000 + test)
-        found = verified(
-            [_measured(arm, drawn, exact, 20.0)], STANDARD, limits_of("1.65")
-        )
-        for figure in found.figures:
-            values.setdefault(figure.key, []).append(abs(figure.value_mm))
+def drawn_again(test: int) -> SimulatedCampaign:
+    """Measure one and the same arm once more."""
+    arm, poses, _ = _prepared()
+    deviations = Deviations(links_mm=LINKS_MM, axes_rad=AXES_RAD)
+    return drawn_acceptance(touched_by(poses, true_arm(arm, deviations, 1)), test)
+
+
+def tested_again(drawn: SimulatedCampaign) -> Line:
+    """Test it with exact standards."""
+    arm, _, exact = _prepared()
+    measured = _measured(arm, drawn, exact, 20.0)
     return {
-        key: {
-            "mean_mm": float(np.mean(own)),
-            "std_mm": float(np.std(own, ddof=1)),
-            "least_mm": min(own),
-            "largest_mm": max(own),
-        }
-        for key, own in values.items()
+        "outcome": _values(verified([measured], STANDARD, limits_of("1.65")).figures)
     }

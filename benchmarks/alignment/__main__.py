@@ -7,50 +7,49 @@ computation: many measurements with equal errors, fitted by singular values (Kab
 """
 
 import argparse
-import time
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.alignment.degenerate import NO_FLAG, REFUSED, degenerate
-from benchmarks.alignment.point_distributions import Outcome, outcome
-from benchmarks.tools.rounds import write_json
-from benchmarks.tools.workers import add_workers, ordered
+from benchmarks.alignment.point_distributions import Outcome, drawn_measurement, run
+from benchmarks.trials.lines import Line, outcomes
+from benchmarks.trials.program import Program, Verdict
+from benchmarks.trials.series import Series
 from traverse.arrays import Floats
 
+N_DISPOSITIONS, BATCH = 10_000, 100
+DISPOSITIONS = "dispositions"
 N_DEGENERATE = 200
 LOW, HIGH = 0.95, 1.05
 LEAST_CORRELATION = 0.99
 _WEAK = ("two points", "one point", "on a line", "on a line within the errors")
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the tables; 1 if a promise is not kept."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.alignment.__main__")
-    parser.add_argument("--dispositions", type=int, default=10_000)
-    parser.add_argument("--out", type=Path, help="file for the figures, JSON")
-    parser.add_argument("--pictures", type=Path, help="folder for the pictures")
-    add_workers(parser)
-    given = parser.parse_args(arguments)
-    begun_s = time.monotonic()
-    seeds = range(given.dispositions)
-    found = ordered(given.scheduler, outcome, seeds, 100)
-    report = {
-        "dispositions": given.dispositions,
-        "ratios": ratios(found),
-        "order": order(found),
-        "degenerate": degenerate(N_DEGENERATE),
-    }
-    print(f"{given.dispositions} dispositions in {time.monotonic() - begun_s:.0f} s")
-    _print(report)
-    write_json(given.out, report)
-    if given.pictures:
-        from benchmarks.alignment.pictures import paint  # noqa: PLC0415 - heavy
+def series(_asked: argparse.Namespace) -> list[Series[Any]]:
+    """Make the trials: one kind."""
+    return [Series(DISPOSITIONS, drawn_measurement, run, N_DISPOSITIONS, BATCH)]
 
-        paint(found, given.pictures)
-    return 0 if _is_kept(report) else 1
+
+def judge(lines: Sequence[Line]) -> Verdict:
+    """Make the tables."""
+    found = _outcomes(lines)
+    kinds = degenerate(N_DEGENERATE)
+    of_classes, correlations = ratios(found), order(found)
+    text = _shown(of_classes, correlations, kinds)
+    return Verdict("\n".join(text), _is_kept(of_classes, correlations, kinds))
+
+
+def _outcomes(lines: Sequence[Line]) -> list[Outcome]:
+    """Read outcomes; JSON has no NaN."""
+    values: list[dict[str, Any]] = [
+        {key: float("nan") if value is None else value for key, value in each.items()}
+        for each in outcomes(lines, DISPOSITIONS)
+    ]
+    return [Outcome(**each) for each in values]
 
 
 def ratios(found: Sequence[Outcome]) -> dict[str, dict[str, float]]:
@@ -109,40 +108,56 @@ def rank_correlation(x: Floats, y: Floats) -> float:
     return float(np.corrcoef(of_x, of_y)[0, 1])
 
 
-def _print(report: dict[str, Any]) -> None:
-    print(
-        "\n| class | n | observed / predicted | largest | predicted [mm], median | "
+def _shown(
+    of_classes: dict[str, dict[str, float]],
+    correlations: dict[str, float],
+    kinds: dict[str, Any],
+) -> Iterator[str]:
+    yield (
+        "| class | n | observed / predicted | largest | predicted [mm], median | "
         "residuals [mm], median |\n|---|---|---|---|---|---|"
     )
-    for name, row in report["ratios"].items():
-        print(
+    for name, row in of_classes.items():
+        yield (
             f"| {name} | {row['n']} | {row['ratio']:.3f} ± {row['ratio_std']:.3f} | "
             f"{row['largest']:.1f} | {row['predicted_mm']:.4f} | "
             f"{row['residual_mm']:.4f} |"
         )
-    found = report["order"]
-    print(f"\nrefused: {found['refused']}")
-    print(f"rank correlation of the index with the true error: {found['index']:.4f}")
-    print(f"rank correlation of residuals with the true error: {found['fit']:.4f}")
-    print(
+    yield f"\nrefused: {correlations['refused']}"
+    for what, key in (("the index", "index"), ("residuals", "fit")):
+        value = correlations[key]
+        yield f"rank correlation of {what} with the true error: {value:.4f}"
+    yield (
         "with the error of a single measurement: predicted "
-        f"{found['predicted_single']:.4f}, residuals {found['residual_single']:.4f}"
+        f"{correlations['predicted_single']:.4f}, residuals "
+        f"{correlations['residual_single']:.4f}"
     )
-    print("\n| points | said, of 200 | for example |\n|---|---|---|")
-    for kind, row in report["degenerate"].items():
+    yield "\n| points | said, of 200 | for example |\n|---|---|---|"
+    for kind, row in kinds.items():
         said = ", ".join(f"{code} {n}" for code, n in row["said"].items())
-        print(f"| {kind} | {said} | {row['example']} |")
+        yield f"| {kind} | {said} | {row['example']} |"
 
 
-def _is_kept(report: dict[str, Any]) -> bool:
+def _is_kept(
+    of_classes: dict[str, dict[str, float]],
+    correlations: dict[str, float],
+    kinds: dict[str, Any],
+) -> bool:
     """Return whether every promise is kept."""
-    ratio_of_all = report["ratios"]["all"]["ratio"]
-    kinds = report["degenerate"]
     silent = [k for k, row in kinds.items() if k != "wide" and NO_FLAG in row["said"]]
     refused = all(kinds[kind]["said"] == {REFUSED: N_DEGENERATE} for kind in _WEAK)
-    ordered = report["order"]["index"] >= LEAST_CORRELATION
-    return LOW <= ratio_of_all <= HIGH and ordered and refused and not silent
+    ordered = correlations["index"] >= LEAST_CORRELATION
+    in_limits = LOW <= of_classes["all"]["ratio"] <= HIGH
+    return in_limits and ordered and refused and not silent
 
+
+def _paint(lines: Sequence[Line], folder: Path) -> None:
+    from benchmarks.alignment.pictures import paint  # noqa: PLC0415 - heavy
+
+    paint(_outcomes(lines), folder)
+
+
+PROGRAM = Program("benchmarks.alignment", series, judge, paint=_paint)
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(PROGRAM.main())

@@ -1,9 +1,10 @@
 """Random common points, volumes and errors, and what an alignment makes of them."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from benchmarks.trials.lines import Line
 from traverse.arrays import Floats
 from traverse.kinematics.helmert.adjustment import HelmertError
 from traverse.kinematics.helmert.transformation import Helmert
@@ -86,12 +87,26 @@ def drawn_rotation(rng: np.random.Generator) -> Floats:
     return rotation_matrix(quaternion / np.linalg.norm(quaternion))
 
 
-def outcome(seed: int) -> Outcome:
-    """Measure a disposition once, align, and look at the truth."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """One measurement of a disposition.
+
+    Attributes:
+        disposition: What was drawn.
+        common: Its points, with errors of both sides.
+        rng: Draws further measurements of it.
+    """
+
+    disposition: Disposition
+    common: CommonPoints
+    rng: np.random.Generator
+
+
+def drawn_measurement(seed: int) -> Case:
+    """Draw a disposition and errors of both sides, of every size and direction."""
     rng = np.random.default_rng([20, seed])
     drawn = drawn_disposition(rng)
     n = len(drawn.to_mm)
-    # Errors of both sides, neither alike nor alike in all directions.
     roots = rng.normal(size=(2, n, 3, 3)) * STD_MM / np.sqrt(6.0)
     covariances = roots @ np.swapaxes(roots, 2, 3) + (0.1 * STD_MM) ** 2 * np.eye(3)
     errors = np.einsum(
@@ -101,20 +116,29 @@ def outcome(seed: int) -> Outcome:
     )
     from_mm = drawn.true.inverse().places_mm(drawn.to_mm) + errors[0]
     to_mm = drawn.to_mm + errors[1]
-    index = disposition_index(drawn.to_mm, drawn.volume, with_scale=drawn.with_scale)
-    true_mm, fit_mm = error_of_many(drawn, rng)
-    centred = drawn.to_mm - drawn.to_mm.mean(axis=0)
-    sizes = np.linalg.svd(centred, compute_uv=False)
-    straightness = float(np.hypot(sizes[1], sizes[2]) / sizes[0])
-    names = tuple(f"P{row}" for row in range(n))
     common = CommonPoints(
-        names,
+        tuple(f"P{row}" for row in range(n)),
         tuple(Place(*pair) for pair in zip(from_mm, covariances[0], strict=True)),
         tuple(Place(*pair) for pair in zip(to_mm, covariances[1], strict=True)),
     )
+    return Case(drawn, common, rng)
+
+
+def run(case: Case) -> Line:
+    """Align, and compare with the truth."""
+    return {"outcome": asdict(_outcome(case))}
+
+
+def _outcome(case: Case) -> Outcome:
+    drawn = case.disposition
+    index = disposition_index(drawn.to_mm, drawn.volume, with_scale=drawn.with_scale)
+    true_mm, fit_mm = error_of_many(drawn, case.rng)
+    centred = drawn.to_mm - drawn.to_mm.mean(axis=0)
+    sizes = np.linalg.svd(centred, compute_uv=False)
+    straightness = float(np.hypot(sizes[1], sizes[2]) / sizes[0])
     try:
-        found = best_fit_alignment(
-            common,
+        aligned = best_fit_alignment(
+            case.common,
             fixed_volume(drawn.volume),
             "drawn",
             with_scale=drawn.with_scale,
@@ -125,17 +149,17 @@ def outcome(seed: int) -> Outcome:
             str(error), (), *nothing, index.rms_mm, true_mm, fit_mm, straightness
         )
     # The prediction is compared before any test influences it.
-    test, covariance = found.test, found.covariance
+    test, covariance = aligned.test, aligned.covariance
     if test is None or covariance is None:
         raise AssertionError("three points on no line always have redundancy")
-    predicted = volume_error(found.volume, found.centre_mm, covariance)
+    predicted = volume_error(aligned.volume, aligned.centre_mm, covariance)
     factor = 1.0 if test.passed else test.sigma0
-    residuals = np.array([point.residual_mm for point in found.points])
+    residuals = np.array([point.residual_mm for point in aligned.points])
     return Outcome(
         refused="",
-        flags=tuple(flag.code for flag in found.flags),
+        flags=tuple(flag.code for flag in aligned.flags),
         predicted_mm=predicted.rms_mm / factor,
-        observed_mm=error_in_volume(found.transformation, drawn),
+        observed_mm=error_in_volume(aligned.transformation, drawn),
         sigma0=test.sigma0,
         residual_mm=float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)))),
         index=index.rms_mm,

@@ -1,18 +1,17 @@
-"""Scenarios of the blind test, the outcomes of their rounds, and their file."""
+"""Scenarios of the blind test, and the outcomes of their rounds."""
 
-import json
 import time
-import traceback
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
-from pathlib import Path
+from functools import partial
 from types import MappingProxyType
-from typing import Any
 
 from benchmarks.blind.baselines import BASELINES
 from benchmarks.blind.round import Case, Scenario, find, gap_of, hide
 from benchmarks.blind.score import Identity, TrueTerm, scored
 from benchmarks.proofs.conditions import demo_arm
+from benchmarks.trials.lines import Line
+from benchmarks.trials.series import Series
 from traverse.lab.diagnosis.candidates.library import library_bank
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.diagnosis.model.result import Diagnosis
@@ -72,33 +71,38 @@ FULL: Mapping[str, int] = MappingProxyType(
 )
 
 
-Line = dict[str, Any]
+def series(counts: Mapping[str, int], *, knows_masses: bool) -> list[Series[Case]]:
+    """Make the trials of every scenario.
+
+    Args:
+        counts: Number of trials of each.
+        knows_masses: Whether the arm file that is diagnosed states masses.
+    """
+    run = partial(find_and_score, knows_masses=knows_masses)
+    return [
+        Series(name, partial(_hide, SCENARIOS[name]), run, n)
+        for name, n in counts.items()
+    ]
 
 
-def run_one(one: tuple[str, int], *, knows_masses: bool = True) -> Line:
-    """Run a scenario with a seed, as workers are given it."""
-    return run(*one, knows_masses=knows_masses)
+def _hide(scenario: Scenario, seed: int) -> Case:
+    return hide(demo_arm(), scenario, seed)
 
 
-def run(scenario: str, seed: int, *, knows_masses: bool = True) -> Line:
-    """Hide, find and score; failures are recorded in the line."""
-    line: Line = {"scenario": scenario, "seed": seed, "error": None}
-    begun_s = time.monotonic()
-    try:
-        case = hide(demo_arm(), SCENARIOS[scenario], seed)
-        line |= _hidden(case)
-        hidden_s = time.process_time()
-        diagnosis = find(case, knows_masses=knows_masses)
-        # Of a core: how many others there are does not matter.
-        line["seconds"] = time.process_time() - hidden_s
-        line |= _found(diagnosis)
-        line["score"] = asdict(scored(case.truths, diagnosis))
-        line["gap"] = gap_of(case, diagnosis)
-        line["rivals"] = _rivals(case, diagnosis)
-    except Exception:  # noqa: BLE001 - a run that breaks is a result too
-        line["error"] = traceback.format_exc()
-    line["seconds_in_all"] = time.monotonic() - begun_s
-    return line
+def find_and_score(case: Case, *, knows_masses: bool = True) -> Line:
+    """Let diagnosis find what was hidden, and score it beside the rivals."""
+    begun_s = time.process_time()
+    diagnosis = find(case, knows_masses=knows_masses)
+    # Of a core: how many others there are does not matter.
+    seconds = time.process_time() - begun_s
+    return {
+        **_hidden(case),
+        "seconds": seconds,
+        **_found(diagnosis),
+        "score": asdict(scored(case.truths, diagnosis)),
+        "gap": gap_of(case, diagnosis),
+        "rivals": _rivals(case, diagnosis),
+    }
 
 
 def _hidden(case: Case) -> Line:
@@ -156,39 +160,3 @@ def _all_of(names: tuple[Identity, ...], truths: tuple[TrueTerm, ...]) -> bool:
     return len(names) == len(truths) and all(
         any(name in truth.names for name in names) for truth in truths
     )
-
-
-def stored(path: Path) -> list[Line]:
-    """Read the lines; one that was cut off in the middle of writing is left out."""
-    if not path.exists():
-        return []
-    with path.open(encoding="utf-8") as file:
-        return [json.loads(text) for text in file if text.endswith("\n")]
-
-
-def append(path: Path, line: Line) -> None:
-    """Add a line; an incomplete last line, left by an interruption, is removed."""
-    text = json.dumps(line, allow_nan=False) + "\n"
-    with path.open("a+b") as file:
-        file.seek(0)
-        whole = file.read().rfind(b"\n") + 1
-        file.truncate(whole)
-        file.write(text.encode())
-
-
-def missing(
-    lines: Iterable[Line], wanted: Mapping[str, int], first_seed: int = 0
-) -> Iterator[tuple[str, int]]:
-    """List the runs that are still to be made: scenario by scenario, in turns.
-
-    Args:
-        lines: Of runs that were made.
-        wanted: Number of runs of each scenario.
-        first_seed: Of each.
-    """
-    done = {(line["scenario"], line["seed"]) for line in lines}
-    for number in range(max(wanted.values(), default=0)):
-        for scenario, count in wanted.items():
-            run = (scenario, first_seed + number)
-            if number < count and run not in done:
-                yield run

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.blind.baselines import BASELINES
-from benchmarks.blind.outcomes import Line
 from benchmarks.blind.score import pooled_gap
 from benchmarks.proofs.statistics import binomial_interval
+from benchmarks.trials.lines import Line
 
 # Of the intervals.
 LEVEL = 0.95

@@ -1,6 +1,6 @@
 """What a family teaches about one more of its arms, by hidden effects.
 
-python -m benchmarks.fleet.family [--rounds N] [--poses N] [--scheduler ADDRESS]
+python -m benchmarks.fleet.family [--seeds N] [--poses N] [--scheduler ADDRESS]
 
 Forty simulated arms of a design are identified. New arms of the family have short
 campaigns with one hidden effect, or none; each is diagnosed by its poses alone and with
@@ -11,9 +11,11 @@ family.
 
 import argparse
 import sys
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import groupby
+from operator import itemgetter
 
 import numpy as np
 
@@ -30,7 +32,10 @@ from benchmarks.blind.round import truth_of
 from benchmarks.blind.score import TrueTerm, scored
 from benchmarks.proofs.conditions import demo_arm
 from benchmarks.tools.handover import campaign_from_simulation
-from benchmarks.tools.workers import add_workers, ordered, unordered
+from benchmarks.trials.lines import Line, unbroken
+from benchmarks.trials.program import Program, Verdict
+from benchmarks.trials.series import Series, executed
+from traverse.fleet.workers import Workers
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.prior import Prior
@@ -64,34 +69,30 @@ _FAMILY_SEED, _FIRST_SEED = 7, 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
-    """One more arm: poses of its campaign, size of its effect, whether a stranger."""
+class NewArm:
+    """One more arm.
+
+    Attributes:
+        n_poses: Of its campaign.
+        size: Of its effect; 0: none.
+        is_strange: It does not belong to the family.
+        number: Of this kind of arm, so that no two kinds have the same seeds.
+    """
+
+    n_poses: int
+    size: float
+    is_strange: bool
+    number: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """What was hidden in an arm, and measured with it."""
 
     seed: int
-    n_poses: int
+    truths: tuple[TrueTerm, ...]
+    campaign: Campaign
     prior: Prior
-    size: float = 0.0
-    is_strange: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """What came of a trial: alone, then with the family."""
-
-    trial: Trial
-    kind: str
-    alone: "Judged"
-    with_family: "Judged"
-
-
-@dataclass(frozen=True, slots=True)
-class Judged:
-    """What a diagnosis said, and in how many parameters the arm left its family."""
-
-    detected: bool
-    exact: bool
-    wrong: bool
-    n_left: int
 
 
 def design_of() -> Arm:
@@ -121,67 +122,96 @@ def poses_of(seed: int, n_poses: int, deviations: Deviations) -> PoseSet:
     return make_poses(design, spec, seed, true_arm(typical, deviations, seed))
 
 
-def identified(seed: int) -> tuple[tuple[str, ...], list[float], list[float]]:
-    """Identify an arm of the family: names, values, standard deviations."""
+def drawn_member(seed: int) -> Campaign:
+    """Measure an arm of the family."""
     poses = poses_of(seed, WHOLE_CAMPAIGN, SPREAD)
-    campaign = campaign_from_simulation(draw_noise(poses, seed).campaign)
-    found = identify(campaign, design_of()).parameters
-    names = tuple(one.name for one in found)
-    return names, [one.value for one in found], [one.std for one in found]
+    return campaign_from_simulation(draw_noise(poses, seed).campaign)
 
 
-def prior_of(scheduler: str | None) -> Prior:
+def identified(campaign: Campaign) -> Line:
+    """Identify it: names, values, standard deviations."""
+    parameters = identify(campaign, design_of()).parameters
+    return {
+        key: [getattr(each, key) for each in parameters]
+        for key in ("name", "value", "std")
+    }
+
+
+def prior_of(workers: Workers) -> Prior:
     """Learn the family from forty arms."""
-    rows = ordered(scheduler, identified, range(N_ARMS))
-    names = rows[0][0]
-    values, stds = (np.array([row[part] for row in rows]) for part in (1, 2))
+    members = Series("members", drawn_member, identified)
+    batches = executed(workers, [(members, range(N_ARMS))])
+    rows = sorted((line for lines in batches for line in lines), key=_seed)
+    for row in rows:
+        if row["error"] is not None:
+            raise RuntimeError(f"member {row['seed']}: {row['error']}")
+    names = tuple(rows[0]["name"])
+    values, stds = (np.array([row[key] for row in rows]) for key in ("value", "std"))
     populations = [
         population_of(values[:, k], stds[:, k], LEVEL / values.size)
         for k in range(len(names))
     ]
     means, of_one_more = (
-        np.array([getattr(one, key) for one in populations]) for key in ("mean", "std")
+        np.array([getattr(each, key) for each in populations])
+        for key in ("mean", "std")
     )
     return Prior("family", design_of(), N_ARMS, names, means, of_one_more, names)
 
 
-def tried(trial: Trial) -> Found:
-    """Hide, measure, diagnose twice."""
-    deviations = _STRANGE if trial.is_strange else SPREAD
-    poses = poses_of(trial.seed, trial.n_poses, deviations)
-    kind, truths = "", tuple[TrueTerm, ...]()
-    if trial.size:
-        kind, poses, truth = _hidden(poses, trial)
+def _seed(line: Line) -> int:
+    return int(line["seed"])
+
+
+def hidden_in(arm: NewArm, prior: Prior, number: int) -> Case:
+    """Draw one more arm with its effect, and measure it."""
+    seed = 100 * number + arm.number
+    poses = poses_of(seed, arm.n_poses, _STRANGE if arm.is_strange else SPREAD)
+    truths = tuple[TrueTerm, ...]()
+    if arm.size:
+        poses, truth = _hidden(poses, seed, arm.size, prior)
         truths = (truth,)
-    campaign = campaign_from_simulation(draw_noise(poses, trial.seed).campaign)
-    alone = _judged(campaign, truths, trial)
-    with_family = _judged(replace(campaign, prior=trial.prior), truths, trial)
-    return Found(trial, kind, alone, with_family)
+    campaign = campaign_from_simulation(draw_noise(poses, seed).campaign)
+    return Case(seed, truths, campaign, prior)
 
 
-def _hidden(poses: PoseSet, trial: Trial) -> tuple[str, PoseSet, TrueTerm]:
+def diagnosed(case: Case) -> Line:
+    """Diagnose alone and with the family."""
+    campaign = case.campaign
+    return {
+        "without": _judged(campaign, case),
+        "with_family": _judged(replace(campaign, prior=case.prior), case),
+    }
+
+
+def _hidden(
+    poses: PoseSet, seed: int, size: float, prior: Prior
+) -> tuple[PoseSet, TrueTerm]:
     """Draw an effect that the campaign can show with the family, and play it."""
-    rng = np.random.default_rng([trial.seed, 0xFA])
-    choosing, _ = split(noise_free_campaign(poses), trial.seed)
-    measure = ruler(poses, design_of(), choosing, trial.prior)
+    rng = np.random.default_rng([seed, 0xFA])
+    choosing, _ = split(noise_free_campaign(poses), seed)
+    measure = ruler(poses, design_of(), choosing, prior)
     kinds = [kind for kind in EFFECT_KINDS if kind != NEEDS_TWO_LENGTHS]
     while True:
-        kind = str(rng.choice(kinds))
-        one = measure.sized(drawn(rng, poses, kind), trial.size)
-        if one is not None:
-            return kind, played(poses, (one,)), truth_of(measure, one)
+        effect = measure.sized(drawn(rng, poses, str(rng.choice(kinds))), size)
+        if effect is not None:
+            return played(poses, (effect,)), truth_of(measure, effect)
 
 
-def _judged(campaign: Campaign, truths: tuple[TrueTerm, ...], trial: Trial) -> Judged:
-    options = DiagnosisOptions(seed=trial.seed, details=False)
+def _judged(campaign: Campaign, case: Case) -> Line:
+    """Score a diagnosis, and count in how many parameters the arm left its family."""
+    options = DiagnosisOptions(seed=case.seed, details=False)
     try:
-        found = diagnose(campaign, design_of(), options)
+        diagnosis = diagnose(campaign, design_of(), options)
     except IdentificationError:  # too few poses
-        return Judged(detected=False, exact=False, wrong=False, n_left=0)
-    score = scored(truths, found)
-    prior = found.campaign.prior
-    n_left = 0 if prior is None else len(prior.contradicted)
-    return Judged(score.detected, score.exact, score.confident_wrong, n_left)
+        return {"detected": False, "exact": False, "wrong": False, "n_left": 0}
+    score = scored(case.truths, diagnosis)
+    prior = diagnosis.campaign.prior
+    return {
+        "detected": score.detected,
+        "exact": score.exact,
+        "wrong": score.confident_wrong,
+        "n_left": 0 if prior is None else len(prior.contradicted),
+    }
 
 
 def smallest_sizes(prior: Prior, n_poses: int) -> dict[str, float]:
@@ -208,58 +238,66 @@ def smallest_sizes(prior: Prior, n_poses: int) -> dict[str, float]:
     }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.fleet.family")
-    parser.add_argument("--rounds", type=int, default=30, help="of each size")
-    parser.add_argument("--poses", type=int, nargs="*", default=[36, 48])
-    add_workers(parser)
-    given = parser.parse_args(arguments)
-    begun_s = time.monotonic()
-    prior = prior_of(given.scheduler)
+KINDS = (
+    *((f"effect of {size:.0f}", size, False) for size in SIZES),
+    ("no effect", 0.0, False),
+    ("stranger, no effect", 0.0, True),
+)
+N_TRIALS = 30
+
+
+def series(asked: argparse.Namespace) -> list[Series[Case]]:
+    """Learn the family, and make trials of every kind of arm."""
+    prior = prior_of(Workers(asked.processes, asked.scheduler))
     print("| poses | effects seen alone | with the family | times smaller, median |")
     print("|---|---|---|---|")
-    for n_poses in (24, 36, 48, 96, WHOLE_CAMPAIGN):
-        found = smallest_sizes(prior, n_poses)
+    for n_poses in asked.plans:
+        row = smallest_sizes(prior, n_poses)
         print(
-            f"| {n_poses} | {found['seen_alone']} of {found['effects']} | "
-            f"{found['seen_with_family']} | {found['times_smaller']:.2f} |",
+            f"| {n_poses} | {row['seen_alone']} of {row['effects']} | "
+            f"{row['seen_with_family']} | {row['times_smaller']:.2f} |",
             flush=True,
         )
-    print(
-        "\n| poses | arms | n | found: alone, family | named | wrongly named | left |"
+    return [
+        Series(
+            f"{n_poses} | {name}",
+            partial(hidden_in, NewArm(n_poses, size, is_strange, number), prior),
+            diagnosed,
+            N_TRIALS,
+            first=_FIRST_SEED,
+        )
+        for n_poses in asked.poses
+        for number, (name, size, is_strange) in enumerate(KINDS)
+    ]
+
+
+def judge(lines: Sequence[Line]) -> Verdict:
+    """Make the table; it promises nothing."""
+    text = [
+        "\n| poses | arms | n | found: alone, family | named | wrongly named | left |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for scenario, group in groupby(unbroken(lines), itemgetter("scenario")):
+        of_kind = list(group)
+        columns = [
+            f"{sum(line['without'][key] for line in of_kind)}, "
+            f"{sum(line['with_family'][key] for line in of_kind)}"
+            for key in ("detected", "exact", "wrong")
+        ]
+        left = sum(line["with_family"]["n_left"] > 0 for line in of_kind)
+        text.append(f"| {scenario} | {len(of_kind)} | {' | '.join(columns)} | {left} |")
+    return Verdict("\n".join(text), holds=True)
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    plans = [24, 36, 48, 96, WHOLE_CAMPAIGN]
+    parser.add_argument("--poses", type=int, nargs="*", default=[36, 48])
+    parser.add_argument(
+        "--plans", type=int, nargs="*", default=plans, help="poses of planned campaigns"
     )
-    print("|---|---|---|---|---|---|---|")
-    wanted = [
-        *((f"effect of {size:.0f}", size, False) for size in SIZES),
-        ("no effect", 0.0, False),
-        ("stranger, no effect", 0.0, True),
-    ]
-    for n_poses in given.poses:
-        for n_kind, (name, size, is_strange) in enumerate(wanted):
-            seeds = range(_FIRST_SEED, _FIRST_SEED + given.rounds)
-            trials = [
-                Trial(100 * seed + n_kind, n_poses, prior, size, is_strange)
-                for seed in seeds
-            ]
-            print(
-                _row(name, list(unordered(given.scheduler, tried, trials))), flush=True
-            )
-    print(f"\ntook {time.monotonic() - begun_s:.0f} s")
-    return 0
 
 
-def _row(name: str, found: Sequence[Found]) -> str:
-    n = len(found)
-    columns = [
-        f"{sum(getattr(one.alone, key) for one in found)}, "
-        f"{sum(getattr(one.with_family, key) for one in found)}"
-        for key in ("detected", "exact", "wrong")
-    ]
-    left = sum(one.with_family.n_left > 0 for one in found)
-    shown = " | ".join(columns)
-    return f"| {found[0].trial.n_poses} | {name} | {n} | {shown} | {left} |"
-
+PROGRAM = Program("benchmarks.fleet.family", series, judge, _add_arguments)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(PROGRAM.main())

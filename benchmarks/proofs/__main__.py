@@ -2,72 +2,91 @@
 
 import argparse
 import sys
-import time
 from collections.abc import Sequence
+from functools import partial
+from typing import Any
 
-from benchmarks.proofs.conditions import EXPECTED, median_conditions
+import numpy as np
+
+from benchmarks.proofs.conditions import EXPECTED, condition_numbers
 from benchmarks.proofs.statistics import (
     BLUNDER_HEADER,
     CLEAN_HEADER,
     blunder_verdict,
     clean_verdict,
 )
-from benchmarks.proofs.trials import MIXES, Outcome, outcomes, tasks
-from benchmarks.tools.workers import add_workers, ordered
+from benchmarks.proofs.trials import MIXES, PER_POSE_SET, Outcome, draw, run
+from benchmarks.trials.lines import Line, outcomes
+from benchmarks.trials.program import Program, Verdict
+from benchmarks.trials.series import Series
 
-SHARES = (0.01, 0.02, 0.05)
-PER_POSE_SET = 10
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the tables; 1 if something does not hold."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.proofs")
-    parser.add_argument("--seeds", type=int, default=2000, help="campaigns of each mix")
-    parser.add_argument(
-        "--blunder-seeds", type=int, default=100, help="campaigns of each share"
-    )
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--mixes", nargs="*", default=list(MIXES))
-    add_workers(parser)
-    given = parser.parse_args(arguments)
-    begun_s = time.monotonic()
-    holds = _prove(given)
-    print("\n| travel | geometry | + 1st harmonic | + 1st and 2nd | expected |")
-    print("|---|---|---|---|---|")
-    found = ordered(given.scheduler, median_conditions, EXPECTED)
-    for (travel, expected), numbers in zip(EXPECTED.items(), found, strict=True):
-        shown = " | ".join(f"{number:.0f}" for number in numbers)
-        wanted = ", ".join(f"{number:.0f}" for number in expected)
-        print(f"| {travel} | {shown} | {wanted} |", flush=True)
-    print(f"\ntook {time.monotonic() - begun_s:.0f} s")
-    return 0 if holds else 1
+SHARES = (0.0, 0.01, 0.02, 0.05)
+N_CLEAN, N_SPOILT, N_CONDITIONS = 2000, 100, 15
+CONDITION_HEADER = (
+    "| travel | geometry | + 1st harmonic | + 1st and 2nd | expected |\n"
+    "|---|---|---|---|---|"
+)
 
 
-def _prove(given: argparse.Namespace) -> bool:
-    holds = True
-    seeds = range(given.first, given.first + given.seeds)
-    clean: dict[str, list[Outcome]] = {}
-    print(CLEAN_HEADER)
-    for mix in given.mixes:
-        clean[mix] = _run(given.scheduler, mix, seeds, 0.0)
-        verdict = clean_verdict(mix, clean[mix])
-        holds &= verdict.holds
-        print(verdict.line, flush=True)
-    few = seeds[: given.blunder_seeds]
-    print("\n" + BLUNDER_HEADER)
-    for mix in given.mixes:
-        for share in SHARES:
-            found = _run(given.scheduler, mix, few, share)
-            verdict = blunder_verdict(mix, share, found, clean[mix])
-            holds &= verdict.holds
-            print(verdict.line, flush=True)
-    return holds
+def series(_asked: argparse.Namespace | None = None) -> list[Series[Any]]:
+    """Make campaigns of every mix, clean and spoilt, and the condition numbers."""
+    campaigns = [
+        Series(
+            _name(mix, share),
+            partial(draw, mix, share),
+            run,
+            N_SPOILT if share else N_CLEAN,
+            PER_POSE_SET,
+        )
+        for share in SHARES
+        for mix in MIXES
+    ]
+    conditions = [
+        Series(
+            _condition(travel), int, partial(condition_numbers, travel), N_CONDITIONS
+        )
+        for travel in EXPECTED
+    ]
+    return [*campaigns, *conditions]
 
 
-def _run(scheduler: str | None, mix: str, seeds: range, share: float) -> list[Outcome]:
-    groups = ordered(scheduler, outcomes, tasks(mix, seeds, PER_POSE_SET, share))
-    return [outcome for group in groups for outcome in group]
+def _name(mix: str, share: float) -> str:
+    return f"{mix}, {share:.0%} blunders"
 
+
+def _condition(travel: str) -> str:
+    return f"condition, {travel}"
+
+
+def judge(lines: Sequence[Line]) -> Verdict:
+    """Make the three tables, of what there is."""
+    campaigns = {
+        (mix, share): [Outcome(**each) for each in outcomes(lines, _name(mix, share))]
+        for mix in MIXES
+        for share in SHARES
+    }
+    clean = [
+        clean_verdict(mix, campaigns[mix, 0.0]) for mix in MIXES if campaigns[mix, 0.0]
+    ]
+    spoilt = [
+        blunder_verdict(mix, share, campaigns[mix, share], campaigns[mix, 0.0])
+        for mix in MIXES
+        for share in SHARES[1:]
+        if campaigns[mix, share] and campaigns[mix, 0.0]
+    ]
+    text = [CLEAN_HEADER, *(verdict.line for verdict in clean)]
+    text += ["", BLUNDER_HEADER, *(verdict.line for verdict in spoilt)]
+    text += ["", CONDITION_HEADER]
+    for travel, expected in EXPECTED.items():
+        numbers = outcomes(lines, _condition(travel))
+        if numbers:
+            shown = " | ".join(f"{each:.0f}" for each in np.median(numbers, axis=0))
+            figures = ", ".join(f"{number:.0f}" for number in expected)
+            text.append(f"| {travel} | {shown} | {figures} |")
+    return Verdict("\n".join(text), all(each.holds for each in (*clean, *spoilt)))
+
+
+PROGRAM = Program("benchmarks.proofs", series, judge)
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(PROGRAM.main())

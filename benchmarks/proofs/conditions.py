@@ -6,8 +6,6 @@ length. The figures scatter with the postures, so the median of several sets cou
 
 from pathlib import Path
 
-import numpy as np
-
 import traverse.cli
 from benchmarks.tools.handover import campaign_from_simulation
 from traverse.kinematics.arm_file.arm import Arm, Effect, effect_from_table, read_arm
@@ -55,12 +53,9 @@ _QUIET = {"encoder_rad": 5e-9, "contact_mm": 5e-6}
 _N_POSES = 100
 
 
-def median_conditions(travel: str, n_sets: int = 15) -> list[float]:
-    """Compute the condition numbers for each of `ORDERS`."""
-    return [
-        float(np.median([_condition(travel, orders, seed) for seed in range(n_sets)]))
-        for orders in ORDERS
-    ]
+def condition_numbers(travel: str, seed: int) -> dict[str, list[float]]:
+    """Compute the condition numbers of a set of poses for each of `ORDERS`."""
+    return {"outcome": [_condition(travel, orders, seed) for orders in ORDERS]}
 
 
 def _condition(travel: str, orders: tuple[int, ...], seed: int) -> float:

@@ -99,17 +99,17 @@ def _farthest(found: Sequence[Outcome]) -> float:
 
     Infinite where equations less unknowns were counted wrong.
     """
-    whole = [o for o in found if np.isfinite(o.foreseen)]
-    if any(o.redundancy != o.foreseen_redundancy for o in whole):
-        return float("inf")
-    gaps = [
-        max(
+    gaps = [0.0]
+    for o in found:
+        if o.foreseen is None or o.foreseen_chi_square is None:
+            continue
+        if o.redundancy != o.foreseen_redundancy:
+            return float("inf")
+        gaps += [
             abs(o.sum_of_squares - o.foreseen) / np.sqrt(2.0 * o.redundancy),
             abs(o.chi_square - o.foreseen_chi_square) / np.sqrt(2.0 * o.degrees),
-        )
-        for o in whole
-    ]
-    return float(max(gaps, default=0.0))
+        ]
+    return float(max(gaps))
 
 
 def _spread_mm(found: Sequence[Outcome]) -> float:

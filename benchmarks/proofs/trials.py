@@ -8,12 +8,14 @@ simulator's own matrices, whitened with the covariance that the identification s
 derivatives of distances are differences of distances, not the adjustment's own.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from benchmarks.proofs.conditions import mix_poses
 from benchmarks.tools.handover import campaign_from_simulation
+from benchmarks.trials.lines import Line
 from traverse.arrays import Floats
 from traverse.kinematics.model.forward import probe_centre
 from traverse.lab.campaign.campaign import Campaign
@@ -249,24 +251,27 @@ MIXES = {
     "everything": 600,
 }
 _NOISE_SEEDS = 100_000
+PER_POSE_SET = 10
 WITHOUT_LENGTH = frozenset({"cones"})
 
 
-@dataclass(frozen=True, slots=True)
-class Task:
-    """Campaigns of one set of poses.
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """One campaign.
 
     Attributes:
         mix: Of artefacts.
-        pose_seed: Of the true arm, the artefacts' places and the postures.
-        noise_seeds: One campaign each.
-        blunder_share: Part of the poses that are spoilt.
+        seed: Of the noise.
+        poses: Where it was measured, and the truth.
+        planted: The equations there, at the truth.
+        simulated: What was measured.
     """
 
     mix: str
-    pose_seed: int
-    noise_seeds: tuple[int, ...]
-    blunder_share: float = 0.0
+    seed: int
+    poses: PoseSet
+    planted: PlantedNoise
+    simulated: SimulatedCampaign
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,10 +284,10 @@ class Outcome:
         sum_of_squares: Weighted, of the last adjustment.
         redundancy: Of that.
         foreseen: Sum of squares that the planted errors must leave, for poses that
-            all take part without blunders; else NaN.
+            all take part without blunders; else None.
         foreseen_redundancy: Of that.
         chi_square: Of invariant distances.
-        foreseen_chi_square: That which follows from the planted errors; else NaN.
+        foreseen_chi_square: That which follows from the planted errors; else None.
         degrees: Of that.
         mean_square_mm2: Of the distances' errors.
         n_determined: Directions of the arm's parameters.
@@ -298,10 +303,10 @@ class Outcome:
     passed: bool
     sum_of_squares: float
     redundancy: int
-    foreseen: float
+    foreseen: float | None
     foreseen_redundancy: int
     chi_square: float
-    foreseen_chi_square: float
+    foreseen_chi_square: float | None
     degrees: int
     mean_square_mm2: float
     n_determined: int
@@ -313,67 +318,54 @@ class Outcome:
     n_lost: int
 
 
-def outcomes(task: Task) -> tuple[Outcome, ...]:
-    """Draw, identify and judge the campaigns of a task."""
-    poses = mix_poses(task.mix, MIXES[task.mix], task.pose_seed)
-    noise = NoiseTable(blunder_share=task.blunder_share)
-    options = Options(n_suggestions=0)
-    planted = PlantedNoise(poses, noise)
-    found = []
-    for seed in task.noise_seeds:
-        simulated = draw_noise(poses, seed, noise)
-        result = identify(
-            campaign_from_simulation(simulated.campaign), poses.arm, options
-        )
-        spoilt = np.zeros(poses.n_poses, dtype=np.bool_)
-        spoilt[[blunder.row for blunder in simulated.truth.blunders]] = True
-        kept = spoilt & result.included
-        is_whole = bool(np.all(result.included)) and not np.any(spoilt)
-        foreseen = planted.foreseen(simulated) if is_whole else None
-        errors = distance_errors(
-            result,
-            poses,
-            seed,
-            has_scale=task.mix not in WITHOUT_LENGTH,
-            steps=None if foreseen is None else foreseen.steps,
-        )
-        found.append(
-            Outcome(
-                converged=result.converged,
-                passed=bool(result.global_test.passed),
-                sum_of_squares=result.adjustment.system.sum_of_squares,
-                redundancy=result.redundancy,
-                foreseen=np.nan if foreseen is None else foreseen.sum_of_squares,
-                foreseen_redundancy=planted.redundancy,
-                chi_square=errors.chi_square,
-                foreseen_chi_square=errors.foreseen,
-                degrees=errors.degrees,
-                mean_square_mm2=float(np.mean(errors.errors_mm**2)),
-                n_determined=result.adjustment.split.n_determined,
-                tells_no_length=any("length" in u.why for u in result.undetermined),
-                n_undetermined=len(result.undetermined),
-                n_blunders=int(np.count_nonzero(spoilt)),
-                n_kept=int(np.count_nonzero(kept)),
-                kept_w=float(np.max(result.statistics.w[kept], initial=0.0)),
-                n_lost=int(np.count_nonzero(~result.included & ~spoilt)),
-            )
-        )
-    return tuple(found)
+def draw(mix: str, blunder_share: float, seed: int) -> Case:
+    """Draw a campaign; ten have the same poses, and no two mixes the same noise."""
+    noise = NoiseTable(blunder_share=blunder_share)
+    poses, planted = _planted(mix, seed // PER_POSE_SET + 1)
+    of_noise = _NOISE_SEEDS * list(MIXES).index(mix) + seed
+    return Case(mix, of_noise, poses, planted, draw_noise(poses, of_noise, noise))
 
 
-def tasks(
-    mix: str, seeds: range, per_pose_set: int, blunder_share: float = 0.0
-) -> list[Task]:
-    """Share campaigns out over sets of poses; no two mixes have the same noise."""
-    offset = _NOISE_SEEDS * list(MIXES).index(mix)
-    return [
-        Task(
-            mix,
-            pose_seed=seeds[first] // per_pose_set + 1,
-            noise_seeds=tuple(
-                offset + seed for seed in seeds[first : first + per_pose_set]
-            ),
-            blunder_share=blunder_share,
-        )
-        for first in range(0, len(seeds), per_pose_set)
-    ]
+@lru_cache(maxsize=2)
+def _planted(mix: str, pose_seed: int) -> tuple[PoseSet, PlantedNoise]:
+    poses = mix_poses(mix, MIXES[mix], pose_seed)
+    return poses, PlantedNoise(poses, NoiseTable())
+
+
+def run(case: Case) -> Line:
+    """Identify a campaign and judge it by the truth."""
+    poses, simulated = case.poses, case.simulated
+    campaign = campaign_from_simulation(simulated.campaign)
+    result = identify(campaign, poses.arm, Options(n_suggestions=0))
+    spoilt = np.zeros(poses.n_poses, dtype=np.bool_)
+    spoilt[[blunder.row for blunder in simulated.truth.blunders]] = True
+    kept = spoilt & result.included
+    is_whole = bool(np.all(result.included)) and not np.any(spoilt)
+    foreseen = case.planted.foreseen(simulated) if is_whole else None
+    errors = distance_errors(
+        result,
+        poses,
+        case.seed,
+        has_scale=case.mix not in WITHOUT_LENGTH,
+        steps=None if foreseen is None else foreseen.steps,
+    )
+    outcome = Outcome(
+        converged=result.converged,
+        passed=bool(result.global_test.passed),
+        sum_of_squares=result.adjustment.system.sum_of_squares,
+        redundancy=result.redundancy,
+        foreseen=None if foreseen is None else foreseen.sum_of_squares,
+        foreseen_redundancy=case.planted.redundancy,
+        chi_square=errors.chi_square,
+        foreseen_chi_square=None if foreseen is None else errors.foreseen,
+        degrees=errors.degrees,
+        mean_square_mm2=float(np.mean(errors.errors_mm**2)),
+        n_determined=result.adjustment.split.n_determined,
+        tells_no_length=any("length" in u.why for u in result.undetermined),
+        n_undetermined=len(result.undetermined),
+        n_blunders=int(np.count_nonzero(spoilt)),
+        n_kept=int(np.count_nonzero(kept)),
+        kept_w=float(np.max(result.statistics.w[kept], initial=0.0)),
+        n_lost=int(np.count_nonzero(~result.included & ~spoilt)),
+    )
+    return {"outcome": asdict(outcome)}

@@ -1,144 +1,57 @@
-"""`python -m benchmarks.strangers DIR`: the table of docs/strangers.md.
+"""`python -m benchmarks.strangers DIR [table|choices|subsets]`: other people's arms.
 
-Each arm is identified with some of its poses and judged by all of the others, beside
-the nominal arm with its tool fitted, and beside plain least squares by scipy. All are
-judged in the same way (`plain.held_out_mm`).
+`table` is that of docs/strangers.md; `choices` asks whether a difference in it is
+chance, `subsets` whether random subsets of poses converge.
 """
 
 import argparse
-import json
-import subprocess
-import tempfile
-import time
+import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-import numpy as np
+from benchmarks.strangers import choices, subsets, table
+from benchmarks.strangers.sets import read_sets
+from benchmarks.trials.lines import Line, unbroken
+from benchmarks.trials.program import Program, Verdict
+from benchmarks.trials.series import Series
 
-from benchmarks.strangers import plain
-from benchmarks.strangers.sets import Measured, make_arm, read_sets
-from traverse.arrays import Floats
-from traverse.kinematics.arm_file.arm import Arm, read_arm
-from traverse.kinematics.effects.arm_effects import effects_of
-from traverse.kinematics.effects.base.block import Block
-from traverse.kinematics.effects.pose import corrected_pose
-from traverse.kinematics.model.geometry import geometry_from_arm
-from traverse.lab.campaign.campaign import Campaign, read_campaign
-from traverse.lab.diagnosis.diagnose import diagnose
-from traverse.lab.diagnosis.model.result import DiagnosisOptions
-from traverse.lab.diagnosis.report.files import arm_with_provenance
-from traverse.lab.identification.identify import IdentificationError, identify
-
-HEAD = (
-    "| set | poses used | kept aside | tool alone | scipy | pybotics | Traverse "
-    "| diagnosed | the owners' figures |\n|---|---|---|---|---|---|---|---|---|"
-)
+KINDS = {"table": table, "choices": choices, "subsets": subsets}
 
 
-def main() -> None:
-    """Print a row for each set."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[2])
+def series(asked: argparse.Namespace) -> list[Series[Any]]:
+    """Make the trials of a kind, of every set in the folder."""
+    sets = list(read_sets(asked.folder))
+    if asked.kind == "table":
+        return table.series(sets, asked.pybotics, diagnose=asked.diagnose)
+    return choices.series(sets) if asked.kind == "choices" else subsets.series(sets)
+
+
+def judge(lines: Sequence[Line]) -> Verdict:
+    """Make the tables of the kinds that there are."""
+    text, holds = [], True
+    for name, kind in KINDS.items():
+        of_kind = [
+            line for line in unbroken(lines) if line["scenario"].startswith(name)
+        ]
+        if of_kind:
+            text += kind.report(of_kind)
+            holds &= not any(line.get("is_wrong") for line in of_kind)
+    return Verdict("\n".join(text), holds)
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, help="with the sets, as described")
-    parser.add_argument("--only", help="sets whose name begins so")
+    parser.add_argument("kind", nargs="?", choices=KINDS, default="table")
     parser.add_argument(
         "--diagnose", action="store_true", help="also with the effects that are found"
     )
     parser.add_argument(
         "--pybotics", metavar="PYTHON", help="interpreter that has pybotics"
     )
-    asked = parser.parse_args()
-    print("Distance of poses kept aside: mean, largest [mm].", HEAD, sep="\n\n")
-    for measured in read_sets(asked.folder):
-        if measured.name.startswith(asked.only or ""):
-            print(row(measured, asked.pybotics, asked.diagnose), flush=True)
 
 
-def row(measured: Measured, pybotics: str | None, with_diagnosis: bool) -> str:
-    """Compute one row of the table."""
-    arm, given = nominal_and_campaign(measured)
-    tool = plain.fitted(plain.chain_of(arm), measured, tool_only=True)
-    rival = plain.fitted(tool, measured)
-    cells = [
-        measured.name,
-        str(len(given.poses)),
-        f"{measured.held_by}: {np.count_nonzero(measured.is_kept)}",
-        *(
-            figures(plain.held_out_mm(chain.places_mm(measured.angles_rad), measured))
-            for chain in (tool, rival)
-        ),
-        by_pybotics(measured, pybotics),
-        *ours(measured, given, arm, with_diagnosis),
-        measured.owners,
-    ]
-    return f"| {' | '.join(cells)} |"
-
-
-def nominal_and_campaign(measured: Measured) -> tuple[Arm, Campaign]:
-    """Make the nominal arm, and the campaign of the poses that are used."""
-    with tempfile.TemporaryDirectory() as name:
-        arm = read_arm(make_arm(measured, Path(name)))
-        used = measured.write(Path(name) / "used", ~measured.is_kept)
-        return arm, read_campaign(used, [joint.name for joint in arm.joints])
-
-
-def by_pybotics(measured: Measured, python: str | None) -> str:
-    """What pybotics makes of a set that a tracker measured."""
-    if python is None or measured.places_mm is None:
-        return "-"
-    given = {
-        "rows": measured.classic_rows,
-        "tool_mm": measured.tool_mm,
-        "angles_rad": measured.angles_rad.tolist(),
-        "places_mm": measured.places_mm.tolist(),
-        "is_kept": measured.is_kept.tolist(),
-        "was_moved": measured.was_moved,
-    }
-    script = Path(__file__).parent.parent / "peers" / "pybotics_fit.py"
-    ran = subprocess.run(
-        [python, script],
-        check=False,
-        input=json.dumps(given),
-        capture_output=True,
-        text=True,
-    )
-    if ran.returncode:
-        return ran.stderr.strip().splitlines()[-1]
-    return figures(np.array(json.loads(ran.stdout)["distances_mm"]))
-
-
-def ours(
-    measured: Measured, given: Campaign, arm: Arm, with_diagnosis: bool
-) -> tuple[str, str]:
-    """Identify, and diagnose what is left; what each of the arms predicts."""
-    begun_s = time.monotonic()
-    try:
-        identified = identify(given, arm).arm
-    except IdentificationError as error:
-        return str(error), "-"
-    plainly = figures(distances_mm(measured, identified))
-    plainly += f" ({time.monotonic() - begun_s:.0f} s)"
-    if not with_diagnosis:
-        return plainly, "-"
-    begun_s = time.monotonic()
-    found = diagnose(given, identified, DiagnosisOptions())
-    told = figures(distances_mm(measured, arm_with_provenance(found)))
-    n = sum(term.accepted for term in found.terms)
-    taken_s = time.monotonic() - begun_s
-    return plainly, f"{told}, {found.verdict}, {n} terms ({taken_s:.0f} s)"
-
-
-def distances_mm(measured: Measured, arm: Arm) -> Floats:
-    """Distances [mm] of the poses kept aside, by an arm file with its effects."""
-    effects = effects_of(arm, arm.effects)
-    at, _, _ = corrected_pose(
-        geometry_from_arm(arm), effects, Block(measured.angles_rad)
-    )
-    return plain.held_out_mm(at, measured)
-
-
-def figures(distances: Floats) -> str:
-    """Mean and largest."""
-    return f"{np.mean(distances):.3f}, {np.max(distances):.2f}"
-
+PROGRAM = Program("benchmarks.strangers", series, judge, _add_arguments)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(PROGRAM.main())

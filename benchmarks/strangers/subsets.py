@@ -1,20 +1,21 @@
-"""`python -m benchmarks.strangers.subsets DIR [--n 1000] [--seed 1]`: does it converge?
+"""Random subsets of poses: do they converge?
 
-Draws random subsets of poses, by turns from one of the sets of docs/strangers.md and
-from a simulated arm that a tracker follows, identifies each, and counts what happened.
+Of each of the sets of docs/strangers.md, and of simulated arms that a tracker follows.
 None of these has wrong units: a report that says so is false.
 """
 
-import argparse
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.strangers.sets import Measured, make_arm, read_sets
+from benchmarks.strangers.sets import Measured, make_arm
+from benchmarks.trials.lines import Line
+from benchmarks.trials.series import Series
 from tests.lab.identification.test_strangers import DESIGN, tracked
 from tests.lab.simulated import Noise, arm_value
 from traverse.kinematics.arm_file.arm import Arm, read_arm
@@ -26,70 +27,74 @@ from traverse.lab.identification.identify import (
 )
 from traverse.lab.identification.report.page import WORDS
 
+N_EACH, SEED = 125, 1
 FEWEST, MOST = 30, 150
 QUICK = Options(n_suggestions=0)
+Case = tuple[Campaign, Arm]
 
 
-def main() -> None:
-    """Print every subset that did not converge, and a table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, help="with the sets")
-    parser.add_argument("--n", type=int, default=1000, help="subsets")
-    parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
-    counts: dict[str, Counter[str]] = {}
-    sets = list(read_sets(asked.folder))
-    for number, (name, campaign, arm) in enumerate(
-        drawn(sets, asked.n, np.random.default_rng(asked.seed))
-    ):
-        outcome = outcome_of(campaign, arm)
-        counts.setdefault(name, Counter())[outcome.partition(":")[0]] += 1
-        if outcome != "converged":
-            text = f"{number} {name}, {len(campaign.poses)} poses: {outcome}"
-            print(text, flush=True)
-    for name, one in counts.items():
-        print(f"{name}: {', '.join(f'{n} {what}' for what, n in one.items())}")
-    total = sum(counts.values(), Counter[str]())
-    print(f"all: {', '.join(f'{n} {what}' for what, n in total.items())}")
+def series(sets: Sequence[Measured]) -> list[Series[Case]]:
+    """Make the subsets of every set, and the simulated arms."""
+    draws: dict[str, Callable[[int], Case]] = {
+        measured.name: partial(drawn_subset, measured) for measured in sets
+    }
+    draws["simulated"] = drawn_simulated
+    return [
+        Series(f"subsets: {name}", draw, outcome_of, N_EACH, batch=5)
+        for name, draw in draws.items()
+    ]
 
 
-def drawn(
-    sets: Sequence[Measured], n: int, rng: np.random.Generator
-) -> Iterator[tuple[str, Campaign, Arm]]:
-    """Random subsets, each with the nominal arm."""
-    for number in range(n):
-        n_poses = int(rng.integers(FEWEST, MOST + 1))
-        if number % (len(sets) + 1) == len(sets):
-            noise = Noise(float(rng.uniform(1e-5, 3e-4)), float(rng.uniform(0.01, 0.3)))
-            travel_rad = float(rng.uniform(0.2, 1.5))
-            campaign = tracked(int(rng.integers(1 << 31)), n_poses, travel_rad, noise)
-            free = replace(campaign, encoder_rad=None, contact_mm=None)
-            yield "simulated", free, arm_value(DESIGN)
-            continue
-        measured = sets[number % (len(sets) + 1)]
-        everything = len(measured.angles_rad)
-        rows = np.zeros(everything, dtype=bool)
-        chosen = rng.choice(everything, min(n_poses, everything), replace=False)
-        rows[chosen] = True
-        with tempfile.TemporaryDirectory() as folder:
-            arm = read_arm(make_arm(measured, Path(folder)))
-            names = [joint.name for joint in arm.joints]
-            used = measured.write(Path(folder) / "used", rows)
-            campaign = read_campaign(used, names)
-        yield measured.name, campaign, arm
+def drawn_subset(measured: Measured, seed: int) -> Case:
+    """Draw poses of a set."""
+    rng = np.random.default_rng([SEED, seed])
+    n_poses = int(rng.integers(FEWEST, MOST + 1))
+    everything = len(measured.angles_rad)
+    rows = np.zeros(everything, dtype=bool)
+    rows[rng.choice(everything, min(n_poses, everything), replace=False)] = True
+    with tempfile.TemporaryDirectory() as folder:
+        arm = read_arm(make_arm(measured, Path(folder)))
+        used = measured.write(Path(folder) / "used", rows)
+        return read_campaign(used, [joint.name for joint in arm.joints]), arm
 
 
-def outcome_of(campaign: Campaign, arm: Arm) -> str:
-    """In words: converged, or what was said instead."""
+def drawn_simulated(seed: int) -> Case:
+    """Draw a simulated arm that a tracker follows."""
+    rng = np.random.default_rng([SEED, seed])
+    n_poses = int(rng.integers(FEWEST, MOST + 1))
+    noise = Noise(float(rng.uniform(1e-5, 3e-4)), float(rng.uniform(0.01, 0.3)))
+    travel_rad = float(rng.uniform(0.2, 1.5))
+    campaign = tracked(int(rng.integers(1 << 31)), n_poses, travel_rad, noise)
+    return replace(campaign, encoder_rad=None, contact_mm=None), arm_value(DESIGN)
+
+
+def outcome_of(case: Case) -> Line:
+    """Identify; in words: converged, or what was said instead."""
+    campaign, arm = case
+    n_poses = len(campaign.poses)
     try:
         result = identify(campaign, arm, QUICK)
     except IdentificationError as error:
-        return f"refused: {error}"
+        return {"n_poses": n_poses, "outcome": f"refused: {error}"}
     words = " ".join(WORDS.lines("sigma0", result))
     if "units" in words:
-        return f"false units: {words}"
-    return "converged" if result.converged else f"not converged: {words}"
+        said = f"false units: {words}"
+    else:
+        said = "converged" if result.converged else f"not converged: {words}"
+    return {"n_poses": n_poses, "outcome": said, "is_wrong": "units" in words}
 
 
-if __name__ == "__main__":
-    main()
+def report(lines: Sequence[Line]) -> list[str]:
+    """List every subset that did not converge, and count."""
+    counts: dict[str, Counter[str]] = {}
+    text = []
+    for line in lines:
+        word = line["outcome"].partition(":")[0]
+        counts.setdefault(line["scenario"], Counter())[word] += 1
+        if word != "converged":
+            where = f"{line['scenario']}, {line['seed']}, {line['n_poses']} poses"
+            text.append(f"{where}: {line['outcome']}")
+    counts["all"] = sum(counts.values(), Counter())
+    for name, count in counts.items():
+        text.append(f"{name}: {', '.join(f'{n} {what}' for what, n in count.items())}")
+    return text

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks.strangers import plain
-from benchmarks.strangers.__main__ import distances_mm, nominal_and_campaign
 from benchmarks.strangers.sets import make_arm, read_sets
+from benchmarks.strangers.table import distances_mm, nominal_and_campaign
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import geometry_from_arm
