@@ -3,7 +3,6 @@
 The table of the blind test, and the file of its runs.
 """
 
-
 import numpy as np
 import pytest
 
