@@ -10,21 +10,37 @@ import threading
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import hypothesis
 import pytest
 
-from tests import programs, warm_start
+from tests import programs, shared, warm_start
 from tests.mosquitto import Mosquitto
 
 GRACE_S = 2.0
 LINKS = pytest.StashKey[Path]()
+SHARED = pytest.StashKey["TemporaryDirectory[str]"]()
 # How long an example takes says how busy this machine is.
 hypothesis.settings.register_profile("any_machine", deadline=None)
 hypothesis.settings.load_profile("any_machine")
 # A shell's job in the background ignores Ctrl-C; the programs that we start must not.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Make the folder of shared results, in the process that starts the workers."""
+    if not hasattr(config, "workerinput"):
+        config.stash[SHARED] = TemporaryDirectory(prefix="traverse-tests-")
+        os.environ[shared.FOLDER] = config.stash[SHARED].name
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Remove it."""
+    if SHARED in config.stash:
+        del os.environ[shared.FOLDER]
+        config.stash[SHARED].cleanup()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

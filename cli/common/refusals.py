@@ -107,7 +107,9 @@ def check_target(path: Path | None, *, force: bool) -> None:
 
 
 def check_results(folder: Path, arm: Path) -> None:
-    """Refuse a folder of results whose arm.toml is the arm file that is read."""
+    """Refuse what cannot be a folder of results of the arm file, before any work."""
+    if folder.exists() and not folder.is_dir():
+        refuse(f"--out {folder} is no folder; name one, or one that is yet to be made")
     # os.path: Path.resolve raises RuntimeError where a link leads to itself.
     if os.path.realpath(folder / "arm.toml") == os.path.realpath(arm):
         told = f"--out {folder}: its arm.toml is the arm file, and would be replaced"

@@ -118,6 +118,10 @@ class Effect(StrictModel):
         """The keys of its kind with their values."""
         return {key: getattr(self, key) for key in EFFECT_KINDS[self.kind].keys}
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Travel to another process as a table: classes of kinds have no module."""
+        return effect_from_table, (self.model_dump(exclude_unset=True),)
+
     @classmethod
     def variant(cls, table: object) -> "type[Effect]":
         """Return the class of a table by its kind."""

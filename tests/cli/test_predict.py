@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.cli.identify.identification import run_identify, said_json
-from tests.cli.identify.test_command import DESIGN, write_simulated
+from tests.results import ARM, write_simulated
 from tests.running import run_traverse
 
 N_POSES = 120
@@ -102,7 +102,7 @@ def test_the_table_has_a_line_for_each_pose(folder: Path) -> None:
 
 
 def test_the_tool_is_fitted_on_request(folder: Path) -> None:
-    text = DESIGN.read_text("utf-8")
+    text = ARM.read_text("utf-8")
     (folder / "bent.toml").write_text(
         text.replace("vector_mm = [85.0, ", "vector_mm = [85.5, ")
     )
@@ -116,7 +116,7 @@ def test_the_tool_is_fitted_on_request(folder: Path) -> None:
 
 def test_an_arm_of_other_joints_is_refused(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder / "campaign", tmp_path / "campaign")
-    text = DESIGN.read_text("utf-8").replace('name = "J1"', 'name = "A1"')
+    text = ARM.read_text("utf-8").replace('name = "J1"', 'name = "A1"')
     (tmp_path / "arm.toml").write_text(text, "utf-8")
     ran = run_traverse(tmp_path, "predict", "campaign", "--arm", "arm.toml", status=2)
     assert "A1_rad" in ran.stderr

@@ -13,18 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-import traverse.cli
+from tests import results
 from tests.cli.identify.identification import run_identify, said_json
 from tests.running import END_S, run_program
 from traverse.kinematics.arm_file.arm import Arm, read_arm, write_arm
-from traverse.simulator.campaigns import (
-    CampaignSpec,
-    draw_noise,
-    make_poses,
-    write_campaign,
-)
 
-DESIGN = Path(traverse.cli.__file__).parent / "demo_data" / "arm.toml"
 FILES = {
     "arm.toml",
     "arm.cov.npz",
@@ -35,36 +28,24 @@ FILES = {
 }
 
 
-def write_simulated(folder: Path, mix: str, n_poses: int) -> None:
-    arm = read_arm(DESIGN)
-    poses = make_poses(arm, CampaignSpec(mix=mix, n_poses=n_poses), seed=3)
-    write_campaign(folder / "campaign", draw_noise(poses, 5), arm)
-    shutil.copy(DESIGN, folder / "arm.toml")
-
-
-@pytest.fixture(scope="session")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture
+def measured(tmp_path: Path) -> Path:
     """A folder with a campaign that determines everything, and the arm file."""
-    folder = tmp_path_factory.mktemp("measured")
-    write_simulated(folder, "cones+bar", 160)
-    return folder
+    return shutil.copytree(results.measured(), tmp_path / "measured")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def lengthless(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same without any length."""
     folder = tmp_path_factory.mktemp("lengthless")
-    write_simulated(folder, "cones", 80)
+    results.write_simulated(folder, "cones", 80)
     return folder
 
 
 @pytest.fixture(scope="session")
-def identified(measured: Path) -> Path:
+def identified() -> Path:
     """The folder with results in `out` and what was printed in `said`."""
-    ran = run_identify(measured, "campaign", "--arm", "arm.toml", "--out", "out")
-    (measured / "said").write_text(ran.stdout, "utf-8")
-    (measured / "told").write_text(ran.stderr, "utf-8")
-    return measured
+    return results.identified()
 
 
 def test_all_files_are_written(identified: Path) -> None:
@@ -73,7 +54,7 @@ def test_all_files_are_written(identified: Path) -> None:
     assert arm.identification is not None
     assert arm.identification.covariance_file == "arm.cov.npz"
     assert [j.encoder for j in arm.joints] == [
-        j.encoder for j in read_arm(DESIGN).joints
+        j.encoder for j in read_arm(results.ARM).joints
     ]
 
 
@@ -124,14 +105,6 @@ def assert_shape(value: Any, shape: Any) -> None:
         assert shape is not int or not isinstance(value, bool)
 
 
-def test_json_option_prints_the_same_figures(identified: Path) -> None:
-    ran = run_identify(
-        identified, "campaign", "--arm", "arm.toml", "--out", "again", "--json"
-    )
-    written = json.loads((identified / "again/identification.json").read_text("utf-8"))
-    assert said_json(ran) == written
-
-
 def test_piped_output_is_plain_lines_and_progress_is_quiet(identified: Path) -> None:
     said = (identified / "said").read_text("utf-8")
     assert (identified / "told").read_text("utf-8") == ""
@@ -144,7 +117,9 @@ def test_piped_output_is_plain_lines_and_progress_is_quiet(identified: Path) -> 
     assert "All 25 free parameters are determined." in lines
 
 
-def test_a_terminal_sees_a_line_for_every_iteration(identified: Path) -> None:
+def test_a_terminal_sees_a_line_for_every_iteration_and_json_is_what_is_written(
+    measured: Path,
+) -> None:
     ours, theirs = pty.openpty()
     arguments = ("campaign", "--arm", "arm.toml", "--out", "seen", "--json")
     ran = subprocess.run(
@@ -154,12 +129,14 @@ def test_a_terminal_sees_a_line_for_every_iteration(identified: Path) -> None:
         text=True,
         timeout=END_S,
         check=True,
-        cwd=identified,
+        cwd=measured,
     )
     os.close(theirs)
     told = os.read(ours, 1 << 16).decode().replace("\r\n", "\n").splitlines()
     os.close(ours)
-    assert len(told) == json.loads(ran.stdout)["iterations"]
+    printed = json.loads(ran.stdout)
+    assert printed == json.loads((measured / "seen/identification.json").read_text())
+    assert len(told) == printed["iterations"]
     assert told[0].startswith("iteration   1: misfit ")
     assert all("sigma" in line and "directions determined" in line for line in told)
     assert all(" mm rms, " in line for line in told)
@@ -207,7 +184,10 @@ def test_no_convergence_is_reported_and_leaves_no_arm_file(measured: Path) -> No
             ("campaign", "--arm", "arm.toml", "--out", "o", "--hold", "J9.*"),
             "'J9.*' fits no parameter",
         ),
-        (("campaign", "--arm", "arm.toml", "--out", "arm.toml"), "arm.toml: "),
+        (
+            ("campaign", "--arm", "arm.toml", "--out", "arm.toml"),
+            "--out arm.toml is no folder",
+        ),
         (("--compare", "arm.toml", "absent"), "absent: 1 problem"),
         (("--compare", "arm.toml", "campaign/poses.csv"), "poses.csv: "),
     ],
@@ -222,7 +202,7 @@ def test_refused_input_is_named_with_status_2(
 
 
 def test_an_effect_that_does_not_fit_the_arm_is_refused(measured: Path) -> None:
-    values = read_arm(DESIGN).model_dump(by_alias=True, exclude_unset=True)
+    values = read_arm(results.ARM).model_dump(by_alias=True, exclude_unset=True)
     effect = {"kind": "joint_compliance", "joint": "J3", "compliance_rad_nm": 1e-6}
     write_arm(
         measured / "bent.toml", Arm.model_validate({**values, "effects": (effect,)})

@@ -1,3 +1,4 @@
+import pickle
 import struct
 from pathlib import Path
 
@@ -261,6 +262,13 @@ def test_values_are_frozen():
     with pytest.raises(ValueError, match="frozen"):
         arm.joints[0].zero_rad = 2.0
     assert hash(arm) == hash(parse_arm(ARM_TEXT))
+
+
+def test_an_arm_with_effects_travels_to_another_process():
+    arm = parse_arm(EVERYTHING)
+    again = pickle.loads(pickle.dumps(arm))
+    assert again == arm
+    assert arm_digest(again) == arm_digest(arm)
 
 
 def test_effects_are_made_from_plain_tables_too():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.docs.pages import CHECKOUT
+from tests.shared import shared
 from traverse.kinematics.arm_file.arm import effect_from_table, read_arm
 from traverse.lab.acceptance.conformity import NO_LIMITS
 from traverse.lab.acceptance.plan import plan_of
@@ -23,6 +24,7 @@ ARM = read_arm(CHECKOUT / "cli" / "demo_data" / "arm.toml")
 QUIET = NoiseTable(encoder_rad=0.0, contact_mm=0.0, stated=False)
 
 
+@shared
 def poses_of(standard):
     return acceptance_poses(ARM, standard, 5, noise=QUIET, std_mm=0.0)
 

@@ -5,34 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.lab.certificates.made import ARM, LABORATORY, Issued, issued
-from tests.running import invoke
-from traverse.kinematics.arm_file.arm import read_arm
+from tests import results
+from tests.lab.certificates.made import LABORATORY, Issued, issued
+from tests.results import ARM
+from tests.shared import new_folder, shared
 from traverse.lab.certificates.certificate import certify
 from traverse.lab.certificates.evidence import add_data
 from traverse.lab.certificates.signature import SigningKey
-from traverse.simulator.campaigns import (
-    CampaignSpec,
-    draw_noise,
-    make_poses,
-    write_campaign,
-)
-from traverse.simulator.campaigns.acceptance.poses import (
-    acceptance_poses,
-    drawn_acceptance,
-)
-
-LIMITS = """\
-schema = "traverse/acceptance-limits/1"
-[mpe]
-interim_length_mm = 0.050
-"""
-
-
-def _dated(campaign: Path) -> None:
-    text = campaign.read_text("utf-8")
-    head = 'operator = "M. Curie"\nplace = "Room 2"\nstart_utc = 2026-11-20T09:00:00Z\n'
-    campaign.write_text(text.replace("[noise]", f"{head}[noise]", 1), "utf-8")
 
 
 @pytest.fixture(scope="session")
@@ -48,39 +27,26 @@ def signer() -> Issued:
 
 
 @pytest.fixture(scope="session")
-def verified(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def verified() -> Path:
     """A folder as `traverse verify` leaves it."""
-    folder = tmp_path_factory.mktemp("verified")
-    arm = read_arm(ARM)
-    poses = drawn_acceptance(acceptance_poses(arm, "vdi2617-9", 3), 3)
-    write_campaign(folder / "campaign", poses, arm)
-    _dated(folder / "campaign" / "campaign.toml")
-    (folder / "limits.toml").write_text(LIMITS)
-    arguments = ("--standard", "vdi2617-9", "--arm", ARM, "--limits")
-    out = folder / "results"
-    invoke(
-        *("verify", folder / "campaign", *arguments, folder / "limits.toml"),
-        *("--out", out),
-    )
-    return out
+    return results.verified() / "out"
+
+
+@shared
+def _identified() -> Path:
+    folder = shutil.copytree(results.identified(), new_folder(), dirs_exist_ok=True)
+    add_data(folder / "out", folder / "campaign", ARM)
+    return folder / "out"
 
 
 @pytest.fixture(scope="session")
-def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def identified() -> Path:
     """A folder as `traverse identify` leaves it, with its raw data."""
-    folder = tmp_path_factory.mktemp("identified")
-    arm = read_arm(ARM)
-    poses = make_poses(arm, CampaignSpec(mix="cones+bar", n_poses=120), seed=3)
-    write_campaign(folder / "campaign", draw_noise(poses, 5), arm)
-    _dated(folder / "campaign" / "campaign.toml")
-    out = folder / "results"
-    invoke("identify", folder / "campaign", "--arm", ARM, "--out", out)
-    add_data(out, folder / "campaign", ARM)
-    return out
+    return _identified()
 
 
-def _signed(results: Path, folder: Path, laboratory: Path, signer: Issued) -> Path:
-    copy = shutil.copytree(results, folder / "results")
+def _signed(source: Path, folder: Path, laboratory: Path, signer: Issued) -> Path:
+    copy = shutil.copytree(source, folder / "results")
     certify(copy, laboratory, SigningKey(signer.key, signer.certificate))
     return copy
 

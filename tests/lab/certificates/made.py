@@ -14,10 +14,6 @@ from cryptography.hazmat.primitives.serialization import (
 )
 from cryptography.x509.oid import NameOID
 
-from tests.docs.pages import CHECKOUT
-
-ARM = CHECKOUT / "cli" / "demo_data" / "arm.toml"
-
 LABORATORY = """\
 schema = "traverse/laboratory/1"
 number = "2026-0417"

@@ -9,7 +9,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from tests.lab.certificates.made import ARM, LABORATORY, Issued
+from tests.lab.certificates.made import LABORATORY, Issued
+from tests.results import ARM
 from tests.running import invoke
 from tests.simulator.effects.examples import spec_of
 from traverse.kinematics.arm_file.arm import read_arm

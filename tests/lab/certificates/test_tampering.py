@@ -21,7 +21,7 @@ from traverse.lab.certificates.signature import (
 from traverse.lab.report.checksums import read_sums, sums_of, write_sums
 from traverse.strict_toml.problems import FileError
 
-N_MUTATIONS = 500
+N_MUTATIONS = 200
 
 
 def problems(folder: Path, *trusted: Issued) -> list[str]:

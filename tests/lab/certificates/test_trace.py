@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.lab.certificates.made import ARM
 from tests.lab.certificates.test_tampering import mutated
 from tests.protocol.message_examples import POINT
+from tests.results import ARM
 from tests.running import invoke
 from traverse.kinematics.arm_file.arm import arm_digest, read_arm, write_arm
 from traverse.lab.certificates.trace import Tracer
@@ -86,7 +86,7 @@ def test_altered_bytes_of_any_file_break_the_chain(chain: Path, kind: str) -> No
     for name in [*(read_sums(folder) or {}), SUMS]:
         path = folder / name
         original = path.read_bytes()
-        for _ in range(40):
+        for _ in range(20):
             changed = mutated(original, chance)
             path.write_bytes(changed)
             try:

@@ -2,12 +2,15 @@
 
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from tests.lab.diagnosis.fitted_rows import Measurement, measured
-from traverse.kinematics.arm_file.arm import effect_from_table
+from tests.shared import shared
+from traverse.kinematics.arm_file.arm import effect_from_table, write_arm
 from traverse.lab.diagnosis.diagnose import DiagnosisOptions, diagnose
 from traverse.lab.diagnosis.model.result import Diagnosis
+from traverse.lab.diagnosis.report.files import write_diagnosis
 
 START = datetime(2026, 11, 20, 9, tzinfo=UTC)
 OPTIONS = DiagnosisOptions(seed=3, n_draws=200)
@@ -31,21 +34,21 @@ def eccentric_campaign() -> Measurement:
     return replace(found, campaign=replace(found.campaign, start_utc=START))
 
 
-@cache
+@shared
 def eccentric() -> Diagnosis:
     """Of that campaign."""
     found = eccentric_campaign()
     return diagnose(found.campaign, found.arm, OPTIONS)
 
 
-@cache
+@shared
 def clean() -> Diagnosis:
     """Of a campaign in which nothing is hidden."""
     found = measured()
     return diagnose(found.campaign, found.arm, DECISION)
 
 
-@cache
+@shared
 def drifting() -> Diagnosis:
     """The base drifts, and the campaign's start is unknown."""
     table = {
@@ -55,3 +58,26 @@ def drifting() -> Diagnosis:
     }
     found = measured().with_effect(effect_from_table(table))
     return diagnose(found.campaign, found.arm, DECISION)
+
+
+# Of the file of the arm.
+COMMENT = "# The arm in the cellar."
+WHEN = datetime(2026, 11, 21, 8, 0, tzinfo=UTC)
+
+
+def write_source(path: Path) -> None:
+    """Write the arm file that the diagnosis of the eccentricity began with."""
+    write_arm(path, eccentric().arm)
+    path.write_text(f"{COMMENT}\n{path.read_text('utf-8')}", "utf-8")
+
+
+@shared
+def written_files() -> dict[str, bytes]:
+    """Write that diagnosis over an earlier one; files by name."""
+    with TemporaryDirectory() as name:
+        source, out = Path(name) / "bench.toml", Path(name) / "out"
+        write_source(source)
+        out.mkdir()
+        (out / "term-7.png").write_bytes(b"of an earlier diagnosis")
+        write_diagnosis(out, eccentric(), source, WHEN)
+        return {path.name: path.read_bytes() for path in out.iterdir()}

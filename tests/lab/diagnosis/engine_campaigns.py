@@ -1,7 +1,5 @@
 """Campaigns with hidden effects, by the simulator's physics, for whole diagnoses."""
 
-from functools import cache
-
 import numpy as np
 
 from benchmarks.blind.detectable_sizes import SizeScale, noise_free_campaign, ruler
@@ -14,6 +12,7 @@ from benchmarks.blind.hidden.poses import (
 )
 from benchmarks.proofs.conditions import demo_arm
 from benchmarks.tools.handover import campaign_from_simulation
+from tests.shared import shared
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.diagnose import DiagnosisOptions
 from traverse.lab.diagnosis.holdout.holdout import split
@@ -44,7 +43,7 @@ def bar(name: str, distance_mm: float, n_poses: int) -> BallBar:
     )
 
 
-@cache
+@shared
 def poses(two_bars: bool = False) -> PoseSet:
     """Poses of three cones, a sphere, a bar or two."""
     bars = (bar("bar", 500.0, 50),)
@@ -62,14 +61,14 @@ def poses(two_bars: bool = False) -> PoseSet:
     return make_poses(weighed(demo_arm()), spec, SEED)
 
 
-@cache
+@shared
 def measure(two_bars: bool = False) -> SizeScale:
     of = poses(two_bars)
     choosing, _ = split(noise_free_campaign(of), SEED)
     return ruler(of, of.arm, choosing)
 
 
-@cache
+@shared
 def hidden(kind: str, size: float, joint: str | None = None, draw: int = 7) -> Hidden:
     """Draw something wrong of a kind in a size of sqrt(lambda)."""
     of = measure(kind == "artefact_length")

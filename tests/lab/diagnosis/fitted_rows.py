@@ -1,7 +1,6 @@
 """A campaign that says everything, fitted, for the tests of the banks."""
 
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from tests.lab.simulated import (
     seven_joints,
     simulate,
 )
+from tests.shared import shared
 from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.kinematics.effects.arm_effects import effects_of
 from traverse.kinematics.effects.pose import corrected_pose
@@ -65,7 +65,7 @@ class Measurement:
         return self.with_poses(angles_rad=angles_rad)
 
 
-@cache
+@shared
 def measured(seed: int = 3) -> Measurement:
     """Four cones, a sphere and a bar, the poses in an order that mixes them."""
     truth = disturbed(seven_joints(), seed)
@@ -90,12 +90,12 @@ def measured(seed: int = 3) -> Measurement:
     return Measurement(arm, truth, replace(campaign, poses=poses))
 
 
-@cache
+@shared
 def measured_rows() -> ObservationEquations:
     return measured().rows()
 
 
-@cache
+@shared
 def serial_rows() -> ObservationEquations:
     """The same with noise that is correlated from row to row."""
     rows = measured_rows()

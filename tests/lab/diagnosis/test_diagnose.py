@@ -238,6 +238,13 @@ def two_wrong():
     return hidden("encoder_eccentricity", 20.0), hidden("backlash", 20.0)
 
 
+@cache
+def first_of_two(wished):
+    """One term of a campaign with two effects, taken in or not."""
+    options = replace(OPTIONS, most_terms=1, accept_tentative=wished)
+    return decided(measured_with(*two_wrong()), options)
+
+
 @pytest.mark.slow
 def test_two_effects_are_found_one_after_the_other():
     found = decided(measured_with(*two_wrong()), OPTIONS)
@@ -254,8 +261,7 @@ def test_two_effects_are_found_one_after_the_other():
 
 @pytest.mark.parametrize("wished", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_tentative_terms_enter_only_where_wished(wished):
-    options = replace(OPTIONS, most_terms=1, accept_tentative=wished)
-    found = decided(measured_with(*two_wrong()), options)
+    found = first_of_two(wished)
     assert len(found.terms) == 1
     assert len(found.ledger) == 2
     # Something is left, so the one name is not sure.
@@ -305,8 +311,7 @@ def test_a_model_that_fits_its_own_poses_alone_is_not_clean():
 
 @pytest.mark.parametrize("wished", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_gap_is_that_of_the_arm_that_is_written(wished):
-    options = replace(OPTIONS, most_terms=1, accept_tentative=wished)
-    found = decided(measured_with(*two_wrong()), options)
+    found = first_of_two(wished)
     start, last = (step.held_out for step in found.ledger)
     told = diagnosis_json(found)["gap"]
     words = WORDS.held_out(found)

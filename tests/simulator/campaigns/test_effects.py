@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from tests.shared import shared
 from tests.simulator.campaigns.arms import seven_joint_arm
 from tests.simulator.effects.examples import example, heavy_arm, spec_of
 from traverse.kinematics.arm_file.arm import read_arm
@@ -28,7 +29,14 @@ SPEC = spec_of(
     BallBar(id="bar", n_poses=12, radius_mm=12.7, distance_mm=400.0),
     Points(id="grid", n_poses=8, n_points=4, size_mm=150.0, frame="own"),
 )
-RIGID = make_poses(ARM, SPEC, seed=3)
+
+
+@shared
+def rigid():
+    return make_poses(ARM, SPEC, seed=3)
+
+
+RIGID = rigid()
 QUIET = NoiseTable(encoder_rad=0.0, contact_mm=0.0, direction_rad=0.0)
 
 

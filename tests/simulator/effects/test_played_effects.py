@@ -8,6 +8,7 @@ from datetime import timedelta
 import numpy as np
 import pytest
 
+from tests.shared import shared
 from tests.simulator.effects.examples import (
     START,
     TABLES,
@@ -33,15 +34,19 @@ from traverse.simulator.campaigns import (
 )
 
 ARM = heavy_arm()
-RIGID = make_poses(
-    ARM,
-    spec_of(
+
+
+@shared
+def rigid() -> PoseSet:
+    spec = spec_of(
         Cone(id="cone", n_poses=20),
         BallBar(id="bar", n_poses=30, radius_mm=12.7, distance_mm=400.0),
         Sphere(id="ball", n_poses=20, radius_mm=25.0, known=True),
-    ),
-    seed=4,
-)
+    )
+    return make_poses(ARM, spec, seed=4)
+
+
+RIGID = rigid()
 OF_ARM = sorted(set(TABLES) - {"artefact_length", "first_moment"})
 # For every kind: both follow the same table to the letter, second orders included, so
 # that what is left is the tolerance of the posture, 1e-10 mm an axis, and rounding.

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +9,15 @@ import numpy as np
 import pytest
 
 from tests.lab.diagnosis.diagnosed import (
+    COMMENT,
     COS_RAD,
     SIN_RAD,
+    WHEN,
     clean,
     drifting,
     eccentric,
+    write_source,
+    written_files,
 )
 from traverse.kinematics.arm_file.arm import read_arm, write_arm
 from traverse.lab.diagnosis.model.fit import terms_without_epoch
@@ -27,8 +30,6 @@ from traverse.lab.diagnosis.report.files import (
     write_diagnosis,
 )
 
-WHEN = datetime(2026, 11, 21, 8, 0, tzinfo=UTC)
-COMMENT = "# The arm in the cellar."
 FILES = {
     "arm.toml",
     "diagnosis.json",
@@ -45,17 +46,16 @@ FILES = {
 @pytest.fixture(scope="module")
 def source(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("arms") / "bench.toml"
-    write_arm(path, eccentric().arm)
-    path.write_text(f"{COMMENT}\n{path.read_text('utf-8')}", "utf-8")
+    write_source(path)
     return path
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory, source) -> Path:
+def folder(tmp_path_factory) -> Path:
     target = tmp_path_factory.mktemp("out") / "deep"
     target.mkdir()
-    (target / "term-7.png").write_bytes(b"of an earlier diagnosis")
-    write_diagnosis(target, eccentric(), source, WHEN)
+    for name, content in written_files().items():
+        (target / name).write_bytes(content)
     return target
 
 

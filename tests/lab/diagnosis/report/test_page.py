@@ -5,13 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.lab.diagnosis.diagnosed import COS_RAD, SIN_RAD, clean, eccentric
+from tests.lab.diagnosis.diagnosed import (
+    COS_RAD,
+    SIN_RAD,
+    clean,
+    eccentric,
+    written_files,
+)
 from tests.lab.diagnosis.report.test_words import DETECTABLE, candidate
 from tests.lab.report.pages import Page
 from traverse.kinematics.arm_file.arm import effect_from_table
 from traverse.lab.diagnosis.model.result import Estimate
+from traverse.lab.diagnosis.report.discrepancies import discrepancies
 from traverse.lab.diagnosis.report.page import report_page
-from traverse.lab.diagnosis.report.pictures import plots_of
+from traverse.lab.diagnosis.report.pictures import Plots, plots_of
 from traverse.lab.diagnosis.report.term_curve import term_curve
 from traverse.lab.report.figures import binned
 
@@ -29,7 +36,14 @@ SECTIONS = [
 
 @pytest.fixture(scope="module")
 def plots():
-    return plots_of(eccentric())
+    found = eccentric()
+    noise = found.all_terms.network.noise
+    pictures = {k: png for k, png in written_files().items() if k.endswith(".png")}
+    return Plots(
+        discrepancies(found.before, noise),
+        discrepancies(found.after, noise),
+        pictures,
+    )
 
 
 @pytest.fixture(scope="module")
