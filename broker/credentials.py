@@ -80,7 +80,7 @@ def credential_file(name: str, folder: Path = Path()) -> Path:
 def connection_options(
     address: BrokerAddress, credentials: Credentials | None = None
 ) -> dict[str, Any]:
-    """Arguments of `DiagnosingClient`; without credentials their files are read now.
+    """Arguments of `MqttClient`; without credentials their files are read now.
 
     Raises:
         CredentialsError: one of the files cannot be used.
@@ -92,7 +92,7 @@ def connection_options(
         "username": address.username,
         "password": credentials.password,
         "tls_context": credentials.tls,
-        "keepalive": address.keepalive_s,
+        "keep_alive_s": address.keepalive_s,
     }
 
 
@@ -207,17 +207,6 @@ def _warnings(address: BrokerAddress, files: Mapping[str, Path]) -> Iterator[str
         )
 
 
-class _Line(ssl.SSLSocket):
-    """Closed when its handshake fails; paho would leave it open."""
-
-    def do_handshake(self, block: bool = False) -> None:
-        try:
-            super().do_handshake(block)
-        except BaseException:
-            self.close()
-            raise
-
-
 def tls_context(ca_file: Path | None) -> ssl.SSLContext:
     """How the line to a broker is encrypted; without a certificate of our own.
 
@@ -227,7 +216,6 @@ def tls_context(ca_file: Path | None) -> ssl.SSLContext:
         OSError: the file cannot be read, or holds no certificate.
     """
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-    context.sslsocket_class = _Line
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     if ca_file is None:
         context.load_default_certs(ssl.Purpose.SERVER_AUTH)

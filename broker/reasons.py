@@ -5,15 +5,65 @@ import socket
 import ssl
 from dataclasses import dataclass
 
-import aiomqtt
-from paho.mqtt.enums import MQTTErrorCode
-from paho.mqtt.reasoncodes import ReasonCode
-
 from traverse.broker.address import BrokerAddress
-from traverse.broker.diagnosing_client import ConnectionClosedError
+from traverse.broker.errors import (
+    ClosedBeforeAnswerError,
+    ConnectionCutError,
+    ConnectRefusedError,
+    RefusedError,
+)
 
-_NOT_AUTHORISED = (4, 5, 134, 135)
-_BANNED = 138
+_NOT_AUTHORISED = (4, 5, 0x86, 0x87)
+_BANNED = 0x8A
+VERSION_REFUSED = (1, 0x84)
+"""Codes of a broker that does not speak the version of MQTT that it was asked for."""
+_ITS_LOG = "its log has the reason"
+_SENTENCES = {
+    # Return codes of MQTT 3.1.1, section 3.2.2.3.
+    1: "it speaks neither MQTT 5 nor 3.1.1; update it",
+    2: "it does not accept the client id; allow ids of 65 characters there",
+    3: "it is not available now; {log}",
+    # Reason codes of MQTT 5, section 2.4.
+    0x80: "it refuses without saying why; {log}",
+    0x81: "it could not read a packet; {log}, and it may be a fault of ours: report it",
+    0x82: "it takes a packet for a violation of MQTT; {log}, and it may be a fault of "
+    "ours: report it",
+    0x83: "it refuses for reasons of its own; {log}",
+    0x84: "it speaks neither MQTT 5 nor 3.1.1; update it",
+    0x85: "it does not accept the client id; allow ids of 65 characters there",
+    0x88: "it is not available now; {log}",
+    0x89: "the broker is too busy",
+    0x8B: "the broker is shutting down",
+    0x8C: "it requires a way of authentication that is not spoken here; let it accept "
+    "a user with a password, or a certificate",
+    0x8D: "nothing was received for longer than keepalive_s{where}",
+    0x8E: "another client connected with the id of {who}; is there a second program of "
+    "this name?",
+    0x8F: "it does not accept a topic filter; see its access list",
+    0x90: "it does not accept the topic; see its rules for topics",
+    0x91: "it takes a packet identifier for one that is in use; {log}",
+    0x93: "it was sent more messages at once than it takes; report this, it is a fault "
+    "of ours",
+    0x94: "it does not know a topic alias; report this, it is a fault of ours",
+    0x95: "a message was longer than it takes; raise its limit (mosquitto: "
+    "max_packet_size)",
+    0x96: "messages arrive there faster than it allows; raise its limit, or lower "
+    "live_rate_hz of [capture]",
+    0x97: "its quota is used up; raise the quota of this client there",
+    0x98: "the connection was ended at the broker",
+    0x99: "it does not accept the format of the payload; see its rules for messages",
+    0x9A: "it keeps no retained messages, and without them nobody learns the state of "
+    "an arm; allow them (mosquitto: retain_available true)",
+    0x9B: "it takes messages of quality of service 0 only, which may be lost; allow 1 "
+    "(mosquitto: max_qos 1)",
+    0x9C: "it says to use another broker; correct host{where}",
+    0x9D: "it has moved; correct host{where}",
+    0x9E: "it has no shared subscriptions; allow them, or use another broker",
+    0x9F: "clients connect faster than it allows; raise its limit of connections",
+    0xA0: "it ends connections that last long; raise its limit of time",
+    0xA1: "it has no subscription identifiers; report this, it is a fault of ours",
+    0xA2: "it accepts no wildcards in topic filters; allow them, commands need them",
+}
 # Of X.509, as OpenSSL numbers them.
 _NOT_YET_VALID, _EXPIRED = 9, 10
 _UNKNOWN_ISSUER = (2, 18, 19, 20, 21)
@@ -43,8 +93,6 @@ _OF_TLS = (
     ("UNKNOWN_CA", f"it does not trust {{who}}'s certificate; {_SIGN}"),
     ("BAD_CERTIFICATE", f"it does not trust {{who}}'s certificate; {_SIGN}"),
 )
-_LOST = (MQTTErrorCode.MQTT_ERR_NO_CONN, MQTTErrorCode.MQTT_ERR_CONN_LOST)
-CUT_OFF = "the connection was cut; the broker has ended, or the network between"
 _CUT = "it cuts the connection; does it require a certificate_file that it trusts?"
 
 
@@ -66,22 +114,24 @@ class Wording:
 
 
 def reason_of(error: BaseException, address: BrokerAddress, wording: Wording) -> str:
-    """Reason for a failed connection, and its remedy."""
-    # aiomqtt puts what happened into a sentence of its own, and hides it.
-    for one in (error, error.__cause__ or error.__context__):
-        if reason := _known(one, address, wording):
+    """Reason for a failed or lost connection, and its remedy."""
+    for known in (error, error.__cause__):
+        if reason := _known(known, address, wording):
             return reason
     return str(error) or type(error).__name__
 
 
-def reason_code(error: aiomqtt.MqttCodeError) -> int | None:
-    """The reason code of a broker, of MQTT 5 or 3.1.1.
+def sentence(code: int, wording: Wording, text: str = "") -> str:
+    """What a reason code of a broker says, and the remedy.
 
-    None where the library uses one of its own, which may be the same number.
+    Args:
+        code: of MQTT 5, or a return code of MQTT 3.1.1.
+        wording: of the client.
+        text: what the broker says beside it.
     """
-    if isinstance(error.rc, MQTTErrorCode):
-        return None
-    return error.rc.value if isinstance(error.rc, ReasonCode) else error.rc
+    words = _SENTENCES.get(code, "it refuses with reason code {code:#04x}; {log}")
+    log = f"it says {text!r}" if text else _ITS_LOG
+    return words.format(code=code, log=log, who=wording.who, where=wording.where)
 
 
 def is_refusal(error: BaseException | None) -> bool:
@@ -90,8 +140,8 @@ def is_refusal(error: BaseException | None) -> bool:
     One that is just being ended cuts the line in the middle.
     """
     match error:
-        case aiomqtt.MqttCodeError():
-            return reason_code(error) in (*_NOT_AUTHORISED, _BANNED)
+        case ConnectRefusedError():
+            return error.code in (*_NOT_AUTHORISED, _BANNED)
         case ssl.SSLEOFError() | ssl.SSLZeroReturnError():
             return False
     return isinstance(error, ssl.SSLError)
@@ -116,27 +166,24 @@ def _known(
             text = f"no answer{wording.absent}"
         case OSError() if error.errno in _NO_WAY:
             text = f"no way there through the network{wording.absent}"
-        case aiomqtt.MqttCodeError():
+        case RefusedError():
             text = _of_code(error, address, wording)
         case ConnectionResetError() if address.tls:
             text = f"it cuts the connection; {_NO_TLS}"
-        case ConnectionClosedError() if not address.tls:
+        case ClosedBeforeAnswerError() if not address.tls:
             text = f"{error}; does it require TLS? Then {wording.use_tls}"
+        case ConnectionCutError() if error.__cause__ is None:
+            text = str(error)
         case _:
             text = ""
     return text
 
 
-def _of_code(
-    error: aiomqtt.MqttCodeError, address: BrokerAddress, wording: Wording
-) -> str:
-    if isinstance(error.rc, MQTTErrorCode) and error.rc in _LOST:
-        return CUT_OFF
-    code = reason_code(error)
-    if code == _BANNED:
+def _of_code(error: RefusedError, address: BrokerAddress, wording: Wording) -> str:
+    if error.code == _BANNED:
         return "it has banned this client; see its log"
-    if code not in _NOT_AUTHORISED:
-        return str(error)
+    if error.code not in _NOT_AUTHORISED:
+        return sentence(error.code, wording, error.text)
     if address.username is not None:
         return (
             f"it refuses user {address.username!r} or the password; compare them with "

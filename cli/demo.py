@@ -22,8 +22,7 @@ from traverse.cli.common.refusals import UNREACHABLE, end
 from traverse.installation import missing
 
 if TYPE_CHECKING:
-    import aiomqtt
-
+    from traverse.broker.client import MqttClient
     from traverse.cli.demo_round import Round
 
 READY_S = 30.0
@@ -219,20 +218,19 @@ async def _follow(
 @contextlib.asynccontextmanager
 async def _patient_connection(
     broker: BrokerAddress,
-) -> "AsyncIterator[aiomqtt.Client]":
+) -> "AsyncIterator[MqttClient]":
     """A connection to a broker that may still be starting."""
-    import aiomqtt
-
-    from traverse.client.mqtt.subscription import connection
+    from traverse.broker.errors import MqttError
+    from traverse.client.mqtt.connection import ConfiguredClient
 
     loop = asyncio.get_running_loop()
     until = loop.time() + READY_S
     async with contextlib.AsyncExitStack() as stack:
         while True:
             try:
-                client = await stack.enter_async_context(connection(broker))
+                client = await stack.enter_async_context(ConfiguredClient(broker))
                 break
-            except (aiomqtt.MqttError, OSError) as error:
+            except (MqttError, OSError) as error:
                 if loop.time() > until:
                     raise DemoError(f"broker {broker}: {error}") from error
                 await asyncio.sleep(0.1)

@@ -107,8 +107,7 @@ async def _published(points: Sequence["Point"], broker: BrokerAddress) -> int:
     Raises:
         OSError: the broker cannot be reached.
     """
-    import aiomqtt
-
+    from traverse.broker.errors import MqttError
     from traverse.client.mqtt.connection import ConfiguredClient
     from traverse.protocol.encoding import encode
     from traverse.protocol.topics import point_topic
@@ -129,7 +128,7 @@ async def _published(points: Sequence["Point"], broker: BrokerAddress) -> int:
                     }
                 )
                 await client.publish(point_topic(own.arm), encode(own, "msgpack"), 1)
-    except aiomqtt.MqttError as error:
+    except MqttError as error:
         raise OSError(str(error)) from error
     return len(points)
 

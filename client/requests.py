@@ -17,8 +17,7 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
-import aiomqtt
-
+from traverse.broker.errors import MqttError
 from traverse.client.change_signal import ChangeSignal
 from traverse.client.errors import CommandRefused, NoAnswerError
 from traverse.client.mqtt.connection import ReconnectingConnection
@@ -154,7 +153,7 @@ class CommandClient:
                     expires = self._clock.expiry(until_ns)
                     command = Command.carrying(args, request, expires)
                     payload = encode(command, "msgpack")
-                    with contextlib.suppress(aiomqtt.MqttError):
+                    with contextlib.suppress(MqttError):
                         await self._link.publish(topic, payload)
             if beats != self._news.beats:
                 continue  # there was news while this was sent

@@ -225,6 +225,7 @@ def health_counters(
         "live_thinned": measurement.live.thinned + queue.dropped["live"],
         "events_published": queue.sent["event"],
         "events_dropped": queue.dropped["event"],
+        "messages_too_long": queue.too_long.total(),
         "commands_received": commands.received,
         "commands_refused": commands.refused,
         "reconnects": connection.reconnects,

@@ -176,6 +176,7 @@ class Service:
                 topics.clock_topic(arm),
             ),
             changed=self._broker_changed,
+            limit_exceeded=self._limit_exceeded,
             least_retry_s=lambda: self.others.retry_s,
         )
 
@@ -277,6 +278,24 @@ class Service:
             self.publish_status()
         remedy = "" if connected else "start or correct the broker; points are kept"
         self.events.change(not connected, "error", "broker.lost", text, remedy=remedy)
+
+    def _limit_exceeded(self, kind: str, n_bytes: int, limit_bytes: int) -> None:
+        text = "all messages are short enough for the broker"
+        if n_bytes:
+            outcome = "points wait on the disk" if kind == "point" else "it is left out"
+            text = (
+                f"a message ({kind}) of {n_bytes} bytes is longer than the "
+                f"{limit_bytes} that the broker takes; {outcome}"
+            )
+        self.events.change(
+            n_bytes > 0,
+            "error",
+            "broker.packet_limit",
+            text,
+            remedy="raise the broker's limit (mosquitto: max_packet_size)"
+            if n_bytes
+            else "",
+        )
 
     def publish_status(self) -> None:
         """Publish the state now."""

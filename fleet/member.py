@@ -14,11 +14,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import paho.mqtt.client as paho
-from paho.mqtt.packettypes import PacketTypes
-from paho.mqtt.properties import Properties
-
 from traverse.broker.address import BrokerAddress
+from traverse.broker.packets import Property, Version
 from traverse.client.cancel_tasks import run_together
 from traverse.client.change_signal import ChangeSignal
 from traverse.client.errors import ClientError, CommandRefused
@@ -119,15 +116,15 @@ class Member:
         self._open_store = open_store
         self._database = database
         self._report = report
-        connect = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]  # paho's is not typed
-        connect.SessionExpiryInterval = settings.keep_s
-        connect.ReceiveMaximum = MOST_UNACKNOWLEDGED
         self.link = ReconnectingConnection(
             address,
             identifier=f"traverse-{settings.group}-{settings.member}",
-            protocol=paho.MQTTv5,
+            version=Version.V5,
             clean_start=False,
-            properties=connect,
+            connect_properties={
+                Property.SESSION_EXPIRY_S: settings.keep_s,
+                Property.RECEIVE_MAXIMUM: MOST_UNACKNOWLEDGED,
+            },
         )
         for kind in SHARED:
             self.link.topics[f"$share/{settings.group}/{topics.kind_filter(kind)}"] = 1

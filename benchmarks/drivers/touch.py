@@ -25,7 +25,8 @@ from benchmarks.service.stream import ARM, order_scan
 from benchmarks.tools import rig
 from traverse.arrays import Floats, Integers
 from traverse.broker.address import BrokerAddress
-from traverse.client.mqtt.subscription import connection, received, subscribe
+from traverse.client.mqtt.connection import ConfiguredClient
+from traverse.client.mqtt.subscription import received, subscribe
 from traverse.daemon.acquisition.interpolation import (
     EncoderReadings,
     InterpolationLimits,
@@ -90,7 +91,7 @@ class Followed:
 async def followed(port: int, rate_hz: float) -> Followed:
     """Scan until all points have arrived, and a little longer."""
     found = Followed()
-    async with connection(BrokerAddress("127.0.0.1", port)) as client:
+    async with ConfiguredClient(BrokerAddress("127.0.0.1", port)) as client:
         await subscribe(client, ARM, ("point", "scan"))
         await order_scan(client, "start", rate_hz)
         async for item in received(client):

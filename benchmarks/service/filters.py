@@ -18,7 +18,8 @@ from benchmarks.service.stream import ARM, order_scan
 from benchmarks.tools import rig
 from benchmarks.tools.rounds import given
 from traverse.broker.address import BrokerAddress
-from traverse.client.mqtt.subscription import connection, received, subscribe
+from traverse.client.mqtt.connection import ConfiguredClient
+from traverse.client.mqtt.subscription import received, subscribe
 from traverse.daemon.config.filters import FilterSection, filter_chain
 from traverse.kinematics.filters import FilterChain, PointBlock
 from traverse.protocol.messages import Health, Scan
@@ -135,7 +136,7 @@ async def _scanned(
     port: int, process: "subprocess.Popen[bytes]", seconds: float
 ) -> str:
     points, lost, health = 0, 0, None
-    async with connection(BrokerAddress("127.0.0.1", port)) as client:
+    async with ConfiguredClient(BrokerAddress("127.0.0.1", port)) as client:
         await subscribe(client, ARM, ("scan", "health"))
         await order_scan(client, "start", RATE_HZ)
         begun_s = begun_cpu_s = 0.0

@@ -15,13 +15,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import aiomqtt
-
 from benchmarks.service.stream import ARM, order_scan
 from benchmarks.tools import rig
 from benchmarks.tools.rounds import given, load, write_json
 from traverse.broker.address import BrokerAddress
-from traverse.client.mqtt.subscription import connection, received, subscribe
+from traverse.client.mqtt.connection import ConfiguredClient
+from traverse.client.mqtt.subscription import received, subscribe
 from traverse.daemon.replay.compare import ReplayResult
 from traverse.daemon.replay.replay import Replay
 from traverse.protocol.encoding import encode
@@ -65,7 +64,7 @@ class Meter:
     """A subscriber that measures the daemon's share and requests a recording."""
 
     def __init__(
-        self, client: aiomqtt.Client, process: "subprocess.Popen[bytes]"
+        self, client: ConfiguredClient, process: "subprocess.Popen[bytes]"
     ) -> None:
         self._client = client
         self._process = process
@@ -106,7 +105,7 @@ async def measured(
     port: int, process: "subprocess.Popen[bytes]", seconds: float, rounds: int
 ) -> tuple[list[float], list[float], list[dict[str, Any]], Meter]:
     """Shares without and with a recording, in turn, and what was recorded."""
-    async with connection(BrokerAddress("127.0.0.1", port)) as client:
+    async with ConfiguredClient(BrokerAddress("127.0.0.1", port)) as client:
         await subscribe(client, ARM, ("reply", "health"))
         meter = Meter(client, process)
         listening = asyncio.create_task(meter.listen())

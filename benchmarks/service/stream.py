@@ -6,11 +6,10 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import aiomqtt
-
 from benchmarks.tools import rig
 from traverse.broker.address import BrokerAddress
-from traverse.client.mqtt.subscription import connection, received, subscribe
+from traverse.client.mqtt.connection import ConfiguredClient
+from traverse.client.mqtt.subscription import received, subscribe
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Command, Event, Health, Scan, ScanArgs
 from traverse.protocol.topics import command_topic
@@ -50,7 +49,7 @@ class Followed:
         self.lost, self.dropped = scan.lost, scan.dropped
 
 
-async def order_scan(client: aiomqtt.Client, action: str, rate_hz: float) -> None:
+async def order_scan(client: ConfiguredClient, action: str, rate_hz: float) -> None:
     """Send the command that starts or stops a scan."""
     args = ScanArgs(action="start", rate_hz=rate_hz)
     if action == "stop":
@@ -68,7 +67,7 @@ async def follow_scan(
         What was received, the daemon's CPU share of one core, and its seconds.
     """
     followed = Followed()
-    async with connection(BrokerAddress("127.0.0.1", port)) as client:
+    async with ConfiguredClient(BrokerAddress("127.0.0.1", port)) as client:
         await subscribe(client, ARM, ("scan", "event", "health"))
         begun_s, begun_cpu_s = 0.0, 0.0
         async for item in received(client):

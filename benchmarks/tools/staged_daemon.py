@@ -11,8 +11,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from traverse.cli.__main__ import main as traverse
 from traverse.daemon.mqtt.client import BrokerClient
+
+from traverse.cli.__main__ import main as traverse
 from traverse.daemon.points.controller import PointController
 from traverse.daemon.store.durable_queue import DurableQueue
 from traverse.daemon.store.recovery import ResilientDatabase

@@ -10,17 +10,18 @@ from collections import deque
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
-import aiomqtt
 import numpy as np
 import typer
 from rich.console import Console, RenderableType
 from rich.live import Live as LivePicture
 
 from traverse.broker.address import BrokerAddress
+from traverse.broker.errors import MqttError
 from traverse.cli.collect.view import instruction, shown, summary
 from traverse.cli.common.refusals import UNREACHABLE
 from traverse.client.cancel_tasks import run_until_first
-from traverse.client.mqtt.subscription import connection, received, subscribe
+from traverse.client.mqtt.connection import ConfiguredClient
+from traverse.client.mqtt.subscription import received, subscribe
 from traverse.daemon.pose.joint_motion import JointMotionTracker
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign_file import CampaignFile
@@ -115,7 +116,7 @@ class _Session:
         """Receive the arm's points; reconnects after an outage of the broker."""
         while not self._ended.is_set():
             try:
-                async with connection(broker) as client:
+                async with ConfiguredClient(broker) as client:
                     self.reached = True
                     await subscribe(client, arm, ("point", "live"))
                     self._say(f"following {arm} on {broker}")
@@ -128,7 +129,7 @@ class _Session:
                             self._say(f"{item.kind}: {item.error}")
                         if self._ended.is_set():
                             return
-            except (aiomqtt.MqttError, OSError) as error:
+            except (MqttError, OSError) as error:
                 typer.echo(f"broker {broker}: {error}", err=True)
                 if not self.reached:
                     return

@@ -99,16 +99,16 @@ async def _write(
     as_json: bool,
     heard: asyncio.Event,
 ) -> None:
-    import aiomqtt
-
+    from traverse.broker.errors import MqttError
     from traverse.cli.common.message_lines import line
-    from traverse.client.mqtt.subscription import connection, received, subscribe
+    from traverse.client.mqtt.connection import ConfiguredClient
+    from traverse.client.mqtt.subscription import received, subscribe
     from traverse.protocol.encoding import encode
 
     reached = False
     while True:
         try:
-            async with connection(broker) as client:
+            async with ConfiguredClient(broker) as client:
                 reached = True
                 await subscribe(client, arm, kinds)
                 async for item in received(client):
@@ -121,7 +121,7 @@ async def _write(
                         typer.echo(line(item.arm, item.message))
         except BrokenPipeError:
             raise  # the reader of our lines has closed; typer ends silently
-        except (aiomqtt.MqttError, OSError) as error:
+        except (MqttError, OSError) as error:
             typer.echo(f"broker {broker}: {error}", err=True)
             if not reached:
                 raise typer.Exit(UNREACHABLE) from error

@@ -14,9 +14,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, get_args
 
-import aiomqtt
-
 from traverse.broker.address import BrokerAddress
+from traverse.broker.errors import MqttError
+from traverse.broker.packets import Message
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.errors import BrokerUnreachableError
 from traverse.client.gateways.outlets import Report
@@ -124,7 +124,7 @@ class HomeAssistantGateway:
         self.base = f"{prefix}/device/{self._device}"
         self._report = report
         self._last_check = last_check
-        away = aiomqtt.Will(f"{self.base}/availability", b"offline", 1, retain=True)
+        away = Message(f"{self.base}/availability", b"offline", qos=1, retain=True)
         self._link = ReconnectingConnection(address, will=away)
         self._status: Status | None = None
         self._health: Health | None = None
@@ -148,10 +148,10 @@ class HomeAssistantGateway:
                 self._news.clear()
                 try:
                     await self._show()
-                except aiomqtt.MqttError:
+                except MqttError:
                     self._sent.clear()  # all of it again at the next connection
         finally:
-            with contextlib.suppress(aiomqtt.MqttError):  # then the will says so
+            with contextlib.suppress(MqttError):  # then the will says so
                 await self._send("availability", b"offline")
             await cancel_tasks([connecting])
 
@@ -167,7 +167,7 @@ class HomeAssistantGateway:
             for topic in ("config", "state", "availability"):
                 await self._send(topic, b"")
             self._report(f"{self._arm} is taken out of {self.base}")
-        except aiomqtt.MqttError as error:
+        except MqttError as error:
             raise BrokerUnreachableError(str(error)) from error
         finally:
             await cancel_tasks([connecting])

@@ -1,32 +1,26 @@
 """One connection to a broker: messages are handed over as they are read.
 
-aiomqtt's own queue of messages loses what it has no room for, and takes a task for each
-message. Here every message is passed to a function at once, and those of quality of
-service 1 are acknowledged only by that function, or by a later caller: a broker stops
-sending when too many wait for that.
+Every message is passed to a function at once, and those of quality of service 1 are
+acknowledged only by that function, or by a later caller: a broker stops sending when
+too many wait for that.
 """
 
 import asyncio
 import logging
 import random
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Any, Self, TypeVar
-
-import aiomqtt
-from paho.mqtt.client import Client as PahoClient
-from paho.mqtt.client import MQTTMessage
+from typing import Any, Self
 
 from traverse.broker.address import BrokerAddress
+from traverse.broker.client import REFUSAL, Handlers, MqttClient
 from traverse.broker.credentials import CredentialsError, connection_options
-from traverse.broker.diagnosing_client import DiagnosingClient
-from traverse.broker.reasons import Wording, is_refusal, reason_of
+from traverse.broker.errors import MqttError
+from traverse.broker.packets import Message
+from traverse.broker.reasons import Wording, is_refusal, reason_of, sentence
 from traverse.client.errors import BrokerUnreachableError
 
 log = logging.getLogger(__name__)
-
-T = TypeVar("T")
 
 FIRST_WAIT_S = 0.05
 LAST_WAIT_S = 10.0
@@ -38,16 +32,16 @@ WORDING = Wording(
 )
 
 
-class AccessRefusedError(aiomqtt.MqttError):
+class AccessRefusedError(MqttError):
     """The broker refuses access, and waiting will not change that."""
 
 
-class ConfiguredClient(DiagnosingClient):
+class ConfiguredClient(MqttClient):
     """A connection to a broker that reports why it failed.
 
     Args:
         address: of the broker.
-        options: further ones of aiomqtt's client.
+        options: further ones of `MqttClient`.
 
     Raises:
         AccessRefusedError: a file of the address cannot be used.
@@ -66,13 +60,13 @@ class ConfiguredClient(DiagnosingClient):
 
         Raises:
             AccessRefusedError: the broker refuses access, or is not trusted.
-            aiomqtt.MqttError: it is not there. Both state a remedy.
+            MqttError: it is not there. Both state a remedy.
         """
         try:
             return await super().__aenter__()
-        except aiomqtt.MqttError as error:
+        except MqttError as error:
             refused = is_refusal(error) or is_refusal(error.__cause__)
-            kind = AccessRefusedError if refused else aiomqtt.MqttError
+            kind = AccessRefusedError if refused else MqttError
             raise kind(reason_of(error, self._address, WORDING)) from error
 
 
@@ -97,7 +91,7 @@ class ManualAckConnection(ConfiguredClient):
     Args:
         address: of the broker.
         take: called with each message.
-        options: further ones of aiomqtt's client.
+        options: further ones of `MqttClient`.
     """
 
     def __init__(
@@ -106,89 +100,28 @@ class ManualAckConnection(ConfiguredClient):
         take: Callable[[IncomingMessage], None],
         **options: Any,
     ) -> None:
-        super().__init__(address, **options)
-        self._take = take
-        self.pending_calls_threshold = 1000
-        self._client.manual_ack_set(True)
+        def received(message: Message) -> None:
+            take(
+                IncomingMessage(
+                    message.topic, message.payload, message.number, self.acknowledge
+                )
+            )
 
-    def acknowledge(self, number: int) -> None:
-        """Acknowledge a message to the broker."""
-        self._client.ack(number, 1)
+        handlers = Handlers(received=received)
+        super().__init__(address, handlers=handlers, acknowledges=False, **options)
 
     async def subscribe_checked(self, topic: str, qos: int) -> None:
         """Subscribe.
 
         Raises:
-            aiomqtt.MqttError: the connection is lost, or the broker does not allow it.
+            MqttError: the connection is lost, or the broker does not allow it.
         """
-        granted = await self._while_connected(self.subscribe(topic, qos=qos))
-        refused = [
-            code for code in granted if not isinstance(code, int) and code.is_failure
-        ]
-        if refused:
-            raise aiomqtt.MqttError(
-                f"the broker refuses to send {topic}: {refused[0]}; correct its "
-                "access list, or username and password"
+        (code, *_) = await self.subscribe((topic, qos))
+        if code >= REFUSAL:
+            raise MqttError(
+                f"the broker refuses to send {topic}: {sentence(code, WORDING)}; "
+                "correct its access list, or username and password"
             )
-
-    async def send(self, topic: str, payload: bytes, *, retain: bool = False) -> None:
-        """Publish with quality of service 1; returns on the broker's acknowledgement.
-
-        Raises:
-            aiomqtt.MqttError: the connection is lost.
-        """
-        await self._while_connected(self.publish(topic, payload, qos=1, retain=retain))
-
-    async def wait_closed(self) -> None:
-        """Wait until the connection is lost.
-
-        Raises:
-            aiomqtt.MqttError: always, with the reason.
-        """
-        await asyncio.wait({self._disconnected})
-        error = self._disconnected.exception()
-        if error is not None and not isinstance(error, OSError | aiomqtt.MqttError):
-            raise error  # a fault of ours
-        if isinstance(error, aiomqtt.MqttCodeError):
-            raise aiomqtt.MqttError("the connection was lost") from error
-        raise aiomqtt.MqttError(str(error or "the broker has ended the connection"))
-
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        try:
-            await super().__aexit__(kind, error, trace)
-        finally:
-            if self._disconnected.done() and not self._disconnected.cancelled():
-                self._disconnected.exception()  # mark it as retrieved
-
-    async def _while_connected(self, work: Coroutine[Any, Any, T]) -> T:
-        """Await this, or stop at once when the connection is lost: aiomqtt waits on."""
-        working = asyncio.ensure_future(work)
-        both: set[asyncio.Future[Any]] = {working, self._disconnected}
-        try:
-            await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
-            if not working.done():
-                await self.wait_closed()
-            return working.result()
-        finally:
-            working.cancel()
-
-    def _on_message(
-        self,
-        client: PahoClient,
-        userdata: Any,  # noqa: ANN401 - as aiomqtt declares it
-        message: MQTTMessage,
-    ) -> None:
-        number = message.mid if message.qos else 0
-        self._take(
-            IncomingMessage(
-                message.topic, bytes(message.payload), number, self.acknowledge
-            )
-        )
 
 
 class ReconnectingConnection:
@@ -196,7 +129,7 @@ class ReconnectingConnection:
 
     Args:
         address: of the broker.
-        options: further ones of aiomqtt's client.
+        options: further ones of `MqttClient`.
 
     Attributes:
         topics: topic filters to their quality of service.
@@ -242,7 +175,7 @@ class ReconnectingConnection:
                     self._settled.set()
                     changed(True)
                     await connection.wait_closed()
-            except (aiomqtt.MqttError, OSError) as error:
+            except (MqttError, OSError) as error:
                 self._report_lost(str(error), changed)
                 if isinstance(error, AccessRefusedError):
                     self._settled.set()
@@ -273,12 +206,12 @@ class ReconnectingConnection:
         """Send with quality of service 1.
 
         Raises:
-            aiomqtt.MqttError: there is no connection, or it broke before the broker
+            MqttError: there is no connection, or it broke before the broker
                 has taken it.
         """
         if self._connection is None:
-            raise aiomqtt.MqttError(self.reason)
-        await self._connection.send(topic, payload, retain=retain)
+            raise MqttError(self.reason)
+        await self._connection.publish(topic, payload, 1, retain=retain)
 
     def acknowledge(self, number: int) -> None:
         """Acknowledge a message of the present connection to the broker."""

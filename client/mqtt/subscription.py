@@ -10,9 +10,9 @@ import time
 from collections.abc import AsyncIterator, Iterable
 from dataclasses import dataclass
 
-import aiomqtt
-
 from traverse.broker.address import BrokerAddress
+from traverse.broker.client import MqttClient
+from traverse.broker.errors import MqttError
 from traverse.client.errors import BrokerUnreachableError
 from traverse.client.mqtt.connection import ConfiguredClient
 from traverse.protocol import topics
@@ -21,7 +21,6 @@ from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import MESSAGES, Clock, Command, Message, Status
 
 KINDS = {one.__name__.lower(): one for one in MESSAGES if one not in (Clock, Command)}
-MAX_WAITING = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,36 +40,24 @@ class ReceivedMessage:
     error: str | None = None
 
 
-def connection(address: BrokerAddress) -> aiomqtt.Client:
-    """A connection to a broker; use with `async with`.
-
-    Raises:
-        OSError: a file of the address cannot be used.
-    """
-    client = ConfiguredClient(address, max_queued_incoming_messages=MAX_WAITING)
-    client.pending_calls_threshold = MAX_WAITING
-    return client
-
-
 async def subscribe(
-    client: aiomqtt.Client, arm: str = "+", kinds: Iterable[str] = KINDS
+    client: MqttClient, arm: str = "+", kinds: Iterable[str] = KINDS
 ) -> None:
     """Subscribe to messages of some kinds, from one arm or from all ("+")."""
     for kind in kinds:
         pattern = topics.kind_filter(kind).replace("/+/", f"/{arm}/", 1)
-        await client.subscribe(pattern, qos=topics.CHANNELS[kind].qos)
+        await client.subscribe((pattern, topics.CHANNELS[kind].qos))
 
 
-async def received(client: aiomqtt.Client) -> AsyncIterator[ReceivedMessage]:
+async def received(client: MqttClient) -> AsyncIterator[ReceivedMessage]:
     """Messages as they arrive, including those that cannot be decoded."""
     async for message in client.messages:
         received_ns = time.time_ns()
-        payload = message.payload if isinstance(message.payload, bytes) else b""
         try:
-            topic = topics.parse_topic(str(message.topic))
-            decoded = decode(KINDS[topic.kind], payload)
+            topic = topics.parse_topic(message.topic)
+            decoded = decode(KINDS[topic.kind], message.payload)
         except (MessageError, KeyError) as error:
-            yield ReceivedMessage("", str(message.topic), received_ns, None, str(error))
+            yield ReceivedMessage("", message.topic, received_ns, None, str(error))
             continue
         yield ReceivedMessage(topic.arm, topic.kind, received_ns, decoded)
 
@@ -123,7 +110,7 @@ async def _statuses(
     filters = {every, every.replace("+", arm, 1)}
     try:
         async with ConfiguredClient(address) as client:
-            await client.subscribe([(one, 1) for one in filters])
+            await client.subscribe(*((pattern, 1) for pattern in filters))
             messages = aiter(client.messages)
             with contextlib.suppress(TimeoutError):
                 wait_s = patience_s
@@ -132,16 +119,16 @@ async def _statuses(
                         message = await anext(messages)
                     wait_s = QUIET_S  # retained ones arrive all at once
                     with contextlib.suppress(MessageError):
-                        arm = topics.parse_topic(str(message.topic)).arm
+                        arm = topics.parse_topic(message.topic).arm
                         found[arm] = _is_online(message.payload)
-    except (aiomqtt.MqttError, OSError) as error:
+    except (MqttError, OSError) as error:
         raise BrokerUnreachableError(f"broker {address}: {error}") from error
     return found
 
 
-def _is_online(payload: object) -> bool:
+def _is_online(payload: bytes) -> bool:
     """Whether a status is online; one of a later version counts as well."""
     try:
-        return decode(Status, bytes(payload)).online  # type: ignore[call-overload]  # bytes
+        return decode(Status, payload).online
     except MessageError:
         return True

@@ -9,71 +9,68 @@ import contextlib
 import logging
 import os
 import random
-from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal
 
-import aiomqtt
-from paho.mqtt.packettypes import PacketTypes
-from paho.mqtt.reasoncodes import ReasonCode
-
 from traverse.broker.address import BrokerAddress
+from traverse.broker.client import Handlers, MqttClient
 from traverse.broker.credentials import (
     Credentials,
     CredentialsError,
     connection_options,
     read_credentials,
 )
-from traverse.broker.reasons import CUT_OFF, Wording, reason_code
-from traverse.broker.reasons import reason_of as connect_error_text
-from traverse.daemon.mqtt.client import (
-    BrokerClient,
-    connect_properties,
-    publish_properties,
+from traverse.broker.errors import (
+    ClosedBeforeAnswerError,
+    ConnectRefusedError,
+    MqttError,
 )
+from traverse.broker.packets import (
+    Message,
+    Property,
+    PropertyValue,
+    Version,
+    packed_properties,
+)
+from traverse.broker.reasons import VERSION_REFUSED, reason_of
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
 from traverse.daemon.mqtt.sender import PublishLoop
-from traverse.daemon.mqtt.subscriber import CommandSubscriber, IncomingCommand
-from traverse.protocol.encoding import Encoding
-from traverse.protocol.messages import BrokerHealth
-
-WORDING = Wording(
-    who="this arm",
-    where=" of [broker]",
-    use_tls="set tls = true in [broker]",
-    absent="",  # an event has its remedy beside it
+from traverse.daemon.mqtt.subscriber import (
+    MAX_COMMAND_PAYLOAD_BYTES,
+    CommandSubscriber,
+    IncomingCommand,
 )
-# Why a connection has ended; paho gives 128 where it was cut.
-_DISCONNECT_REASONS = {
-    128: CUT_OFF,
-    137: "the broker is too busy",
-    139: "the broker is shutting down",
-    141: "nothing was received for longer than keepalive_s of [broker]",
-    142: "another client connected with this arm's client id; is there a second "
-    "daemon of this name?",
-    152: "the connection was ended at the broker",
-}
-
-
-def reason_of(error: BaseException, address: BrokerAddress) -> str:
-    """Describe the failure of a connection for users."""
-    for one in (error, error.__cause__ or error.__context__):
-        match one:
-            case aiomqtt.MqttCodeError(rc=ReasonCode(packetType=of, value=code)):
-                if of == PacketTypes.DISCONNECT and code in _DISCONNECT_REASONS:
-                    return _DISCONNECT_REASONS[code]
-    return connect_error_text(error, address, WORDING)
-
+from traverse.daemon.mqtt.wording import WORDING
+from traverse.protocol.encoding import Encoding, content_type
+from traverse.protocol.messages import BrokerHealth
 
 log = logging.getLogger(__name__)
 
 QUEUED = ("point", "event", "resend", "spooled", "scan")
 FIRST_RETRY_S = 0.2
 LAST_RETRY_S = 5.0
-UNSUPPORTED_VERSION = (132, 1)  # reason code of MQTT 5, return code of MQTT 3.1.1
+LASTING_S = 10.0  # a connection that has lasted so long was a good one
+SHORT_LIVED = 3  # in a row: then it is no accident
+RECEIVE_MAXIMUM = 32  # commands of QoS 1 on their way to us
+RETAIN_REFUSED, QOS_REFUSED = 0x9A, 0x9B  # reason codes
+CONNECTION_FAILURES = (MqttError, OSError, CredentialsError)
 
 
-CONNECTION_FAILURES = (aiomqtt.MqttError, OSError, CredentialsError)
+@lru_cache(maxsize=64)  # nearly all messages have the same
+def publish_properties(
+    encoding: Encoding, correlation: bytes | None = None, expiry_s: int | None = None
+) -> bytes:
+    """Packed properties of a message of MQTT 5."""
+    properties: dict[int, PropertyValue] = {
+        Property.CONTENT_TYPE: content_type(encoding)
+    }
+    if correlation is not None:
+        properties[Property.CORRELATION] = correlation
+    if expiry_s is not None:
+        properties[Property.MESSAGE_EXPIRY_S] = expiry_s
+    return packed_properties(properties)
 
 
 async def run_until_first(*works: Coroutine[Any, Any, object]) -> None:
@@ -101,6 +98,8 @@ class BrokerConnection:
         subscriptions: topic filters, see `CommandSubscriber`.
         changed: called when the connection is up (True) or lost (False, reason).
         least_retry_s: tells how long to stay away after a loss, at least [s].
+        limit_exceeded: called when a message is longer than the broker takes (its kind,
+            its length, the limit), and with a length of 0 when all are short enough.
 
     Attributes:
         state_known: set as soon as the connection is up, or has failed.
@@ -114,10 +113,11 @@ class BrokerConnection:
     subscriptions: Sequence[str]
     changed: Callable[[bool, str], None]
     least_retry_s: Callable[[], float] = lambda: 0.0
+    limit_exceeded: Callable[[str, int, int], None] = lambda kind, n_bytes, limit: None
 
     def __post_init__(self) -> None:
-        self._version = aiomqtt.ProtocolVersion.V5
         self._access: Credentials | None = None
+        self._version = Version.V5
         self._renewal = asyncio.Event()
         self._warned: set[str] = set()
         self.state: Literal["connecting", "connected", "lost"] = "connecting"
@@ -144,7 +144,7 @@ class BrokerConnection:
             async with self._connection():
                 return None
         except CONNECTION_FAILURES as error:
-            return reason_of(error, self.address)
+            return reason_of(error, self.address, WORDING)
 
     def renew(self) -> None:
         """Connect anew if password or certificates have changed since the last time."""
@@ -155,26 +155,31 @@ class BrokerConnection:
 
         ``receive`` is called with each command; see `CommandSubscriber`.
         """
+        loop = asyncio.get_running_loop()
         subscriber = CommandSubscriber(self.subscriptions, receive)
         retry_s = FIRST_RETRY_S
         connected_before = False
         last_reason = ""
+        n_short_lived = 0
         while True:
+            connected_s: float | None = None
             try:
                 publish_loop = PublishLoop(
                     self.queue,
                     properties=self._properties,
                     changed=self.changed,
+                    limit_exceeded=self.limit_exceeded,
                     broker=str(self.address),
                 )
-                handlers: Mapping[str, Callable[..., None]] = {
-                    "acknowledged": publish_loop.on_acknowledged,
-                    "writable": publish_loop.send,
-                    "received": subscriber.on_message,
-                }
+                handlers = Handlers(
+                    received=subscriber.on_message,
+                    acknowledged=publish_loop.on_acknowledged,
+                    writable=publish_loop.send,
+                )
                 async with self._connection(handlers) as client:
+                    connected_s = loop.time()
                     self.reconnects += connected_before
-                    connected_before, retry_s, last_reason = True, FIRST_RETRY_S, ""
+                    connected_before, last_reason = True, ""
                     await subscriber.subscribe(client)
                     self.state = "connected"
                     self.state_known.set()
@@ -185,9 +190,19 @@ class BrokerConnection:
                         subscriber.run(client),
                         self._wait_for_changed_files(),
                     )
-                    continue  # immediately: new certificates, or a flood of commands
+                    continue  # immediately: with the new certificates
             except CONNECTION_FAILURES as error:
-                reason = reason_of(error, self.address)
+                reason = reason_of(error, self.address, WORDING)
+                if connected_s is not None:
+                    is_good = loop.time() - connected_s >= LASTING_S
+                    n_short_lived = 0 if is_good else n_short_lived + 1
+                    if is_good:
+                        retry_s = FIRST_RETRY_S
+                if n_short_lived >= SHORT_LIVED:
+                    reason += (
+                        "; it does so each time soon after connecting: its log has the "
+                        "reason (access list, limits, retained messages?)"
+                    )
                 if self.state == "connected" or reason != last_reason:
                     self.state, last_reason = "lost", reason
                     self.state_known.set()
@@ -212,52 +227,60 @@ class BrokerConnection:
                 return
 
     def _properties(self, message: OutgoingMessage) -> bytes:
-        if self._version is not aiomqtt.ProtocolVersion.V5:
-            return b""
-        encoding = message.encoding or self.encoding
-        return publish_properties(encoding, message.correlation, message.expiry_s)
+        """Packed properties of a message, for MQTT 5."""
+        return publish_properties(
+            message.encoding or self.encoding, message.correlation, message.expiry_s
+        )
 
     @contextlib.asynccontextmanager
     async def _connection(
-        self, handlers: Mapping[str, Callable[..., None]] | None = None
-    ) -> AsyncIterator[BrokerClient]:
+        self, handlers: Handlers | None = None
+    ) -> AsyncIterator[MqttClient]:
         """A connection in the newest version that the broker speaks.
 
-        Without handlers of `BrokerClient` it has no will, only to try the broker.
+        Without handlers it has no will, only to try the broker. One of MQTT 3.1.1 may
+        refuse version 5 in words, or cut the line; it may have been updated since.
         """
         async with contextlib.AsyncExitStack() as stack:
             try:
-                client = await stack.enter_async_context(await self._client(handlers))
-            except aiomqtt.MqttCodeError as error:
-                if reason_code(error) not in UNSUPPORTED_VERSION:
+                client = await self._client(handlers)
+                await stack.enter_async_context(client)
+            except (ConnectRefusedError, ClosedBeforeAnswerError) as error:
+                code = getattr(error, "code", None)
+                if code is not None and code not in VERSION_REFUSED:
                     raise
-                self._version = aiomqtt.ProtocolVersion.V311
-                client = await stack.enter_async_context(await self._client(handlers))
+                is_5 = self._version is Version.V5
+                self._version = Version.V311 if is_5 else Version.V5
+                client = await self._client(handlers)
+                await stack.enter_async_context(client)
+            if not client.limits.retain_available:
+                raise ConnectRefusedError(RETAIN_REFUSED)
+            if not client.limits.maximum_qos:
+                raise ConnectRefusedError(QOS_REFUSED)
             yield client
 
-    async def _client(
-        self, handlers: Mapping[str, Callable[..., None]] | None
-    ) -> BrokerClient:
-        will = handlers is not None
+    async def _client(self, handlers: Handlers | None) -> MqttClient:
+        is_probe = handlers is None
         access = await asyncio.to_thread(read_credentials, self.address)
         self._access = access
         for text in access.warnings:
             if text not in self._warned:
                 log.warning("%s", text)
         self._warned.update(access.warnings)
-        is_5 = self._version is aiomqtt.ProtocolVersion.V5
-        client = BrokerClient(
+        will = Message(self.will.topic, self.will.payload, qos=1, retain=True)
+        return MqttClient(
             **connection_options(self.address, access),
             # Not where the broker is only tried: one of MQTT 3.1.1 that does not look
-            # at the version first would stumble over them.
-            properties=connect_properties() if is_5 and will else None,
+            # at the version first would stumble over them. No largest packet is
+            # announced: mosquitto 2.0.11 counts those that it withholds as on their way
+            # for ever, and after so many of them sends no command again.
+            connect_properties={}
+            if is_probe
+            else {Property.RECEIVE_MAXIMUM: RECEIVE_MAXIMUM},
             # A probe must not throw a running daemon of this arm out.
-            identifier=self.client_id if will else f"{self.client_id}-{os.getpid()}",
-            protocol=self._version,
-            will=aiomqtt.Will(self.will.topic, self.will.payload, 1, True)
-            if will
-            else None,
-            **(handlers or {}),
+            identifier=self.client_id + (f"-{os.getpid()}" if is_probe else ""),
+            version=self._version,
+            will=None if is_probe else will,
+            handlers=handlers or Handlers(),
+            max_payload_bytes=MAX_COMMAND_PAYLOAD_BYTES,
         )
-        client.pending_calls_threshold = 1000
-        return client

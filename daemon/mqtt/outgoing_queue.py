@@ -10,7 +10,7 @@ blocks, live, health.
 import asyncio
 import contextlib
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from traverse.protocol.encoding import Encoding
@@ -69,6 +69,7 @@ class OutgoingQueue:
     Attributes:
         dropped: messages dropped, by kind.
         sent: messages that the broker has taken, by kind.
+        too_long: messages that were longer than the broker takes, by kind.
     """
 
     def __init__(
@@ -82,6 +83,7 @@ class OutgoingQueue:
         self._emptied = asyncio.Event()
         self.dropped: Counter[str] = Counter()
         self.sent: Counter[str] = Counter()
+        self.too_long: Counter[str] = Counter()
         self._on_offered: Callable[[], None] | None = None
 
     @property
@@ -162,6 +164,23 @@ class OutgoingQueue:
         """``message`` cannot be sent: drop and count it."""
         self._forget(kind, message)
         self.dropped[kind] += 1
+
+    def replace(
+        self, kind: str, message: OutgoingMessage, parts: Sequence[OutgoingMessage]
+    ) -> None:
+        """Send these before all others of their kind, instead of ``message``."""
+        self._forget(kind, message)
+        self._waiting[kind].extendleft(reversed(parts))
+
+    def set_aside(self, kind: str, message: OutgoingMessage) -> None:
+        """``message`` is too long for the broker: count it, and go on after it.
+
+        One that is stored stays so, and can be requested again.
+        """
+        self._forget(kind, message)
+        self.too_long[kind] += 1
+        if message.sent is not None:
+            message.sent()
 
     def defer(self, kind: str, message: OutgoingMessage) -> None:
         """``message`` is queued again later by its owner: drop it here."""

@@ -1,21 +1,24 @@
 """One connection's messages on their way: written when offered, done when answered."""
 
 import asyncio
-import contextlib
 import logging
 import time
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 
-import aiomqtt
-
-from traverse.daemon.mqtt.client import BrokerClient
+from traverse.broker.client import MqttClient
+from traverse.broker.errors import MqttError
+from traverse.broker.packets import Version, publish_packet
+from traverse.broker.reasons import sentence
 from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage, OutgoingQueue
+from traverse.daemon.mqtt.packet_limit import cut_to_fit
+from traverse.daemon.mqtt.wording import WORDING
 
 log = logging.getLogger("traverse.daemon.publisher")
 
 ANSWER_S = 5.0
 CHECK_S = 1.0
+WRITE_BYTES = 65_536  # more is not collected before it is written
 REFUSED_S = 5.0  # a refused point is tried again: the access list may be corrected
 
 
@@ -27,8 +30,9 @@ class PublishLoop:
     none waits for the answer to another.
 
     Args:
-        properties: makes a message's packed properties, see `BrokerClient.send`.
+        properties: makes a message's packed properties of MQTT 5.
         changed: called when points are refused (False, reason) and taken again (True).
+        limit_exceeded: see `BrokerConnection`.
         broker: how it is called, for people.
     """
 
@@ -36,23 +40,25 @@ class PublishLoop:
     _: KW_ONLY
     properties: Callable[[OutgoingMessage], bytes]
     changed: Callable[[bool, str], None]
+    limit_exceeded: Callable[[str, int, int], None]
     broker: str
 
     def __post_init__(self) -> None:
-        self._client: BrokerClient | None = None
+        self._client: MqttClient | None = None
         self._in_flight: dict[int, tuple[str, OutgoingMessage, float]] = {}
         self._is_sending = False
         self._was_refused = False
         self._resumes_s = 0.0
         self._failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
-    async def run(self, client: BrokerClient) -> None:
+    async def run(self, client: MqttClient) -> None:
         """Send until the connection fails; it calls `on_acknowledged` and `send`.
 
         Raises:
-            aiomqtt.MqttError: it did, or the broker does not answer.
+            MqttError: it did, or the broker does not answer.
         """
         self._client, queue = client, self.queue
+        self.limit_exceeded("", 0, client.limits.maximum_packet_bytes)
         try:
             with queue.notifying(self.send):
                 while True:
@@ -69,46 +75,88 @@ class PublishLoop:
                 self._failed.exception()  # it has been looked at
 
     def send(self) -> None:
-        """Write as much as there is room for."""
+        """Write as much as there is room for; each write wakes the broker."""
         client = self._client
         if client is None or self._is_sending or self._failed.done() or self._resumes_s:
             return
-        several = self.queue.n_waiting > 1
         self._is_sending = True
         try:
-            with client.together() if several else contextlib.nullcontext():
-                while (
-                    len(self._in_flight) < client.max_in_flight
-                    and not client.is_congested
-                    and (taken := self.queue.next()) is not None
-                ):
-                    self._send_one(client, *taken)
-        except aiomqtt.MqttError as error:
+            while (
+                len(self._in_flight) < client.max_in_flight and not client.is_congested
+            ):
+                packets = self._next_packets(client)
+                if not packets:
+                    break
+                client.write(b"".join(packets))
+        except MqttError as error:
             self._failed.set_exception(error)
         finally:
             self._is_sending = False
 
-    def _send_one(
-        self, client: BrokerClient, kind: str, message: OutgoingMessage
-    ) -> None:
+    def _next_packets(self, client: MqttClient) -> list[bytes]:
+        """Packets of messages that may be sent now, some of those that wait."""
+        packets: list[bytes] = []
+        n_bytes = 0
+        while (
+            len(self._in_flight) < client.max_in_flight
+            and n_bytes < WRITE_BYTES
+            and not self._resumes_s
+            and (taken := self.queue.next()) is not None
+        ):
+            kind, message = taken
+            number = client.next_number() if message.qos else 0
+            packet = self._packet(client, kind, message, number)
+            if packet is None:
+                continue
+            packets.append(packet)
+            n_bytes += len(packet)
+            if number:
+                self._in_flight[number] = kind, message, time.monotonic()
+            else:
+                self.queue.done(kind, message)
+        return packets
+
+    def _packet(
+        self, client: MqttClient, kind: str, message: OutgoingMessage, number: int
+    ) -> bytes | None:
+        """The packet of a message; None where it cannot be sent as it is."""
+        is_5 = client.version is Version.V5
         try:
-            number = client.send(message, self.properties(message))
+            packet = publish_packet(
+                message.topic,
+                message.payload,
+                qos=message.qos,
+                retain=message.retain,
+                number=number,
+                properties=self.properties(message) if is_5 else b"",
+            )
         except ValueError as error:
             log.warning("%s: %s; dropped", message.topic, error)
             self.queue.drop(kind, message)
-            return
-        if message.qos:
-            self._in_flight[number] = kind, message, time.monotonic()
+            return None
+        limit_bytes = client.limits.maximum_packet_bytes
+        if len(packet) <= limit_bytes:
+            return packet
+        overhead_bytes = len(packet) - len(message.payload)
+        parts = cut_to_fit(kind, message, limit_bytes - overhead_bytes)
+        if parts:
+            self.queue.replace(kind, message, parts)
+            return None
+        self.limit_exceeded(kind, len(packet), limit_bytes)
+        if kind == "point":  # it is kept, and so are all after it
+            self._resumes_s = time.monotonic() + REFUSED_S
         else:
-            self.queue.done(kind, message)
+            self.queue.set_aside(kind, message)
+        return None
 
-    def on_acknowledged(self, number: int, refusal: str | None) -> None:
+    def on_acknowledged(self, number: int, refusal: int | None) -> None:
         """The broker has a message, or does not want it."""
         answered = self._in_flight.pop(number, None)
         if answered is None:
             return
         kind, message, _ = answered
-        text = f"broker {self.broker} refuses {message.topic}: {refusal}"
+        why = "" if refusal is None else sentence(refusal, WORDING)
+        text = f"broker {self.broker} refuses {message.topic}: {why}"
         if refusal is None:
             self.queue.done(kind, message)
             if kind == "point" and self._was_refused:
@@ -131,7 +179,7 @@ class PublishLoop:
         """Notice silence, and the end of the wait after a refusal."""
         now_s = time.monotonic()
         if any(now_s - since_s > ANSWER_S for *_, since_s in self._in_flight.values()):
-            raise aiomqtt.MqttError(f"no answer within {ANSWER_S:g} s")
+            raise MqttError(f"no answer within {ANSWER_S:g} s")
         if self._resumes_s and now_s >= self._resumes_s:
             self._resumes_s = 0.0
             self._in_flight.clear()

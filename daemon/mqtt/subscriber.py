@@ -1,19 +1,21 @@
 """Subscribe to commands; back off from a flood of them."""
 
 import asyncio
+import contextlib
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from paho.mqtt.client import MQTTMessage
-from paho.mqtt.reasoncodes import ReasonCode
-
+from traverse.broker.client import REFUSAL, MqttClient
+from traverse.broker.errors import MqttError
+from traverse.broker.packets import Message, Property
+from traverse.broker.reasons import sentence
 from traverse.daemon.clock import HostClock
-from traverse.daemon.mqtt.client import BrokerClient
+from traverse.daemon.mqtt.wording import WORDING
 
 log = logging.getLogger("traverse.daemon.publisher")
 
-REFUSED_SUBSCRIPTION = 128  # and above, in MQTT 3.1.1 and 5
+MAX_COMMAND_PAYLOAD_BYTES = 65_536  # what is longer is cut, and answered as too long
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,57 +54,68 @@ class CommandSubscriber:
     ) -> None:
         self._subscriptions = [(topic, 1) for topic in subscriptions]
         self._receive = receive
+        self._client: MqttClient | None = None
         self._clock = HostClock()
         self._subscribed_ns = 0
         self._backoff_until_s = 0.0
         self._flooded = asyncio.Event()
 
-    async def subscribe(self, client: BrokerClient) -> None:
+    async def subscribe(self, client: MqttClient) -> None:
         """Subscribe a new connection to commands, unless they are a flood."""
-        self._flooded.clear()
+        self._client = client
         if self._backoff_s() <= 0.0:
             await self._subscribe(client)
 
-    async def run(self, client: BrokerClient) -> None:
-        """Receive commands until they are a flood; then the connection has to end.
+    async def run(self, client: MqttClient) -> None:
+        """Take commands until cancelled; in a flood of them let the broker keep them.
 
-        The next one does not subscribe for a time: so the broker drops those
-        that wait for us, and its answers to our points are not behind them.
+        The connection stays, and with it points, poses and answers.
         """
-        if (backoff_s := self._backoff_s()) > 0.0:
-            await asyncio.sleep(backoff_s)
-            await self._subscribe(client)
-        await self._flooded.wait()
+        while True:
+            if (backoff_s := self._backoff_s()) > 0.0:
+                await asyncio.sleep(backoff_s)
+                await self._subscribe(client)
+            self._flooded.clear()
+            if self._backoff_s() <= 0.0:
+                await self._flooded.wait()
 
-    async def _subscribe(self, client: BrokerClient) -> None:
+    async def _subscribe(self, client: MqttClient) -> None:
         self._subscribed_ns = self._clock.elapsed_ns()
-        codes: Sequence[int | ReasonCode] = await client.subscribe(self._subscriptions)
+        codes = await client.subscribe(*self._subscriptions)
         for (topic, _), code in zip(self._subscriptions, codes, strict=True):
-            if (code if isinstance(code, int) else code.value) >= REFUSED_SUBSCRIPTION:
+            if code >= REFUSAL:
                 log.warning(
-                    "the broker refuses the subscription to %s (%s); correct its "
+                    "the broker refuses the subscription to %s: %s; correct its "
                     "access list",
                     topic,
-                    code,
+                    sentence(code, WORDING),
                 )
 
-    def on_message(self, message: MQTTMessage) -> None:
+    def on_message(self, message: Message) -> None:
         """Pass a command on; the client calls this."""
-        if self._backoff_s() > 0.0:
-            return  # it was on its way when the flood was noticed
+        response, correlation, expiry_s = (
+            message.properties.get(identifier)
+            for identifier in (
+                Property.RESPONSE_TOPIC,
+                Property.CORRELATION,
+                Property.MESSAGE_EXPIRY_S,
+            )
+        )
         pause_s = self._receive(
             IncomingCommand(
                 message.topic,
-                bytes(message.payload),
+                message.payload,
                 message.retain,
-                getattr(message.properties, "ResponseTopic", None),
-                getattr(message.properties, "CorrelationData", None),
+                response if isinstance(response, str) else None,
+                correlation if isinstance(correlation, bytes) else None,
                 self._subscribed_ns,
-                getattr(message.properties, "MessageExpiryInterval", None),
+                expiry_s if isinstance(expiry_s, int) else None,
             )
         )
-        if pause_s:
+        if pause_s and self._backoff_s() <= 0.0 and self._client is not None:
             self._backoff_until_s = asyncio.get_running_loop().time() + pause_s
+            with contextlib.suppress(MqttError):  # lost, which is noticed elsewhere
+                self._client.unsubscribe([topic for topic, _ in self._subscriptions])
             self._flooded.set()
 
     def _backoff_s(self) -> float:

@@ -173,7 +173,6 @@ def start_log(form: LogFormat = "auto", level: LogLevel = "info") -> None:
     root.setLevel(level.upper())
     for name in LIBRARIES:
         logging.getLogger(name).setLevel(max(root.level, logging.INFO))
-    logging.getLogger("mqtt").setLevel(logging.ERROR)  # aiomqtt's own chatter
     faulthandler.enable(sys.stderr)
 
 

@@ -6,14 +6,15 @@ import uuid
 from collections.abc import AsyncIterator
 from typing import Any
 
-import aiomqtt
 import numpy as np
 
 from tests.end_to_end.programs import PATIENCE_S
 from tests.waiting import until
 from traverse.broker.address import BrokerAddress
+from traverse.broker.errors import MqttError
 from traverse.client.cancel_tasks import cancel_tasks
-from traverse.client.mqtt.subscription import KINDS, connection, received, subscribe
+from traverse.client.mqtt.connection import ConfiguredClient
+from traverse.client.mqtt.subscription import KINDS, received, subscribe
 from traverse.protocol import topics
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import (
@@ -167,7 +168,7 @@ async def listening(
     async def follow() -> None:
         while True:
             try:
-                async with connection(BrokerAddress(host, port)) as client:
+                async with ConfiguredClient(BrokerAddress(host, port)) as client:
                     await subscribe(client, arm, kinds)
                     listener.client = client
                     listener.connected = True
@@ -175,7 +176,7 @@ async def listening(
                         if item.error is not None:
                             listener.errors.append(f"{item.kind}: {item.error}")
                         listener.take(item.message)
-            except (aiomqtt.MqttError, OSError):
+            except (MqttError, OSError):
                 listener.connected = False
                 await asyncio.sleep(0.05)  # until the broker is back
 

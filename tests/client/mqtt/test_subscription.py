@@ -8,9 +8,9 @@ import pytest
 from tests.mosquitto import Mosquitto
 from tests.protocol import message_examples as examples
 from traverse.broker.address import BrokerAddress
+from traverse.client.mqtt.connection import ConfiguredClient
 from traverse.client.mqtt.subscription import (
     ReceivedMessage,
-    connection,
     received,
     subscribe,
 )
@@ -33,8 +33,8 @@ async def round_trip(
 ) -> list[ReceivedMessage]:
     """What a subscriber gets of payloads; the last one must be of interest to it."""
     async with (
-        connection(BrokerAddress(broker.host, broker.port)) as listening,
-        connection(BrokerAddress(broker.host, broker.port)) as speaking,
+        ConfiguredClient(BrokerAddress(broker.host, broker.port)) as listening,
+        ConfiguredClient(BrokerAddress(broker.host, broker.port)) as speaking,
         asyncio.timeout(PATIENCE_S),
     ):
         await subscribe(listening, arm, *((kinds,) if kinds else ()))

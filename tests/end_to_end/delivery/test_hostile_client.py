@@ -9,6 +9,7 @@ import aiomqtt
 import pytest
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
+from traverse.daemon.mqtt.client import HEAD_BYTES, MAX_PACKET_BYTES, RECEIVE_MAXIMUM
 
 from tests.end_to_end.listener import Listener
 from tests.end_to_end.measuring import measuring
@@ -19,7 +20,6 @@ from tests.waiting import until
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.daemon.commands.dispatcher import MAX_COMMAND_BYTES
 from traverse.daemon.commands.rate_limit import ALL, FLOOD
-from traverse.daemon.mqtt.client import HEAD_BYTES, MAX_PACKET_BYTES, RECEIVE_MAXIMUM
 from traverse.protocol import topics
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Command, PointArgs, ScanArgs

@@ -1,0 +1,503 @@
+"""A client of an MQTT broker on the event loop, for the daemon and for all programs.
+
+Strategy: packets are encoded and decoded by `traverse.broker.packets`, and asyncio's
+transport moves the bytes, with TLS or without. A message is written in the call that
+sends it. What arrives is processed for a few milliseconds at a time; the rest waits in
+the socket meanwhile, so that a flood slows its sender down and not the event loop.
+"""
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections.abc import AsyncIterator, Callable, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from ssl import SSLContext
+from typing import Any, Self
+
+from traverse.broker.errors import (
+    ClosedBeforeAnswerError,
+    ConnectionCutError,
+    ConnectRefusedError,
+    DisconnectedError,
+    MqttError,
+    RefusedError,
+)
+from traverse.broker.packets import (
+    DISCONNECT,
+    MAX_LENGTH,
+    PINGREQ,
+    Acknowledged,
+    Connected,
+    Disconnected,
+    Message,
+    Packet,
+    PacketDecoder,
+    PacketError,
+    Pong,
+    Properties,
+    Property,
+    Version,
+    acknowledgement_packet,
+    connect_packet,
+    packed_properties,
+    publish_packet,
+    subscribe_packet,
+    unsubscribe_packet,
+)
+
+log = logging.getLogger(__name__)
+
+TIMEOUT_S = 5.0
+TURN_S = 0.002  # in which packets are processed before others have the event loop
+MAX_IN_FLIGHT = 16
+MAX_PAYLOAD_BYTES = 16_777_216
+MAX_QUEUED = 10_000
+REFUSAL = 0x80  # reason codes from here on say no, in MQTT 3.1.1 and 5
+LAST_NUMBER = 65_535
+
+
+@dataclass(frozen=True, slots=True)
+class BrokerLimits:
+    """What a broker announces in its answer to CONNECT (section 3.2.2.3).
+
+    Attributes:
+        receive_maximum: messages of QoS 1 that may wait for their acknowledgement.
+        maximum_packet_bytes: of a whole packet.
+    """
+
+    receive_maximum: int = 65_535
+    maximum_packet_bytes: int = MAX_LENGTH
+    maximum_qos: int = 2
+    retain_available: bool = True
+
+    @classmethod
+    def of(cls, properties: Properties) -> Self:
+        """The limits in the properties of a CONNACK."""
+
+        def number(identifier: Property, default: int) -> int:
+            value = properties.get(identifier, default)
+            return value if isinstance(value, int) else default
+
+        return cls(
+            number(Property.RECEIVE_MAXIMUM, 65_535),
+            number(Property.MAXIMUM_PACKET_BYTES, MAX_LENGTH),
+            number(Property.MAXIMUM_QOS, 2),
+            bool(number(Property.RETAIN_AVAILABLE, 1)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Handlers:
+    """What a client calls, on the event loop; nothing here may wait.
+
+    Attributes:
+        received: for each message; else they are in `MqttClient.messages`.
+        acknowledged: for each message of QoS 1 sent by `MqttClient.send`: its number,
+            and the reason code where the broker refused it.
+        writable: when a socket that took no more takes bytes again.
+    """
+
+    received: Callable[[Message], None] | None = None
+    acknowledged: Callable[[int, int | None], None] | None = None
+    writable: Callable[[], None] = lambda: None
+
+
+@dataclass(eq=False)
+class MqttClient(asyncio.Protocol):
+    """One connection to a broker; use with `async with`.
+
+    Args:
+        identifier: unique at the broker; it may be empty with ``clean_start``.
+        clean_start: the broker keeps no subscriptions and messages of an earlier time.
+        connect_properties: of MQTT 5, for CONNECT.
+        acknowledges: messages that arrive are acknowledged as soon as they have been
+            handled; else by `acknowledge`.
+        max_payload_bytes: what is longer is cut.
+
+    Attributes:
+        limits: of the broker, known once there is a connection.
+        n_dropped: messages that `messages` had no room for.
+    """
+
+    hostname: str
+    port: int
+    _: KW_ONLY
+    username: str | None = None
+    password: str | None = field(default=None, repr=False)
+    tls_context: SSLContext | None = None
+    keep_alive_s: int = 10
+    identifier: str = ""
+    version: Version = Version.V311
+    clean_start: bool = True
+    will: Message | None = None
+    connect_properties: Properties = field(default_factory=dict)
+    handlers: Handlers = field(default_factory=Handlers)
+    acknowledges: bool = True
+    max_payload_bytes: int = MAX_PAYLOAD_BYTES
+
+    def __post_init__(self) -> None:
+        self.limits = BrokerLimits()
+        self.n_dropped = 0
+        self._decoder = PacketDecoder(self.version, self.max_payload_bytes)
+        self._transport: asyncio.Transport | None = None
+        self._number = 0
+        self._awaited: dict[int, asyncio.Future[tuple[int, ...]]] = {}
+        self._has_room = asyncio.Event()
+        self._queue: asyncio.Queue[Message] = asyncio.Queue(MAX_QUEUED)
+        loop = self._loop = asyncio.get_running_loop()
+        self._connected: asyncio.Future[Connected] = loop.create_future()
+        self._closed: asyncio.Future[MqttError] = loop.create_future()
+        self._ended_by: MqttError | None = None
+        self._is_behind = False
+        self._alive_timer: asyncio.TimerHandle | None = None
+        self._heard_since_ping = True
+
+    # -- the connection -------------------------------------------------------
+
+    async def __aenter__(self) -> Self:
+        """Connect.
+
+        Raises:
+            MqttError: there is no connection; its cause is what the system reported.
+        """
+        try:
+            async with asyncio.timeout(TIMEOUT_S):
+                await self._open()
+                await _first_of(self._connected, self._closed)
+            if not self._connected.done():
+                raise self._closed.result()
+            self._take_answer(self._connected.result())
+        except TimeoutError as error:
+            self._abort()
+            raise MqttError("no answer") from error
+        except OSError as error:
+            raise MqttError(str(error)) from error
+        except BaseException:
+            self._abort()
+            raise
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        """Say goodbye, so that no will is published, and close."""
+        if self._transport is None or self._closed.done():
+            return
+        self._transport.write(DISCONNECT)
+        self._transport.close()
+        try:
+            async with asyncio.timeout(1.0):
+                await asyncio.wait({self._closed})
+        except TimeoutError:
+            self._abort()
+
+    async def wait_closed(self) -> None:
+        """Wait until the connection has ended.
+
+        Raises:
+            MqttError: always, with the reason.
+        """
+        await asyncio.wait({self._closed})
+        raise self._closed.result()
+
+    async def _open(self) -> None:
+        """Connect to the first address of the host that answers.
+
+        Raises:
+            OSError: none did; of the last one.
+        """
+        name = self.hostname if self.tls_context is not None else None
+        places = await self._loop.getaddrinfo(self.hostname, self.port, type=1)
+        failure: OSError | None = None
+        for *_, (address, *_) in places:
+            try:
+                await self._loop.create_connection(
+                    lambda: self,
+                    str(address),
+                    self.port,
+                    ssl=self.tls_context,
+                    server_hostname=name,
+                )
+            except OSError as error:
+                failure = error
+            else:
+                return
+        raise failure or OSError(f"{self.hostname} has no address")
+
+    def _take_answer(self, answer: Connected) -> None:
+        if answer.code:
+            reason = answer.properties.get(Property.REASON_STRING, "")
+            raise ConnectRefusedError(answer.code, str(reason))
+        self.limits = BrokerLimits.of(answer.properties)
+        keep_alive_s = answer.properties.get(Property.SERVER_KEEP_ALIVE_S)
+        if isinstance(keep_alive_s, int) and keep_alive_s:
+            self.keep_alive_s = min(self.keep_alive_s, keep_alive_s)
+        self._alive_timer = self._loop.call_later(self.keep_alive_s, self._watch)
+
+    def _abort(self) -> None:
+        if self._transport is not None:
+            self._transport.abort()
+
+    def _watch(self) -> None:
+        """Ask whether the broker is alive; end the connection where it is silent."""
+        transport = self._transport
+        if transport is None or self._closed.done():
+            return
+        if not self._heard_since_ping:
+            self._end(MqttError(f"nothing was received for {self.keep_alive_s} s"))
+            return
+        self._heard_since_ping = False
+        transport.write(PINGREQ)
+        self._alive_timer = self._loop.call_later(self.keep_alive_s, self._watch)
+
+    def _end(self, error: MqttError) -> None:
+        self._ended_by = self._ended_by or error
+        self._abort()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Introduce ourselves."""
+        assert isinstance(transport, asyncio.Transport)  # noqa: S101 - TCP and TLS are
+        self._transport = transport
+        transport.set_write_buffer_limits(0)
+        transport.write(
+            connect_packet(
+                self.identifier,
+                self.version,
+                self.keep_alive_s,
+                clean_start=self.clean_start,
+                username=self.username,
+                password=self.password,
+                will=self.will,
+                properties=self.connect_properties,
+            )
+        )
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Fail everything that waits for an answer."""
+        if self._alive_timer is not None:
+            self._alive_timer.cancel()
+        error = self._ended_by
+        if error is None:
+            error = ConnectionCutError()
+            if not self._connected.done():
+                is_cut = exc is None or isinstance(exc, ConnectionError)
+                error = ClosedBeforeAnswerError() if is_cut else MqttError(str(exc))
+            error.__cause__ = exc
+        self._closed.set_result(error)
+        for waiting in self._awaited.values():
+            if not waiting.done():
+                waiting.set_exception(error)
+        self._awaited.clear()
+        self._has_room.set()
+
+    # -- sending --------------------------------------------------------------
+
+    @property
+    def max_in_flight(self) -> int:
+        """How many messages may wait for their acknowledgement."""
+        return min(MAX_IN_FLIGHT, self.limits.receive_maximum)
+
+    @property
+    def is_congested(self) -> bool:
+        """Whether bytes wait that the socket did not take."""
+        return self._transport is not None and (
+            self._transport.get_write_buffer_size() > 0
+        )
+
+    def next_number(self) -> int:
+        """A packet identifier that waits for no answer of `publish` or `subscribe`."""
+        while True:
+            self._number = self._number % LAST_NUMBER + 1
+            if self._number not in self._awaited:
+                return self._number
+
+    def write(self, data: bytes) -> None:
+        """Write packets now; the transport keeps what the socket does not take.
+
+        Raises:
+            MqttError: there is no connection any more.
+        """
+        if self._transport is None or self._closed.done():
+            raise (
+                self._closed.result()
+                if self._closed.done()
+                else MqttError("not connected")
+            )
+        self._transport.write(data)
+
+    def resume_writing(self) -> None:
+        """The socket has taken all."""
+        self.handlers.writable()
+
+    async def publish(
+        self,
+        topic: str,
+        payload: bytes,
+        qos: int = 0,
+        *,
+        retain: bool = False,
+        properties: Properties | None = None,
+    ) -> None:
+        """Publish a message; at QoS 1 returns when the broker has it.
+
+        Raises:
+            RefusedError: the broker does not take it.
+            MqttError: the connection is lost.
+            ValueError: nothing can be published on this topic.
+        """
+        packed = b""
+        if self.version is Version.V5:
+            packed = packed_properties(properties or {})
+        while qos and len(self._awaited) >= self.max_in_flight:
+            self._has_room.clear()
+            await self._has_room.wait()
+            if self._closed.done():
+                raise self._closed.result()
+        number = self.next_number() if qos else 0
+        packet = publish_packet(
+            topic, payload, qos=qos, retain=retain, number=number, properties=packed
+        )
+        if not qos:
+            self.write(packet)
+            return
+        (code, *_) = await self._answer_to(number, packet)
+        if code >= REFUSAL:
+            raise RefusedError(code)
+
+    async def subscribe(self, *filters: tuple[str, int]) -> tuple[int, ...]:
+        """Subscribe to topic filters with a qos each; gives the broker's codes.
+
+        Those from `REFUSAL` on say that it does not allow it.
+
+        Raises:
+            MqttError: the connection is lost, or there is no answer.
+        """
+        number = self.next_number()
+        packet = subscribe_packet(filters, number, self.version)
+        try:
+            async with asyncio.timeout(TIMEOUT_S):
+                return await self._answer_to(number, packet)
+        except TimeoutError as error:
+            raise MqttError("no answer to a subscription") from error
+
+    def unsubscribe(self, filters: Sequence[str]) -> None:
+        """Unsubscribe without waiting; what is on its way still arrives.
+
+        Raises:
+            MqttError: the connection is lost.
+        """
+        self.write(unsubscribe_packet(filters, self.next_number(), self.version))
+
+    def acknowledge(self, number: int) -> None:
+        """Acknowledge a received message; one of a lost connection comes again."""
+        with contextlib.suppress(MqttError):
+            self.write(acknowledgement_packet(number))
+
+    async def _answer_to(self, number: int, packet: bytes) -> tuple[int, ...]:
+        answer: asyncio.Future[tuple[int, ...]] = self._loop.create_future()
+        self._awaited[number] = answer
+        try:
+            self.write(packet)
+            return await answer
+        finally:
+            self._awaited.pop(number, None)
+            self._has_room.set()
+
+    # -- receiving ------------------------------------------------------------
+
+    @property
+    async def messages(self) -> AsyncIterator[Message]:
+        """Messages as they arrive, where no handler takes them.
+
+        Raises:
+            MqttError: the connection has ended; all before it have been given.
+        """
+        while True:
+            if self._queue.empty():
+                waiting = asyncio.ensure_future(self._queue.get())
+                try:
+                    await _first_of(waiting, self._closed)
+                    if not waiting.done():
+                        raise self._closed.result()
+                    message = waiting.result()
+                finally:
+                    waiting.cancel()
+            else:
+                message = self._queue.get_nowait()
+            yield message
+
+    def data_received(self, data: bytes) -> None:
+        """Decode what has arrived."""
+        self._heard_since_ping = True
+        self._decoder.feed(data)
+        if not self._is_behind:
+            self._process()
+
+    def _process(self) -> None:
+        """Process packets for a while; go on in the next turn of the event loop."""
+        transport = self._transport
+        if transport is None or self._closed.done():
+            return
+        until_s = time.monotonic() + TURN_S
+        try:
+            for packet in self._decoder.packets():
+                self._take(packet)
+                if time.monotonic() > until_s:
+                    if not self._is_behind:
+                        self._is_behind = True
+                        transport.pause_reading()
+                    self._loop.call_soon(self._process)
+                    return
+        except PacketError as error:
+            if self._connected.done():
+                self._end(MqttError(f"the broker sends no MQTT: {error}"))
+            else:
+                self._end(ClosedBeforeAnswerError())  # an alert of TLS, say
+            return
+        if self._is_behind:
+            self._is_behind = False
+            transport.resume_reading()
+
+    def _take(self, packet: Packet) -> None:
+        match packet:
+            case Acknowledged(number, codes):
+                self._take_acknowledgement(number, codes)
+            case Message():
+                self._take_message(packet)
+            case Connected():
+                if not self._connected.done():
+                    self._connected.set_result(packet)
+            case Disconnected(code, properties):
+                reason = properties.get(Property.REASON_STRING, "")
+                self._end(DisconnectedError(code, str(reason)))
+            case Pong():
+                pass
+
+    def _take_acknowledgement(self, number: int, codes: tuple[int, ...]) -> None:
+        answer = self._awaited.get(number)
+        if answer is not None:
+            if not answer.done():
+                answer.set_result(codes)
+        elif self.handlers.acknowledged is not None:
+            code = codes[0] if codes else 0
+            self.handlers.acknowledged(number, code if code >= REFUSAL else None)
+
+    def _take_message(self, message: Message) -> None:
+        if self.handlers.received is not None:
+            self.handlers.received(message)
+        else:
+            try:
+                self._queue.put_nowait(message)
+            except asyncio.QueueFull:
+                if not self.n_dropped:
+                    log.warning(
+                        "messages arrive faster than they are used; more than %d that "
+                        "wait are dropped",
+                        MAX_QUEUED,
+                    )
+                self.n_dropped += 1
+        if self.acknowledges and message.number:
+            self.acknowledge(message.number)
+
+
+async def _first_of(*futures: asyncio.Future[Any]) -> None:
+    await asyncio.wait(futures, return_when=asyncio.FIRST_COMPLETED)

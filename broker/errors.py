@@ -1,0 +1,43 @@
+"""What can go wrong between a client and its broker."""
+
+
+class MqttError(Exception):
+    """There is no connection, it has ended, or the broker refuses something."""
+
+
+class RefusedError(MqttError):
+    """The broker answered with a reason code that says no.
+
+    Attributes:
+        code: of MQTT 5, or the return code of MQTT 3.1.1 in a refused connection.
+        text: of the broker, where it gave one.
+    """
+
+    def __init__(self, code: int, text: str = "") -> None:
+        super().__init__(f"reason code {code:#04x}{text and f' ({text})'}")
+        self.code = code
+        self.text = text
+
+
+class ConnectRefusedError(RefusedError):
+    """The broker refuses the connection."""
+
+
+class DisconnectedError(RefusedError):
+    """The broker has ended the connection, and says why."""
+
+
+class ConnectionCutError(MqttError):
+    """The connection ended without a word."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "the connection was cut; the broker has ended, or the network between"
+        )
+
+
+class ClosedBeforeAnswerError(MqttError):
+    """The broker closed the connection before it had answered."""
+
+    def __init__(self) -> None:
+        super().__init__("it closes the connection without a word")

@@ -1,0 +1,66 @@
+"""Cut messages that are longer than the packets which a broker takes.
+
+The points of a scan's block are numbered one by one, so that a block can be sent as
+several, each with the numbers of its points. Nothing else can be cut.
+"""
+
+from dataclasses import replace
+from itertools import pairwise
+
+from traverse.daemon.mqtt.outgoing_queue import OutgoingMessage
+from traverse.protocol.encoding import Encoding, decode, encode
+from traverse.protocol.message_error import MessageError
+from traverse.protocol.messages import Scan
+
+KINDS = frozenset({"scan", "spooled", "resend"})  # where there may be blocks of scans
+ARRAYS = ("xyz_mm", "ijk", "angles_rad", "counts", "part_xyz_mm", "quality")
+
+
+def cut_to_fit(
+    kind: str, message: OutgoingMessage, limit_bytes: int
+) -> list[OutgoingMessage]:
+    """Messages of at most so many bytes of payload; none where it cannot be cut.
+
+    Only when the last of them has been sent is the whole one.
+    """
+    if kind not in KINDS or limit_bytes <= 0:
+        return []
+    try:
+        block = decode(Scan, message.payload, max_bytes=len(message.payload))
+    except MessageError:
+        return []
+    encoding: Encoding = "json" if message.payload[:1] == b"{" else "msgpack"
+    n_points = len(block.dtime_ns)
+    n_parts = -(-len(message.payload) // limit_bytes)
+    while n_parts <= n_points:
+        bounds = [n_points * k // n_parts for k in range(n_parts + 1)]
+        payloads = [
+            encode(_part(block, begin, end), encoding)
+            for begin, end in pairwise(bounds)
+        ]
+        if max(map(len, payloads)) <= limit_bytes:
+            parts = [replace(message, payload=p, sent=None) for p in payloads]
+            parts[-1] = replace(parts[-1], sent=message.sent)
+            return parts
+        n_parts += max(1, n_parts // 4)
+    return []
+
+
+def _part(block: Scan, begin: int, end: int) -> Scan:
+    """The points of a block from one up to another; the last part ends the scan."""
+    is_last = end == len(block.dtime_ns)
+    before_ns = int(block.dtime_ns[begin])
+    arrays = {
+        name: None if values is None else values[begin:end]
+        for name, values in ((name, getattr(block, name)) for name in ARRAYS)
+    }
+    return block.model_copy(
+        update={
+            **arrays,
+            "seq": block.seq + begin,
+            "time_ns": block.time_ns + before_ns,
+            "dtime_ns": block.dtime_ns[begin:end] - before_ns,
+            "last": block.last and is_last,
+            "total": block.total if is_last else None,
+        }
+    )

@@ -1,0 +1,10 @@
+"""How the daemon words what its broker says."""
+
+from traverse.broker.reasons import Wording
+
+WORDING = Wording(
+    who="this arm",
+    where=" of [broker]",
+    use_tls="set tls = true in [broker]",
+    absent="",  # an event has its remedy beside it
+)
