@@ -10,7 +10,7 @@ import typer
 
 from traverse.cli.common.options import Json
 from traverse.cli.common.refusals import REFUSED
-from traverse.strict_toml.problems import FileError, toml_table, toml_text
+from traverse.strict_toml.problems import FileError, Problem, toml_table, toml_text
 
 
 def check(
@@ -63,17 +63,34 @@ def check(
 
 def _reader(file: Path) -> tuple[str, Callable[[Path], object]]:
     """The kind of the file, by its schema or its tables, and its reader."""
-    from traverse.kinematics.arm_file.arm import read_arm
-
     try:
         tables = toml_table(toml_text(file), str(file))
     except FileError:
-        return "arm file", read_arm  # whose reader reports the mistakes
+        return "arm file", _read_arm  # which reports the mistakes
     schema = str(tables.get("schema", ""))
     for prefix, names, kind, reader in _KINDS:
         if schema.startswith(f"traverse/{prefix}/") or any(n in tables for n in names):
             return kind, reader
-    return "arm file", read_arm
+    return "arm file", _read_arm
+
+
+def _read_arm(path: Path) -> object:
+    """Read an arm file and the covariance that it names."""
+    from traverse.kinematics.arm_file.arm import read_arm
+    from traverse.kinematics.effects.arm_effects import effects_from_arm
+    from traverse.kinematics.uncertainty.arm_covariance import read_parameter_covariance
+
+    arm = read_arm(path)
+    try:
+        effects = effects_from_arm(arm)
+    except ValueError as error:
+        raise FileError(path, [Problem("effects", str(error))]) from error
+    try:
+        read_parameter_covariance(path, arm, effects, effects)
+    except ValueError as error:
+        key = "identification.covariance_file"
+        raise FileError(path, [Problem(key, str(error))]) from error
+    return arm
 
 
 def _read_simulator(path: Path) -> object:

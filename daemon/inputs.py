@@ -24,8 +24,8 @@ class StartupError(Exception):
     """The daemon cannot start.
 
     Attributes:
-        status: exit status, 2 where an input was refused, 3 where a device or the
-            broker could not be reached.
+        status: exit status, 2 where an input was refused, 3 where a device, the broker
+            or a file could not be reached, which may mend itself.
         files: those of the failures that are mistakes in files.
     """
 
@@ -88,7 +88,10 @@ def read_inputs(path: Path, embedded: bool) -> Inputs:
     try:
         model = read_model(path.parent / configuration.arm.file, ids)
     except FileError as error:
-        raise StartupError([*failures, error], REFUSED) from error
+        # Of a disk or a share that is mounted later, perhaps.
+        is_absent = not failures and isinstance(error.__cause__, FileNotFoundError)
+        status = UNREACHABLE if is_absent else REFUSED
+        raise StartupError([*failures, error], status) from error
     library, probes = configuration.arm.probes, None
     if library is not None:
         try:

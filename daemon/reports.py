@@ -18,6 +18,7 @@ from traverse.daemon.monitoring.latencies import Latencies
 from traverse.daemon.mqtt.connection import BrokerConnection
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.store.scan_store import ScanStore
+from traverse.daemon.system.standard_error import STANDARD_ERROR
 from traverse.kinematics.model.kernel_choice import KERNEL
 from traverse.protocol.encoding import Encoding
 from traverse.protocol.messages import (
@@ -226,6 +227,7 @@ def health_counters(
         "events_published": queue.sent["event"],
         "events_dropped": queue.dropped["event"],
         "messages_too_long": queue.too_long.total(),
+        "log_lines_dropped": STANDARD_ERROR.n_dropped,
         "commands_received": commands.received,
         "commands_refused": commands.refused,
         "reconnects": connection.reconnects,

@@ -162,7 +162,7 @@ class Service:
         measurement.probes = probes
 
         self.expiry = CommandExpiry(arm, clock)
-        self.others = SecondDaemonWatch(arm, encoding, clock, events)
+        self.others = SecondDaemonWatch(arm, encoding, clock, events, status_due.set)
 
         self.connection = connection = BrokerConnection(
             address=address_of(broker, path.parent),

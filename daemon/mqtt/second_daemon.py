@@ -1,4 +1,7 @@
-"""Notice another daemon that reports as the same arm on the same broker.
+"""Notice who else publishes the status of this arm on the same broker.
+
+The broker keeps one status for those who connect later. Where it is cleared or
+overwritten, or replaced by the will of an earlier connection, ours is published again.
 
 Both connect with one client id, so that the broker ends the connection of each when the
 other connects. A status of a session that is not ours tells who it was: once the broker
@@ -7,6 +10,7 @@ broker that has been restarted may once have an old one retained.
 """
 
 from collections import deque
+from collections.abc import Callable
 
 from traverse.daemon.clock import HostClock
 from traverse.daemon.monitoring.events import EventLog
@@ -17,6 +21,8 @@ from traverse.protocol.topics import status_topic
 
 CODE = "broker.second_daemon"
 UNREAD = "broker.status_unread"
+OVERWRITTEN = "broker.status_overwritten"
+RESTORE_NS = 1_000_000_000  # not more often: another program may do the same
 UNREAD_NS = 10_000_000_000
 MAX_SESSIONS = 1000
 AWAY_S = 60.0
@@ -25,12 +31,25 @@ OVER_NS = 150_000_000_000
 
 
 class SecondDaemonWatch:
-    """Compares every status of this arm with our own sessions."""
+    """Compares every status of this arm with those that we have sent.
+
+    Args:
+        restore: publishes our status again.
+    """
 
     def __init__(
-        self, arm: str, encoding: Encoding, clock: HostClock, events: EventLog
+        self,
+        arm: str,
+        encoding: Encoding,
+        clock: HostClock,
+        events: EventLog,
+        restore: Callable[[], None] = lambda: None,
     ) -> None:
         self._arm = arm
+        self._restore = restore
+        self._sent_ns: deque[int] = deque(maxlen=MAX_SESSIONS)
+        self._restored_ns: int | None = None
+        self._is_overwritten = False
         self._encoding = encoding
         self._clock = clock
         self._events = events
@@ -51,6 +70,8 @@ class SecondDaemonWatch:
         """Remember a status as ours; gives it back."""
         if status.session not in self._own:
             self._own.append(status.session)
+        if status.online:
+            self._sent_ns.append(status.time_ns)
         return status
 
     def receive(self, payload: bytes, *, retained: bool) -> None:
@@ -58,10 +79,17 @@ class SecondDaemonWatch:
         self._unread_since_ns, self._has_read = None, True
         try:
             status = decode(Status, payload, self._encoding)
-        except MessageError:
-            return  # of another version, or of somebody who plays
+        except MessageError:  # empty: it was cleared
+            self._is_overwritten |= not retained
+            return
         if status.session in self._own:
             self._is_known = True
+            # Else the will of an earlier connection of ours, or somebody's copy.
+            is_ours = status.online and status.time_ns in self._sent_ns
+            self._is_overwritten = not (retained or is_ours)
+            return
+        if not status.online:  # the will of an earlier daemon
+            self._is_overwritten |= not retained
             return
         if retained:
             self._retained += self._is_known
@@ -93,6 +121,8 @@ class SecondDaemonWatch:
         accept a subscription and withhold what their access list does not allow.
         """
         now_ns, since_ns = self._clock.monotonic_ns(), self._unread_since_ns
+        if self._is_overwritten:
+            self._restore_status(now_ns)
         if since_ns is not None and now_ns - since_ns > UNREAD_NS:
             self._unread_since_ns, self._has_read = None, True
             topic = status_topic(self._arm)
@@ -108,3 +138,19 @@ class SecondDaemonWatch:
             self._other, self._retained = "", 0
             text = f"no other daemon reports as arm {self._arm} any more"
             self._events.change(False, "error", CODE, text)
+
+    def _restore_status(self, now_ns: int) -> None:
+        before_ns = self._restored_ns
+        if before_ns is not None and now_ns - before_ns < RESTORE_NS:
+            return
+        self._restored_ns, self._is_overwritten = now_ns, False
+        topic = status_topic(self._arm)
+        self._events.report(
+            "warning",
+            OVERWRITTEN,
+            f"{topic} at the broker was not what this daemon had published; it was "
+            "published again",
+            remedy="allow the daemon's account alone to write there, in the broker's "
+            "access list",
+        )
+        self._restore()

@@ -20,7 +20,7 @@ from traverse.daemon.store.records import (
     NewMessage,
     PendingPoint,
     RetentionRules,
-    StoreRefusedError,
+    StateFolderError,
 )
 from traverse.protocol.encoding import Encoding, decode, encode
 from traverse.protocol.messages import OutboxHealth, Point
@@ -163,7 +163,7 @@ def exclusive_state_dir(folder: Path) -> Iterator[None]:
     however that ends, and needs no file.
 
     Raises:
-        StoreRefusedError: another one does, or it cannot be had.
+        StateFolderError: another one does, or it cannot be had.
     """
     with contextlib.ExitStack() as stack:
         try:
@@ -172,12 +172,12 @@ def exclusive_state_dir(folder: Path) -> Iterator[None]:
             stack.callback(os.close, descriptor)
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise StoreRefusedError(
+            raise StateFolderError(
                 f"{folder}: another daemon uses this state folder; end it, or give "
                 "this one a configuration in another folder"
             ) from error
         except OSError as error:
-            raise StoreRefusedError(
+            raise StateFolderError(
                 f"{folder}: the state folder cannot be used: {error.strerror}; make it "
                 "writable for the daemon's user, or set STATE_DIRECTORY to another"
             ) from error

@@ -129,6 +129,10 @@ class StoreRefusedError(Exception):
     """The file must not be touched; the text states the reason and the remedy."""
 
 
+class StateFolderError(StoreRefusedError):
+    """The folder is in use, or cannot be used now; a later start may succeed."""
+
+
 # -- what the thread reports --------------------------------------------------
 
 

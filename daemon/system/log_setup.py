@@ -17,6 +17,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
+from traverse.daemon.system.standard_error import STANDARD_ERROR
 from traverse.protocol.printable import printable
 
 LIBRARIES = ("asyncio", "can", "canopen", "pymodbus")  # every frame, at their lowest
@@ -100,7 +101,7 @@ class JournalHandler(logging.Handler):
             except OSError:
                 priority = PRIORITIES.get(record.levelno, 6)
                 text = self.format(record).replace("\n", f"\n<{priority}>")
-                sys.stderr.write(f"<{priority}>{text}\n")
+                STANDARD_ERROR.write(f"<{priority}>{text}\n")
         except Exception:  # noqa: BLE001 - logging's own way: never into the caller
             self.handleError(record)
 
@@ -166,7 +167,7 @@ def start_log(form: LogFormat = "auto", level: LogLevel = "info") -> None:
     if form == "journal":
         handler = JournalHandler()
     else:
-        handler = logging.StreamHandler(sys.stderr)
+        handler = logging.StreamHandler(STANDARD_ERROR)
         handler.setFormatter(JsonLines() if form == "json" else PlainLines())
     root = logging.getLogger()
     root.handlers[:] = [handler]

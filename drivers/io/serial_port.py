@@ -162,6 +162,12 @@ def _explain(path: str, error: Exception) -> DeviceNotFoundError:
         number = error.__context__.args[0]
     if number == errno.ENOENT:
         reason, remedy = "there is no such port", "plug the device in, check its name"
+    elif number == errno.EPERM and "INVOCATION_ID" in os.environ:
+        reason = "not permitted by systemd"  # the file's own mode gives EACCES
+        remedy = (
+            "allow this kind of port in a drop-in of the unit: DeviceAllow=char-NAME "
+            "rw, with its NAME in /proc/devices"
+        )
     elif number in (errno.EACCES, errno.EPERM):
         reason = "not permitted"
         remedy = "add the service's user to the group dialout"

@@ -25,6 +25,8 @@ from traverse.kinematics.model.derivatives import ProbeDerivatives, probe_deriva
 from traverse.kinematics.model.geometry import Geometry
 from traverse.strict_toml.files import bytes_of
 
+_LONGEST_NAME_BYTES = 4 * 256  # UTF-32, as NumPy stores text
+_HEADER_BYTES = 4096  # of an array in the format of NumPy
 _ROUNDING = 1e-9  # of the largest variance: below, a negative one is rounding
 
 
@@ -121,6 +123,7 @@ def read_arm_covariance(
             f"is {found}, expected {digest}; copy both from the same identification"
         )
     try:
+        _check_sizes(data, len(names))
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             told = [str(name) for name in file["names"]]
             covariance = np.array(file["covariance"], dtype=np.float64)
@@ -131,6 +134,7 @@ def read_arm_covariance(
         zipfile.BadZipFile,
         zlib.error,
         EOFError,
+        MemoryError,
     ) as error:
         raise ValueError(
             f"{path} is no covariance of an arm ({error}); identify the arm again"
@@ -166,6 +170,26 @@ def read_parameter_covariance(
     places = {name: row for row, name in enumerate(names)}
     kept = parameter_names(joints, inline_effects.parameter_names)
     return ArmCovariance(found.factor[[places[name] for name in kept]])
+
+
+def _check_sizes(data: bytes, n_parameters: int) -> None:
+    """See that the arrays are as small as they must be, before they are unpacked.
+
+    A few kilobytes of an archive can stand for gigabytes.
+
+    Raises:
+        ValueError: One is larger; or it is no archive.
+    """
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        for entry in archive.infolist():
+            width_bytes = _LONGEST_NAME_BYTES if "names" in entry.filename else 8
+            rows = n_parameters if "names" in entry.filename else n_parameters**2
+            limit_bytes = rows * width_bytes + _HEADER_BYTES
+            if entry.file_size > limit_bytes:
+                raise ValueError(
+                    f"{entry.filename} unpacks to {entry.file_size} bytes; an arm of "
+                    f"{n_parameters} parameters needs at most {limit_bytes}"
+                )
 
 
 def _factor(

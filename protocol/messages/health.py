@@ -47,6 +47,8 @@ COUNTERS = {
     "edges_lost": "input edges missing in the devices' numbering",
     "frames_received": "whole frames received from the devices",
     "frames_rejected": "frames dropped for a wrong checksum, length or type",
+    "messages_too_long": "messages longer than the broker takes, left out",
+    "log_lines_dropped": "lines of the log that standard error did not take",
     "points_captured": "points, retractions not counted",
     "points_retracted": "points taken back",
     "points_refused": "triggers that made no point; see the event",

@@ -8,6 +8,8 @@ from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.mqtt.second_daemon import (
     AWAY_S,
     CODE,
+    OVERWRITTEN,
+    RESTORE_NS,
     UNREAD,
     SecondDaemonWatch,
 )
@@ -20,7 +22,10 @@ class Rig:
     def __init__(self) -> None:
         self.clock, self.events = SetClock(), []
         log = EventLog(self.clock, self.events.append)
-        self.watch = SecondDaemonWatch(STATUS.arm, "msgpack", self.clock, log)
+        self.restored = []
+        self.watch = SecondDaemonWatch(
+            STATUS.arm, "msgpack", self.clock, log, lambda: self.restored.append(True)
+        )
         self.own = self.watch.sending(self.status("m"))
 
     def status(self, session):
@@ -90,3 +95,37 @@ def test_one_of_the_two_gives_way_until_the_other_is_gone(other, away_s):
     rig.watch.poll()
     assert rig.active() == [True, False]
     assert rig.watch.retry_s == 0.0
+
+
+def test_a_status_that_was_cleared_or_overwritten_is_published_again():
+    rig = Rig()
+    rig.hear("m")
+    rig.watch.poll()
+    assert not rig.restored
+    late_will = encode(rig.status("m").model_copy(update={"online": False}), "msgpack")
+    for n, payload in enumerate((b"", late_will, b"{}"), start=1):
+        rig.watch.receive(payload, retained=False)
+        rig.watch.poll()
+        rig.watch.poll()
+        assert len(rig.restored) == n
+        rig.clock.now_ns += RESTORE_NS
+    assert OVERWRITTEN in [event.code for event in rig.events]
+    assert rig.active() == []
+
+
+def test_who_overwrites_it_again_and_again_is_answered_once_a_second():
+    rig = Rig()
+    for _ in range(30):  # three seconds
+        rig.watch.receive(b"", retained=False)
+        rig.watch.poll()
+        rig.clock.now_ns += RESTORE_NS // 10
+    assert len(rig.restored) == 3
+
+
+def test_the_will_of_an_earlier_daemon_is_no_second_daemon():
+    rig = Rig()
+    will = encode(rig.status("a").model_copy(update={"online": False}), "msgpack")
+    rig.watch.receive(will, retained=False)
+    rig.watch.poll()
+    assert rig.active() == []
+    assert rig.restored
