@@ -31,8 +31,8 @@ async def cancel_tasks(tasks: Iterable[asyncio.Task[Any]]) -> None:
     """Cancel tasks and wait for their end.
 
     Cancelled again where it did not help: up to Python 3.11 `asyncio.wait_for` loses
-    a cancellation that arrives as its work is done. `traverse.broker.diagnosing_client`
-    does without it; what else a task waits for may not.
+    a cancellation that arrives as its work is done. Nothing here uses it; what else a
+    task waits for may.
     """
     left = set(tasks)
     while left:

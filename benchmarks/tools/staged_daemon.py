@@ -11,8 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from traverse.daemon.mqtt.client import BrokerClient
-
+from traverse.broker.client import MqttClient
 from traverse.cli.__main__ import main as traverse
 from traverse.daemon.points.controller import PointController
 from traverse.daemon.store.durable_queue import DurableQueue
@@ -30,8 +29,8 @@ def _presses(_controller: object, _device: object, latch: Any) -> int:  # noqa: 
     return bool(latch.active)
 
 
-def _points(_client: object, message: Any, *_: object) -> int:  # noqa: ANN401
-    return message.topic.endswith("/point")
+def _points(_client: object, packets: bytes) -> int:
+    return packets.count(b"/point")
 
 
 STAGES: dict[str, tuple[type, str, Callable[..., int]]] = {
@@ -40,7 +39,7 @@ STAGES: dict[str, tuple[type, str, Callable[..., int]]] = {
     "encoded": (DurableQueue, "put", lambda *_: 1),
     "with the disk's thread": (ResilientDatabase, "add", lambda _, new: len(new)),
     "on the disk": (DurableQueue, "_commit", lambda _, what: len(what.numbers)),
-    "sent": (BrokerClient, "send", _points),
+    "sent": (MqttClient, "write", _points),
 }
 """By name the method that begins, or ends, and how many points it is about."""
 AFTER = ("sent",)

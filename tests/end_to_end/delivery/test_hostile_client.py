@@ -9,7 +9,6 @@ import aiomqtt
 import pytest
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
-from traverse.daemon.mqtt.client import HEAD_BYTES, MAX_PACKET_BYTES, RECEIVE_MAXIMUM
 
 from tests.end_to_end.listener import Listener
 from tests.end_to_end.measuring import measuring
@@ -17,9 +16,12 @@ from tests.end_to_end.programs import PATIENCE_S
 from tests.end_to_end.workbench import SPHERE, Workbench
 from tests.hostile_messages import examples, fixed, names, payloads
 from tests.waiting import until
+from traverse.broker.packets import HEAD_BYTES
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.daemon.commands.dispatcher import MAX_COMMAND_BYTES
 from traverse.daemon.commands.rate_limit import ALL, FLOOD
+from traverse.daemon.mqtt.connection import RECEIVE_MAXIMUM
+from traverse.daemon.mqtt.subscriber import MAX_COMMAND_PAYLOAD_BYTES
 from traverse.protocol import topics
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Command, PointArgs, ScanArgs
@@ -147,7 +149,11 @@ async def test_commands_continue_after_any_number_of_packets_that_are_too_long(
     """More of each size than may be on their way: none may stay there."""
     async with attacking(resting) as attacker, measuring(resting) as (listener, _, _):
         before = await rss_bytes(listener)
-        for n_bytes in (MAX_COMMAND_BYTES + 1, MAX_PACKET_BYTES + 1, HEAD_BYTES + 1):
+        for n_bytes in (
+            MAX_COMMAND_BYTES + 1,
+            MAX_COMMAND_PAYLOAD_BYTES + 1,
+            10 * HEAD_BYTES,
+        ):
             for _ in range(RECEIVE_MAXIMUM + 1):
                 await attacker.send(b"x" * n_bytes, "label")
             await until_answered(listener, f"after {n_bytes}")
@@ -198,6 +204,7 @@ async def test_a_flood_is_dropped_and_points_of_the_button_continue(
     async with attacking(bench) as attacker, measuring(bench) as (listener, _, daemon):
         await listener.n_points(2)
         before = listener.healths[-1].rss_bytes
+        reconnects = listener.healths[-1].counters["reconnects"]
         for _ in range(ALL.at_once + 4 * FLOOD):
             await attacker.send(payload, "scan", qos=0)
         raised = await listener.event("commands.flood", active=True)
@@ -211,6 +218,10 @@ async def test_a_flood_is_dropped_and_points_of_the_button_continue(
         assert listener.healths[-1].rss_bytes - before < MORE_RSS_BYTES
         assert daemon.process.poll() is None
         assert listener.told("broker.lost") == []
+        await until(
+            lambda: listener.healths[-1].counters["commands_refused"] >= dropped
+        )
+        assert listener.healths[-1].counters["reconnects"] == reconnects
     once = dict.fromkeys(p.seq for p in listener.points)  # sent again where unanswered
     assert list(once) == list(range(len(once)))
 
