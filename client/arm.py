@@ -95,10 +95,11 @@ class Arm(ArmCommands):
         self._statuses = Feeds[Status](1, keep_newest=True)
         self._healths = Feeds[Health](1, keep_newest=True)
         self._events = Feeds[Event](MAX_EVENTS, keep_newest=True)
+        self._clocks = Feeds[Clock](1, keep_newest=True)
         self._lives = Feeds[Live](1, keep_newest=True)
         self._scans = Feeds[Scan](MAX_BLOCKS, keep_newest=False)
         self._kinds: dict[str, Callable[[IncomingMessage], None]] = {
-            "clock": lambda m: self._requests.take_clock(decode(Clock, m.payload)),
+            "clock": self._take_clock,
             "status": self._take_status,
             "health": lambda m: self._healths.put(decode(Health, m.payload)),
             "event": self._take_event,
@@ -173,6 +174,10 @@ class Arm(ArmCommands):
         """Events from now on."""
         return self._events.open()
 
+    def clocks(self) -> Feed[Clock]:
+        """The daemon's clock, twice a second as long as it runs."""
+        return self._clocks.open()
+
     def live(self) -> Feed[Live]:
         """The latest pose, again and again; a slow reader misses some."""
         self._run(self._link.add_topic(topics.live_topic(self.name), 0))
@@ -224,6 +229,11 @@ class Arm(ArmCommands):
         self._requests.link_changed(is_connected)
         self._stream.link_changed(is_connected)
 
+    def _take_clock(self, arrived: IncomingMessage) -> None:
+        clock = decode(Clock, arrived.payload)
+        self._requests.take_clock(clock)
+        self._clocks.put(clock)
+
     def _take_status(self, arrived: IncomingMessage) -> None:
         status = decode(Status, arrived.payload)
         self._statuses.put(status)
@@ -246,7 +256,7 @@ class Arm(ArmCommands):
         self._stream.close(error)
         for feeds in (
             *(self._statuses, self._healths, self._events),
-            *(self._lives, self._scans),
+            *(self._clocks, self._lives, self._scans),
         ):
             feeds.close(error)
 

@@ -12,6 +12,7 @@ from traverse.plurals import counted
 from traverse.protocol.messages import (
     REMARKS,
     Alarm,
+    Clock,
     Event,
     Health,
     Label,
@@ -24,7 +25,8 @@ from traverse.protocol.messages import (
 MAX_POINTS = 5000  # of a session that are shown; all of them are in the arm's outbox
 MAX_SESSIONS = 8
 MAX_EVENTS = 200
-STALE_S = 2.0
+STALE_S = 1.0
+SILENT_S = 1.5  # the clock of the arm comes twice a second
 HEALTH_STALE_S = 10.0
 STORED_NS = 3_000_000_000  # a mean of many samples is of the middle of its time
 SAME_REFUSAL_S = 3.0
@@ -114,6 +116,8 @@ class ArmSight:
     absence: str = ""
     listeners: list[Callable[[Change], None]] = field(default_factory=list)
     _live_s: float = -np.inf
+    _live_intervals_s: deque[float] = field(default_factory=lambda: deque(maxlen=5))
+    _clock_s: float | None = None
     _health_s: float = -np.inf
     _health_period_s: float = 0.0
     _refusal: tuple[str, bool, float] = ("", False, -np.inf)
@@ -136,7 +140,18 @@ class ArmSight:
     @property
     def is_stale(self) -> bool:
         """The pose that is shown is out of date."""
-        return not self.is_online or self.age_s > STALE_S
+        longest_s = max(STALE_S, 3.0 * min(self._live_intervals_s, default=0.0))
+        return not self.is_online or self.is_silent or self.age_s > longest_s
+
+    @property
+    def silence_s(self) -> float:
+        """Time since the clock of the daemon was received; 0 before the first."""
+        return 0.0 if self._clock_s is None else self.now_s() - self._clock_s
+
+    @property
+    def is_silent(self) -> bool:
+        """Broker and arm are there, as far as is known, but nothing arrives."""
+        return self.is_online and self.silence_s > SILENT_S
 
     @property
     def is_health_stale(self) -> bool:
@@ -187,6 +202,8 @@ class ArmSight:
 
     def take_live(self, live: Live) -> None:
         """A pose was received."""
+        if self.live is not None:
+            self._live_intervals_s.append(self.age_s)
         self.live, self._live_s = live, self.now_s()
         angles_rad = np.array(live.angles_rad)
         if self.coverage is None or len(self.coverage) != len(angles_rad):
@@ -194,6 +211,10 @@ class ArmSight:
         turns = np.mod(angles_rad / (2.0 * np.pi), 1.0)
         sectors = np.minimum((turns * SECTORS).astype(np.int64), SECTORS - 1)
         self.coverage[np.arange(len(sectors)), sectors] += 1
+
+    def take_clock(self, clock: Clock) -> None:
+        """The daemon's clock was received."""
+        self._clock_s = self.now_s()
 
     def take_point(self, point: Point) -> None:
         """A point or a retraction was received."""
@@ -259,6 +280,7 @@ class ArmSight:
             # The next daemon reports its own lasting conditions.
             self.alarms.clear()
             self.scan, self.label, self.probe = None, None, ""
+            self._clock_s = None
         elif status.alarms is not None:
             # Includes those that began or ended while disconnected.
             self.alarms = {(a.code, a.source): a for a in status.alarms}
@@ -298,6 +320,7 @@ class ArmSight:
             changed = is_linked != self.is_linked
             self.is_linked, self.link_reason = is_linked, reason
             if changed:
+                self._clock_s = None
                 if not is_linked:  # what ends or begins meanwhile is not received
                     self.scan = None
                     self.label = None if self.status is None else self.status.label

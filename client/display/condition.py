@@ -79,7 +79,8 @@ def obstacle(sight: ArmSight, *, needs_pose: bool) -> str:
         sight: of the arm.
         needs_pose: whether it measures.
     """
-    if not sight.is_online or (needs_pose and sight.is_stale):
+    is_reached = sight.is_online and not sight.is_silent
+    if not is_reached or (needs_pose and sight.is_stale):
         return verdict(sight).sentence
     return ""
 
@@ -111,6 +112,15 @@ def _conditions(sight: ArmSight) -> Iterator[Verdict]:
             "Arm gone",
             f"{told}.",
             "Start its daemon: systemctl start traverse, or traverse run.",
+        )
+        return
+    if sight.is_silent:
+        yield Verdict(
+            "bad",
+            "Stale",
+            f"Nothing has arrived from the arm for {sight.silence_s:.0f} s.",
+            "These values are out of date, and commands are not sent. Look whether its "
+            "daemon and the broker run, and at the network.",
         )
         return
     alarms = [_of_alarm(e) for e in sight.alarms.values() if e.severity != "info"]

@@ -58,6 +58,7 @@ class Follower:
                         self.broker,
                         since=since,
                         connect_timeout_s=PATIENCE_S,
+                        reply_timeout_s=PATIENCE_S,
                     ) as arm,
                     asyncio.TaskGroup() as tasks,
                 ):
@@ -67,6 +68,7 @@ class Follower:
                         _each_change(arm.status, self.sight.take_status),
                         _each_change(arm.health, self.sight.take_health),
                         _each(arm.live(), self.sight.take_live),
+                        _each(arm.clocks(), self.sight.take_clock),
                         _each(arm.events(), self.sight.take_event),
                         self._points(arm),
                         self._scans(arm),

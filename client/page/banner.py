@@ -15,6 +15,11 @@ ICONS: dict[Level, str] = {
     "bad": '<path d="M8 1h8l7 7v8l-7 7H8l-7-7V8z"/>'
     '<path class="on" d="M8 8l8 8M16 8l-8 8"/>',
 }
+SILENT = (
+    '<span class="word">Stale</span><div role="alert"><b class="silent-for sentence">'
+    "</b><br>What is shown is out of date, and nothing can be done here. Look whether "
+    "the program `traverse page` runs, and at the network.</div>"
+)
 WORDS = {"refused": "Refused: ", "alarm": "Alarm: "}
 KINDS = {"point", "doubt", "retraction", "refused", "alarm", "cleared"}
 
@@ -39,6 +44,8 @@ class Banner:
                 with ui.element("div"):
                     self._sentence = ui.label().classes("sentence")
                     self._remedy = ui.label().classes("remedy")
+            # Shown by the browser when the server is silent, see watch.js.
+            ui.html(SILENT, sanitize=False).classes("silent-banner")
             with ui.element("div").classes("switches"):
                 ui.label(arm).classes("arm")
                 self._sound = ui.button("Mute", on_click=mute, color=None)
@@ -50,6 +57,10 @@ class Banner:
             self._at = ui.label().classes("at")
             self._message = ui.label().classes("told")
             self._message.props('role="status" aria-live="polite"')
+            told = ui.html(
+                '<span class="press-told" role="alert"></span>', sanitize=False
+            )
+            told.classes("press")
 
     def show(self, said: Verdict) -> None:
         """Show the arm's condition."""

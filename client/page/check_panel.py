@@ -10,6 +10,7 @@ from traverse.client.display.follower import Follower
 from traverse.client.display.guided_check import CheckDesk, GuidedCheck
 from traverse.client.page.controls import Dialogs
 from traverse.client.page.health_tables import coverage_bars
+from traverse.client.page.presses import Presses
 
 CHECKS = (("Single point", "articulation", 10), ("Sphere", "sphere", 9))
 ANSWERS = (
@@ -27,9 +28,12 @@ class CheckPanel:
         follower: of the arm; sets the label of the check's points.
         desk: the check itself.
         dialogs: dialogs that request limits.
+        presses: tells which come too late.
     """
 
-    def __init__(self, follower: Follower, desk: CheckDesk, dialogs: Dialogs) -> None:
+    def __init__(
+        self, follower: Follower, desk: CheckDesk, dialogs: Dialogs, presses: Presses
+    ) -> None:
         self._follower = follower
         self._desk = desk
         self._dialogs = dialogs
@@ -38,17 +42,18 @@ class CheckPanel:
                 ui.html("<h2>Guided checks</h2>", sanitize=False)
                 ui.space()
                 for name, kind, wanted in CHECKS:
-                    begin = partial(self._begin, kind, wanted)
+                    begin = presses.guard(partial(self._begin, kind, wanted))
                     ui.button(name, on_click=begin, color=None).props("outline dense")
                 self._limit = ui.button("Limit", on_click=self._set_limit, color=None)
                 self._limit.props("outline dense")
-                self._close = ui.button("Close", on_click=self._end, color=None)
+                end = presses.guard(self._end)
+                self._close = ui.button("Close", on_click=end, color=None)
                 self._close.props("flat dense")
             self._verdict = ui.label().classes("verdict")
             self._instruction = ui.label().classes("instruction")
             with ui.element("div").classes("bar") as self._answers:
                 for name, act in ANSWERS:
-                    answer = partial(self._answer, act)
+                    answer = presses.guard(partial(self._answer, act))
                     ui.button(name, on_click=answer, color=None).props("outline dense")
             self._results = ui.html("", sanitize=False)
             with ui.element("div") as self._coverage:

@@ -2,9 +2,12 @@
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from nicegui import ui
 from nicegui.events import KeyEventArguments
+
+from traverse.client.page.presses import Presses
 
 Act = Callable[[], Awaitable[None] | None]
 
@@ -32,10 +35,15 @@ class Controls:
         buttons: of the row.
         keys: more keys, without buttons.
         is_blocked: whether keys mean something else now.
+        presses: tells which come too late.
     """
 
     def __init__(
-        self, buttons: list[Soft], keys: dict[str, Act], is_blocked: Callable[[], bool]
+        self,
+        buttons: list[Soft],
+        keys: dict[str, Act],
+        is_blocked: Callable[[], bool],
+        presses: Presses,
     ) -> None:
         self._acts: dict[str, Act] = dict(keys)
         self._is_blocked = is_blocked
@@ -45,7 +53,8 @@ class Controls:
             for soft in buttons:
                 self._acts[soft.key] = soft.act
                 shown = "Space" if soft.key == " " else soft.key.upper()
-                with ui.button(on_click=soft.act, color=None) as button:
+                act = presses.guard(soft.act)
+                with ui.button(on_click=act, color=None) as button:
                     button.classes(soft.kind)
                     button.props(f'unelevated aria-keyshortcuts="{shown}"')
                     with ui.element("div"):
@@ -53,9 +62,11 @@ class Controls:
                         ui.label(f"key {shown}").classes("key")
                 self._buttons[soft.key] = (soft, button, label)
         # Space on a button presses that button; letters mean the same everywhere.
-        ui.keyboard(self._space, repeating=False)
+        ui.keyboard(presses.guard(self._space), repeating=False)
         ui.keyboard(
-            self._letter, repeating=False, ignore=["input", "select", "textarea"]
+            presses.guard(self._letter),
+            repeating=False,
+            ignore=["input", "select", "textarea"],
         )
         # A button clicked by hand, or what is in it, would else keep the focus, and
         # Space its meaning.
@@ -105,6 +116,7 @@ class Controls:
 class Dialogs:
     """Asks one question at a time; keys belong to it as long as it is open."""
 
+    presses: Presses
     is_open: bool = field(default=False, init=False)
 
     async def ask(
@@ -126,19 +138,20 @@ class Dialogs:
             The action, empty where there was none, and what was filled in.
         """
         inputs: dict[str, ui.input] = {}
-        with ui.dialog() as dialog, ui.card().classes("question"):
+        dialog = ui.dialog()
+        submit = self.presses.guard(dialog.submit)
+        with dialog, ui.card().classes("question"):
             ui.label(title).classes("title")
             if more:
                 ui.label(more)
             for name, value in (fields or {}).items():
                 first = "autofocus" if not inputs else ""
                 inputs[name] = ui.input(name, value=value).props(first)
-                inputs[name].on("keydown.enter", lambda: dialog.submit(actions[0]))
+                inputs[name].on("keydown.enter", partial(submit, actions[0]))
             with ui.element("div").classes("bar"):
                 for action in actions:
-                    button = ui.button(
-                        action, on_click=lambda a=action: dialog.submit(a), color=None
-                    )
+                    act = partial(submit, action)
+                    button = ui.button(action, on_click=act, color=None)
                     if not inputs and action == actions[0]:
                         button.props("autofocus")
                 ui.button("Cancel", on_click=dialog.close, color=None)

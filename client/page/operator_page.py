@@ -16,6 +16,7 @@ from traverse.client.page.check_panel import CheckPanel
 from traverse.client.page.controls import Act, Controls, Dialogs, Soft
 from traverse.client.page.health_tables import alarm_list, health_table
 from traverse.client.page.points_panel import PointsPanel
+from traverse.client.page.presses import Presses
 from traverse.client.page.readout import Choices, Figures
 from traverse.client.page.setup_bar import SetupBar
 from traverse.plurals import counted
@@ -58,7 +59,8 @@ class OperatorPage:
         self._sight = follower.sight
         self._choices = choices
         self._export = export
-        self._dialogs = Dialogs()
+        self._presses = Presses()
+        self._dialogs = Dialogs(self._presses)
         self._seen_live: object = None
         self._seen_cloud = (-1, -1)
         self._seen_points: object = None
@@ -78,12 +80,18 @@ class OperatorPage:
 
     def _build(self, desk: CheckDesk, cloud_url: str) -> None:
         ui.add_css(HERE / "page.css")
-        ui.add_body_html(f"<script>{(HERE / 'sounds.js').read_text('utf-8')}</script>")
+        for script in ("sounds.js", "watch.js"):
+            text = (HERE / script).read_text("utf-8")
+            ui.add_body_html(f"<script>{text}</script>")
         with ui.element("main").classes("page"):
             self._banner = Banner(self._follower.name, self._mute, self._turn_light)
             self._figures = Figures(self._choices)
             self._setup = SetupBar(
-                self._follower, self._choices, self._dialogs, self._show_choices
+                self._follower,
+                self._choices,
+                self._dialogs,
+                self._presses,
+                self._show_choices,
             )
             with ui.element("section").classes("panel scene-panel"):
                 self._scene = ArmScene(cloud_url)
@@ -110,12 +118,15 @@ class OperatorPage:
                 ],
                 keys,
                 lambda: self._dialogs.is_open,
+                self._presses,
             )
             with ui.element("section").classes("lists"):
                 self._points = PointsPanel(
                     self._choices, self._save, self._show_session
                 )
-                self._check = CheckPanel(self._follower, desk, self._dialogs)
+                self._check = CheckPanel(
+                    self._follower, desk, self._dialogs, self._presses
+                )
                 with ui.element("section").classes("panel"):
                     ui.html("<h2>Health</h2>", sanitize=False)
                     self._alarms = ui.html("", sanitize=False)

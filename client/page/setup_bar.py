@@ -10,6 +10,7 @@ from traverse.client.display.figures import INCH, MM, SYSTEMS
 from traverse.client.display.follower import Follower
 from traverse.client.display.nominal import Nominal
 from traverse.client.page.controls import Dialogs
+from traverse.client.page.presses import Presses
 from traverse.client.page.readout import NAMES, Choices
 
 
@@ -20,6 +21,7 @@ class SetupBar:
         follower: of the arm.
         choices: what is shown how; changed here.
         dialogs: shows questions.
+        presses: tells which come too late.
         changed: called when choices have changed.
     """
 
@@ -28,6 +30,7 @@ class SetupBar:
         follower: Follower,
         choices: Choices,
         dialogs: Dialogs,
+        presses: Presses,
         changed: Callable[[], None],
     ) -> None:
         self._follower = follower
@@ -36,14 +39,16 @@ class SetupBar:
         self._changed = changed
         with ui.element("section").classes("setup") as bar:
             bar.props('aria-label="Settings"')
-            self._confirm = _button(self._confirm_reference, "unelevated")
+            self._confirm = _button(
+                presses.guard(self._confirm_reference), "unelevated"
+            )
             self._confirm.classes("confirm")
             self._confirm.set_text("Confirm the arm's position")
-            self._probe = _button(self._change_probe)
-            self._label = _button(self.change_label)
-            self._unit = _button(self._turn_unit)
-            self._system = _button(self._turn_system)
-            self._nominal = _button(self._change_nominal)
+            self._probe = _button(presses.guard(self._change_probe))
+            self._label = _button(presses.guard(self.change_label))
+            self._unit = _button(presses.guard(self._turn_unit))
+            self._system = _button(presses.guard(self._turn_system))
+            self._nominal = _button(presses.guard(self._change_nominal))
 
     def show(self, sight: ArmSight) -> None:
         """Show what is set now."""

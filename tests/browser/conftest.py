@@ -26,7 +26,7 @@ from tests.end_to_end.workbench import Workbench
 from tests.mosquitto import HOST, Mosquitto, free_port
 from tests.waiting import until
 from traverse.client.cancel_tasks import cancel_tasks
-from traverse.protocol.messages import Point, Quality
+from traverse.protocol.messages import Clock, Point, Quality
 
 expect.set_options(timeout=20_000)  # a busy machine is no fault
 # There is no graphics card in a container, and no user whom a sandbox could keep apart.
@@ -100,16 +100,40 @@ class OpenPage(Protocol):
         """
 
 
+class ServePage(Protocol):
+    """As `OpenPage`; gives the page and its server."""
+
+    def __call__(
+        self, arm: str, broker: str, **options: Any
+    ) -> contextlib.AbstractAsyncContextManager[tuple[Page, Program]]: ...
+
+
 @pytest.fixture
 def served_page(chromium: Browser, tmp_path: Path) -> OpenPage:
     """Serves the page of an arm, and opens it."""
     return partial(_served_page, chromium, tmp_path)
 
 
+@pytest.fixture
+def page_and_server(chromium: Browser, tmp_path: Path) -> ServePage:
+    """Serves the page of an arm, opens it; gives the server, too."""
+    return partial(_page_and_server, chromium, tmp_path)
+
+
 @contextlib.asynccontextmanager
 async def _served_page(
     browser: Browser, folder: Path, arm: str, broker: str, **options: Any
 ) -> AsyncIterator[Page]:
+    serving = _page_and_server(browser, folder, arm, broker, **options)
+    async with serving as (page, server):
+        yield page
+        assert server.process.poll() is None, server.log
+
+
+@contextlib.asynccontextmanager
+async def _page_and_server(
+    browser: Browser, folder: Path, arm: str, broker: str, **options: Any
+) -> AsyncIterator[tuple[Page, Program]]:
     errors: list[str] = []
     port = free_port()
     where = ["--arm", arm, "--broker", broker, "--port", str(port)]
@@ -121,8 +145,9 @@ async def _served_page(
             page.set_default_timeout(20_000)
             page.on("pageerror", lambda error: errors.append(str(error)))
             await page.goto(f"http://{HOST}:{port}/")
-            yield page
-        assert await server.stop() in (0, -signal.SIGTERM), server.log
+            yield page, server
+        if server.process.poll() is None:
+            assert await server.stop() in (0, -signal.SIGTERM), server.log
     assert errors == []
 
 
@@ -150,10 +175,12 @@ class PosedDaemon(VirtualDaemon):
 
     Attributes:
         pose: fields of the live poses that are sent.
+        is_silent: nothing is published, as by a daemon that was stopped.
     """
 
     def __init__(self, arm: str, host: str, port: int) -> None:
         super().__init__(arm, host, port)
+        self.is_silent = False
         self.pose: dict[str, Any] = {
             "quality": {"ok": True, "flags": []},
             "part_xyz_mm": None,
@@ -180,10 +207,15 @@ class PosedDaemon(VirtualDaemon):
         return point
 
     async def _send_poses(self) -> None:
+        begun_ns = time.monotonic_ns()
         while True:
+            await asyncio.sleep(0.1)
+            if self.is_silent:
+                continue
+            now_ns = time.monotonic_ns() - begun_ns
+            await self.publish(Clock(arm=self.arm, clock="virtual", now_ns=now_ns))
             fields = {"arm": self.arm, "time_ns": str(time.time_ns())}
             await self.publish(live(**(fields | self.pose)))
-            await asyncio.sleep(0.1)
 
 
 @pytest.fixture

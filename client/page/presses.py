@@ -1,0 +1,62 @@
+"""Presses of buttons and keys: executed within two seconds, or reported lost.
+
+Strategy: the browser says before each click or key when it was made, by the server's
+time, which it knows from beats (`watch.js`). A server that was stopped finds old clicks
+in its socket when it wakes, and cannot tell them from new ones otherwise. The browser
+gets an answer to each press; without one it reports the press as lost, and after a
+second without a beat it marks the page as out of date.
+"""
+
+import time
+from collections.abc import Awaitable, Callable
+from functools import wraps
+from typing import ParamSpec
+
+from nicegui import ui
+from nicegui.events import GenericEventArguments
+
+P = ParamSpec("P")
+Handler = Callable[P, Awaitable[None] | None]
+
+BEAT_S = 0.25
+VALID_S = 2.0
+LONGEST_S = 1e6
+
+
+class Presses:
+    """Of one browser; made while its page is built."""
+
+    def __init__(self) -> None:
+        self._client = ui.context.client
+        self._is_valid = True
+        ui.on("traverse_press", self._take)
+        ui.timer(BEAT_S, self._beat)
+
+    def guard(self, act: Handler[P]) -> Handler[P]:
+        """The same act, which does nothing where its press came too late.
+
+        It is judged in the call itself: what is awaited could see a later press.
+        """
+
+        @wraps(act)  # NiceGUI looks whether it takes the event
+        def guarded(*args: P.args, **kwargs: P.kwargs) -> Awaitable[None] | None:
+            return act(*args, **kwargs) if self._is_valid else None
+
+        return guarded
+
+    def _beat(self) -> None:
+        self._client.run_javascript(f"traverse_watch.beat({_now_ms()})")
+
+    def _take(self, event: GenericEventArguments) -> None:
+        """Judge the press that follows."""
+        number, at_ms = event.args["id"], event.args["at_ms"]
+        # None: the browser had no beat yet, so nobody knows.
+        late_s = float("inf") if at_ms is None else (_now_ms() - float(at_ms)) * 1e-3
+        self._is_valid = late_s <= VALID_S
+        told = "null" if self._is_valid else f"{min(late_s, LONGEST_S):.1f}"
+        self._client.run_javascript(f"traverse_watch.answered({int(number)}, {told})")
+
+
+def _now_ms() -> float:
+    """Time that goes on while the computer is suspended."""
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) * 1e-6

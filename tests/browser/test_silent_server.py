@@ -1,0 +1,105 @@
+"""The browser knows by itself that the page's server is silent; no press is forgotten."""
+
+import asyncio
+import re
+import signal
+
+import pytest
+from playwright.async_api import Page, expect
+
+from tests.browser.conftest import PosedDaemon, ServePage
+from traverse.protocol.messages import PointArgs
+
+pytestmark = [
+    pytest.mark.needs("mosquitto", "chromium"),
+    pytest.mark.asyncio(loop_scope="session"),
+]
+
+
+def n_points(posed: PosedDaemon) -> int:
+    return sum(isinstance(args, PointArgs) for args in posed.commands)
+
+
+async def is_stale(page: Page) -> None:
+    """Everything that the browser alone can say."""
+    banner = page.locator("header")
+    await expect(banner.locator(".silent-banner .word")).to_have_text("Stale")
+    await expect(banner.locator(".silent-banner")).to_be_visible()
+    await expect(banner.locator(".said")).not_to_be_visible()
+    await expect(banner).to_contain_text("Nothing has arrived from this page's server")
+    style = await page.locator(".axis .value").first.evaluate(
+        "value => [getComputedStyle(value).textDecorationLine, "
+        "getComputedStyle(value).color]"
+    )
+    assert style[0] == "line-through"
+    for name in ("Take point", "Mean of", "Undo", "Start scan", "New session"):
+        button = page.get_by_role("button", name=name)
+        await expect(button).to_have_attribute("aria-disabled", "true")
+
+
+async def test_a_stopped_server_is_noticed_and_its_presses_are_not_executed_later(
+    posed: PosedDaemon, address: str, page_and_server: ServePage
+) -> None:
+    async with posed.posing(), page_and_server(posed.arm, address) as (page, server):
+        take = page.get_by_role("button", name="Take point")
+        await expect(page.locator(".said .word")).to_have_text("Ready")
+        await take.click()
+        await expect(page.locator("tr.new")).to_have_count(1)
+        assert n_points(posed) == 1
+        bright = "getComputedStyle(document.querySelector('.axis .value')).color"
+        colour = await page.evaluate(bright)
+
+        # Two presses before anybody can know, two when the browser knows.
+        server.process.send_signal(signal.SIGSTOP)
+        await take.click()
+        await page.keyboard.press("Space")
+        await is_stale(page)
+        assert await page.evaluate(bright) != colour
+        told = page.locator(".press-told")
+        await expect(told).to_have_text(re.compile(r"^Lost: what was pressed at \d\d:"))
+        await take.click(force=True)
+        await expect(told).to_have_text(re.compile(r"^Not sent at \d\d:\d\d:\d\d: "))
+        await page.keyboard.press("Space")
+
+        server.process.send_signal(signal.SIGCONT)
+        await expect(page.locator(".said .word")).to_have_text("Ready")
+        await expect(page.locator(".silent-banner")).not_to_be_visible()
+        await expect(told).to_have_text(re.compile(r"^Not carried out: .* s later\."))
+        await expect(take).not_to_have_attribute("aria-disabled", "true")
+        await take.click()  # all that came before has been judged by now
+        await expect(page.locator("table.plain tr.new")).to_have_count(1)
+        await expect(told).to_have_text("")
+        assert n_points(posed) == 2
+
+
+async def test_a_killed_server_is_noticed_and_presses_are_reported_lost(
+    posed: PosedDaemon, address: str, page_and_server: ServePage
+) -> None:
+    async with posed.posing(), page_and_server(posed.arm, address) as (page, server):
+        take = page.get_by_role("button", name="Take point")
+        await expect(page.locator(".said .word")).to_have_text("Ready")
+        await expect(take).to_be_enabled()
+        server.process.send_signal(signal.SIGKILL)
+        await server.ended()
+        await take.click(force=True)
+        told = page.locator(".press-told")
+        await expect(told).to_have_text(re.compile(r"^(Lost|Not sent)"))
+        await is_stale(page)
+        assert n_points(posed) == 0
+
+
+async def test_a_stopped_arm_is_stale_within_moments(
+    posed: PosedDaemon, address: str, page_and_server: ServePage
+) -> None:
+    async with page_and_server(posed.arm, address) as (page, _):
+        async with posed.posing():
+            await expect(page.locator(".said .word")).to_have_text("Ready")
+            posed.is_silent = True
+            await expect(page.locator(".said .word")).to_have_text("Stale")
+            await expect(page.locator(".figures")).to_have_class(re.compile("stale"))
+            for name in ("Take point", "Undo", "New session"):
+                button = page.get_by_role("button", name=name)
+                await expect(button).to_be_disabled()
+            posed.is_silent = False
+            await expect(page.locator(".said .word")).to_have_text("Ready")
+            await asyncio.sleep(0)
