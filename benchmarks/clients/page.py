@@ -11,6 +11,7 @@ Chromium without a graphics card, which draws by the processor: a real one is qu
 import asyncio
 import contextlib
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -36,12 +37,14 @@ TURNING_S = 5.0
 
 
 @contextlib.asynccontextmanager
-async def browser(folder: Path, port: int) -> AsyncIterator[Page]:
-    """The page of the arm on a broker, in Chromium."""
+async def browser(
+    folder: Path, port: int
+) -> AsyncIterator[tuple[Page, "subprocess.Popen[bytes]"]]:
+    """The page of the arm on a broker, in Chromium, and its server."""
     http = rig.free_port()
     command = [sys.executable, "-m", "traverse", "page", "--arm", ARM]
     where = ["--broker", f"127.0.0.1:{port}", "--port", str(http)]
-    with rig.program(folder / "page.log", *command, *where):
+    with rig.program(folder / "page.log", *command, *where) as server:
         rig.wait_for(lambda: rig.listens(http), "the page's server")
         async with async_playwright() as playwright:
             chromium = await playwright.chromium.launch(
@@ -50,7 +53,7 @@ async def browser(folder: Path, port: int) -> AsyncIterator[Page]:
             page = await chromium.new_page(viewport={"width": 1600, "height": 900})
             await page.goto(f"http://127.0.0.1:{http}/")
             await page.wait_for_function("window.traverse_scene?.probe_mm")
-            yield page
+            yield page, server
             await chromium.close()
 
 
@@ -171,7 +174,7 @@ async def main(what: str, amount: float | None) -> None:
             rig.simulator(folder),
             rig.daemon(folder, port),
         ):
-            async with browser(folder, port) as page:
+            async with browser(folder, port) as (page, _):
                 if what in ("latency", "all"):
                     await latency(page, port, int(amount or 100))
                 if what in ("million", "all"):

@@ -8,6 +8,8 @@ state, size of screen and theme: `page-<state>-<size>-<theme>.png`.
 import asyncio
 import contextlib
 import shutil
+import signal
+import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -66,6 +68,21 @@ async def pictures(page: Page, out: Path, word: str, state: str) -> None:
         await page.keyboard.press("d")
 
 
+async def stale_picture(
+    page: Page, out: Path, server: "subprocess.Popen[bytes]"
+) -> None:
+    """The page whose server has been stopped, as the browser marks it by itself."""
+    server.send_signal(signal.SIGSTOP)
+    try:
+        await page.wait_for_selector("body.silent")
+        await page.get_by_role("button", name="Take point").click(force=True)
+        await asyncio.sleep(1.0)
+        await page.screenshot(path=out / "page-stale-desk-dark.png")
+    finally:
+        server.send_signal(signal.SIGCONT)
+    await page.wait_for_selector("body:not(.silent)")
+
+
 async def main(folder: Path, out: Path) -> None:
     """Start everything, and bring it into one state after the other."""
     port = rig.free_port()
@@ -76,7 +93,7 @@ async def main(folder: Path, out: Path) -> None:
     ):
         simulator.enter_context(simulated(folder))
         with rig.daemon(folder, port):
-            async with browser(folder, port) as page:
+            async with browser(folder, port) as (page, server):
                 await page.keyboard.press("l")
                 await page.get_by_label("Artefact").fill("bar")
                 await page.get_by_role("button", name="Set").click()
@@ -85,6 +102,7 @@ async def main(folder: Path, out: Path) -> None:
                 await page.keyboard.press("s")
                 await pictures(page, out, "Scanning", "scanning")
                 await page.keyboard.press("s")
+                await stale_picture(page, out, server)
                 simulator.close()
                 with simulated(folder, loses_power=True):
                     await pictures(page, out, "In doubt", "in-doubt")

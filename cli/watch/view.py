@@ -13,10 +13,10 @@ from traverse.client.display.figures import (
     SYSTEMS,
     System,
     Unit,
-    expanded_place_mm,
     flag_words,
     label_words,
     place_mm,
+    place_uncertainty,
 )
 from traverse.plurals import counted
 from traverse.protocol.messages import Event, Point
@@ -81,11 +81,10 @@ def _points(sight: ArmSight, system: System) -> RenderableType:
 
 def _row(point: Point, system: System) -> list[str]:
     place = place_mm(point, system)
-    expanded_mm = expanded_place_mm(point.covariance_mm2)
     return [
         str(point.seq),
         *(("-",) * 3 if place is None else map(MM.text, place)),
-        "" if expanded_mm is None else MM.text(expanded_mm),
+        place_uncertainty(point, MM),
         label_words(point),
         flag_words(point),
     ]

@@ -10,7 +10,6 @@ from traverse.arrays import Integers
 from traverse.client.display.figures import flag_words
 from traverse.plurals import counted
 from traverse.protocol.messages import (
-    REMARKS,
     Alarm,
     Clock,
     Event,
@@ -57,21 +56,23 @@ class ScanProgress:
     Attributes:
         points: delivered so far.
         lost: dropped by the daemon, or lost between device and daemon.
-        in_doubt: of those received here, points with a flag that is no remark.
+        in_doubt: points with a flag that is no remark; None: the arm does not say.
     """
 
     scan: str
     runs: bool
     points: int = 0
     lost: int = 0
-    in_doubt: int = 0
+    in_doubt: int | None = 0
 
     @property
     def text(self) -> str:
         """For people."""
         noun = counted(self.points, "point").split()[-1]
         words = f"{self.points:,} {noun}, {self.lost or 'none'} lost"
-        doubt = f", {self.in_doubt:,} in doubt" if self.in_doubt else ""
+        doubt = ", doubts not known" if self.in_doubt is None else ""
+        if self.in_doubt:
+            doubt = f", {self.in_doubt:,} in doubt"
         return f"{'Scanning' if self.runs else 'Scan ended'}: {words}{doubt}"
 
 
@@ -296,15 +297,12 @@ class ArmSight:
 
     def take_scan(self, block: Scan) -> None:
         """A block of a scan was received."""
-        was = self.scan
-        before = was.in_doubt if was is not None and was.scan == block.scan else 0
-        doubtful = np.count_nonzero(block.quality & ~np.uint32(REMARKS))
         self.scan = ScanProgress(
             block.scan,
             not block.last,
             block.seq + len(block.dtime_ns) - block.dropped,
             block.dropped + block.lost,
-            before + int(doubtful),
+            block.in_doubt,
         )
         if block.last:
             self._notify(Change("scan", f"{self.scan.text}."))

@@ -7,7 +7,7 @@ from typing import Literal
 from traverse.client.display.arm_state import ArmSight
 from traverse.client.display.figures import flag_words
 from traverse.plurals import counted
-from traverse.protocol.messages import Alarm, Event
+from traverse.protocol.messages import Alarm, ConditionStanding, Event, Live
 
 Level = Literal["good", "busy", "warning", "bad"]
 GRAVEST_FIRST: tuple[Level, ...] = ("bad", "warning", "busy")
@@ -25,6 +25,9 @@ REMEDIES = {
     "stale_effect": "Identify the arm again.",
     "time_uncertain": "Wait some seconds at rest.",
     "turns_uncertain": "Reference the arm, touch a known point, then confirm.",
+    "geometry_unknown": "Identify the arm: until then no uncertainty can be stated.",
+    "identity_unconfirmed": "Look which device was exchanged, then confirm.",
+    "utc_uncertain": "Set the computer's clock.",
     "skew": "Hold the arm still while you take a point.",
 }
 """What to do about flags; where none is named the flag's own words have to do."""
@@ -85,46 +88,40 @@ def obstacle(sight: ArmSight, *, needs_pose: bool) -> str:
     return ""
 
 
-def needs_reference(sight: ArmSight) -> bool:
-    """Whether the operator has to confirm the encoders' positions."""
-    flags = sight.live.quality.flags if sight.live else ()
-    return "turns_uncertain" in flags and not sight.is_stale
+def lost_conditions(sight: ArmSight) -> list[ConditionStanding]:
+    """Conditions of good numbers that are not established; none while unknown."""
+    status = sight.status
+    if status is None or not sight.is_online:
+        return []
+    return [one for one in status.conditions if not one.established]
+
+
+def wanted_commands(sight: ArmSight) -> dict[str, list[str]]:
+    """Commands by which the operator establishes what is lost, with the causes."""
+    wanted: dict[str, list[str]] = {}
+    for one in lost_conditions(sight):
+        if one.command:
+            wanted.setdefault(one.command, []).append(f"{one.source}: {one.cause}")
+    flags = sight.live.quality.flags if sight.live and not sight.is_stale else ()
+    if "turns_uncertain" in flags:
+        wanted.setdefault("reference", [])
+    return wanted
 
 
 def _conditions(sight: ArmSight) -> Iterator[Verdict]:
     status, health, live = sight.status, sight.health, sight.live
-    if not sight.is_linked:
-        yield Verdict(
-            "bad",
-            "Broker gone",
-            f"No connection to the broker: {sight.link_reason}.",
-            "These values are out of date. Start the broker or check the network; "
-            "the arm keeps its points and this page reconnects by itself.",
-        )
+    if (gone := _absence(sight)) is not None:
+        yield gone
         return
-    if status is None or not status.online:
-        told = "The arm is off line"
-        if status is None:
-            absence = sight.absence
-            told = absence[:1].upper() + absence[1:] or "The arm has sent no status yet"
-        yield Verdict(
-            "bad",
-            "Arm gone",
-            f"{told}.",
-            "Start its daemon: systemctl start traverse, or traverse run.",
-        )
-        return
-    if sight.is_silent:
-        yield Verdict(
-            "bad",
-            "Stale",
-            f"Nothing has arrived from the arm for {sight.silence_s:.0f} s.",
-            "These values are out of date, and commands are not sent. Look whether its "
-            "daemon and the broker run, and at the network.",
-        )
+    if status is None:
         return
     alarms = [_of_alarm(e) for e in sight.alarms.values() if e.severity != "info"]
     yield from alarms
+    shown = {(alarm.source, alarm.text) for alarm in sight.alarms.values()}
+    for lost in lost_conditions(sight):
+        if (lost.source, lost.cause) not in shown:
+            text = f"{lost.source}: {lost.name.replace('_', ' ')}: {lost.cause}"
+            yield Verdict("warning", "In doubt", text, lost.remedy)
     if not alarms and status.state == "degraded":
         off = ", ".join(d.id for d in status.drivers if d.state != "ready")
         yield Verdict(
@@ -149,15 +146,53 @@ def _conditions(sight: ArmSight) -> Iterator[Verdict]:
             told = f"{counted(health.outbox.unsent, 'point', 'wait')} for the broker."
             yield Verdict("warning", "Wait", told, "They are safe on the arm's disk.")
     if live is not None and not live.quality.ok and not sight.is_stale:
-        if live.quality.flags == ("overspeed",):  # matters for points, not for moving
-            yield Verdict("busy", "Moving", "Too fast to take a point now.")
-        else:
-            yield Verdict(
-                "warning",
-                "In doubt",
-                f"A point taken here would be in doubt: {flag_words(live)}.",
-                " ".join(REMEDIES[f] for f in live.quality.flags if f in REMEDIES),
-            )
+        yield _of_pose(live)
+
+
+def _absence(sight: ArmSight) -> Verdict | None:
+    """Why nothing is known of the arm now; None: messages arrive."""
+    status = sight.status
+    if not sight.is_linked:
+        return Verdict(
+            "bad",
+            "Broker gone",
+            f"No connection to the broker: {sight.link_reason}.",
+            "These values are out of date. Start the broker or check the network; "
+            "the arm keeps its points and this page reconnects by itself.",
+        )
+    if status is None or not status.online:
+        told = "The arm is off line"
+        if status is None:
+            absence = sight.absence
+            told = absence[:1].upper() + absence[1:] or "The arm has sent no status yet"
+        return Verdict(
+            "bad",
+            "Arm gone",
+            f"{told}.",
+            "Start its daemon: systemctl start traverse, or traverse run.",
+        )
+    if sight.is_silent:
+        return Verdict(
+            "bad",
+            "Stale",
+            f"Nothing has arrived from the arm for {sight.silence_s:.0f} s.",
+            "These values are out of date, and commands are not sent. Look whether its "
+            "daemon and the broker run, and at the network.",
+        )
+    return None
+
+
+def _of_pose(live: Live) -> Verdict:
+    """A pose that is flagged."""
+    flags = live.quality.flags
+    if flags == ("overspeed",):  # matters for points, not for moving
+        return Verdict("busy", "Moving", "Too fast to take a point now.")
+    return Verdict(
+        "warning",
+        "In doubt",
+        f"A point taken here would be in doubt: {flag_words(live)}.",
+        " ".join(REMEDIES[flag] for flag in flags if flag in REMEDIES),
+    )
 
 
 def _of_alarm(alarm: Event | Alarm) -> Verdict:

@@ -14,6 +14,7 @@ System = Literal["arm", "part"]
 SYSTEMS: dict[System, str] = {"arm": "arm's system", "part": "part's system"}
 DIAGONAL = (0, 3, 5)  # of xx, xy, xz, yy, yz, zz
 COVERAGE_FACTOR = 2.0
+GEOMETRY_UNKNOWN = "geometry unknown"
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +49,26 @@ def place_mm(of: Live | Point, system: System) -> Vector | None:
     return of.xyz_mm if system == "arm" else of.part_xyz_mm
 
 
-def expanded_axes_mm(
-    covariance_mm2: Covariance | None, system: System
-) -> list[float] | None:
-    """Expanded uncertainty (k = 2) of each coordinate.
+def covariance_of(of: Live | Point) -> Covariance | None:
+    """Covariance of the place; None without that of the arm's geometry.
+
+    What is published then has the encoders' part alone, which is the smaller one.
+    """
+    return None if is_geometry_unknown(of) else of.covariance_mm2
+
+
+def is_geometry_unknown(of: Live | Point) -> bool:
+    """Whether the arm was never identified, so that nobody knows how far it is off."""
+    return "geometry_unknown" in of.quality.flags
+
+
+def expanded_axes_mm(of: Live | Point | None, system: System) -> list[float] | None:
+    """Expanded uncertainty (k = 2) of each coordinate; None where it is not known.
 
     How the part's axes lie in the arm's is not published, so there each coordinate has
     that of the worst direction.
     """
+    covariance_mm2 = None if of is None else covariance_of(of)
     if covariance_mm2 is None:
         return None
     xx, xy, xz, yy, yz, zz = covariance_mm2
@@ -67,12 +80,14 @@ def expanded_axes_mm(
     return [float(value) for value in expanded_mm]
 
 
-def expanded_place_mm(covariance_mm2: Covariance | None) -> float | None:
-    """Expanded uncertainty (k = 2) of the place as a whole."""
-    if covariance_mm2 is None:
-        return None
-    trace_mm2 = sum(covariance_mm2[i] for i in DIAGONAL)
-    return COVERAGE_FACTOR * float(np.sqrt(max(trace_mm2, 0.0)))
+def place_uncertainty(point: Point, unit: Unit) -> str:
+    """Expanded uncertainty (k = 2) of the place as a whole, or why there is none."""
+    if is_geometry_unknown(point):
+        return GEOMETRY_UNKNOWN
+    if point.covariance_mm2 is None:
+        return ""
+    trace_mm2 = sum(point.covariance_mm2[i] for i in DIAGONAL)
+    return unit.text(COVERAGE_FACTOR * float(np.sqrt(max(trace_mm2, 0.0))))
 
 
 def label_words(point: Point) -> str:

@@ -17,16 +17,20 @@ class Deviation:
         distance_mm: over the coordinates that count.
         expanded_mm: its expanded uncertainty (k = 2); None: unknown.
         tolerance_mm: permitted distance.
+        doubt: why there is no verdict, whatever the distance; empty: there is one.
     """
 
     offsets_mm: tuple[float | None, ...]
     distance_mm: float
     expanded_mm: float | None
     tolerance_mm: float
+    doubt: str = ""
 
     @property
     def decision(self) -> tuple[Level, str]:
         """By ISO 14253-1: nothing is proved within the uncertainty of the limit."""
+        if self.doubt:
+            return "warning", f"no verdict: {self.doubt}"
         is_in = self.distance_mm <= self.tolerance_mm
         if self.expanded_mm is None:
             where = "inside" if is_in else "outside"
@@ -48,12 +52,14 @@ class Nominal:
     xyz_mm: tuple[float | None, ...]
     tolerance_mm: float
 
-    def deviation(self, place_mm: Vector, expanded_mm: float | None) -> Deviation:
-        """Of a place, with its expanded uncertainty."""
+    def deviation(
+        self, place_mm: Vector, expanded_mm: float | None, doubt: str = ""
+    ) -> Deviation:
+        """Of a place, with its expanded uncertainty, and what makes it doubtful."""
         offsets_mm = tuple(
             None if wanted is None else found - wanted
             for found, wanted in zip(place_mm, self.xyz_mm, strict=True)
         )
         counted = [offset for offset in offsets_mm if offset is not None]
         distance_mm = float(np.linalg.norm(counted))
-        return Deviation(offsets_mm, distance_mm, expanded_mm, self.tolerance_mm)
+        return Deviation(offsets_mm, distance_mm, expanded_mm, self.tolerance_mm, doubt)

@@ -48,7 +48,7 @@ export default {
     this.cloud = new THREE.Points(this.cloudGeometry, this.cloudMaterial);
     this.cloud.frustumCulled = false;
     this.scene.add(this.cloud);
-    this.drawn = { version: -1, n: 0, capacity: 0 };
+    this.drawn = { version: -1, n: 0, seen: 0, capacity: 0 };
     this.drawn_ms = {}; // of points, for measuring how long they took
     window.traverse_scene = this;
     this.theme(true);
@@ -179,8 +179,8 @@ export default {
     },
 
     // What is wanted while something is fetched is fetched afterwards, the latest alone.
-    async update_cloud(version, total, seen) {
-      this.wanted = { version, total, seen };
+    async update_cloud(version) {
+      this.wanted = { version };
       if (this.fetching) return;
       this.fetching = true;
       try {
@@ -192,19 +192,19 @@ export default {
       } finally { this.fetching = false; }
     },
 
-    async fetch_cloud({ version, total, seen }) {
-      if (version !== this.drawn.version) this.drawn = { ...this.drawn, version, n: 0 };
-      if (total > this.drawn.n) {
-        const url = `${this.cloudUrl}?version=${version}&start=${this.drawn.n}`;
-        const answer = await fetch(url);
-        if (answer.ok) {
-          this.append(new Float32Array(await answer.arrayBuffer()));
-          seen = Number(answer.headers.get("x-seen"));
-        }
+    // Both counts of the note are of one answer: what was wanted may be older.
+    async fetch_cloud({ version }) {
+      if (version !== this.drawn.version) this.drawn = { ...this.drawn, version, n: 0, seen: 0 };
+      const url = `${this.cloudUrl}?version=${version}&start=${this.drawn.n}`;
+      const answer = await fetch(url);
+      if (answer.ok) {
+        const values = new Float32Array(await answer.arrayBuffer());
+        if (values.length) this.append(values);
+        this.drawn.seen = Number(answer.headers.get("x-seen"));
       }
       if (!this.cloudGeometry.index) this.cloudGeometry.setDrawRange(0, this.drawn.n);
-      const [drawn, all] = [this.drawn.n.toLocaleString("en"), seen.toLocaleString("en")];
-      this.$refs.note.textContent = seen ? `${drawn} of ${all} scanned points drawn` : "";
+      const [drawn, all] = [this.drawn.n, this.drawn.seen].map((n) => n.toLocaleString("en"));
+      this.$refs.note.textContent = this.drawn.seen ? `${drawn} of ${all} scanned points drawn` : "";
       this.dirty = true;
     },
 

@@ -60,9 +60,9 @@ class ArmScene(Element, component="arm_scene.js", default_classes="arm-scene-box
             )
         self._drawn = set(points)
 
-    def show_cloud(self, version: int, n_kept: int, n_seen: int) -> None:
+    def show_cloud(self, version: int) -> None:
         """There is more of the cloud to be fetched."""
-        self.run_method("update_cloud", version, n_kept, n_seen)
+        self.run_method("update_cloud", version)
 
     def view(self, name: str) -> None:
         """Look from a standard side: iso, top, front, right, or at the probe."""

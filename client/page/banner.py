@@ -16,7 +16,8 @@ ICONS: dict[Level, str] = {
     '<path class="on" d="M8 8l8 8M16 8l-8 8"/>',
 }
 SILENT = (
-    '<span class="word">Stale</span><div role="alert"><b class="silent-for sentence">'
+    '<span class="silent-word">Stale</span>'
+    '<div role="alert"><b class="silent-for sentence">'
     "</b><br>What is shown is out of date, and nothing can be done here. Look whether "
     "the program `traverse page` runs, and at the network.</div>"
 )

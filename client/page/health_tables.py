@@ -6,6 +6,7 @@ from html import escape
 import numpy as np
 
 from traverse.client.display.arm_state import SECTORS, ArmSight
+from traverse.client.display.condition import lost_conditions
 from traverse.plurals import counted
 
 WORDS = {"ready": "good", "connected": "good", "starting": "warning"}
@@ -64,6 +65,22 @@ def health_table(sight: ArmSight) -> str:
     told = f"<p><b>Not of now:</b> figures of {at}.</p>" if old else ""
     kind = "plain wrap old" if old else "plain wrap"
     return f'{told}<table class="{kind}"><tbody>{"".join(rows)}</tbody></table>'
+
+
+def condition_list(sight: ArmSight) -> str:
+    """Conditions of good numbers that are not established, and what to do."""
+    status = sight.status
+    if status is None or not sight.is_online or not status.conditions:
+        return ""
+    items = [
+        f'<p class="state warning">{escape(lost.source)}: '
+        f"{escape(lost.name.replace('_', ' '))}: {escape(lost.cause)}<br>"
+        f"<small>{escape(lost.remedy)}</small></p>"
+        for lost in lost_conditions(sight)
+    ]
+    n = len(status.conditions)
+    said = f"{n - len(items)} of {counted(n, 'condition')} of a good number established"
+    return f"<p>{said}</p>{''.join(items)}"
 
 
 def alarm_list(sight: ArmSight) -> str:

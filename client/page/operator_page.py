@@ -14,7 +14,7 @@ from traverse.client.page.arm_scene import ArmScene
 from traverse.client.page.banner import Banner
 from traverse.client.page.check_panel import CheckPanel
 from traverse.client.page.controls import Act, Controls, Dialogs, Soft
-from traverse.client.page.health_tables import alarm_list, health_table
+from traverse.client.page.health_tables import alarm_list, condition_list, health_table
 from traverse.client.page.points_panel import PointsPanel
 from traverse.client.page.presses import Presses
 from traverse.client.page.readout import Choices, Figures
@@ -129,6 +129,7 @@ class OperatorPage:
                 )
                 with ui.element("section").classes("panel"):
                     ui.html("<h2>Health</h2>", sanitize=False)
+                    self._conditions = ui.html("", sanitize=False)
                     self._alarms = ui.html("", sanitize=False)
                     self._health = ui.html("", sanitize=False)
 
@@ -183,6 +184,7 @@ class OperatorPage:
         self._show_verdict()
         self._setup.show(sight)
         self._health.set_content(health_table(sight))
+        self._conditions.set_content(condition_list(sight))
         self._alarms.set_content(alarm_list(sight))
         self._check.show_coverage(sight)
         self._points.show_age(sight)
@@ -191,7 +193,7 @@ class OperatorPage:
         cloud = self._follower.cloud
         if (cloud.version, cloud.n_seen) != self._seen_cloud:
             self._seen_cloud = (cloud.version, cloud.n_seen)
-            self._scene.show_cloud(cloud.version, cloud.n_kept, cloud.n_seen)
+            self._scene.show_cloud(cloud.version)
 
     def _show_verdict(self) -> None:
         sight = self._sight

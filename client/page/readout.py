@@ -7,20 +7,23 @@ from nicegui import ui
 
 from traverse.client.display.arm_state import ArmSight
 from traverse.client.display.figures import (
+    GEOMETRY_UNKNOWN,
     MM,
     SYSTEMS,
     System,
     Unit,
     expanded_axes_mm,
-    expanded_place_mm,
     flag_words,
+    is_geometry_unknown,
     label_words,
     place_mm,
+    place_uncertainty,
 )
 from traverse.client.display.nominal import Nominal
 from traverse.protocol.messages import Live, Point
 
 NAMES = ("X", "Y", "Z")
+OF_LAST_POINT = "± is k = 2, of the last point"
 
 
 @dataclass(slots=True)
@@ -91,7 +94,7 @@ class Figures:
             value.set_text(unit.text(xyz_mm[axis]))
             known = "" if around_mm is None else f"\n± {unit.text(around_mm[axis])}"
             around.set_text(f"{unit.name}{known}")
-        self._note.set_text("± not known" if around_mm is None else source)
+        self._note.set_text(source)
         speed = live.speed_mm_s
         told = "" if speed is None else f"{speed * unit.per_mm:.0f} {unit.name}/s"
         self._speed.set_text(told)
@@ -110,8 +113,9 @@ class Figures:
             place = None if of is None else place_mm(of, system)
             if nominal is None or of is None or place is None:
                 continue
-            around_mm = expanded_axes_mm(of.covariance_mm2, "part")  # any direction
-            off = nominal.deviation(place, around_mm[0] if around_mm else None)
+            around_mm = expanded_axes_mm(of, "part")  # any direction
+            doubt = "" if of.quality.ok else flag_words(of)
+            off = nominal.deviation(place, around_mm[0] if around_mm else None, doubt)
             level, words = off.decision
             offsets = "  ".join(
                 f"Δ{axis} {unit.text(offset, sign=True)}"
@@ -133,10 +137,12 @@ def _expanded(
     live: Live, point: Point | None, system: System
 ) -> tuple[list[float] | None, str]:
     """Expanded uncertainty of each coordinate, and of what it is."""
+    if is_geometry_unknown(live):
+        return None, f"U: {GEOMETRY_UNKNOWN}"
     if live.covariance_mm2 is not None:
-        return expanded_axes_mm(live.covariance_mm2, system), "± is k = 2"
-    covariance = None if point is None else point.covariance_mm2
-    return expanded_axes_mm(covariance, system), "± is k = 2, of the last point"
+        return expanded_axes_mm(live, system), "± is k = 2"
+    around_mm = expanded_axes_mm(point, system)
+    return around_mm, "± not known" if around_mm is None else OF_LAST_POINT
 
 
 def point_rows(
@@ -162,8 +168,7 @@ def point_rows(
         if system == "part" and (place is None or point.time_ns < aligned_ns):
             place, remarks = None, f"{remarks} of before the alignment".strip()
         shown = ("-",) * 3 if place is None else map(unit.text, place)
-        expanded_mm = expanded_place_mm(point.covariance_mm2)
-        around = "" if expanded_mm is None else unit.text(expanded_mm)
+        around = place_uncertainty(point, unit)
         kind = "" if point.quality.ok else "doubt"
         if point.id == newest:
             kind += " new"

@@ -5,7 +5,7 @@ from collections.abc import Awaitable, Callable
 from nicegui import ui
 
 from traverse.client.display.arm_state import ArmSight
-from traverse.client.display.condition import needs_reference
+from traverse.client.display.condition import wanted_commands
 from traverse.client.display.figures import INCH, MM, SYSTEMS
 from traverse.client.display.follower import Follower
 from traverse.client.display.nominal import Nominal
@@ -53,7 +53,7 @@ class SetupBar:
     def show(self, sight: ArmSight) -> None:
         """Show what is set now."""
         choices, unit = self._choices, self._choices.unit
-        self._confirm.set_visibility(needs_reference(sight))
+        self._confirm.set_visibility("reference" in wanted_commands(sight))
         radius = unit.with_name(sight.live.probe_radius_mm) if sight.live else "-"
         self._probe.set_text(f"Probe {sight.probe}".strip() + f": radius {radius}")
         label = sight.known_label
@@ -83,11 +83,13 @@ class SetupBar:
             await self._follower.do(lambda arm: arm.label(*given))
 
     async def _confirm_reference(self) -> None:
+        causes = wanted_commands(self._follower.sight).get("reference", [])
         action, _ = await self._dialogs.ask(
             "Is the position that is shown right?",
             ("It is right",),
-            more="After a loss of power an encoder may count from another place. Bring "
-            "the arm to its reference and touch a known point first.",
+            more=" ".join(f"{cause}." for cause in causes)
+            + " Bring the arm to its reference and touch a known point first: encoders "
+            "may count from another place, or be others.",
         )
         if action:
             await self._follower.do(lambda arm: arm.confirm_reference())

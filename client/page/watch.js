@@ -2,7 +2,8 @@
 // of each press. The server says its time a few times a second; a press states when it
 // was made by that time, so that a server that was stopped does not execute it later.
 window.traverse_watch = {
-  SILENT_MS: 1000, LOST_MS: 2500, // after VALID_S of presses.py, and a moment for the answer
+  SILENT_MS: 1000, FIRST_MS: 5000, // until the first beat of a page just opened
+   LOST_MS: 2500, // after VALID_S of presses.py, and a moment for the answer
   beats: 0, heard_ms: performance.now(), ahead: [], pending: new Map(), n: 0, is_silent: false,
 
   beat(now_ms) {
@@ -31,12 +32,12 @@ window.traverse_watch = {
   },
   look() {
     const now_ms = performance.now(), silent_ms = now_ms - this.heard_ms;
-    const is_silent = silent_ms > this.SILENT_MS;
+    const is_silent = silent_ms > (this.beats ? this.SILENT_MS : this.FIRST_MS);
     if (is_silent !== this.is_silent) {
       this.is_silent = is_silent;
       document.body.classList.toggle("silent", is_silent);
       this.block();
-      if (is_silent) window.traverse_sounds?.play("alarm");
+      if (is_silent) window.traverse_sounds?.play("silent");
     }
     if (is_silent) {
       this.block();

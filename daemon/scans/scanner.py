@@ -17,7 +17,7 @@ from traverse.daemon.pose.poses import PoseBlock
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.daemon.scans.selection import ButtonGate, ButtonKey, ScanSelection
 from traverse.kinematics.filters import PointBlock
-from traverse.protocol.messages import Scan
+from traverse.protocol.messages import REMARKS, Scan
 
 MAX_POINTS = 1000  # of a message: half a megabyte with 32 joints
 ScanSink = Callable[[Scan, Callable[[], object]], bool]
@@ -85,7 +85,7 @@ class Scanner:
         self._selection = ScanSelection(
             plan, self.chain, self._gate if plan.held else None
         )
-        self._next = self._lost = self._dropped = 0
+        self._next = self._lost = self._dropped = self._in_doubt = 0
         self._stream: int | None = None
         self._offset = 0
         self._last: tuple[int, int] | None = None
@@ -250,6 +250,9 @@ class Scanner:
         end = max(first + n, total or 0)
         self._lost += first - self._next + end - (first + n)
         self._next = end
+        self._in_doubt += int(
+            np.count_nonzero(points.quality[:n] & ~np.uint32(REMARKS))
+        )
         begin_ns = int(points.time_ns[0])
         return Scan(
             session=self.session,
@@ -274,6 +277,7 @@ class Scanner:
             lost=self._lost,
             last=total is not None,
             total=total,
+            in_doubt=self._in_doubt,
         )
 
 

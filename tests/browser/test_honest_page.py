@@ -53,6 +53,7 @@ def block(n: int, seq: int, **changes: object) -> Scan:
         "part_xyz_mm": None,
         "quality": np.zeros(n, np.uint32),
         "dropped": 0,
+        "in_doubt": 0,
         "lost": 0,
         "last": False,
         "total": None,
@@ -77,6 +78,10 @@ async def test_doubts_and_alarms_and_scans_have_states_of_their_own(
         await page.get_by_role("button", name="It is right").click()
         await expect(page.get_by_role("dialog")).to_have_count(0)
         assert posed.commands[-1] == ReferenceArgs(action="confirm")
+        posed.pose["quality"] = {"ok": False, "flags": ["geometry_unknown"]}
+        await expect(page.locator("header")).to_contain_text("geometry unknown")
+        await expect(page.locator(".figures")).to_contain_text("U: geometry unknown")
+        await expect(page.locator(".figures")).not_to_contain_text("±")
         posed.pose["quality"] = {"ok": False, "flags": ["overspeed"]}
         await is_said(page, "Moving", "busy")
         posed.pose |= FINE
@@ -98,7 +103,7 @@ async def test_doubts_and_alarms_and_scans_have_states_of_their_own(
         doubtful = np.zeros(40, np.uint32)
         doubtful[:5] = QualityFlag.END_STOP
         await posed.publish(block(60, 0))
-        await posed.publish(block(40, 60, lost=3, quality=doubtful))
+        await posed.publish(block(40, 60, lost=3, quality=doubtful, in_doubt=5))
         await is_said(page, "Scanning", "busy")
         header = page.locator("header")
         await expect(header).to_contain_text("100 points, 3 lost, 5 in doubt")
@@ -106,7 +111,7 @@ async def test_doubts_and_alarms_and_scans_have_states_of_their_own(
         await is_said(page, "In doubt", "warning")
         await expect(header).to_contain_text("Scanning: 100 points")
         posed.pose |= FINE
-        await posed.publish(block(0, 100, lost=3, last=True, total=100))
+        await posed.publish(block(0, 100, lost=3, last=True, total=100, in_doubt=5))
         await is_said(page, "Ready", "good")
         await expect(message).to_have_text(
             "Scan ended: 100 points, 3 lost, 5 in doubt."

@@ -129,7 +129,7 @@ async def test_outages_are_unmistakable_and_pass(scene: Scene) -> None:
         # The broker is killed, and restarted.
         scene.broker.kill()
         await expect(banner).to_contain_text("No connection to the broker")
-        await expect(page.get_by_text("STALE")).to_be_visible()
+        await expect(page.get_by_text("STALE", exact=True)).to_be_visible()
         colour = await banner.evaluate("e => getComputedStyle(e).backgroundColor")
         assert colour == "rgb(192, 27, 16)"
         scene.broker.start()

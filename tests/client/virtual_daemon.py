@@ -156,6 +156,7 @@ class VirtualDaemon:
             "state": "ready" if online else "offline",
             "session": self.session or None,
             "alarms": None,
+            "conditions": (),
             "probe": self.probe,
             "probes": self.probes,
             "label": None,

@@ -166,6 +166,7 @@ SCAN = Scan(
     lost=1,
     last=True,
     total=1002,
+    in_doubt=161,
 )
 LIVE = Live(
     arm=ARM,

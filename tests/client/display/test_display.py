@@ -9,13 +9,32 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.client.display.values import event, health, live, point, retraction, status
+from tests.client.display.values import (
+    event,
+    golden,
+    health,
+    live,
+    point,
+    retraction,
+    status,
+)
+from tests.protocol.message_examples import CLOCK
 from traverse.client.display.arm_state import MAX_POINTS, ArmSight, Change
-from traverse.client.display.condition import verdict
-from traverse.client.display.figures import INCH, MM, expanded_axes_mm
+from traverse.client.display.condition import obstacle, verdict, wanted_commands
+from traverse.client.display.figures import (
+    INCH,
+    MM,
+    expanded_axes_mm,
+    place_uncertainty,
+)
 from traverse.client.display.nominal import Nominal
 from traverse.client.display.point_cloud import Cloud
-from traverse.protocol.messages import Alarm
+from traverse.client.page.health_tables import condition_list
+from traverse.client.page.readout import point_rows
+from traverse.protocol.messages import Alarm, Scan
+
+FINE = {"ok": True, "flags": []}
+SAME = {"text": "was AAA111, is BBB222", "remedy": "look"}
 
 
 class Clock:
@@ -281,9 +300,95 @@ def test_zero_has_no_minus_and_inches_have_their_digits() -> None:
 
 def test_in_the_parts_system_the_worst_direction_counts() -> None:
     covariance = (1.0, 0.0, 0.0, 4.0, 0.0, 9.0)
-    assert expanded_axes_mm(covariance, "arm") == pytest.approx([2.0, 4.0, 6.0])
-    assert expanded_axes_mm(covariance, "part") == pytest.approx([6.0, 6.0, 6.0])
+    pose = live(covariance_mm2=list(covariance), quality=FINE)
+    assert expanded_axes_mm(pose, "arm") == pytest.approx([2.0, 4.0, 6.0])
+    assert expanded_axes_mm(pose, "part") == pytest.approx([6.0, 6.0, 6.0])
+    assert expanded_axes_mm(live(covariance_mm2=None), "arm") is None
     assert expanded_axes_mm(None, "arm") is None
+
+
+def test_an_arm_that_was_never_identified_has_no_uncertainty_and_no_verdict() -> None:
+    flags = {"ok": False, "flags": ["geometry_unknown"]}
+    covariance = [1e-6, 0.0, 0.0, 1e-6, 0.0, 1e-6]
+    pose = live(covariance_mm2=covariance, quality=flags)
+    touched = point(0, covariance_mm2=covariance, quality=flags)
+    assert expanded_axes_mm(pose, "arm") is None
+    assert place_uncertainty(touched, MM) == "geometry unknown"
+    known = point(0, covariance_mm2=covariance, quality=FINE)
+    assert place_uncertainty(known, MM) == "0.003"
+    rows = point_rows([touched], None)
+    assert "<td>geometry unknown</td>" in rows
+    off = Nominal((0.0, 0.0, 0.0), 1.0).deviation((0.0, 0.0, 0.0), None, "why")
+    assert off.decision == ("warning", "no verdict: why")
+
+
+def condition(name: str, **changes: object) -> dict[str, object]:
+    """A condition in a status, established."""
+    usual = {"source": "base", "established": True, "since_ns": "1", "cause": ""}
+    return {"name": name, **usual, "remedy": "", "command": "", **changes}
+
+
+def test_a_condition_that_is_not_established_is_no_green(sight: ArmSight) -> None:
+    lost = {"established": False, "cause": "was AAA111, is BBB222", "remedy": "look"}
+    conditions = [
+        condition("readings"),
+        condition("identity", command="reference", **lost),
+    ]
+    sight.take_status(status(state="doubt", conditions=conditions))
+    said = verdict(sight)
+    assert (said.level, said.word) == ("warning", "In doubt")
+    assert said.sentence == "base: identity: was AAA111, is BBB222"
+    assert said.remedy == "look"
+    assert wanted_commands(sight) == {"reference": ["base: was AAA111, is BBB222"]}
+    told = condition_list(sight)
+    assert "1 of 2 conditions of a good number established" in told
+    assert "was AAA111, is BBB222" in told
+    # Its lasting event says the same, and is not counted a second time.
+    sight.take_event(
+        event("device.identity", True, severity="error", source="base", **SAME)
+    )
+    assert (verdict(sight).word, verdict(sight).others) == ("Alarm", 0)
+    sight.take_status(status(conditions=[condition("readings")], alarms=[]))
+    assert verdict(sight).word == "Ready"
+
+
+def test_a_daemon_that_falls_silent_is_stale(sight: ArmSight, clock: Clock) -> None:
+    sight.take_clock(CLOCK)
+    assert verdict(sight).word == "Ready"
+    clock.now_s += 1.6
+    sight.take_live(live(quality=FINE))  # cannot come, but would not excuse it
+    assert verdict(sight).word == "Stale"
+    assert sight.is_stale
+    assert obstacle(sight, needs_pose=False)
+    sight.take_clock(CLOCK)
+    assert verdict(sight).word == "Ready"
+    assert not obstacle(sight, needs_pose=True)
+
+
+def test_a_slow_display_rate_is_not_stale(sight: ArmSight, clock: Clock) -> None:
+    clock.now_s += 1.1
+    assert sight.is_stale
+    for _ in range(3):
+        sight.take_live(live(quality=FINE))
+        clock.now_s += 2.0
+    assert not sight.is_stale
+    clock.now_s += 5.0
+    assert sight.is_stale
+
+
+def test_counts_of_a_scan_are_the_arms_wherever_one_begins_to_listen(
+    sight: ArmSight,
+) -> None:
+    begun_late = ArmSight(Clock())
+    block = golden(Scan, "scan")
+    begun_late.take_scan(block)
+    sight.take_scan(block.model_copy(update={"seq": 0, "in_doubt": 3, "last": False}))
+    sight.take_scan(block)
+    assert begun_late.scan == sight.scan
+    assert sight.scan is not None
+    assert "161 in doubt" in sight.scan.text
+    sight.take_scan(block.model_copy(update={"in_doubt": None}))
+    assert "doubts not known" in sight.scan.text
 
 
 def kept(cloud: Cloud) -> np.ndarray:
