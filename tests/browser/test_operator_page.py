@@ -134,7 +134,7 @@ async def test_outages_are_unmistakable_and_pass(scene: Scene) -> None:
         assert colour == "rgb(192, 27, 16)"
         scene.broker.start()
         await expect(banner).to_contain_text("Ready to measure.")
-        await expect(page.get_by_text("STALE")).not_to_be_visible()
+        await expect(page.get_by_text("STALE", exact=True)).not_to_be_visible()
         await page.keyboard.press("Space")  # the daemon, too, is back
         await expect(page.get_by_role("status")).to_contain_text("Point 3")
 
