@@ -27,7 +27,7 @@ KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kern
 # Compiled modules are kept: without them every program that a test starts compiles anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs help venv system node demo test test-slow test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz fuzz-files soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots
+.PHONY: docs help venv system node demo test test-slow test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz fuzz-files soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots honesty
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -166,6 +166,9 @@ fuzz: venv  ## every decoder under atheris; takes about a minute
 
 fuzz-files: venv  ## damaged files given to every command that reads them, 300 times each; takes an hour or two
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.fuzz.files --mutations 300
+
+honesty: venv  ## a thousand worlds in virtual time: nothing unmarked may be wrong; minutes (WORLDS=40)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.honesty --worlds $(or $(WORLDS),1000)
 
 soak: venv system  ## 200 times daemon, broker, board, networks, consumer killed; half an hour (KILLS=12: a minute or two)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.soak --kills $(or $(KILLS),200)

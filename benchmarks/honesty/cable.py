@@ -1,0 +1,256 @@
+"""Cables in memory: bytes on their way between a simulated device and the host.
+
+`DeviceEnd` takes the place of the simulator's `PtyPort`, `HostEnd` that of the
+drivers' `SerialPort`.
+"""
+
+import termios
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from traverse.drivers.base.values import DeviceError, DeviceNotFoundError
+from traverse.simulator.scenario.signals import OutgoingFrame
+
+if TYPE_CHECKING:
+    from benchmarks.honesty.hub import Hub
+
+HOST_BUFFER_BYTES = 65_536
+NEVER_S = float("inf")
+
+
+@dataclass(slots=True)
+class Delay:
+    """How long bytes take in one direction.
+
+    Attributes:
+        least_s: Always.
+        usual_s: On average, beyond it.
+        bunch_s: Bytes arrive together, in steps of so long; 0: as they come.
+    """
+
+    least_s: float
+    usual_s: float
+    bunch_s: float
+    rng: np.random.Generator
+    last_s: float = 0.0
+
+    def arrives_s(self, now_s: float) -> float:
+        """When bytes that leave now arrive; never before earlier ones."""
+        at_s = now_s + self.least_s
+        if self.usual_s:
+            at_s += float(self.rng.exponential(self.usual_s))
+        if self.bunch_s:
+            at_s = np.ceil(at_s / self.bunch_s) * self.bunch_s
+        self.last_s = max(at_s, self.last_s)
+        return self.last_s
+
+
+@dataclass(eq=False)
+class Cable:
+    """A cable to one device.
+
+    Attributes:
+        to_host: Arrival, and bytes or a frame.
+        to_device: The same of the other direction.
+        plugged: False: the host's end is gone.
+        attached: The device has power and holds its end.
+        generation: Changes whenever the port appears anew.
+    """
+
+    hub: "Hub"
+    down: Delay
+    up: Delay
+    to_host: deque[tuple[float, Any]] = field(default_factory=deque)
+    to_device: deque[tuple[float, Any]] = field(default_factory=deque)
+    plugged: bool = True
+    attached: bool = False
+    held: bool = False
+    generation: int = 0
+    speed: int = termios.B115200
+    n_waiting: int = 0
+    touched: bool = False  # the device must look at its end
+
+    @property
+    def is_there(self) -> bool:
+        """A host finds the port."""
+        return self.plugged and self.attached
+
+    def device_due_s(self) -> float:
+        """When the device has something to read."""
+        if self.touched:
+            return self.hub.now_s
+        return self.to_device[0][0] if self.to_device else NEVER_S
+
+    def host_due_s(self) -> float:
+        """When the host has something to read."""
+        return self.to_host[0][0] if self.to_host else NEVER_S
+
+    def unplug(self) -> None:
+        """The host's end is gone, and with it what is under way."""
+        self.plugged = self.held = False
+        self.generation += 1
+        self.clear()
+
+    def plug(self) -> None:
+        """The host finds it again."""
+        self.plugged = True
+
+    def clear(self) -> None:
+        """Lose what is under way."""
+        self.to_host.clear()
+        self.to_device.clear()
+        self.n_waiting = 0
+        self.touched = True
+
+
+class DeviceEnd:
+    """The device's end, as long as it has power."""
+
+    def __init__(self, cable: Cable, buffer_bytes: int) -> None:
+        self._cable, self._buffer_bytes = cable, buffer_bytes
+        self._was_held = False
+        cable.attached = True
+        self.descriptor = -1
+
+    @property
+    def host_speed(self) -> int:
+        """Of the host's end, as a constant of termios."""
+        return self._cable.speed
+
+    @property
+    def held(self) -> bool:
+        """Whether a host has its end open."""
+        return self._cable.held
+
+    @property
+    def backlog(self) -> bool:
+        """Whether bytes wait for the host."""
+        return bool(self._cable.to_host)
+
+    def host_changed(self) -> bool:
+        """Whether a host connected or disconnected."""
+        self._cable.touched = False
+        changed, self._was_held = self._cable.held != self._was_held, self._cable.held
+        return changed
+
+    def read(self) -> bytes:
+        """What the host has sent, and what has arrived of it."""
+        cable, now_s = self._cable, self._cable.hub.now_s
+        parts = []
+        while cable.to_device and cable.to_device[0][0] <= now_s:
+            parts.append(cable.to_device.popleft()[1])
+        return b"".join(parts)
+
+    def write(self, frames: Sequence[OutgoingFrame]) -> int:
+        """Send whole frames; return how many samples were dropped."""
+        cable, n_dropped = self._cable, 0
+        data = []
+        for frame in frames:
+            full = cable.n_waiting + len(frame.data) > self._buffer_bytes
+            if full or not (cable.held and cable.plugged):
+                n_dropped += frame.is_sample
+            else:
+                data.append(frame.data)
+                cable.n_waiting += len(frame.data)
+        if sent := b"".join(data):
+            cable.to_host.append((cable.down.arrives_s(cable.hub.now_s), sent))
+        return n_dropped
+
+    def flush(self) -> None:
+        """Nothing waits here."""
+
+    def drain(self, most_s: float) -> None:
+        """Nothing waits here."""
+
+    def readers(self) -> list[int]:
+        """It has no descriptors."""
+        return []
+
+    def writers(self) -> list[int]:
+        """It has no descriptors."""
+        return []
+
+    def close(self) -> None:
+        """The device loses power: the port disappears."""
+        if self._cable.attached:
+            self._cable.attached = self._cable.held = False
+            self._cable.generation += 1
+            self._cable.clear()
+
+
+class HostEnd:
+    """An open port of the host, a `BytePort`."""
+
+    def __init__(self, cable: Cable, path: str) -> None:
+        self._cable, self.path = cable, path
+        self._generation = cable.generation
+        cable.held = cable.touched = True
+        cable.to_host.clear()
+        cable.n_waiting = 0
+
+    @property
+    def is_gone(self) -> bool:
+        """The port has disappeared since."""
+        return self._cable.generation != self._generation
+
+    @property
+    def ready(self) -> bool:
+        """Whether a read would return something, or fail."""
+        return self.is_gone or self._cable.host_due_s() <= self._cable.hub.now_s
+
+    def fileno(self) -> int:
+        """It has none."""
+        return -1
+
+    def wait(self, seconds: float) -> bool:
+        """Wait for bytes; False after a time or a wake-up without any."""
+        return self._cable.hub.wait(seconds, lambda: self.ready)
+
+    def read(self) -> bytes:
+        """What has arrived.
+
+        Raises:
+            DeviceError: The port has disappeared.
+        """
+        self._check()
+        cable, now_s, parts = self._cable, self._cable.hub.now_s, []
+        while cable.to_host and cable.to_host[0][0] <= now_s:
+            parts.append(cable.to_host.popleft()[1])
+            cable.n_waiting -= len(parts[-1])
+        return b"".join(parts)
+
+    def write(self, data: bytes) -> None:
+        """Send.
+
+        Raises:
+            DeviceError: The port has disappeared.
+        """
+        self._check()
+        cable = self._cable
+        cable.to_device.append((cable.up.arrives_s(cable.hub.now_s), data))
+
+    def close(self) -> None:
+        """Let go."""
+        if not self.is_gone:
+            self._cable.held, self._cable.touched = False, True
+
+    def _check(self) -> None:
+        if self.is_gone:
+            raise DeviceError(f"port {self.path} has gone away", "check the cable")
+
+
+def open_host_end(hub: "Hub", path: str, baud_rate: int) -> HostEnd:
+    """Open a port of the host by its path.
+
+    Raises:
+        DeviceNotFoundError: There is none.
+    """
+    cable = hub.ports.get(path)
+    if cable is None or not cable.is_there:
+        raise DeviceNotFoundError(f"cannot open {path}: there is no such port", "plug")
+    cable.speed = getattr(termios, f"B{baud_rate}", termios.B115200)
+    return HostEnd(cable, path)

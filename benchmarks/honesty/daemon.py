@@ -1,0 +1,174 @@
+"""The measuring part of the daemon in a world: built anew at each start.
+
+Drivers, queues, clocks, the measuring path, its commands and its memory are the
+daemon's own, composed as `traverse.daemon.service` does. MQTT, the outbox and
+recordings are left out: a point is on the disk when it is written.
+"""
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from benchmarks.honesty.cable import HostEnd, open_host_end
+from benchmarks.honesty.hub import Hub, Reader
+from traverse.daemon.acquisition.device import Device
+from traverse.daemon.clock import FrozenClock, HostClock
+from traverse.daemon.commands.points import PointCommands
+from traverse.daemon.commands.scans import ScanCommands
+from traverse.daemon.config.schema import Configuration
+from traverse.daemon.measurement import Measurement, Sinks
+from traverse.daemon.monitoring.events import EventLog, Occurrence
+from traverse.daemon.pose.arm_model import read_model
+from traverse.daemon.pose.reference_file import ReferenceFile
+from traverse.daemon.service import _consume, _process_timeouts
+from traverse.daemon.startup_check import check_devices
+from traverse.daemon.store.records import PendingPoint
+from traverse.drivers.base.delivery_queue import DeliveryQueue
+from traverse.drivers.base.registry import driver_class
+from traverse.drivers.io.ports import BytePort, PortAccess
+from traverse.drivers.polling.polled_driver import PolledDriver
+from traverse.protocol.messages import Live, Point, Scan
+
+FLUSH_S = 0.25
+
+
+class WorldClock(HostClock):
+    """The host's two clocks."""
+
+    def __init__(self, hub: Hub, utc_s: Callable[[], float]) -> None:
+        self._hub, self._utc_s = hub, utc_s
+
+    def monotonic_ns(self) -> int:
+        """The host's monotonic clock."""
+        return self._hub.monotonic_ns()
+
+    def utc_offset_ns(self) -> int:
+        """What the host believes of UTC."""
+        return round(1e9 * self._utc_s()) - self._hub.monotonic_ns()
+
+
+class DaemonRun:
+    """One run of the daemon, from its start to its end.
+
+    Args:
+        take_point, take_scan, take_live: Called with what is published.
+        take_event: Called with events.
+    """
+
+    def __init__(
+        self,
+        hub: Hub,
+        clock: HostClock,
+        configuration: Configuration,
+        folder: Path,
+        *,
+        take_point: Callable[["DaemonRun", Point], object],
+        take_scan: Callable[["DaemonRun", Scan], object],
+        take_live: Callable[["DaemonRun", Live], object],
+        take_event: Callable[[Occurrence], None],
+    ) -> None:
+        self._hub, self._configuration = hub, configuration
+        step_clock = FrozenClock(clock)
+        self.events = EventLog(clock, take_event)
+        self._memory = ReferenceFile(folder / "references.json")
+
+        def write(point: Point, begun_ns: int, note: str) -> PendingPoint:
+            pending = PendingPoint(point)
+            pending.settle()
+            take_point(self, point)
+            return pending
+
+        def offer(scan: Scan, on_dropped: Callable[[], object]) -> bool:
+            take_scan(self, scan)
+            return True
+
+        loop = asyncio.get_running_loop()
+        ids = {section.id: section for section in configuration.device}
+        self._readers: list[Reader] = []
+        self._devices = [self._open(section, loop) for section in configuration.device]
+        self.measurement = Measurement(
+            configuration,
+            read_model(folder / configuration.arm.file, ids),
+            Sinks(
+                self.events,
+                write,
+                offer,
+                lambda live: take_live(self, live),
+                references=self._memory,
+            ),
+            step_clock,
+            devices=self._devices,
+        )
+        self.points = PointCommands(self.measurement)
+        self.scans = ScanCommands(self.measurement)
+        self._service = SimpleNamespace(
+            clock=clock,
+            measurement=self.measurement,
+            latencies=self.measurement.sinks.latencies,
+            queue=SimpleNamespace(together=contextlib.nullcontext),
+            outbox=SimpleNamespace(together=contextlib.nullcontext),
+        )
+        self._tasks: list[asyncio.Task[Any]] = []
+
+    def _open(self, section: Any, loop: asyncio.AbstractEventLoop) -> Device:  # noqa: ANN401 - of any driver
+        hub = self._hub
+        queue = DeliveryQueue(loop, monotonic_ns=hub.monotonic_ns)
+        kind = driver_class(section.driver)
+        more: dict[str, Any] = {}
+        if issubclass(kind, PolledDriver):
+
+            def open_port(
+                path: str, baud_rate: int, wake_fd: int, **line: object
+            ) -> HostEnd:
+                return open_host_end(hub, path, baud_rate)
+
+            def wait_for_any(
+                ports: Sequence[BytePort], wake_fd: int, seconds: float
+            ) -> list[int]:
+                ends: Any = ports
+                hub.wait(seconds, lambda: any(end.ready for end in ends))
+                return [index for index, end in enumerate(ends) if end.ready]
+
+            more["ports"] = PortAccess(open_port, wait_for_any)
+        driver = kind(
+            section.id, section.options, queue, monotonic_ns=hub.monotonic_ns, **more
+        )
+        return Device(section, queue, driver)
+
+    async def start(self) -> None:
+        """Begin as the service does: devices answer, the stream is requested."""
+        self._readers = [self._hub.start(d.driver) for d in self._devices]
+        self._tasks = [
+            asyncio.create_task(_consume(self._service, d))  # type: ignore[arg-type]
+            for d in self._devices
+        ]
+        await check_devices(self._devices)
+        for device in self._devices:
+            if device.state == "starting":
+                device.state = "lost"
+        self._tasks.append(asyncio.create_task(_process_timeouts(self.measurement)))
+        self._tasks.append(asyncio.create_task(self._flush()))
+        self.scans.request_tracking_rate()
+
+    async def _flush(self) -> None:
+        while True:
+            self.events.flush()
+            await asyncio.sleep(FLUSH_S)
+
+    def check(self) -> None:
+        """Raise what a task has failed with."""
+        for task in self._tasks:
+            if task.done():
+                task.result()
+
+    async def end(self) -> None:
+        """End it at once, as a kill does; what it knows is on the disk."""
+        for reader in self._readers:
+            self._hub.kill(reader)
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._memory.close()

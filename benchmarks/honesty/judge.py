@@ -1,0 +1,203 @@
+"""Judge what the daemon publishes against the simulator's truth.
+
+A number is a lie if it is unmarked and farther off, at the instant that it claims,
+than four times its stated standard deviation plus `SLACK_MM`; or if it is unmarked and
+the computer's UTC is off by more than `UTC_TOLERANCE_S`. The stated standard deviation
+of a place is the root of the trace of its covariance. Where none is stated, as in a
+block of a scan, that of the last live pose is taken.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from benchmarks.honesty.arm import ArmTruth
+from benchmarks.honesty.hub import Hub
+from traverse.arrays import Booleans, Floats, Integers
+from traverse.protocol.messages import REMARKS, Live, Point, Scan
+from traverse.protocol.messages.point import Covariance
+from traverse.protocol.messages.quality import flag_names
+
+SIGMAS, SLACK_MM = 4.0, 0.02
+UTC_TOLERANCE_S = 1.0
+SETTLED_S = 5.0
+LEAST_STD_MM = 0.01  # of the arms here, before any is stated
+MOST_EXAMPLES = 20
+OFFSETS_KEPT = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Lie:
+    """An unmarked number that is wrong."""
+
+    what: str
+    at_s: float
+    off_mm: float
+    allowed_mm: float
+    utc_off_s: float
+
+    def __str__(self) -> str:
+        text = (
+            f"{self.what} at {self.at_s:.3f} s: {self.off_mm:.3f} mm off, "
+            f"{self.allowed_mm:.3f} allowed"
+        )
+        if abs(self.utc_off_s) > UTC_TOLERANCE_S:
+            text += f"; UTC {self.utc_off_s:.3g} s off"
+        return text
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Claims:
+    """What a message claims of n instants: times [UTC], places (n, 3), and doubt."""
+
+    what: str
+    times_ns: Integers
+    xyz_mm: Floats
+    ok: Booleans
+    flags: list[str]
+
+    @classmethod
+    def of(cls, what: str, pose: Point | Live) -> "Claims":
+        """Those of one point or pose."""
+        return cls(
+            what,
+            np.array([pose.time_ns]),
+            np.array([pose.xyz_mm]),
+            np.array([pose.quality.ok]),
+            [",".join(pose.quality.flags)],
+        )
+
+
+@dataclass(eq=False)
+class Tally:
+    """What was judged, by kind of message.
+
+    Attributes:
+        doubts: Marked numbers after `SETTLED_S`, by their flags.
+        worst: Of unmarked numbers, the largest share of what is allowed.
+    """
+
+    ok: Counter[str] = field(default_factory=Counter)
+    doubt: Counter[str] = field(default_factory=Counter)
+    settled: Counter[str] = field(default_factory=Counter)
+    lies: Counter[str] = field(default_factory=Counter)
+    doubts: Counter[str] = field(default_factory=Counter)
+    examples: list[Lie] = field(default_factory=list)
+    worst: float = 0.0
+
+
+class Judge:
+    """Judges a world's messages as they come.
+
+    Args:
+        utc_s: True UTC at a true time.
+        note: Called with each judged point, for people.
+    """
+
+    def __init__(
+        self,
+        hub: Hub,
+        truth: ArmTruth,
+        utc_s: Callable[[float], float],
+        note: Callable[[str], object] = lambda text: None,
+    ) -> None:
+        self._hub, self._truth, self._utc_s, self._note = hub, truth, utc_s, note
+        self.tally = Tally()
+        self._last_std_mm = LEAST_STD_MM
+        self._offsets_ns: list[int] = []
+
+    def point(self, point: Point, utc_offset_ns: int) -> None:
+        """Judge a point."""
+        if point.retracts is not None:
+            return
+        std_mm = self._std_mm(point.covariance_mm2)
+        what = "mean" if point.samples > 1 else point.trigger
+        self._judge(Claims.of(what, point), std_mm, utc_offset_ns)
+
+    def live(self, live: Live, utc_offset_ns: int) -> None:
+        """Judge a live pose."""
+        std_mm = self._std_mm(live.covariance_mm2)
+        self._judge(Claims.of("live", live), std_mm, utc_offset_ns)
+
+    def scan(self, scan: Scan, utc_offset_ns: int) -> None:
+        """Judge all samples of a block."""
+        if not len(scan.dtime_ns):
+            return
+        bits = scan.quality.astype(np.int64)
+        claims = Claims(
+            "scan",
+            scan.time_ns + scan.dtime_ns,
+            scan.xyz_mm,
+            (bits & ~REMARKS.value) == 0,
+            [",".join(flag_names(one)) for one in bits.tolist()],
+        )
+        self._judge(claims, self._last_std_mm, utc_offset_ns)
+
+    def _judge(self, claims: Claims, std_mm: float, utc_offset_ns: int) -> None:
+        what, times_ns, xyz_mm = claims.what, claims.times_ns, claims.xyz_mm
+        ok, flags = claims.ok, claims.flags
+        offsets = self._offsets_ns
+        if utc_offset_ns not in offsets:
+            offsets.insert(0, utc_offset_ns)
+            del offsets[OFFSETS_KEPT:]
+        off_mm, at_s, utc_off_s = self._errors(times_ns, xyz_mm)
+        for other_ns in offsets[1:]:  # a block may have begun before UTC was set
+            if (np.abs(utc_off_s) > 60.0).any() or len(times_ns) > 1:
+                others = self._errors(times_ns, xyz_mm, other_ns)
+                better = others[0] < off_mm
+                off_mm = np.where(better, others[0], off_mm)
+                at_s = np.where(better, others[1], at_s)
+        allowed_mm = SLACK_MM + SIGMAS * std_mm
+        wrong = (off_mm > allowed_mm) | (np.abs(utc_off_s) > UTC_TOLERANCE_S)
+        tally = self.tally
+        tally.ok[what] += int(ok.sum())
+        tally.doubt[what] += int((~ok).sum())
+        if ok.any():
+            tally.worst = max(tally.worst, float(off_mm[ok].max()) / allowed_mm)
+        for row in np.flatnonzero(~ok).tolist():
+            if at_s[row] > SETTLED_S:
+                tally.settled[what] += 1
+                tally.doubts[flags[row]] += 1
+        for row in np.flatnonzero(ok & wrong).tolist():
+            tally.lies[what] += 1
+            lie = Lie(
+                what,
+                float(at_s[row]),
+                float(off_mm[row]),
+                allowed_mm,
+                float(utc_off_s[row]),
+            )
+            if len(tally.examples) < MOST_EXAMPLES:
+                tally.examples.append(lie)
+        if what not in ("live", "scan") or (ok & wrong).any() or (~ok).any():
+            worst = int(np.argmax(off_mm * (1 + ok)))
+            state = "LIE" if (ok & wrong).any() else "ok" if ok.all() else "doubt"
+            self._note(
+                f"{self._hub.now_s:9.4f} {state:5} {what} of {at_s[worst]:.4f}: "
+                f"{off_mm[worst]:.4f} mm off, {allowed_mm:.4f} allowed, "
+                f"UTC {utc_off_s[worst]:.3g} s, {flags[worst] or 'no flags'}"
+            )
+
+    def _errors(
+        self, times_ns: Integers, xyz_mm: Floats, offset_ns: int | None = None
+    ) -> tuple[Floats, Floats, Floats]:
+        """How far places (n, 3) are off, when they claim to be, how far UTC is off."""
+        hub = self._hub
+        offset_ns = self._offsets_ns[0] if offset_ns is None else offset_ns
+        at_s = np.array([hub.true_s(int(t) - offset_ns) for t in times_ns.tolist()])
+        off_mm = np.linalg.norm(xyz_mm - self._truth.centres_mm(at_s), axis=1)
+        utc_off_s = np.array(
+            [
+                (int(t) - round(1e9 * self._utc_s(float(at)))) * 1e-9
+                for t, at in zip(times_ns.tolist(), at_s, strict=True)
+            ]
+        )
+        return off_mm, at_s, utc_off_s
+
+    def _std_mm(self, covariance_mm2: Covariance | None) -> float:
+        if covariance_mm2 is not None:
+            xx, _, _, yy, _, zz = covariance_mm2
+            self._last_std_mm = float(np.sqrt(xx + yy + zz))
+        return self._last_std_mm

@@ -1,0 +1,240 @@
+"""What a world is: drawn from its seed, all of it before it begins."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from benchmarks.honesty.families import FAMILIES, Family
+
+FAULTLESS_SHARE = 0.25
+EDGE_S = 7.0  # faults begin so long after the start, and end so long before the end
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedFault:
+    """Something goes wrong.
+
+    Attributes:
+        kind: See `FAULT_KINDS`.
+        at_s: True time.
+        lasts_s: For how long; 0 for an instant.
+        size: What the kind needs: seconds, counts, or a share.
+        device: Number of the device that it strikes.
+    """
+
+    kind: str
+    at_s: float
+    lasts_s: float = 0.0
+    size: float = 0.0
+    device: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """What the operator does at a true time."""
+
+    at_s: float
+    kind: str
+    size: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A world before it begins.
+
+    Attributes:
+        rates_ppm: Of each device's clock.
+        drifts_ppm_s: Change of that in a second.
+        delays_s: Least, usual and bunch of each device's cable.
+        pace: How the arm is led, see `PACES`.
+        is_identified: The arm file states how well the arm is known.
+        is_confirmed: The operator confirms the references in the beginning.
+    """
+
+    seed: int
+    family: str
+    duration_s: float
+    rates_ppm: tuple[float, ...]
+    drifts_ppm_s: tuple[float, ...]
+    delays_s: tuple[tuple[float, float, float], ...]
+    pace: str
+    is_identified: bool = True
+    is_confirmed: bool = True
+    is_incremental: bool = False
+    faults: tuple[PlannedFault, ...] = ()
+    actions: tuple[Action, ...] = field(default=(), repr=False)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of its faults, each once; ("none",) without any."""
+        return tuple(sorted({fault.kind for fault in self.faults})) or ("none",)
+
+
+FAULT_KINDS = (
+    "clock_rate",  # of a resonator, up to 2 %
+    "clock_drift",
+    "device_stall",  # its timer stands, and with it the device
+    "timer_loss",  # its timer loses time, the device goes on
+    "host_freeze",  # the computer is suspended: its clock stands, too
+    "process_stall",  # the daemon gets no time
+    "loop_stall",  # its event loop alone
+    "delays",  # of the cables, up to 50 ms
+    "lost",
+    "corrupted",
+    "cut",
+    "garbage",
+    "board_restart",
+    "unplug",
+    "daemon_restart",
+    "computer_restart",
+    "swap",
+    "exchange",
+    "utc_step",
+    "utc_1970",
+    "utc_ahead",
+    "incremental",  # moved while it had no power
+    "unidentified",
+    "unconfirmed",
+)
+SIZES = {
+    "clock_rate": (200.0, 2e4),
+    "clock_drift": (0.1, 50.0),
+    "device_stall": (1e-3, 1.0),
+    "timer_loss": (1e-3, 1.0),
+    "host_freeze": (1e-3, 3.0),
+    "process_stall": (1e-3, 3.0),
+    "loop_stall": (1e-3, 3.0),
+    "delays": (5e-4, 0.05),
+    "lost": (3e-3, 0.5),
+    "corrupted": (3e-3, 0.5),
+    "cut": (3e-3, 0.5),
+    "garbage": (3e-3, 0.5),
+    "utc_step": (0.1, 1e4),
+    "utc_ahead": (1e3, 3e8),
+}
+"""Least and greatest sizes of faults: ppm, ppm/s, seconds, or shares of frames."""
+LASTING_S = {
+    "delays": (5.0, 50.0),
+    "utc_ahead": (5.0, 50.0),
+    "utc_1970": (5.0, 50.0),
+    "lost": (0.5, 8.0),
+    "corrupted": (0.5, 8.0),
+    "cut": (0.5, 8.0),
+    "garbage": (0.5, 8.0),
+    "daemon_restart": (0.5, 5.0),
+    "computer_restart": (0.5, 5.0),
+}
+STALLS = ("device_stall", "timer_loss", "host_freeze", "process_stall", "loop_stall")
+SIGNED = ("clock_rate", "clock_drift", "utc_step")
+FROM_START = (
+    "unidentified",
+    "unconfirmed",
+    "clock_rate",
+    "clock_drift",
+    "utc_ahead",
+    "utc_1970",
+)
+OF_LINE = ("lost", "corrupted", "cut", "garbage")
+
+
+def draw_plan(seed: int, name: str) -> Plan:
+    """Draw a world of a family."""
+    family = FAMILIES[name]
+    rng = np.random.default_rng([seed, 0x486F6E, tuple(FAMILIES).index(name)])
+    n = family.n_devices
+    duration_s = float(rng.uniform(20.0, 36.0))
+    plan = Plan(
+        seed,
+        family.name,
+        duration_s,
+        rates_ppm=tuple(rng.uniform(-60.0, 60.0, n).tolist()),
+        drifts_ppm_s=(0.0,) * n,
+        delays_s=tuple(_delay(rng) for _ in range(n)),
+        pace=str(rng.choice(["rest", "slow", "hand", "fast"], p=[0.1, 0.3, 0.4, 0.2])),
+    )
+    if rng.random() < FAULTLESS_SHARE:
+        # Joints that are not latched at one instant have no business at this speed.
+        if not family.latches and plan.pace in ("fast", "hand"):
+            plan = replace(plan, pace="slow")
+    else:
+        kinds = [kind for kind in FAULT_KINDS if _suits(kind, family)]
+        n_faults = int(rng.choice([1, 2, 3], p=[0.5, 0.3, 0.2]))
+        for kind in rng.choice(kinds, min(n_faults, len(kinds)), replace=False):
+            plan = _with_fault(plan, str(kind), rng)
+    return replace(plan, actions=_actions(plan, rng))
+
+
+def _delay(rng: np.random.Generator) -> tuple[float, float, float]:
+    bunch_s = float(rng.choice([0.0, 0.0, 0.001]))
+    return float(rng.uniform(2e-5, 3e-4)), float(rng.uniform(0.0, 3e-4)), bunch_s
+
+
+def _suits(kind: str, family: Family) -> bool:
+    if kind in ("clock_rate", "clock_drift", "device_stall", "timer_loss"):
+        return family.has_clock
+    if kind == "swap":
+        return family.can_swap
+    if kind in ("corrupted", "garbage"):
+        return family.name != "canopen"
+    if kind == "cut":
+        return True
+    return kind != "incremental" or family.can_count
+
+
+def _with_fault(plan: Plan, kind: str, rng: np.random.Generator) -> Plan:
+    device = int(rng.integers(len(plan.rates_ppm)))
+    at_s = float(rng.uniform(EDGE_S, plan.duration_s - EDGE_S))
+    lasts_s = float(rng.uniform(*LASTING_S.get(kind, (0.3, 4.0))))
+    size = 0.0
+    if kind in SIZES:
+        least, most = SIZES[kind]
+        size = float(np.exp(rng.uniform(np.log(least), np.log(most))))
+    if kind in SIGNED:
+        size *= float(rng.choice([-1, 1]))
+    if kind in STALLS:
+        lasts_s = size
+    if kind == "clock_rate" and plan.family == "microscribe":
+        size *= 10.0
+    if kind in ("daemon_restart", "computer_restart"):
+        size = float(rng.integers(2))  # in half of them devices lose power meanwhile
+    from_start = kind in FROM_START or (kind == "delays" and rng.random() < 0.5)
+    fault = PlannedFault(kind, 0.0 if from_start else at_s, lasts_s, size, device)
+    return _from_start(replace(plan, faults=(*plan.faults, fault)), fault, rng)
+
+
+def _from_start(plan: Plan, fault: PlannedFault, rng: np.random.Generator) -> Plan:
+    """Apply what is so from the beginning."""
+    kind, device = fault.kind, fault.device
+    rates, drifts = list(plan.rates_ppm), list(plan.drifts_ppm_s)
+    delays = list(plan.delays_s)
+    if kind == "clock_rate":
+        rates[device] = fault.size
+    elif kind == "clock_drift":
+        drifts[device] = fault.size
+    elif kind == "delays" and not fault.at_s:
+        usual_s = float(10 ** rng.uniform(-4, -1.6))
+        delays[device] = fault.size, usual_s, float(rng.choice([0.0, 0.004, 0.016]))
+    return replace(
+        plan,
+        rates_ppm=tuple(rates),
+        drifts_ppm_s=tuple(drifts),
+        delays_s=tuple(delays),
+        is_identified=plan.is_identified and kind != "unidentified",
+        is_confirmed=plan.is_confirmed and kind != "unconfirmed",
+        is_incremental=plan.is_incremental or kind == "incremental",
+    )
+
+
+def _actions(plan: Plan, rng: np.random.Generator) -> tuple[Action, ...]:
+    """What the operator does: confirm first, then points, means and scans."""
+    actions = [Action(2.5, "confirm")] if plan.is_confirmed else []
+    at_s = 3.0
+    while at_s < plan.duration_s - 3.0:
+        kind = str(
+            rng.choice(["point", "mean", "scan", "confirm"], p=[0.5, 0.2, 0.2, 0.1])
+        )
+        size = float(rng.uniform(0.5, 3.0)) if kind == "scan" else 0.0
+        if kind != "confirm" or plan.is_confirmed:
+            actions.append(Action(at_s, kind, size))
+        at_s += size + float(rng.exponential(1.5)) + 0.3
+    return tuple(actions)

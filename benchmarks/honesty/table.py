@@ -1,0 +1,85 @@
+"""What came of many worlds, as tables; whether all of it was honest."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+Line = dict[str, Any]
+FAULTLESS = "none"
+MOST_LIARS = 40
+MOST_FLAGS = 8
+
+
+def figures(lines: Sequence[Line]) -> tuple[str, bool]:
+    """The tables, and whether there is neither a lie nor doubt without a fault."""
+    sound = [line for line in lines if line["error"] is None]
+    liars = [line for line in sound if _sum([line], "lies")]
+    doubters = [
+        line
+        for line in sound
+        if line["kinds"] == [FAULTLESS] and _sum([line], "settled_doubt")
+    ]
+    n_lies, n_faultless = _sum(sound, "lies"), 0
+    for line in sound:
+        n_faultless += line["kinds"] == [FAULTLESS]
+    n_points = _sum(sound, "ok") + _sum(sound, "doubt")
+    parts = [
+        "\n".join(_table("family", _by(sound, "family"))),
+        "\n".join(_table("kind of fault", _by(sound, "kinds"))),
+    ]
+    if doubters:
+        flags: Counter[str] = Counter()
+        for line in doubters:
+            flags.update(line["flags"])
+        parts.append(
+            "doubt without a fault, by flags: "
+            + ", ".join(f"{n} {flag}" for flag, n in flags.most_common(MOST_FLAGS))
+        )
+    for line in [*liars, *doubters][:MOST_LIARS]:
+        what = line["examples"][0] if line in liars else "doubt without a fault"
+        parts.append(
+            f"{line['family']} {line['seed']} ({', '.join(line['kinds'])}, "
+            f"{line['pace']}): {_sum([line], 'lies')} lies, "
+            f"{_sum([line], 'settled_doubt')} in doubt; {what}\n"
+            f"    python -m benchmarks.honesty --family {line['family']} "
+            f"--seed {line['seed']} -v"
+        )
+    left = len(liars) + len(doubters) - MOST_LIARS
+    if left > 0:
+        parts.append(f"and {left} more worlds")
+    parts.append(
+        f"{len(sound)} worlds, {n_points} points, samples and live poses judged: "
+        f"{n_lies} lies in {len(liars)} worlds; in {n_faultless} worlds without a "
+        f"fault {_sum(doubters, 'settled_doubt')} in doubt after the first 5 s"
+    )
+    return "\n\n".join(parts), not liars and not doubters
+
+
+def _by(lines: Iterable[Line], key: str) -> dict[str, list[Line]]:
+    groups: dict[str, list[Line]] = {}
+    for line in lines:
+        values = line[key] if isinstance(line[key], list) else [line[key]]
+        for value in values:
+            groups.setdefault(value, []).append(line)
+    return dict(sorted(groups.items()))
+
+
+def _table(title: str, groups: dict[str, list[Line]]) -> list[str]:
+    head = f"{title:18}{'worlds':>8}{'points':>9}{'samples':>9}{'live':>9}"
+    rows = [f"{head}{'ok %':>8}{'lies':>8}{'liars':>7}"]
+    for name, lines in groups.items():
+        ok, doubt = _sum(lines, "ok"), _sum(lines, "doubt")
+        live = _sum(lines, "ok", "live") + _sum(lines, "doubt", "live")
+        scans = _sum(lines, "ok", "scan") + _sum(lines, "doubt", "scan")
+        n_liars = sum(1 for line in lines if _sum([line], "lies"))
+        rows.append(
+            f"{name:18}{len(lines):8}{ok + doubt - live - scans:9}{scans:9}{live:9}"
+            f"{100.0 * ok / max(1, ok + doubt):8.1f}{_sum(lines, 'lies'):8}{n_liars:7}"
+        )
+    return rows
+
+
+def _sum(lines: Iterable[Line], key: str, what: str | None = None) -> int:
+    if what is not None:
+        return sum(line[key].get(what, 0) for line in lines)
+    return sum(sum(line[key].values()) for line in lines)

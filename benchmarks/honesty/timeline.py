@@ -1,0 +1,91 @@
+"""A clock that goes wrong: what it shows at each true time, and the way back."""
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from traverse.arrays import Floats
+
+FAR_S = 1e5
+
+
+@dataclass(frozen=True, slots=True)
+class ClockFault:
+    """A clock stands still for a time, or is set.
+
+    Attributes:
+        at_s: True time.
+        stands_s: How long it stands.
+        set_s: By how much it is set ahead; negative: back.
+    """
+
+    at_s: float
+    stands_s: float = 0.0
+    set_s: float = 0.0
+
+
+class Timeline:
+    """A polyline of a clock [s] over true time [s].
+
+    Args:
+        rate: Seconds of the clock in a second.
+        drift_s: Change of the rate in a second, until `drift_until_s`.
+        faults: In order of time, not overlapping.
+    """
+
+    def __init__(
+        self,
+        rate: float = 1.0,
+        drift_s: float = 0.0,
+        drift_until_s: float = 0.0,
+        faults: Sequence[ClockFault] = (),
+    ) -> None:
+        breaks = {0.0, FAR_S}
+        if drift_s:
+            breaks.update(np.arange(0.0, drift_until_s, 1.0).tolist())
+            breaks.add(drift_until_s)
+        for fault in faults:
+            breaks.update((fault.at_s, fault.at_s + fault.stands_s))
+        self._true: list[float] = []
+        self._shown: list[float] = []
+        shown_s, before_s = 0.0, 0.0
+        for at_s in sorted(breaks):
+            stood = any(
+                f.at_s <= before_s < f.at_s + f.stands_s and f.stands_s for f in faults
+            )
+            middle_s = min(0.5 * (before_s + at_s), drift_until_s)
+            if not stood:
+                shown_s += (at_s - before_s) * (rate + drift_s * middle_s)
+            self._add(at_s, shown_s)
+            for fault in faults:
+                if fault.set_s and fault.at_s == at_s:
+                    shown_s += fault.set_s
+                    self._add(at_s, shown_s)
+            before_s = at_s
+        self._knots = np.array(self._true), np.array(self._shown)
+
+    def _add(self, true_s: float, shown_s: float) -> None:
+        self._true.append(true_s)
+        self._shown.append(shown_s)
+
+    def at(self, true_s: float) -> float:
+        """What it shows at a true time."""
+        return _along(self._true, self._shown, true_s)
+
+    def true(self, shown_s: float) -> float:
+        """The last true time at which it shows this; it must never be set back."""
+        return _along(self._shown, self._true, shown_s)
+
+    def true_array(self, shown_s: Floats) -> Floats:
+        """`true` of times (n,)."""
+        true_s: Floats = np.interp(shown_s, self._knots[1], self._knots[0])
+        return true_s
+
+
+def _along(knots: list[float], values: list[float], at: float) -> float:
+    place = min(max(bisect_right(knots, at) - 1, 0), len(knots) - 2)
+    length = knots[place + 1] - knots[place]
+    share = (at - knots[place]) / length if length else 1.0
+    return values[place] + share * (values[place + 1] - values[place])
