@@ -137,10 +137,15 @@ FROM_START = (
 OF_LINE = ("lost", "corrupted", "cut", "garbage")
 
 
-def draw_plan(seed: int, name: str) -> Plan:
-    """Draw a world of a family."""
-    family = FAMILIES[name]
-    rng = np.random.default_rng([seed, 0x486F6E, tuple(FAMILIES).index(name)])
+def world_number(family: int, place: int) -> int:
+    """The seed of a world of a family, by the family's number and the world's."""
+    return place * len(FAMILIES) + family
+
+
+def draw_plan(seed: int) -> Plan:
+    """Draw a world; the families take turns."""
+    family = tuple(FAMILIES.values())[seed % len(FAMILIES)]
+    rng = np.random.default_rng([seed, 0x486F6E])
     n = family.n_devices
     duration_s = float(rng.uniform(20.0, 36.0))
     plan = Plan(

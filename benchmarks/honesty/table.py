@@ -2,17 +2,18 @@
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import Any
 
-Line = dict[str, Any]
+from benchmarks.trials.lines import Line, unbroken
+from benchmarks.trials.program import Verdict
+
 FAULTLESS = "none"
 MOST_LIARS = 40
 MOST_FLAGS = 8
 
 
-def figures(lines: Sequence[Line]) -> tuple[str, bool]:
-    """The tables, and whether there is neither a lie nor doubt without a fault."""
-    sound = [line for line in lines if line["error"] is None]
+def verdict(lines: Sequence[Line]) -> Verdict:
+    """Judge that there is neither a lie nor doubt without a fault."""
+    sound = unbroken(lines)
     liars = [line for line in sound if _sum([line], "lies")]
     doubters = [
         line
@@ -38,11 +39,10 @@ def figures(lines: Sequence[Line]) -> tuple[str, bool]:
     for line in [*liars, *doubters][:MOST_LIARS]:
         what = line["examples"][0] if line in liars else "doubt without a fault"
         parts.append(
-            f"{line['family']} {line['seed']} ({', '.join(line['kinds'])}, "
+            f"world {line['world']}, {line['family']} ({', '.join(line['kinds'])}, "
             f"{line['pace']}): {_sum([line], 'lies')} lies, "
             f"{_sum([line], 'settled_doubt')} in doubt; {what}\n"
-            f"    python -m benchmarks.honesty --family {line['family']} "
-            f"--seed {line['seed']} -v"
+            f"    python -m benchmarks.honesty --seed {line['world']} -v"
         )
     left = len(liars) + len(doubters) - MOST_LIARS
     if left > 0:
@@ -52,7 +52,7 @@ def figures(lines: Sequence[Line]) -> tuple[str, bool]:
         f"{n_lies} lies in {len(liars)} worlds; in {n_faultless} worlds without a "
         f"fault {_sum(doubters, 'settled_doubt')} in doubt after the first 5 s"
     )
-    return "\n\n".join(parts), not liars and not doubters
+    return Verdict("\n\n".join(parts), not liars and not doubters)
 
 
 def _by(lines: Iterable[Line], key: str) -> dict[str, list[Line]]:

@@ -5,7 +5,6 @@ import contextlib
 import logging
 import tempfile
 import time
-import traceback
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -25,8 +24,8 @@ from benchmarks.honesty.hub import Housed, Hub
 from benchmarks.honesty.judge import Judge, Tally
 from benchmarks.honesty.loop import VirtualLoop
 from benchmarks.honesty.plan import OF_LINE, Action, Plan, PlannedFault, draw_plan
-from benchmarks.honesty.table import Line
 from benchmarks.honesty.timeline import ClockFault, Timeline
+from benchmarks.trials.lines import Line
 from traverse.daemon.config.devices import DeviceSection
 from traverse.daemon.config.schema import (
     ArmSection,
@@ -450,19 +449,17 @@ def run_world(plan: Plan, *, is_verbose: bool = False) -> Outcome:
         return World(plan, Path(name), is_verbose=is_verbose).run()
 
 
-def world_line(case: tuple[str, int]) -> Line:
-    """Run a world; what came of it."""
+def world_line(seed: int) -> Line:
+    """Run the world of a seed; what came of it."""
     logging.disable(logging.CRITICAL)
-    family, seed = case
-    line: Line = {"family": family, "seed": seed, "error": None}
-    try:
-        plan = draw_plan(seed, family)
-        line |= {"kinds": list(plan.kinds), "pace": plan.pace}
-        outcome = run_world(plan)
-    except Exception:  # noqa: BLE001 - a world that breaks is a result, too
-        return line | {"error": traceback.format_exc()}
+    plan = draw_plan(seed)
+    outcome = run_world(plan)
     tally = outcome.tally
-    return line | {
+    return {
+        "world": seed,
+        "family": plan.family,
+        "kinds": list(plan.kinds),
+        "pace": plan.pace,
         "ok": dict(tally.ok),
         "doubt": dict(tally.doubt),
         "settled_doubt": dict(tally.settled),

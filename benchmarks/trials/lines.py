@@ -10,14 +10,14 @@ Line = dict[str, Any]
 
 _CHECKOUT = Path(__file__).parent.parent.parent
 # What an outcome depends on, beside its seed.
-_FOLDERS = ("benchmarks", "kinematics", "lab", "simulator")
+FOLDERS = ("benchmarks", "kinematics", "lab", "simulator")
 _KINDS = frozenset({".py", ".pyx", ".pxd", ".pxi", ".c", ".h", ".inc", ".toml"})
 
 
-def code_version() -> str:
+def code_version(folders: Iterable[str] = FOLDERS) -> str:
     """Digest the code that outcomes depend on."""
     digest = hashlib.sha256()
-    for folder in _FOLDERS:
+    for folder in folders:
         for path in sorted((_CHECKOUT / folder).rglob("*")):
             if path.suffix in _KINDS:
                 digest.update(path.relative_to(_CHECKOUT).as_posix().encode())

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.trials.lines import Line, append, code_version, stored
+from benchmarks.trials.lines import FOLDERS, Line, append, code_version, stored
 from benchmarks.trials.series import Series, executed
 from traverse.fleet.workers import Workers, WorkersError
 
@@ -35,6 +35,7 @@ class Program:
         judge: Judges the outcomes of all series, in their order.
         add_arguments: Adds further options.
         paint: Writes pictures of the outcomes into a folder.
+        folders: With the code that outcomes depend on.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Program:
     judge: Callable[[Sequence[Line]], Verdict]
     add_arguments: Callable[[argparse.ArgumentParser], None] | None = None
     paint: Callable[[Sequence[Line], Path], None] | None = None
+    folders: Sequence[str] = FOLDERS
 
     @property
     def out(self) -> Path:
@@ -57,7 +59,7 @@ class Program:
         begun_s = time.monotonic()
         counts = wanted(self.series(asked), asked)
         # At the beginning: the code on the disk may change meanwhile.
-        version = code_version()
+        version = code_version(self.folders)
         lines, n_other = _kept(asked.out, counts, None if asked.any_code else version)
         if n_other:
             print(

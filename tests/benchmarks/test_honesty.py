@@ -1,0 +1,101 @@
+"""Worlds of `make honesty`: that they run, and that what lies in them is caught."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.honesty.families import FAMILIES
+from benchmarks.honesty.plan import FAULT_KINDS, draw_plan
+from benchmarks.honesty.table import verdict
+from benchmarks.honesty.timeline import ClockFault, Timeline
+from benchmarks.honesty.world import World, world_line
+from traverse.protocol.messages.quality import Quality, QualityFlag
+
+
+def quiet_plan(family: str, **changes):
+    """A short world of a family without faults, in which the arm rests."""
+    place = list(FAMILIES).index(family)
+    plan = replace(draw_plan(place), pace="rest", duration_s=8.0, faults=())
+    changes = {"is_identified": True, "is_confirmed": True} | changes
+    return replace(plan, **changes)
+
+
+def test_a_resting_arm_is_told_where_it_is(tmp_path):
+    tally = World(quiet_plan("latch"), tmp_path).run().tally
+    assert tally.ok["button"] >= 2
+    assert tally.ok["live"] > 50
+    assert not tally.lies
+
+
+@pytest.mark.parametrize(
+    ("moved_mm", "flags", "utc_s", "n_lies"),
+    [
+        (0.0, 0, 0.0, 0),
+        (5.0, 0, 0.0, 1),
+        (5.0, QualityFlag.INTERPOLATED, 0.0, 1),
+        (5.0, QualityFlag.SKEW, 0.0, 0),
+        (0.0, 0, 3.0, 1),
+        (0.0, QualityFlag.TIME_UNCERTAIN, 3.0, 0),
+    ],
+)
+def test_what_is_unmarked_and_wrong_is_a_lie(tmp_path, moved_mm, flags, utc_s, n_lies):
+    world = World(quiet_plan("text"), tmp_path)
+    judge, lied = world.judge, []
+    honest = judge.point
+
+    def lie(point, utc_offset_ns):
+        xyz_mm = np.array(point.xyz_mm) + [0.0, 0.0, moved_mm]
+        shift_ns = round(1e9 * utc_s)
+        false = point.model_copy(
+            update={
+                "xyz_mm": tuple(xyz_mm.tolist()),
+                "time_ns": point.time_ns + shift_ns,
+                "quality": Quality.from_bits(int(flags)),
+            }
+        )
+        before = sum(judge.tally.lies.values())
+        honest(false, utc_offset_ns + shift_ns)
+        lied.append(sum(judge.tally.lies.values()) - before)
+
+    judge.point = lie
+    world.run()
+    assert lied
+    assert set(lied) == {n_lies}
+
+
+def test_a_clock_is_where_its_faults_leave_it():
+    stands, loses = ClockFault(2.0, stands_s=0.5), ClockFault(4.0, set_s=1.0)
+    clock = Timeline(1.01, faults=[stands, loses])
+    assert clock.at(1.0) == pytest.approx(1.01)
+    assert clock.at(2.25) == pytest.approx(2.02)
+    assert clock.at(3.0) == pytest.approx(2.525)
+    assert clock.at(5.0) == pytest.approx(1.01 * 4.5 + 1.0)
+    times_s = np.array([0.3, 1.7, 2.9, 3.9, 4.8, 90.0])
+    shown_s = np.array([clock.at(time_s) for time_s in times_s])
+    assert clock.true_array(shown_s) == pytest.approx(times_s)
+    assert [clock.true(s) for s in shown_s] == pytest.approx(times_s)
+
+
+def test_a_clock_drifts():
+    clock = Timeline(1.0, drift_s=1e-4, drift_until_s=10.0)
+    assert clock.at(10.0) == pytest.approx(10.0 + 0.5 * 1e-4 * 100.0, abs=1e-9)
+    assert clock.at(11.0) - clock.at(10.0) == pytest.approx(1.001, abs=1e-9)
+
+
+def test_every_fault_is_drawn_and_some_worlds_have_none():
+    plans = [draw_plan(seed) for seed in range(400)]
+    assert {kind for plan in plans for kind in plan.kinds} == {*FAULT_KINDS, "none"}
+    assert {plan.family for plan in plans} == set(FAMILIES)
+
+
+def test_a_line_of_a_world_is_judged():
+    line = {"error": None, **world_line(4)}
+    liar = {**line, "lies": {"live": 1}, "examples": ["live at 1 s"]}
+    doubter = {**line, "kinds": ["none"], "lies": {}, "settled_doubt": {"live": 2}}
+    honest = {**doubter, "settled_doubt": {}}
+    assert verdict([honest]).holds
+    for wrong in (liar, doubter):
+        told = verdict([honest, wrong])
+        assert not told.holds
+        assert "python -m benchmarks.honesty --seed 4 -v" in told.text
