@@ -22,9 +22,11 @@ from tests.mosquitto import Mosquitto
 GRACE_S = 2.0
 LINKS = pytest.StashKey[Path]()
 SHARED = pytest.StashKey["TemporaryDirectory[str]"]()
-# How long an example takes says how busy this machine is.
-hypothesis.settings.register_profile("any_machine", deadline=None)
-hypothesis.settings.load_profile("any_machine")
+# How long an example takes says how busy this machine is. Many more examples are run
+# by `make fuzz`: --hypothesis-profile=thorough.
+hypothesis.settings.register_profile("quick", deadline=None, max_examples=50)
+hypothesis.settings.register_profile("thorough", deadline=None, max_examples=1000)
+hypothesis.settings.load_profile("quick")
 # A shell's job in the background ignores Ctrl-C; the programs that we start must not.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -138,6 +138,7 @@ class LatchBoardDriver(Driver):
             self._edges,
             clock=clock,
             n_channels=len(hello.channels),
+            debounce_ns=self.options.debounce_us * 1000,
             put=self._delivery_queue.put,
             fault=self._fault,
             counters=self._counters,

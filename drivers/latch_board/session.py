@@ -27,6 +27,7 @@ from traverse.plurals import counted
 from traverse.protocol.latch_board import messages as wire
 
 WRAP = 1 << 32
+NUMBERED_NS = 20_000_000  # from a level that has held to the number of its edge
 MAX_JUMP = 1 << 20  # a hundred seconds at 10 kHz: no gap of a living stream
 # The maker's own bits of a status byte are unspecified warnings.
 _MAKERS = 0xF0
@@ -86,6 +87,7 @@ class LatchBoardSession:
         edges: their order, which outlives the connection.
         clock: of the board, perhaps tied to the host's already.
         n_channels: as in HELLO.
+        debounce_ns: how long an input holds its level before its edge is numbered.
         put: hands a delivery over; False where it has no room.
         fault: reports survived faults: code, text, remedy, how often.
         counters: of the driver.
@@ -99,6 +101,7 @@ class LatchBoardSession:
         *,
         clock: DeviceClock,
         n_channels: int,
+        debounce_ns: int,
         put: Callable[[CountSamples | LatchedCounts], bool],
         fault: Callable[[str, str, str, int], None],
         counters: Counter[str],
@@ -109,6 +112,9 @@ class LatchBoardSession:
         self._clock = clock
         self._stream = self._request = 0
         self._sequence = StreamSequence()
+        self._debounce_ns = debounce_ns
+        # Number of the next edge, and ticks, unwrapped.
+        self._heartbeat: tuple[int, int] | None = None
 
     def begin_stream(self, stream: int, request: int) -> None:
         """From now on those samples count that belong to this START."""
@@ -179,7 +185,11 @@ class LatchBoardSession:
         )
 
     def _take_edge(self, edge: wire.Edge, received_ns: int) -> None:
-        """Hand over an edge, if it is its turn."""
+        """Hand over an edge, if it is its turn.
+
+        Raises:
+            DeviceError: it is of another start of the board than the heartbeats.
+        """
         if not self._clock.running or (self._clock.is_uncertain and not edge.counts):
             return  # the board sends it again; until then it has no time
         if not self._fits(edge.counts):
@@ -194,12 +204,34 @@ class LatchBoardSession:
             )
         if verdict != "next":
             return
+        if self._is_of_another_start(edge):
+            raise DeviceError(
+                f"the board on {self._path} counts its edges anew",
+                "check its power: it has probably been restarted",
+            )
         # Noted before it is passed on: its acknowledgement may arrive at once.
         self._edges.mark_delivered(edge.seq)
         if self._deliver_latch(edge, edge.input, edge.seq, received_ns):
             self._counters["edges_received"] += 1
         else:
             self._edges.mark_refused(edge.seq)
+
+    def _is_of_another_start(self, edge: wire.Edge) -> bool:
+        """Whether an edge is earlier than a heartbeat that did not have it yet.
+
+        Strategy: a board that lost power begins its numbers and ticks again, and its
+        first press may arrive before the heartbeat that shows it. Taken for an edge of
+        the time before, its counts would be read with zeros that were lost. An edge is
+        numbered once it has held, so one that is debounced may be that much earlier.
+        """
+        if self._heartbeat is None:
+            return False
+        n_edges, ticks = self._heartbeat
+        is_newer = (edge.seq - n_edges) % WRAP < WRAP // 2
+        before_ns = self._clock.to_ns(ticks) - self._clock.to_ns(
+            self._clock.unwrap_one(edge.ticks)
+        )
+        return is_newer and before_ns > self._debounce_ns + NUMBERED_NS
 
     def _take_heartbeat(self, heartbeat: wire.Heartbeat, received_ns: int) -> None:
         clock, counters = self._clock, self._counters
@@ -211,7 +243,9 @@ class LatchBoardSession:
                 )
             # It contains the next sample's number: those before have been sent.
             self._report_lost(self._sequence.reach(heartbeat.next_sample_seq))
-        clock.update(clock.unwrap_one(heartbeat.ticks), received_ns)
+        ticks = clock.unwrap_one(heartbeat.ticks)
+        clock.update(ticks, received_ns)
+        self._heartbeat = heartbeat.next_edge_seq, ticks
         first_edge = heartbeat.next_edge_seq - heartbeat.edges_back
         if (forgotten := self._edges.begin_at(first_edge)) > 0:
             self._fault(

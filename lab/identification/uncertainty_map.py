@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from traverse.arrays import Booleans, Floats
+from traverse.arrays import Booleans, Floats, Integers
 from traverse.kinematics.model.derivatives import probe_derivatives
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import Geometry, across
@@ -96,24 +96,33 @@ def sample_postures(geometry: Geometry, angles_rad: Floats) -> PostureSample:
     )
 
 
-def postures_reaching(
-    cloud: PostureSample, places_mm: Floats, rank: int
-) -> tuple[Floats, Booleans]:
-    """Find a posture within the ranges for each place.
+def nearest_samples(cloud: PostureSample, places_mm: Floats) -> Integers:
+    """Find the samples nearest to places after turning the first joint, nearest first.
 
-    Start at the sample nearest after turning the first joint (rank 1: the second
-    nearest), then Newton steps. Returns readings, (n, n_joints), and whether they bring
-    the ball's centre to the place, (n,).
+    Places are (n, 3); the result is (n, N_NEAREST).
     """
-    radii, azimuths, heights = _cylindrical(cloud.geometry, places_mm)
-    near = np.array(
+    radii, _, heights = _cylindrical(cloud.geometry, places_mm)
+    # All ranks by one partition: it is what a map takes longest for.
+    return np.stack(
         [
             np.argpartition(
-                (cloud.radii_mm - radius) ** 2 + (cloud.heights_mm - height) ** 2, rank
-            )[rank]
+                (cloud.radii_mm - radius) ** 2 + (cloud.heights_mm - height) ** 2,
+                range(N_NEAREST),
+            )[:N_NEAREST]
             for radius, height in zip(radii, heights, strict=True)
         ]
     )
+
+
+def postures_reaching(
+    cloud: PostureSample, places_mm: Floats, near: Integers
+) -> tuple[Floats, Booleans]:
+    """Find a posture within the ranges for each place, by Newton steps from a sample.
+
+    Places are (n, 3), samples to start at (n,). Returns readings, (n, n_joints), and
+    whether they bring the ball's centre to the place, (n,).
+    """
+    _, azimuths, _ = _cylindrical(cloud.geometry, places_mm)
     angles_rad = cloud.angles_rad[near].copy()
     turns_rad = azimuths - cloud.azimuths_rad[near]
     angles_rad[:, 0] += np.angle(np.exp(1j * turns_rad))
@@ -154,6 +163,7 @@ DIRECTIONS = ("radial", "tangential", "axial")
 _N_RADII, _N_HEIGHTS = 12, 16
 # Pairs of postures tried for every distance.
 _N_PAIRS = 5
+N_NEAREST = _N_PAIRS + 1
 _LENGTHS_MM = (500.0, 250.0, 100.0, 50.0, 25.0, 10.0)
 # A distance is not longer than this part of the largest radius.
 _PART_OF_RADIUS = 0.6
@@ -344,11 +354,16 @@ def _pooled_mm(
 ) -> Floats:
     """Average variances between places (n, 3) over pairs of postures, (n,)."""
     sums, counts = np.zeros(len(first_mm)), np.zeros(len(first_mm))
+    near_first = nearest_samples(cloud, first_mm)
+    near_second = nearest_samples(cloud, second_mm)
     for rank in range(_N_PAIRS):
-        first_rad, reached_first = postures_reaching(cloud, first_mm, rank)
+        first_rad, reached_first = postures_reaching(
+            cloud, first_mm, near_first[:, rank]
+        )
         # Another rank at the other end, so that the postures differ, too.
-        other = _N_PAIRS - rank
-        second_rad, reached_second = postures_reaching(cloud, second_mm, other)
+        second_rad, reached_second = postures_reaching(
+            cloud, second_mm, near_second[:, _N_PAIRS - rank]
+        )
         good = reached_first & reached_second
         squares = distance_deviations_mm(arm, first_rad, second_rad) ** 2
         sums += np.where(good, squares, 0.0)

@@ -3,6 +3,7 @@
 import importlib.util
 import re
 import shlex
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -48,9 +49,15 @@ def target_problem(target: str) -> str | None:
     return None if re.search(rf"^{target}:", text, re.M) else f"no target {target}"
 
 
+@cache
+def cli() -> Any:
+    """Build the command line."""
+    return typer.main.get_command(app)
+
+
 def parse_problem(words: list[str]) -> str | None:
     """Whether command, options and number of arguments are good."""
-    command: Any = typer.main.get_command(app)
+    command = cli()
     while hasattr(command, "commands"):
         name, *rest = words or [""]
         if name not in command.commands:

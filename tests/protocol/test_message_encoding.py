@@ -6,7 +6,7 @@ import math
 import msgpack
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.protocol.message_examples import EVENT, EXAMPLES, HEALTH, POINT, SCAN
@@ -203,7 +203,6 @@ def test_arbitrary_bytes_give_a_message_error(message_type, payload):
         decode(message_type, payload)
 
 
-@settings(max_examples=300)
 @given(
     st.sampled_from(sorted(EXAMPLES)),
     st.sampled_from(["msgpack", "json"]),

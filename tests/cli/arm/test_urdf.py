@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.running import invoke
@@ -248,7 +248,6 @@ def test_what_is_no_description_is_refused(made, content, said):
     assert said in output
 
 
-@settings(max_examples=100)  # a busy machine is no fault
 @given(st.data())
 def test_a_damaged_description_is_read_or_refused_and_nothing_else(data):
     text = bytearray(ROBOT.encode())

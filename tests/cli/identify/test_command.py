@@ -150,6 +150,8 @@ def test_undetermined_scale_is_a_warning_unless_strict(lengthless: Path) -> None
     assert "the truth is worse" in ran.stdout
     run_identify(lengthless, *arguments, "--strict", status=1)
     assert (lengthless / "out" / "arm.toml").exists()
+    page = (lengthless / "out" / "report.html").read_text("utf-8")
+    assert '<div class="verdict doubt">' in page
 
 
 @pytest.mark.slow

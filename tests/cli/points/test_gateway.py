@@ -17,7 +17,7 @@ from tests.client.gateways.foxglove_viewer import Viewer
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.end_to_end.programs import Program
 from tests.mosquitto import Mosquitto, free_port
-from tests.running import run_traverse
+from tests.running import invoke, run_traverse
 from tests.waiting import until
 from traverse.client.cancel_tasks import cancel_tasks
 from traverse.lab.daily_check.figures import DailyCheckFigures
@@ -58,13 +58,12 @@ LINES = ("gateway", "lines")
     ],
 )
 def test_bad_options_are_refused_in_a_sentence(
-    words: str, expected: str, tmp_path: Path
+    words: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "bad.json").write_text("[]")
     kind, *options = shlex.split(words)
-    result = run_traverse(
-        tmp_path, "gateway", kind, "--arm", "bench-7", *options, status=2
-    )
+    monkeypatch.chdir(tmp_path)
+    result = invoke("gateway", kind, "--arm", "bench-7", *options, status=2)
     assert expected in result.stderr
     assert len(result.stderr.splitlines()) == 1
 
@@ -79,12 +78,11 @@ def test_bad_options_are_refused_in_a_sentence(
     ],
 )
 def test_bad_options_for_home_assistant_are_refused_in_a_sentence(
-    words: str, expected: str, tmp_path: Path
+    words: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "x.db").write_text("x" * 1000)
-    result = run_traverse(
-        tmp_path, "gateway", "home-assistant", *shlex.split(words), status=2
-    )
+    monkeypatch.chdir(tmp_path)
+    result = invoke("gateway", "home-assistant", *shlex.split(words), status=2)
     assert expected in result.stderr
     assert len(result.stderr.splitlines()) == 1
 
@@ -136,11 +134,11 @@ async def test_an_arm_is_shown_in_home_assistant_and_taken_out(
     ],
 )
 def test_keys_that_cannot_be_typed_are_refused_in_a_sentence(
-    words: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    words: str, expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     options = ("--arm", "bench-7", *shlex.split(words))
-    result = run_traverse(tmp_path, "gateway", "keys", *options, status=2)
+    result = invoke("gateway", "keys", *options, status=2)
     assert expected in result.stderr
     assert len(result.stderr.splitlines()) == 1
 

@@ -4,7 +4,7 @@ import random
 from collections.abc import Callable
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.protocol.message_examples import POINT
@@ -108,7 +108,6 @@ def started(since: dict[str, int] | None = None) -> tuple[ReorderBuffer, Outbox,
     return order, outbox, session
 
 
-@settings(max_examples=150)
 @given(st.integers(0, 2**32), st.floats(0.0, 0.6), st.floats(0.0, 0.1))
 def test_every_number_is_handed_on_once_and_in_order_whatever_a_broker_loses(
     seed: int, loss: float, forgetting: float

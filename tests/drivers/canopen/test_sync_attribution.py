@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from traverse.drivers.base.values import CountSamples
@@ -89,7 +89,6 @@ def played(source: Source, answers: list[tuple[int | None, ...]]) -> tuple[int, 
 
 
 @pytest.mark.parametrize("source", ["host", "kernel"])
-@settings(max_examples=200)
 @given(answers=ANSWERS, stalls=st.tuples(*[st.integers(0, 60)] * 3))
 def test_a_count_without_a_flag_is_of_its_sync(source, answers, stalls):
     rows = [list(row) for row in answers]

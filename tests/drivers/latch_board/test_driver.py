@@ -2,6 +2,7 @@
 
 import asyncio
 
+import numpy as np
 import pytest
 
 from tests.drivers.driver_contract import (
@@ -140,7 +141,9 @@ async def test_the_makers_own_bits_of_status_are_a_warning(rig):
         sample[-2:] = 0x80, 0x41  # of two channels, the second with an error
         rig.board.send(bytes(sample))
         await taken.until(lambda: taken.of(CountSamples), "the sample")
-    assert taken.of(CountSamples)[0].status.tolist() == [[2, 3]]
+    status = taken.of(CountSamples)[0].status
+    # A busy machine ties the clock late.
+    assert (status & ~np.uint8(STATUS_TIME_UNCERTAIN)).tolist() == [[2, 3]]
 
 
 async def test_a_refused_rate_does_not_cost_the_connection(rig):

@@ -221,6 +221,7 @@ def test_the_read_with_the_smallest_delay_tells_the_time_of_all():
         EdgeSequencer(),
         clock=DeviceClock(1_000_000),
         n_channels=2,
+        debounce_ns=0,
         put=taken.append,
         fault=print,
         counters=Counter(),

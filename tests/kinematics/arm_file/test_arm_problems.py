@@ -3,7 +3,7 @@ from datetime import UTC, datetime
 
 import pytest
 import tomlkit
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.kinematics.arms import ARM_TEXT
@@ -305,7 +305,6 @@ def effects_text():
     )
 
 
-@settings(max_examples=300)
 @given(st.data())
 def test_whatever_stands_in_a_file_it_is_read_or_refused_in_our_words(data):
     table = tomlkit.parse(effects_text()).unwrap()

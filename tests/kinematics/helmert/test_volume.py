@@ -26,7 +26,7 @@ def traces(places, centre, cov):
     return np.einsum("nii->n", place_covariances(places, centre, cov))
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(SEEDS, st.sampled_from([6, 7]))
 def test_the_mean_over_a_box_is_that_of_gauss_points(seed, n_parameters):
     rng = np.random.default_rng(seed)
@@ -42,7 +42,7 @@ def test_the_mean_over_a_box_is_that_of_gauss_points(seed, n_parameters):
     assert found.max_mm**2 == pytest.approx(traces(box.corners_mm, centre, cov).max())
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(SEEDS, st.sampled_from([6, 7]))
 def test_nowhere_in_a_ball_is_the_error_larger_than_the_largest(seed, n_parameters):
     rng = np.random.default_rng(seed)

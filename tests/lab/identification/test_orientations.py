@@ -79,8 +79,8 @@ def tracker(n_poses=120, **more):
 
 
 @cache
-def poses():
-    return make_poses(ARM, spec_of(tracker()), 3)
+def poses(n_poses=120):
+    return make_poses(ARM, spec_of(tracker(n_poses)), 3)
 
 
 def measured(seed, noise=NOISE, of=None):
@@ -233,7 +233,7 @@ def test_effects_turn_the_last_body_as_differences_say(kind):
 
 @pytest.mark.parametrize("kind", TURNING)
 def test_an_effect_that_is_held_undoes_what_the_simulator_plays(kind):
-    played = with_effects(poses(), (example(kind),))
+    played = with_effects(poses(60), (example(kind),))
     quiet = NoiseTable(encoder_rad=0.0, contact_mm=0.0, orientation_rad=0.0)
     campaign, _ = measured(1, noise=quiet, of=played)
     campaign = replace(

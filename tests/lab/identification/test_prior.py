@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 import pytest
@@ -56,10 +56,16 @@ def campaign_of(seed, n_poses, deviations=SPREAD):
     return campaign_from_simulation(measured(seed, n_poses, deviations).campaign)
 
 
-@lru_cache(maxsize=1)
+@cache
+def member(seed):
+    """An arm of the family, identified from a long campaign."""
+    return identify(campaign_of(seed, 240), demo_arm())
+
+
+@cache
 def family():
-    """Twelve arms of it, identified from long campaigns."""
-    found = [identify(campaign_of(seed, 240), demo_arm()) for seed in range(N_ARMS)]
+    """Twelve arms of it."""
+    found = [member(seed) for seed in range(N_ARMS)]
     names = tuple(one.name for one in found[0].parameters)
     values, stds = (
         np.array([[getattr(p, key) for p in one.parameters] for one in found])
@@ -175,7 +181,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("family")
     write_arm(folder / "design.toml", demo_arm())
     for seed in range(8):
-        found = identify(campaign_of(seed, 240), demo_arm())
+        found = member(seed)
         results = folder / "results" / f"bench-{seed}"
         results.mkdir(parents=True)
         values = {

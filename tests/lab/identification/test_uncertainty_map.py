@@ -40,6 +40,7 @@ from traverse.lab.identification.uncertainty_map import (
     ArmUncertainty,
     arm_uncertainty,
     distance_deviations_mm,
+    nearest_samples,
     noise_deviations_mm,
     postures_reaching,
     sample_postures,
@@ -169,14 +170,16 @@ def test_postures_reach_their_places_within_the_travelled_ranges(
     arm = known()
     cloud = sample_postures(arm.geometry, readings)
     places_mm = probe_centre(arm.geometry, readings[::3])
+    near = nearest_samples(cloud, places_mm)
     for rank in (0, 4):
-        angles_rad, good = postures_reaching(cloud, places_mm, rank)
+        angles_rad, good = postures_reaching(cloud, places_mm, near[:, rank])
         assert np.mean(good) > 0.9
         away_mm = probe_centre(arm.geometry, angles_rad) - places_mm
         assert np.all(np.linalg.norm(away_mm[good], axis=1) < 0.5)
         assert np.all(angles_rad >= readings.min(axis=0) - 0.021)
         assert np.all(angles_rad <= readings.max(axis=0) + 0.021)
-    _, good = postures_reaching(cloud, np.array([[5000.0, 0.0, 0.0]]), 0)
+    away_mm = np.array([[5000.0, 0.0, 0.0]])
+    _, good = postures_reaching(cloud, away_mm, nearest_samples(cloud, away_mm)[:, 0])
     assert not good[0]
 
 

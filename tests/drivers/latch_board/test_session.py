@@ -1,0 +1,80 @@
+"""What an identified board sends, judged: edges of another start of the board."""
+
+from collections import Counter
+
+import pytest
+
+from traverse.drivers.base.values import DeviceError, LatchedCounts
+from traverse.drivers.latch_board.edge_sequence import EdgeSequencer
+from traverse.drivers.latch_board.session import LatchBoardSession
+from traverse.drivers.timing.device_clock import DeviceClock
+from traverse.protocol.latch_board.messages import Edge, Heartbeat
+
+UP_TICKS = 1_000_000  # a second since the board was switched on
+RECEIVED_NS = 5_000_000_000
+DEBOUNCE_TICKS = 5000
+
+
+def heartbeat(n_edges: int, back: int = 0) -> Heartbeat:
+    return Heartbeat(
+        streaming=True,
+        inputs=0,
+        edges_back=back,
+        ticks=UP_TICKS,
+        next_sample_seq=0,
+        next_edge_seq=n_edges,
+        tx_dropped=0,
+        rx_rejected=0,
+    )
+
+
+def edge(seq: int, ticks: int) -> Edge:
+    return Edge(0, 1, 1, seq, ticks, (10, 20), (0, 0))
+
+
+@pytest.fixture
+def delivered() -> list[LatchedCounts]:
+    return []
+
+
+@pytest.fixture
+def session(delivered) -> LatchBoardSession:
+    def put(latch) -> bool:
+        delivered.append(latch)
+        return True
+
+    return LatchBoardSession(
+        "base",
+        "port",
+        EdgeSequencer(),
+        clock=DeviceClock(1_000_000),
+        n_channels=2,
+        debounce_ns=DEBOUNCE_TICKS * 1000,
+        put=put,
+        fault=print,
+        counters=Counter(),
+    )
+
+
+@pytest.mark.parametrize("ticks", [0, 3000, UP_TICKS - 100_000])
+def test_the_first_press_after_a_restart_is_not_one_of_before(
+    session, delivered, ticks
+):
+    """It may arrive before the heartbeat that says that the stream has stopped."""
+    session.take(heartbeat(0), RECEIVED_NS)
+    with pytest.raises(DeviceError, match="counts its edges anew") as lost:
+        session.take(edge(0, ticks), RECEIVED_NS + 1_000_000)
+    assert "restarted" in lost.value.remedy
+    assert delivered == []
+
+
+def test_an_edge_may_be_older_than_a_heartbeat_by_its_debouncing(session, delivered):
+    session.take(heartbeat(0), RECEIVED_NS)
+    session.take(edge(0, UP_TICKS - DEBOUNCE_TICKS), RECEIVED_NS + 1_000_000)
+    assert [latch.token for latch in delivered] == [0]
+
+
+def test_an_old_edge_that_a_heartbeat_counts_is_taken(session, delivered):
+    session.take(heartbeat(1, back=1), RECEIVED_NS)
+    session.take(edge(0, 2000), RECEIVED_NS + 1_000_000)
+    assert [latch.token for latch in delivered] == [0]
