@@ -12,7 +12,13 @@ TEST = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist loadfile --no-l
 # What failed beside others may have been late only: once more, alone. Both are printed.
 AGAIN = OPENBLAS_NUM_THREADS=1 $(BIN)/pytest --last-failed --last-failed-no-failures none \
     --required="$(TEST_GROUPS)"
-FIGURES := build/figures
+# What benchmarks and proofs write: BUILD=DIR for another folder. They run from any
+# clone and leave it as it was; `make figures` takes their pictures into docs/.
+BUILD ?= build
+FIGURES := $(BUILD)/figures
+SITE ?= site
+# TINY=1: as little of a benchmark or proof as shows that it runs.
+TINY ?=
 # Groups of Debian packages that the tests need, in deploy/debian-packages.sh.
 TEST_GROUPS := cplusplus mosquitto postgresql openssl jq chromium node systemd groff xvfb
 # Dask scheduler that long proofs run on: make blind SCHEDULER=tcp://host:8786
@@ -27,7 +33,7 @@ KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kern
 # Compiled modules are kept: without them every program that a test starts compiles anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs help venv system node demo test test-slow test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz fuzz-files soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots honesty
+.PHONY: docs help venv system node demo test test-slow test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz fuzz-files soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots figures honesty
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -94,11 +100,12 @@ format: venv  ## put the code into its form
 schemas: venv  ## write the message reference and JSON Schemas from protocol/messages.py
 	$(BIN)/python docs/generate_messages.py
 
+# It sees the packages of .venv behind its own.
 $(PEERS)/.ready: benchmarks/peers.txt requirements.lock $(STAMP)
-	-@sh deploy/debian-packages.sh pykdl
-	$(BIN)/python -m venv $(PEERS)
+	$(BIN)/python -m venv --clear $(PEERS)
+	$(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))' \
+	    > $$(echo $(PEERS)/lib/python3.*/site-packages)/environment-of-traverse.pth
 	$(PEERS)/bin/pip install --quiet --constraint requirements.lock --requirement benchmarks/peers.txt
-	-ln -sf /usr/lib/python3/dist-packages/PyKDL.*.so $(PEERS)/lib/python3.*/site-packages/
 	touch $@
 
 bench-kernel: $(PEERS)/.ready  ## kernel and measurement path beside others; takes two minutes
@@ -107,10 +114,10 @@ bench-kernel: $(PEERS)/.ready  ## kernel and measurement path beside others; tak
 	PYTHONPATH=src OPENBLAS_NUM_THREADS=1 $(PEERS)/bin/python -m benchmarks.peers.alternatives
 
 bench: venv system bench-kernel  ## the figures of docs/performance.md; takes eight minutes
-	$(BIN)/python -m benchmarks 6 $(FIGURES)
+	$(BIN)/python -m benchmarks $(FIGURES)
 	$(BIN)/python -m benchmarks.service.latency $(FIGURES)/latency.json
 	$(BIN)/python -m benchmarks.service.stages $(FIGURES)/press.json
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.effects 4 $(FIGURES)/effects.json
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.effects $(FIGURES)/effects.json
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.gil $(FIGURES)/gil.json
 	$(BIN)/python -m benchmarks.tools.plots $(FIGURES)
 	$(BIN)/python -m benchmarks.tools.compare $(FIGURES)
@@ -126,55 +133,59 @@ bench-capture: venv system  ## filters, and a switching probe's contact; takes t
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.drivers.touch
 
 bench-recording: venv system  ## what recording costs at 10 kHz, and how fast a replay is; takes two minutes
-	$(BIN)/python -m benchmarks.service.recording 8 $(FIGURES)/recording.json
+	$(BIN)/python -m benchmarks.service.recording $(FIGURES)/recording.json
 
 bench-page: venv system  ## the operator's page in a browser: latency, a million points, memory; takes 13 minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.clients.page all
 
-screenshots: venv system  ## pictures of the operator's page and of reports in docs/, from real runs
-	$(BIN)/python -m benchmarks.clients.reports docs/reports
-	$(BIN)/python -m benchmarks.clients.screenshots docs/page-states
-	$(BIN)/python -m benchmarks.clients.gateways docs
+screenshots: venv system  ## pictures of the operator's page and of reports, from real runs
+	$(BIN)/python -m benchmarks.clients.reports $(FIGURES)/reports
+	$(BIN)/python -m benchmarks.clients.screenshots $(FIGURES)/page-states
+	$(BIN)/python -m benchmarks.clients.gateways $(FIGURES)
+
+figures:  ## takes the pictures that bench, prove-* and screenshots made into docs/
+	@cd $(FIGURES) && find . -name '*.png' -exec sh -c \
+	    'for it; do test -e "$(CURDIR)/docs/$$it" && cp -v "$$it" "$(CURDIR)/docs/$$it"; done' sh {} +
 
 bench-identification: venv  ## the adjustment beside scipy's least squares; takes many minutes
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.identification.__main__
 
 prove-acceptance: venv  ## a thousand arms accepted or rejected, rightly or not; takes minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.acceptance --pictures $(FIGURES) $(CLUSTER)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.acceptance --out $(BUILD)/acceptance.jsonl --pictures $(FIGURES) $(CLUSTER)
 
 prove-alignment: venv  ## 10 000 dispositions of common points: predicted errors against true ones; takes minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.alignment --pictures $(FIGURES) $(CLUSTER)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.alignment --out $(BUILD)/alignment.jsonl --pictures $(FIGURES) $(CLUSTER)
 
 prove: venv  ## the statistics of the identification over thousands of campaigns; takes an hour
-	$(BIN)/python -m benchmarks.proofs $(CLUSTER)
+	$(BIN)/python -m benchmarks.proofs --out $(BUILD)/proofs.jsonl $(CLUSTER)
 
 blind: venv  ## 200 hidden effects and what the diagnosis says of them; takes minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.blind --out build/blind.jsonl $(CLUSTER)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.blind --out $(BUILD)/blind.jsonl $(CLUSTER)
 
 blind-full: venv  ## thousands of them, goes on from its file; takes an hour or two
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.blind --full --out build/blind-full.jsonl $(CLUSTER)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.blind --full --out $(BUILD)/blind-full.jsonl $(CLUSTER)
 
 bench-fleet: venv system  ## 50 arms at one broker read by a group, daemons beside each other, a hostile client; takes minutes
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.fleet --daemons 1,4,8,12 --out $(FIGURES)/fleet.json
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.fleet --out $(FIGURES)/fleet.json
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.hostile
 
 audit: venv  ## known advisories of the dependencies, where their data can be reached
 	$(BIN)/python deploy/audit.py
 
 fuzz: venv  ## every decoder under atheris; takes about a minute
-	$(BIN)/python -m tests.fuzz --seconds 60
+	$(BIN)/python -m tests.fuzz --seconds $(if $(TINY),1,60)
 
 fuzz-files: venv  ## damaged files given to every command that reads them, 300 times each; takes an hour or two
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.fuzz.files --mutations 300
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.fuzz.files
 
 honesty: venv  ## a thousand worlds in virtual time: nothing unmarked may be wrong; minutes (WORLDS=40)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.honesty --runs $(or $(WORLDS),1000)
 
 soak: venv system  ## 200 times daemon, broker, board, networks, consumer killed; half an hour (KILLS=12: a minute or two)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.soak --kills $(or $(KILLS),200)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.soak $(if $(KILLS),--kills $(KILLS))
 
 endurance: venv system  ## a stream at 1 kHz for an hour (MINUTES=5 for less): memory, descriptors, losses
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.endurance $(or $(MINUTES),60)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.service.endurance $(MINUTES)
 
 bench-client: venv system  ## the Python client: points over cut connections, beside bare subscribers
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.clients.client
@@ -190,8 +201,8 @@ test-vm: deb system  ## CANopen on SocketCAN, and the package with systemd, in v
 	sh deploy/vm/system.sh 880 "$$(ls -t build/traverse_*.deb | head -n 1)" "$$(ls -t build/traverse-lab_*.deb | head -n 1)"
 	sh deploy/vm/run.sh 590 $(BIN)/python -m tests.vm
 
-docs: venv  ## the documentation as a site, in site/
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+docs: venv  ## the documentation as a site, in site/ (SITE=DIR for another)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict --site-dir $(abspath $(SITE))
 
 lock: venv  ## requirements.lock and requirements-demo.lock anew from pyproject.toml
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --all-extras --no-emit-index-url --no-header \

@@ -1,4 +1,4 @@
-"""`python -m benchmarks [SECONDS] [FOLDER]`: what the daemon costs, and what it bears.
+"""`python -m benchmarks [FOLDER]`: what the daemon costs, and what it bears.
 
 Streams at two rates in turn and an idle daemon, three rounds; then noise and a
 corrupted line for the decoder. Latency, kernel and path have programs of their own, see
@@ -19,9 +19,10 @@ from benchmarks.drivers.decoder import corrupted, noise, speed
 from benchmarks.service.idle import Idle, idle
 from benchmarks.service.stream import Streamed, stream
 from benchmarks.tools.rounds import given, load
+from benchmarks.tools.sizes import sized
 
-SECONDS = 20.0
-ROUNDS = 3
+SECONDS = sized(6.0, 1.0)
+ROUNDS = sized(3, 1)
 RATES_HZ = (1000.0, 10_000.0)
 
 
@@ -58,7 +59,7 @@ def bare_memory_mb(statement: str) -> float:
     return used.ru_maxrss * 1024 / 1e6
 
 
-def main(seconds: float = SECONDS, folder: Path | None = None) -> None:
+def main(folder: Path | None = None, seconds: float = SECONDS) -> None:
     """Print every figure, and how busy the machine was meanwhile."""
     before, begun_s = load(), time.monotonic()
     print(before)
@@ -104,4 +105,4 @@ def main(seconds: float = SECONDS, folder: Path | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main(*given(float, Path))
+    main(*given(Path))

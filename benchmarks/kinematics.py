@@ -14,7 +14,8 @@ import numpy as np
 
 from benchmarks.peers.installed import check_agreement, installed_peers
 from benchmarks.peers.peer import Peer
-from benchmarks.tools.rounds import Table, Task, given, report, timed
+from benchmarks.tools.rounds import ROUNDS, Table, Task, given, report, timed
+from benchmarks.tools.sizes import sized
 from traverse.arrays import Floats
 from traverse.kinematics.model.derivatives import numpy_derivatives
 from traverse.kinematics.model.forward import numpy_centre, numpy_pose
@@ -26,9 +27,9 @@ from traverse.kinematics.model.single_pose import PlainChain
 with contextlib.suppress(ImportError):
     from traverse.kinematics.kernel.compiled import Chain
 
-N_SAMPLES = 100_000
+N_SAMPLES = sized(100_000, 500)
 # So many that their derivatives stay in the cache.
-N_DERIVED = 1024
+N_DERIVED = sized(1024, 16)
 STEP = 1e-6
 COMPILED = KERNELS[1:]
 
@@ -58,10 +59,11 @@ def single(geometry: Geometry, angles_rad: Floats, peers: list[Peer]) -> list[Ta
         chain = Chain(geometry, name)
         tasks.append(Task(f"{name}, centre", partial(chain.centre, one_rad)))
         tasks.append(Task(f"{name}, pose", partial(chain.pose, one_rad)))
-    for peer in peers:
-        if peer.one is not None:
-            row = turns_rad.tolist() if peer.takes_list else turns_rad
-            tasks.append(Task(peer.name, partial(peer.one, row), is_peer=True))
+    tasks += [
+        Task(peer.name, partial(peer.one, turns_rad), is_peer=True)
+        for peer in peers
+        if peer.one is not None
+    ]
     return tasks
 
 
@@ -146,7 +148,7 @@ def _changed(geometry: Geometry) -> Iterator[Geometry]:
 
 
 def tables(
-    n_samples: int = N_SAMPLES, n_derived: int = N_DERIVED, rounds: int = 25
+    n_samples: int = N_SAMPLES, n_derived: int = N_DERIVED, rounds: int = ROUNDS
 ) -> Iterator[Table]:
     """Compare with the peers that there are, then time everything."""
     geometry = arm()

@@ -19,7 +19,6 @@ openssl|openssl|openssl
 jq|jq|jq
 chromium|chromium|chromium
 node|node npm|nodejs npm
-pykdl|file:/usr/lib/python3/dist-packages/PyKDL.*.so|python3-pykdl
 vm|qemu-system-x86_64 busybox ip mmdebstrap depmod mke2fs|qemu-system-x86 busybox-static iproute2 mmdebstrap kmod e2fsprogs
 fresh|mmdebstrap unshare|mmdebstrap util-linux
 aarch64|aarch64-linux-gnu-gcc qemu-aarch64|gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user

@@ -19,6 +19,7 @@ import aiomqtt
 from benchmarks.tools import rig
 from benchmarks.tools.network import Network
 from benchmarks.tools.rounds import load
+from benchmarks.tools.sizes import sized
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.protocol.message_examples import POINT
 from traverse.client import Arm
@@ -26,10 +27,10 @@ from traverse.protocol.encoding import decode, encode
 from traverse.protocol.messages import Point
 from traverse.protocol.topics import point_topic
 
-N_POINTS = 10_000
-N_CUTS = 20
-N_BURST = 5_000
-ROUNDS = 5
+N_POINTS = sized(10_000, 200)
+N_CUTS = sized(20, 2)
+N_BURST = sized(5_000, 100)
+ROUNDS = sized(5, 1)
 Reader = Callable[[int, str, int, asyncio.Event], Awaitable[float]]
 
 

@@ -24,6 +24,7 @@ import numpy as np
 from playwright.async_api import Page, async_playwright
 
 from benchmarks.tools import rig
+from benchmarks.tools.sizes import sized
 from traverse.client.arm import Arm
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Scan
@@ -32,8 +33,11 @@ from traverse.protocol.topics import scan_topic
 ARM = "demo-7"
 OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 BLOCK = 1000
+N_POINTS = sized(100, 3)
+N_SCANNED = sized(1_200_000, 20_000)  # more than are drawn
+STREAM_MIN = sized(10.0, 0.05)
 SETTLED_S = 60.0
-TURNING_S = 5.0
+TURNING_S = sized(5.0, 0.5)
 
 
 @contextlib.asynccontextmanager
@@ -121,7 +125,7 @@ async def million(page: Page, port: int) -> None:
     """More points than are drawn, at 50 000 a second."""
     before_mb = await heap_mb(page)
     print(f"page memory before {before_mb:.0f} MB")
-    n = 1_200_000
+    n = N_SCANNED
     messages = await asyncio.to_thread(blocks, n, uuid.uuid4().hex[:8])
     begun_s = time.monotonic()
     async with aiomqtt.Client("127.0.0.1", port) as client:
@@ -176,11 +180,11 @@ async def main(what: str, amount: float | None) -> None:
         ):
             async with browser(folder, port) as (page, _):
                 if what in ("latency", "all"):
-                    await latency(page, port, int(amount or 100))
+                    await latency(page, port, int(amount or N_POINTS))
                 if what in ("million", "all"):
                     await million(page, port)
                 if what in ("stream", "all"):
-                    await stream(page, port, amount or 10.0)
+                    await stream(page, port, amount or STREAM_MIN)
 
 
 if __name__ == "__main__":

@@ -19,21 +19,23 @@ from playwright.async_api import Page
 
 from benchmarks.clients.page import browser
 from benchmarks.tools import rig
+from benchmarks.tools.sizes import sized
 
 DEMO = Path(__file__).parent.parent.parent / "cli" / "demo_data"
 DESK, TABLET, PHONE = (1440, 900), (820, 1180), (390, 844)
-SIZES = {"desk": DESK, "tablet": TABLET, "phone": PHONE}
+SIZES = sized({"desk": DESK, "tablet": TABLET, "phone": PHONE}, {"desk": DESK})
 LONGEST_MS = 120_000
 # Powered up anew, so that its encoders may count from another place; later without
 # power, after the pictures of that.
-POWER_LOSS = """\
+SILENT_AT_S = sized(60.0, 25.0)
+POWER_LOSS = f"""\
 [[motion]]
 kind = "rest"
 duration_s = 1000.0
 
 [[fault]]
 kind = "silent"
-at_s = 60.0
+at_s = {SILENT_AT_S}
 duration_s = 1000.0
 """
 

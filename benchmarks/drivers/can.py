@@ -22,6 +22,7 @@ from can.interfaces.virtual import channels
 from canopen.objectdictionary import ODRecord, ODVariable, datatypes
 
 from benchmarks.tools.rounds import given
+from benchmarks.tools.sizes import sized
 from tests.drivers.canopen.fake_nodes import FakeNodes, u32
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.values import (
@@ -37,7 +38,7 @@ from traverse.drivers.canopen.sync_cycles import SyncCycleAssembler
 
 NODES = (1, 2, 3, 4, 5, 6, 7)
 RATE_HZ = 1000.0
-SECONDS = 60.0
+SECONDS = sized(60.0, 1.0)
 CHANNEL = "bench"
 
 

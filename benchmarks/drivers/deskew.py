@@ -21,6 +21,7 @@ from benchmarks.drivers.moving_arm import (
     read_really,
     read_virtually,
 )
+from benchmarks.tools.sizes import sized
 from traverse.arrays import Floats
 from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.clock import HostClock
@@ -125,10 +126,10 @@ def measured(case: Case, seconds: float, *, real_time: bool = False) -> Errors:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=4.0)
+    parser.add_argument("--seconds", type=float, default=sized(4.0, 1.0))
     parser.add_argument("--real-time", action="store_true", help="over a pty, one case")
     options = parser.parse_args()
-    cases = CASES[3:6] if options.real_time else CASES
+    cases = CASES[3:6] if options.real_time else sized(CASES, CASES[:1])
     print("error of points in mm: root mean square, largest; 7 joints at 1 rad/s")
     print(
         "exchange  rate    motion        as read        interpolated   "

@@ -23,6 +23,7 @@ import numpy as np
 
 from benchmarks.service.stream import ARM, order_scan
 from benchmarks.tools import rig
+from benchmarks.tools.sizes import sized
 from traverse.arrays import Floats, Integers
 from traverse.broker.address import BrokerAddress
 from traverse.client.mqtt.connection import ConfiguredClient
@@ -38,7 +39,7 @@ from traverse.kinematics.model.readings import counts_to_angles
 from traverse.protocol.messages import Point, Scan
 
 SPEED_MM_S = 50.0
-N_POINTS = 15
+N_POINTS = sized(15, 3)
 SIMULATION = """\
 schema = "traverse/simulator/1"
 seed = 5

@@ -21,6 +21,7 @@ from benchmarks.fleet.daemons import run_daemons
 from benchmarks.fleet.tally import Cost, Fleet, Group, Run, Sent, cost_of, tally
 from benchmarks.tools import rig
 from benchmarks.tools.rounds import load, write_json
+from benchmarks.tools.sizes import sized
 
 CONSUMERS = 3
 SETTLE_S = 1.5
@@ -82,10 +83,14 @@ def run_publishers(folder: Path, n: int, rate_hz: float, seconds: float) -> Flee
 def main(arguments: Sequence[str]) -> int:
     """Run and print; 1 where anything was lost or duplicated."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.fleet")
-    parser.add_argument("--arms", type=int, default=50, help="without daemons")
-    parser.add_argument("--daemons", default="1,5,10", help="numbers of real daemons")
+    parser.add_argument(
+        "--arms", type=int, default=sized(50, 2), help="without daemons"
+    )
+    parser.add_argument(
+        "--daemons", default=sized("1,4,8,12", "1"), help="numbers of real daemons"
+    )
     parser.add_argument("--rate", type=float, default=200.0, help="of each arm, Hz")
-    parser.add_argument("--seconds", type=float, default=30.0)
+    parser.add_argument("--seconds", type=float, default=sized(30.0, 2.0))
     parser.add_argument("--out", type=Path, help="figures as JSON")
     options = parser.parse_args(arguments)
     print(f"{os.cpu_count()} cores, {load()}")

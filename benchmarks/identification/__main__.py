@@ -26,18 +26,19 @@ import numpy as np
 
 from benchmarks.identification.problem import DensePeer, large_campaign, problem
 from benchmarks.proofs.conditions import demo_arm
+from benchmarks.tools.sizes import sized
 from traverse.kinematics.model.forward import probe_centre
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.identification.identify import identify
 from traverse.lab.identification.solve.adjustment import adjust
 
-SIZES = (500, 5_000, 50_000, 500_000)
+SIZES = sized((500, 5_000, 50_000, 500_000), (500,))
 # Beyond these a peer takes more minutes or memory than it is worth.
 MOST_POSES = {"2-point": 50_000, "2-point-numpy": 50_000, "dense": 50_000}
 METHODS = ("adjust", "identify", "2-point", "2-point-numpy", "dense")
-SCAN_POSES = 1_000_000
-REPEATS = 3  # of the small ones; the best counts
+SCAN_POSES = sized(1_000_000, 2000)
+REPEATS = sized(3, 1)  # of the small ones; the best counts
 
 
 def measured(method: str, campaign: Campaign) -> dict[str, Any]:

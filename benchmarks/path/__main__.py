@@ -17,12 +17,14 @@ from benchmarks.path.whole import (
 )
 from benchmarks.tools.rig import ARM
 from benchmarks.tools.rounds import Table, Task, given, report, timed
+from benchmarks.tools.sizes import sized
 from traverse.daemon.pose.arm_model import read_model
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Scan
 
-N_SAMPLES = 100_000
-N_PLAIN = 1000  # the plain loop takes its time
+ROUNDS = sized(15, 2)
+N_SAMPLES = sized(100_000, 2000)
+N_PLAIN = sized(1000, 50)  # the plain loop takes its time
 AGREEMENT_MM = 1e-9
 
 
@@ -48,7 +50,7 @@ def check_agreement(payloads: list[bytes], texts: list[str]) -> float:
 
 
 def tables(
-    n_samples: int = N_SAMPLES, n_plain: int = N_PLAIN, rounds: int = 15
+    n_samples: int = N_SAMPLES, n_plain: int = N_PLAIN, rounds: int = ROUNDS
 ) -> Iterator[Table]:
     """Check that both agree, then time them."""
     model = read_model(ARM, {"base": None})

@@ -24,14 +24,15 @@ import msgspec
 import numpy as np
 
 from benchmarks.tools.rounds import Task, load, report, timed
+from benchmarks.tools.sizes import sized
 from tests.protocol.message_examples import POINT
 from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.records import NewMessage
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Point
 
-ROUNDS = 7
-N_WRITES = 150
+ROUNDS = sized(7, 1)
+N_WRITES = sized(150, 3)
 SIZES = (1, 3, 10)
 LMDB_BYTES = 1 << 30
 

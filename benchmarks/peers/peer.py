@@ -19,8 +19,6 @@ class Peer:
             whatever form the library returns.
         batch: turns (n_samples, n_joints) to centres (n_samples, 3).
         derivatives: turns to the derivatives by angles, (n_samples, 3, n_joints).
-        takes_list: `one` is quickest with a list of floats.
-        keeps: what must live as long as the peer.
     """
 
     name: str
@@ -28,8 +26,6 @@ class Peer:
     one: Callable[[Any], Any] | None = None
     batch: Callable[[Floats], Floats] | None = None
     derivatives: Callable[[Floats], Floats] | None = None
-    takes_list: bool = False
-    keeps: object = None
 
 
 def offsets_mm(geometry: Geometry) -> Floats:

@@ -14,6 +14,7 @@ import numpy as np
 from benchmarks.service.stream import follow_scan
 from benchmarks.tools import rig
 from benchmarks.tools.rounds import given, load, write_json
+from benchmarks.tools.sizes import sized
 from traverse.kinematics.arm_file.arm import (
     Arm,
     Identification,
@@ -26,8 +27,8 @@ from traverse.kinematics.effects.pose import corrected_pose
 from traverse.kinematics.model.geometry import geometry_from_arm
 
 RATE_HZ = 10_000.0
-SECONDS = 20.0
-ROUNDS = 3
+SECONDS = sized(4.0, 0.5)
+ROUNDS = sized(3, 1)
 NOW = datetime.now(tz=UTC)
 BEFORE = NOW - timedelta(hours=1)
 
@@ -190,7 +191,7 @@ def streams(
         yield f"effects {name}: median {statistics.median(found_shares):.1%} of a core"
 
 
-def main(seconds: float = SECONDS, path: Path | None = None) -> None:
+def main(path: Path | None = None, seconds: float = SECONDS) -> None:
     """Print every figure, and keep them in a file where one is named."""
     before = load()
     print(before)
@@ -207,4 +208,4 @@ def main(seconds: float = SECONDS, path: Path | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main(*given(float, Path))
+    main(*given(Path))

@@ -22,6 +22,7 @@ from typing import Any
 
 from benchmarks.tools import rig
 from benchmarks.tools.rounds import given, load, write_json
+from benchmarks.tools.sizes import sized
 from traverse.client import Arm
 from traverse.protocol.messages import Scan
 
@@ -29,6 +30,7 @@ ARM = "demo-7"
 TRUTH = "truth.jsonl"
 STOOD_S = 1.0
 RATE_HZ = 1000.0
+MINUTES = sized(60.0, 0.1)
 EARLY_S = 300.0
 MAX_GROWTH = 0.05
 
@@ -134,7 +136,7 @@ def faults(sizes: list[Size], followed: Followed) -> list[str]:
     return found + [f"{n} points {name}" for name, n in losses.items() if n > 0]
 
 
-def main(minutes: float = 60.0, path: Path | None = None) -> int:
+def main(minutes: float = MINUTES, path: Path | None = None) -> int:
     """Run it; the exit status."""
     print(load())
     with tempfile.TemporaryDirectory() as name:

@@ -17,6 +17,7 @@ import numpy as np
 from benchmarks.service.stream import ARM, order_scan
 from benchmarks.tools import rig
 from benchmarks.tools.rounds import given
+from benchmarks.tools.sizes import sized
 from traverse.broker.address import BrokerAddress
 from traverse.client.mqtt.connection import ConfiguredClient
 from traverse.client.mqtt.subscription import received, subscribe
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
     import subprocess
 
 RATE_HZ = 10_000.0
-SECONDS = 10.0
-N_POINTS = 10_000_000
+SECONDS = sized(10.0, 1.0)
+N_POINTS = sized(10_000_000, 200_000)
 N_BLOCK = 100_000
 N_JOINTS = 7
 SPEED_MM_S = 100.0

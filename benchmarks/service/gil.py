@@ -24,6 +24,7 @@ from benchmarks.path.whole import LIKE_A_LINE, Timing, scanner
 from benchmarks.service.effects import SETS, arm_with, block_of
 from benchmarks.tools.rig import ARM
 from benchmarks.tools.rounds import given, load, write_json
+from benchmarks.tools.sizes import sized
 from traverse.daemon.clock import HostClock
 from traverse.daemon.pose.arm_model import ArmModel, read_model
 from traverse.daemon.pose.pipeline import Pipeline
@@ -36,9 +37,9 @@ from traverse.protocol.encoding import encode
 from traverse.protocol.latch_board.messages import Decoder, SampleBlock
 from traverse.protocol.messages import Scan
 
-N_POSES = 100_000
-N_PLAIN = 200
-SECONDS = 1.0
+N_POSES = sized(100_000, 2000)
+N_PLAIN = sized(200, 20)
+SECONDS = sized(1.0, 0.05)
 ROUNDS = 3
 BLOCK_S = 0.02
 # Of the reader's program: a time in ns every 2 ms.

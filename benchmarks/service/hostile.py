@@ -20,13 +20,14 @@ from benchmarks.service.latency import ARM, begin_scan
 from benchmarks.tools import rig
 from benchmarks.tools.raw_mqtt import PUBLISH, RawClient, packet, text
 from benchmarks.tools.rounds import load
+from benchmarks.tools.sizes import sized
 from traverse.protocol.encoding import decode, encode
 from traverse.protocol.messages import Command, PointArgs, Scan
 from traverse.protocol.topics import command_topic
 
-POINTS = 200
+POINTS = sized(200, 5)
 PACE_S = 0.025  # below the limit of 50 points a second
-FLOOD_S = 15.0
+FLOOD_S = sized(15.0, 1.0)
 SCAN_HZ = 200.0
 TOPIC = command_topic(ARM, "point")
 

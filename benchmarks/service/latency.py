@@ -26,6 +26,7 @@ from benchmarks.tools import rig
 from benchmarks.tools.disk import syncs_ns
 from benchmarks.tools.raw_mqtt import RawClient
 from benchmarks.tools.rounds import given, load, write_json
+from benchmarks.tools.sizes import sized
 from traverse.protocol.encoding import encode
 from traverse.protocol.messages import Command, ScanArgs
 from traverse.protocol.topics import command_topic
@@ -34,8 +35,8 @@ ARM = "demo-7"
 RAW = "raw"
 # Presses, and timed samples beside them.
 RATES_HZ = ((100.0, 0.0), (100.0, 1000.0), (1000.0, 0.0))
-ROUNDS = 3
-SECONDS = 3.0
+ROUNDS = sized(3, 1)
+SECONDS = sized(3.0, 0.5)
 
 
 @contextlib.contextmanager

@@ -18,6 +18,7 @@ from typing import Any
 from benchmarks.service.stream import ARM, order_scan
 from benchmarks.tools import rig
 from benchmarks.tools.rounds import given, load, write_json
+from benchmarks.tools.sizes import sized
 from traverse.broker.address import BrokerAddress
 from traverse.client.mqtt.connection import ConfiguredClient
 from traverse.client.mqtt.subscription import received, subscribe
@@ -29,7 +30,8 @@ from traverse.protocol.topics import command_topic
 from traverse.recording.run_reader import RunReader
 
 RATE_HZ = 10_000.0
-ROUNDS = 4
+ROUNDS = sized(4, 1)
+SECONDS = sized(8.0, 1.0)
 SETTLE_S = 1.0
 NOISE = "noise_rad = 4e-6"  # as of real encoders: noise is what takes room
 
@@ -182,7 +184,7 @@ def replayed(file: Path, block: int | None) -> tuple[float, ReplayResult]:
     return result.samples / (time.perf_counter() - begun_s), result
 
 
-def main(seconds: float = 8.0, file: Path | None = None) -> None:
+def main(file: Path | None = None, seconds: float = SECONDS) -> None:
     """Print every figure, and how busy the machine was meanwhile."""
     before = load()
     logging.getLogger("traverse.daemon").setLevel(logging.CRITICAL)  # of the past
@@ -205,4 +207,4 @@ def main(seconds: float = 8.0, file: Path | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main(*given(float, Path))
+    main(*given(Path))

@@ -16,11 +16,12 @@ from benchmarks.service.latency import ARM, edge_board
 from benchmarks.tools import rig
 from benchmarks.tools.raw_mqtt import RawClient
 from benchmarks.tools.rounds import given, load, write_json
+from benchmarks.tools.sizes import sized
 from benchmarks.tools.staged_daemon import STAGES
 
 RATE_HZ = 100.0
-ROUNDS = 5
-N_POINTS = 400
+ROUNDS = sized(5, 1)
+N_POINTS = sized(400, 10)
 PRESSED, RECEIVED = "pressed", "at the subscriber"
 
 

@@ -22,6 +22,7 @@ from benchmarks.soak.bench import Bench
 from benchmarks.soak.judge import Span, Verdict, judge, outbox_points, stored
 from benchmarks.soak.outages import Outages
 from benchmarks.tools.rounds import load
+from benchmarks.tools.sizes import sized
 
 READY_S = 180.0
 DRAIN_S = 120.0
@@ -161,7 +162,7 @@ def main(options: argparse.Namespace) -> int:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(prog="python -m benchmarks.soak")
-    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--kills", type=int, default=sized(200, 1))
     parser.add_argument("--seed", type=int, default=random.randrange(10_000))
     parser.add_argument("--rate", type=float, default=10.0, help="commands a second")
     parser.add_argument("--folder", type=Path, help="keep everything there")

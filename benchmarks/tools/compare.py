@@ -4,14 +4,20 @@ FOLDER holds what `make bench` wrote. Every headline figure is a ratio to its pe
 the same run: other libraries, a plain loop, bare sockets, the board that presses, the
 simulator that sends the stream, a bare interpreter. `--keep` stores them for the next
 release; else they are compared with the stored ones. Worse is what lies by a tenth
-beyond the stored median and outside of the spread of both. Exit status 1: something got
-worse.
+beyond the stored median and outside of the spread of both.
+
+Ratios depend on the machine, too: caches, cores, what else runs. So those of another
+machine, or of one that was busy, are not comparable, and printed as such. Exit status
+1: something got worse on the same machine.
 """
 
 import argparse
+import hashlib
 import json
+import os
+import platform
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -20,9 +26,13 @@ import numpy as np
 
 from benchmarks.tools.plots import tables
 from benchmarks.tools.rounds import write_json
+from benchmarks.tools.sizes import IS_TINY
 
 STORED = Path(__file__).parent / "figures-of-the-last-release.json"
 _NOTICEABLE = 0.1
+# Runnable programs for each core, on average over the last minutes. The benchmarks
+# themselves keep up to two cores busy.
+_BUSY = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,8 +138,67 @@ def _figure(
     return Figure(peer, middle, low, high, larger_is_better)
 
 
-def report(now: dict[str, Figure], before: dict[str, Figure]) -> tuple[list[str], int]:
-    """Compare; lines for people, and how many figures got worse."""
+def machine() -> dict[str, str]:
+    """Identify what ratios depend on: the host, its processor, the interpreter."""
+    cpu = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        models = [
+            line for line in info.read_text().splitlines() if "model name" in line
+        ]
+        cpu = models[0].partition(":")[2].strip() if models else cpu
+    return {
+        "host": hashlib.sha256(_host_id().encode()).hexdigest()[:12],
+        "cpu": cpu,
+        "cores": str(os.cpu_count()),
+        "python": platform.python_version(),
+    }
+
+
+def _host_id() -> str:
+    """Return systemd's identity of the installation, or the host's name."""
+    for path in (Path("/etc/machine-id"), Path("/var/lib/dbus/machine-id")):
+        if path.exists() and (text := path.read_text().strip()):
+            return text
+    return platform.node()
+
+
+def not_comparable(
+    now: Mapping[str, str], kept: Mapping[str, str] | None, load: float
+) -> str:
+    """Say why figures cannot be compared with the stored ones; empty: they can.
+
+    Args:
+        now: This machine.
+        kept: That of the stored figures.
+        load: Runnable programs for each core.
+    """
+    if IS_TINY:
+        return "sizes were tiny"
+    if kept is None:
+        return "the stored figures name no machine"
+    other = [
+        f"{key} {kept.get(key)}, here {now[key]}"
+        for key in now
+        if kept.get(key) != now[key]
+    ]
+    if other:
+        return f"they are of another machine: {'; '.join(other)}"
+    if load > _BUSY:
+        return f"this machine is busy: load {load:.1f} a core, at most {_BUSY}"
+    return ""
+
+
+def report(
+    now: dict[str, Figure], before: dict[str, Figure], reason: str = ""
+) -> tuple[list[str], int]:
+    """Compare; lines for people, and how many figures got worse.
+
+    Args:
+        now: Figures of this run.
+        before: Stored ones.
+        reason: Why they are not comparable, if so.
+    """
     lines, n_worse = [], 0
     for name in sorted({*now, *before}):
         if name not in now or name not in before:
@@ -138,8 +207,10 @@ def report(now: dict[str, Figure], before: dict[str, Figure]) -> tuple[list[str]
             continue
         is_worse = now[name].is_worse_than(before[name])
         is_better = before[name].is_worse_than(now[name])
-        n_worse += is_worse
         word = "WORSE: " if is_worse else "better: " if is_better else ""
+        if reason or now[name].peer != before[name].peer:
+            word = "not comparable: "
+        n_worse += word == "WORSE: "
         lines.append(
             f"  {word}{name} {now[name].peer}: {now[name]}, was {before[name]}"
         )
@@ -150,6 +221,7 @@ def main() -> int:
     """Read the command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.tools.compare")
     parser.add_argument("folder", type=Path, help="what make bench wrote")
+    parser.add_argument("--kept", type=Path, default=STORED, help="stored figures")
     parser.add_argument(
         "--keep", action="store_true", help="store, for the next release"
     )
@@ -159,16 +231,26 @@ def main() -> int:
     except FileNotFoundError as error:
         print(f"{error.filename}: missing; run make bench first", file=sys.stderr)
         return 2
+    here = machine()
     if asked.keep:
-        kept = {name: asdict(figure) for name, figure in now.items()}
-        write_json(STORED, {"version": version("traverse-cmm"), "figures": kept})
-        print(f"{len(now)} figures kept in {STORED.name}")
+        values = {
+            "version": version("traverse-cmm"),
+            "machine": here,
+            "figures": {name: asdict(figure) for name, figure in now.items()},
+        }
+        write_json(asked.kept, values)
+        print(f"{len(now)} figures kept in {asked.kept.name}")
         return 0
-    stored = json.loads(STORED.read_text("utf-8"))
+    stored = json.loads(asked.kept.read_text("utf-8"))
     before = {name: Figure(**values) for name, values in stored["figures"].items()}
-    lines, n_worse = report(now, before)
+    load = os.getloadavg()[1] / (os.cpu_count() or 1)
+    reason = not_comparable(here, stored.get("machine"), load)
+    lines, n_worse = report(now, before, reason)
     print(f"Ratios to peers, beside those of {stored['version']}:", *lines, sep="\n")
-    print(f"{n_worse} of {len(now)} got worse")
+    if reason:
+        print(f"not comparable: {reason}")
+    else:
+        print(f"{n_worse} of {len(now)} got worse")
     return 1 if n_worse else 0
 
 

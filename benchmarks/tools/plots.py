@@ -1,7 +1,7 @@
 """`python -m benchmarks.tools.plots FOLDER`: pictures of docs/performance.md.
 
 FOLDER holds what the benchmarks wrote: kinematics.json, path.json, latency.json,
-press.json.
+press.json. The pictures are written beside them; `make figures` takes them into docs/.
 """
 
 import json
@@ -16,7 +16,6 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-DOCS = Path(__file__).parent.parent.parent / "docs"
 OURS, THEIRS = "#1f6f8b", "#c8963e"
 Tables = dict[str, dict[str, tuple[list[float], bool]]]
 
@@ -112,12 +111,12 @@ def main(folder: Path) -> None:
     """Draw all that there is."""
     key = "blue: Traverse; ochre: others; lines: 10 to 90 %"
     poses, samples = tables(folder / "kinematics.json"), tables(folder / "path.json")
-    stacked(poses, DOCS / "performance-kernel.png", 9.5, "pose", key)
-    stacked(samples, DOCS / "performance-path.png", 8.0, "sample")
+    stacked(poses, folder / "performance-kernel.png", 9.5, "pose", key)
+    stacked(samples, folder / "performance-path.png", 8.0, "sample")
     measured = json.loads((folder / "latency.json").read_text("utf-8"))
-    latency(measured, DOCS / "performance-latency.png")
+    latency(measured, folder / "performance-latency.png")
     stages_of_one = json.loads((folder / "press.json").read_text("utf-8"))
-    press(stages_of_one, DOCS / "performance-press.png")
+    press(stages_of_one, folder / "performance-press.png")
 
 
 if __name__ == "__main__":

@@ -22,13 +22,15 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.tools.sizes import sized
+
 try:
     import pyperf
 except ImportError:  # only `make bench` installs it
     pyperf = None
 
-ROUNDS = 25
-ROUND_S = 0.01  # a task that takes less is repeated within a round
+ROUNDS = sized(25, 2)
+ROUND_S = sized(0.01, 1e-4)  # a task that takes less is repeated within a round
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,6 +31,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from typer.testing import CliRunner
 
+from benchmarks.tools.sizes import sized
 from tests.fuzz.file_samples import make_samples
 from traverse.cli.__main__ import app
 
@@ -480,7 +481,7 @@ def main() -> int:
     """Read the command line."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz.files")
     parser.add_argument("names", nargs="*", metavar="COMMAND/FILE")
-    parser.add_argument("--mutations", type=int, default=300)
+    parser.add_argument("--mutations", type=int, default=sized(300, 1))
     parser.add_argument("--seed", type=int, default=1)
     wanted = parser.parse_args()
     names = wanted.names or list(COMMANDS)
