@@ -77,7 +77,7 @@ $(VENV)/.compiled: $(STAMP)
 test: venv system node $(VENV)/.compiled  ## all tests but the slow ones
 	$(TEST) -m "not slow" || $(AGAIN) -m "not slow"
 
-test-slow: venv system node $(VENV)/.compiled  ## guides followed to their end, campaigns through everything; three minutes
+test-slow: venv system node $(VENV)/.compiled $(PEERS)/.ready  ## guides followed to their end, campaigns through everything; three minutes
 	$(TEST) -m slow || $(AGAIN) -m slow
 
 test-fresh:  ## the README's commands in a pristine Debian (SUITE=trixie for another); root, a quarter of an hour
@@ -194,7 +194,7 @@ install: venv  ## into DESTDIR: /usr/lib/traverse, unit, rules; nothing is start
 	sh deploy/package/install.sh '$(DESTDIR)'
 
 deb: venv  ## Debian packages of the daemon and of the lab, in build/
-	sh deploy/package/build-deb.sh
+	BUILD=$(abspath $(BUILD)) sh deploy/package/build-deb.sh
 
 test-vm: deb system  ## CANopen on SocketCAN, and the package with systemd, in virtual machines; takes minutes
 	@sh deploy/debian-packages.sh vm

@@ -1,12 +1,13 @@
 #!/bin/sh
 # Makes the Debian packages of what install.sh puts into place: build/traverse_*.deb, and
-# build/traverse-lab_*.deb with what only the lab's commands need.
+# build/traverse-lab_*.deb with what only the lab's commands need. BUILD: another folder.
 # Needs no root and no debhelper; the network only where wheels are not yet on disk.
 set -eu
 umask 022
 here="$(cd "$(dirname "$0")" && pwd)"
 checkout="$(cd "$here/../.." && pwd)"
-root="$checkout/build/package/root"
+build="${BUILD:-$checkout/build}"
+root="$build/package/root"
 python="${SYSTEM_PYTHON:-/usr/bin/python3}"
 version="$(sed -n 's/^version = "\(.*\)"$/\1/p' "$checkout/pyproject.toml")"
 architecture="$(dpkg --print-architecture)"
@@ -14,7 +15,7 @@ architecture="$(dpkg --print-architecture)"
 this="$("$python" -c 'import sys; print("3.%d" % sys.version_info[1])')"
 next="$("$python" -c 'import sys; print("3.%d" % (sys.version_info[1] + 1))')"
 
-lab="$checkout/build/package/lab"
+lab="$build/package/lab"
 
 rm -rf "$root" "$lab"
 sh "$here/install.sh" "$root" "$lab"
@@ -62,7 +63,7 @@ fi
 for tree in "$root" "$lab"; do
     (cd "$tree" && find usr -type f -exec md5sum {} +) >"$tree/DEBIAN/md5sums"
     name="$(sed -n 's/^Package: //p' "$tree/DEBIAN/control")"
-    package="$checkout/build/${name}_${version}_$architecture.deb"
+    package="$build/${name}_${version}_$architecture.deb"
     dpkg-deb --root-owner-group -Zzstd --build "$tree" "$package" >/dev/null
     echo "$package"
 done

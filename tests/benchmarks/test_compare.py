@@ -6,7 +6,14 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.tools.compare import STORED, Figure, headlines, report
+from benchmarks.tools.compare import (
+    STORED,
+    Figure,
+    headlines,
+    machine,
+    not_comparable,
+    report,
+)
 from tests.docs.pages import CHECKOUT
 from tests.running import run_program
 
@@ -100,3 +107,61 @@ def test_a_run_that_is_missing_is_said(tmp_path):
     assert "kinematics.json: missing; run make bench first" in ran.stderr
     stored = json.loads(STORED.read_text("utf-8"))["figures"]
     assert all(Figure(**values).median > 0.0 for values in stored.values())
+
+
+HERE = {"host": "a1", "cpu": "Model 7", "cores": "2", "python": "3.11.2"}
+
+
+@pytest.mark.parametrize(
+    ("kept", "load", "reason"),
+    [
+        (HERE, 1.0, ""),
+        (None, 0.1, "the stored figures name no machine"),
+        ({**HERE, "cpu": "Model 8"}, 0.1, "cpu Model 8, here Model 7"),
+        ({**HERE, "host": "b2"}, 0.1, "host b2, here a1"),
+        (HERE, 4.0, "this machine is busy: load 4.0 a core"),
+    ],
+)
+def test_figures_are_compared_on_one_quiet_machine(kept, load, reason):
+    found = not_comparable(HERE, kept, load)
+    assert reason in found
+    assert bool(found) == bool(reason)
+
+
+def test_what_is_not_comparable_is_not_worse(tmp_path):
+    before = headlines(written(tmp_path))
+    now = headlines(written(tmp_path, point_us=2600.0, ours_s=1.5e-6))
+    lines, n_worse = report(now, before, "of another machine")
+    assert n_worse == 0
+    assert sum("not comparable: " in line for line in lines) == len(now)
+    # Nor is a ratio to another peer.
+    other = {name: replace(figure, peer="new") for name, figure in before.items()}
+    assert report(now, other)[1] == 0
+
+
+@pytest.mark.parametrize(
+    ("cpu", "status", "word"),
+    [
+        ("this", 1, "WORSE: "),
+        ("other", 0, "not comparable: they are of another machine"),
+    ],
+)
+def test_only_the_same_machine_gives_a_status(tmp_path, cpu, status, word):
+    kept, here = tmp_path / "kept.json", machine()
+    compare = [sys.executable, "-m", "benchmarks.tools.compare", str(tmp_path)]
+    compare += ["--kept", str(kept)]
+    written(tmp_path)
+    run_program(*compare, "--keep", cwd=CHECKOUT)
+    stored = json.loads(kept.read_text())
+    assert stored["machine"] == here
+    if cpu == "other":
+        stored["machine"]["cpu"] = "another one"
+        kept.write_text(json.dumps(stored))
+    written(tmp_path, point_us=2600.0)
+    # However busy the machine is that runs the tests.
+    program = (
+        "import sys; from benchmarks.tools import compare\n"
+        f"compare._BUSY = 1e9; sys.argv[1:] = {compare[3:]!r}; sys.exit(compare.main())"
+    )
+    ran = run_program(sys.executable, "-c", program, cwd=CHECKOUT, status=status)
+    assert word in ran.stdout
