@@ -16,8 +16,8 @@ from traverse.fleet.database import (
     Database,
     StoreAwayError,
     StoreRefusedError,
-    open_database,
 )
+from traverse.fleet.opening import open_database
 from traverse.fleet.tables import migrate
 from traverse.plurals import counted
 

@@ -17,12 +17,8 @@ from traverse.cli.common.refusals import (
     refuse,
 )
 from traverse.cli.gateway.running import report, until_signal
-from traverse.fleet.database import (
-    BadValueError,
-    StoreAwayError,
-    StoreRefusedError,
-    open_database,
-)
+from traverse.fleet.database import BadValueError, StoreAwayError, StoreRefusedError
+from traverse.fleet.opening import open_database
 from traverse.fleet.tables import migrate
 from traverse.plurals import counted
 

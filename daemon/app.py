@@ -8,7 +8,7 @@ from traverse.daemon.config.schema import BrokerSection
 from traverse.daemon.inputs import REFUSED, UNREACHABLE, StartupError, read_inputs
 from traverse.daemon.mqtt.embedded_broker import HOST, BrokerStartError, embedded_broker
 from traverse.daemon.service import Service, run
-from traverse.daemon.store.records import StateFolderError, StoreRefusedError
+from traverse.daemon.store.records import DatabaseRefusedError, StateFolderError
 from traverse.daemon.system.memory import limit_malloc_arenas
 
 log = logging.getLogger(__name__)
@@ -33,7 +33,7 @@ async def run_service(
                 log.info("embedded broker on %s:%d", HOST, port)
             service = Service(inputs, section, path, embedded=embedded)
             await run(service, keep_trying=keep_trying)
-    except (BrokerStartError, StoreRefusedError) as error:
+    except (BrokerStartError, DatabaseRefusedError) as error:
         may_mend = isinstance(error, BrokerStartError | StateFolderError)
         status = UNREACHABLE if may_mend else REFUSED
         log.error("%s", StartupError([str(error)], status))

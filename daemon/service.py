@@ -343,7 +343,7 @@ async def run(service: Service, *, keep_trying: bool) -> None:
 
     Raises:
         StartupError: a device or the broker could not be reached.
-        StoreRefusedError: a database must be left alone.
+        DatabaseRefusedError: a database must be left alone.
     """
     loop = asyncio.get_running_loop()
     stopping, hang_up = asyncio.Event(), asyncio.Event()

@@ -14,23 +14,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.acceptance.arms import (
     FIGURES,
-    RULES,
     Tested,
     drawn_again,
     drawn_arm,
-    limits_of,
     tested,
     tested_again,
 )
+from benchmarks.acceptance.rates import agreement, coverage, procedure_rates, rates
 from benchmarks.trials.lines import Line, outcomes
 from benchmarks.trials.program import Program, Verdict
 from benchmarks.trials.series import Series
-from traverse.arrays import Floats
-from traverse.lab.acceptance.conformity import decision_of
 
 ARMS, AGAIN = "arms", "one arm again"
 N_ARMS, N_AGAIN, BATCH = 1000, 200, 10
@@ -62,85 +58,6 @@ def judge(lines: Sequence[Line]) -> Verdict:
 
 def _outcomes(lines: Sequence[Line]) -> list[Tested]:
     return [Tested(**each) for each in outcomes(lines, ARMS)]
-
-
-def limits_mm(found: Sequence[Tested], key: str) -> Floats:
-    """Take the limit of every arm, (n_arms,)."""
-    return np.array([arm.limit_mm[key] for arm in found])
-
-
-def verdicts(found: Sequence[Tested], key: str, rule: str) -> NDArray[np.str_]:
-    """Decide on every arm by its figure alone."""
-    limits = limits_of(rule)
-    return np.array(
-        [
-            decision_of(
-                arm.found_mm[key], arm.limit_mm[key], arm.standard_mm[key], limits
-            ).verdict
-            for arm in found
-        ]
-    )
-
-
-def rates(found: Sequence[Tested], key: str) -> Iterator[dict[str, Any]]:
-    """Count wrong decisions by rule."""
-    for rule in RULES:
-        yield _rates(found, key, rule, verdicts(found, key, rule))
-
-
-def procedure_rates(found: Sequence[Tested]) -> Iterator[dict[str, Any]]:
-    """Count the same of E_UNI with the rule for repeats."""
-    for rule in RULES:
-        verdict = np.array([arm.procedure[rule] for arm in found])
-        row = _rates(found, "e_uni", rule, verdict)
-        yield {**row, "figure": "e_uni with repeats"}
-
-
-def _rates(
-    found: Sequence[Tested], key: str, rule: str, verdict: NDArray[np.str_]
-) -> dict[str, Any]:
-    true = np.array([arm.true_mm[key] for arm in found])
-    good = true <= limits_mm(found, key)
-    return {
-        "figure": key,
-        "rule": rule,
-        "u_mm": float(np.mean([arm.standard_mm[key] for arm in found])),
-        "good": int(good.sum()),
-        "bad": int((~good).sum()),
-        "false_accept": float(np.mean(verdict[~good] == "accept")),
-        "false_reject": float(np.mean(verdict[good] == "reject")),
-        "accepted_good": float(np.mean(verdict[good] == "accept")),
-        "rejected_bad": float(np.mean(verdict[~good] == "reject")),
-        "neither": float(np.mean(verdict == "neither")),
-    }
-
-
-def agreement(found: Sequence[Tested], key: str) -> dict[str, Any]:
-    """Compare figures with the truth."""
-    true = np.array([arm.true_mm[key] for arm in found])
-    measured = np.array([arm.found_mm[key] for arm in found])
-    u_mm = np.array([arm.standard_mm[key] for arm in found])
-    off = measured - true
-    return {
-        "figure": key,
-        "true_mm": [float(np.quantile(true, q)) for q in (0.05, 0.5, 0.95)],
-        "mean_off_mm": float(off.mean()),
-        "rms_off_mm": float(np.sqrt(np.mean(off**2))),
-        "rms_off_u": float(np.sqrt(np.mean((off / u_mm) ** 2))),
-        "within_2u": float(np.mean(np.abs(off) <= 2.0 * u_mm)),
-        "correlation": float(np.corrcoef(true, measured)[0, 1]),
-    }
-
-
-def coverage(found: Sequence[Tested]) -> dict[str, float]:
-    """Return how often single lengths are off by no more than U."""
-    true, measured, u_mm = np.array([row for arm in found for row in arm.lengths]).T
-    off = np.abs(measured - true)
-    return {
-        "lengths": len(off),
-        "within_2u": float(np.mean(off <= 2.0 * u_mm)),
-        "rms_u": float(np.sqrt(np.mean((off / u_mm) ** 2))),
-    }
 
 
 def _rate_lines(rows: Sequence[dict[str, Any]]) -> Iterator[str]:

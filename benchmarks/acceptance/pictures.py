@@ -3,12 +3,12 @@
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.acceptance import __main__, arms
+from benchmarks.acceptance import arms, rates
 from traverse.kinematics.arm_file.arm import read_arm
 from traverse.lab.acceptance.certificate.pictures import paintings
 from traverse.lab.acceptance.certificate.values import (
@@ -32,9 +32,6 @@ from traverse.simulator.campaigns.acceptance.poses import (
     drawn_acceptance,
 )
 
-if TYPE_CHECKING:
-    from benchmarks.acceptance.arms import Tested
-
 SCHEMA = "traverse/acceptance-limits/1"
 EXAMPLE_MPE = {
     "p_size_mm": 0.012,
@@ -46,7 +43,7 @@ _N_BINS = 12
 _LABELS = {"p_size": "P_SIZE", "e_uni": "E_UNI"}
 
 
-def paint(found: "Sequence[Tested]", folder: Path) -> None:
+def paint(found: Sequence[arms.Tested], folder: Path) -> None:
     """Write acceptance-truth.png and acceptance-decisions.png."""
     folder.mkdir(parents=True, exist_ok=True)
     truth = picture(165.0, 75.0, lambda figure: _truth(found, figure))
@@ -75,12 +72,12 @@ def example() -> dict[str, Any]:
         ).values
 
 
-def _truth(found: "Sequence[Tested]", figure: Figure) -> None:
+def _truth(found: Sequence[arms.Tested], figure: Figure) -> None:
     panels = figure.subplots(1, 2)
     for axes, key in zip(panels, arms.FIGURES, strict=True):
         true = 1e3 * np.array([arm.true_mm[key] for arm in found])
         measured = 1e3 * np.array([arm.found_mm[key] for arm in found])
-        limits = 1e3 * __main__.limits_mm(found, key)
+        limits = 1e3 * rates.limits_mm(found, key)
         wrong = (true <= limits) != (measured <= limits)
         axes.plot(true[~wrong], measured[~wrong], ".", markersize=2.5, color=BLUE)
         axes.plot(true[wrong], measured[wrong], "x", markersize=3.5, color=VERMILION)
@@ -90,12 +87,12 @@ def _truth(found: "Sequence[Tested]", figure: Figure) -> None:
         axes.set_ylabel("as measured [µm]")
 
 
-def _decisions(found: "Sequence[Tested]", figure: Figure) -> None:
+def _decisions(found: Sequence[arms.Tested], figure: Figure) -> None:
     panels = figure.subplots(1, 2, sharey=True)
     for axes, key in zip(panels, arms.FIGURES, strict=True):
         true_mm = np.array([arm.true_mm[key] for arm in found])
         standard_mm = np.array([arm.standard_mm[key] for arm in found])
-        off_u = (true_mm - __main__.limits_mm(found, key)) / standard_mm
+        off_u = (true_mm - rates.limits_mm(found, key)) / standard_mm
         edges = np.linspace(-arms.NEAR_U, arms.NEAR_U, _N_BINS + 1)
         middles = 0.5 * (edges[1:] + edges[:-1])
         bins = np.digitize(off_u, edges) - 1
@@ -105,7 +102,7 @@ def _decisions(found: "Sequence[Tested]", figure: Figure) -> None:
             ("1.65", "neither", ORANGE, "-", "neither"),
             ("1.65", "reject", VERMILION, "-", "rejected, guard band 1.65 u"),
         ):
-            hit = __main__.verdicts(found, key, rule) == verdict
+            hit = rates.verdicts(found, key, rule) == verdict
             shares = [
                 100.0 * float(np.mean(hit[bins == n])) if np.any(bins == n) else np.nan
                 for n in range(_N_BINS)

@@ -19,7 +19,7 @@ import psycopg
 from tests.postgres import Postgres
 from tests.protocol.message_examples import POINT
 from traverse.client.mqtt.connection import IncomingMessage
-from traverse.fleet.database import open_database
+from traverse.fleet.opening import open_database
 from traverse.fleet.rows import Rows
 from traverse.fleet.scan_files import ScanFiles
 from traverse.fleet.store import Store

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from traverse.cli.align.command import AlignmentOptions
+from traverse.cli.align.options import AlignmentOptions
 from traverse.cli.export.sources import points_of
 from traverse.client.exports.point_table import standing
 from traverse.kinematics.arm_file.arm import Arm, read_arm

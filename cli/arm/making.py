@@ -8,7 +8,7 @@ import numpy as np
 import typer
 
 from traverse.arrays import Floats
-from traverse.cli.arm.command import ArmOptions
+from traverse.cli.arm.options import ArmOptions
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.kinematics.importers.arm_values import (
     JointParts,

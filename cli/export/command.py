@@ -1,45 +1,19 @@
 """`traverse export`: points and scans as files that other software reads."""
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import typer
 
 from traverse.cli.common.options import Force, Json
-from traverse.cli.common.qif_check import QifSchemas
 from traverse.cli.common.refusals import check_target, refusals, refuse
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Wanted:
-    r"""The options, in the order of `--help`.
-
-    Attributes:
-        to: csv, dxf, jsonl, npz, parquet, ply, qif, text, xyz or campaign.
-        kind: Part of a recording.
-        coordinates: Of the ball, of the touched surface, or in the part.
-        session: Only points of this session.
-        filters: TOML file with [[filters]], as [[scan.filters]] of a daemon.
-        template: With --to text: such as '{seq};{x_mm:.3f}\n'.
-        retracted: Retracted points and retractions, too.
-    """
-
-    to: str = "csv"
-    kind: Literal["points", "scans"] = "points"
-    coordinates: Literal["centre", "surface", "part"] = "centre"
-    session: str | None = None
-    filters: Path | None = None
-    template: str = ""
-    retracted: bool = False
-    schemas: QifSchemas = None
+from traverse.cli.export.options import ExportOptions
 
 
 def export(
     source: Path,
     *,
-    wanted: Wanted,
+    wanted: ExportOptions,
     out: Path | None = None,
     arm: Path | None = None,
     campaign: Path | None = None,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from traverse.cli.common.qif_check import check_schema, schema_words
-from traverse.cli.export.command import Wanted
+from traverse.cli.export.options import ExportOptions
 from traverse.cli.export.sources import PIECE, points_of, scans_of, tear_of
 from traverse.client.exports.formats import FORMATS
 from traverse.client.exports.point_table import PointTable, Sink, table_of
@@ -31,7 +31,7 @@ class FiltersFile(StrictModel):
     filters: tuple[AnyFilter, ...]
 
 
-def write_file(source: Path, path: Path, wanted: Wanted) -> dict[str, Any]:
+def write_file(source: Path, path: Path, wanted: ExportOptions) -> dict[str, Any]:
     """Write a file; return its summary.
 
     Raises:
@@ -104,7 +104,7 @@ def selected_points(
 
 
 def _write_points(
-    source: Path, sink: Sink, chain: FilterChain | None, wanted: Wanted
+    source: Path, sink: Sink, chain: FilterChain | None, wanted: ExportOptions
 ) -> None:
     chosen = selected_points(source, wanted.session, retracted=wanted.retracted)
     for piece in _pieces(chosen):
@@ -132,7 +132,7 @@ def _applied(chain: FilterChain, table: PointTable) -> PointBlock:
 
 
 def _write_scans(
-    source: Path, sink: Sink, chain: FilterChain | None, wanted: Wanted
+    source: Path, sink: Sink, chain: FilterChain | None, wanted: ExportOptions
 ) -> None:
     if wanted.coordinates != "centre":
         raise ValueError("scans of a recording have --coordinates centre only")

@@ -12,9 +12,9 @@ from typing import IO
 from traverse.client.exports.text import Csv, JsonLines
 from traverse.daemon.store.queries import open_read_only
 from traverse.daemon.store.records import (
+    DatabaseRefusedError,
     StoredMessage,
     StoredSession,
-    StoreRefusedError,
 )
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
@@ -34,7 +34,7 @@ def opened_outbox(path: Path) -> Iterator[sqlite3.Connection]:
     try:
         with closing(open_read_only(path)) as connection:
             yield connection
-    except StoreRefusedError as error:
+    except DatabaseRefusedError as error:
         raise ValueError(str(error)) from error
     except (sqlite3.Error, UnicodeDecodeError) as error:  # its message may be damaged
         text = printable(str(error))

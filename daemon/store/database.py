@@ -20,9 +20,9 @@ from typing import Concatenate, ParamSpec
 
 from traverse.daemon.store.last_stored import OWNER_ONLY, LastStored, LastStoredFile
 from traverse.daemon.store.records import (
+    DatabaseRefusedError,
     NewMessage,
     StoredMessage,
-    StoreRefusedError,
     StoreStatistics,
 )
 
@@ -81,7 +81,7 @@ def check_version(connection: sqlite3.Connection, name: str) -> int:
     """Version of the tables; 0 in a database that is new.
 
     Raises:
-        StoreRefusedError: it is a newer one, or not an outbox.
+        DatabaseRefusedError: it is a newer one, or not an outbox.
         sqlite3.Error: it cannot be read.
     """
     (version,) = connection.execute("PRAGMA user_version").fetchone()
@@ -90,13 +90,13 @@ def check_version(connection: sqlite3.Connection, name: str) -> int:
     if version == 0 and application == 0 and tables == 0:
         return 0
     if application != APPLICATION:
-        raise StoreRefusedError(
+        raise DatabaseRefusedError(
             f"{name}: is a database of another program (application_id "
             f"{application:#x}, expected {APPLICATION:#x}); move it away, or name "
             "another state folder"
         )
     if not 1 <= version <= VERSION:
-        raise StoreRefusedError(
+        raise DatabaseRefusedError(
             f"{name}: has tables of version {version}, this program knows version "
             f"{VERSION}; install the version of traverse that wrote it, or move the "
             "file away: its points can be sent and exported by that version only"
@@ -142,7 +142,7 @@ class MessageDatabase:
         connection: for what only reads; see `traverse.daemon.store.queries`.
 
     Raises:
-        StoreRefusedError: it is not an outbox, or a newer one.
+        DatabaseRefusedError: it is not an outbox, or a newer one.
         sqlite3.Error: it cannot be opened, or is damaged.
     """
 

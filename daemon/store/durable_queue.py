@@ -29,6 +29,7 @@ from traverse.daemon.store.forwarder import (
 )
 from traverse.daemon.store.records import (
     Committed,
+    DatabaseRefusedError,
     NewMessage,
     Notification,
     PendingWrite,
@@ -36,7 +37,6 @@ from traverse.daemon.store.records import (
     RetentionRules,
     SetAside,
     StorageError,
-    StoreRefusedError,
     StoreStatus,
     WriteFailed,
     fail_all,
@@ -135,7 +135,7 @@ class DurableQueue:
         Unless it is needed at once, `start` may be called within the block.
 
         Raises:
-            StoreRefusedError: the database must be left alone.
+            DatabaseRefusedError: the database must be left alone.
         """
         if is_needed:
             await self.start()
@@ -144,7 +144,7 @@ class DurableQueue:
         finally:
             self.is_open = False
             if self._starting is not None:
-                with contextlib.suppress(StoreRefusedError):
+                with contextlib.suppress(DatabaseRefusedError):
                     await self._starting
                     self._acks.flush(is_last=True)
                     await self._writer.close()

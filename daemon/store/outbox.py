@@ -101,7 +101,7 @@ class Outbox(DurableQueue):
         """As any durable queue, and keep every other daemon out of its folder.
 
         Raises:
-            StoreRefusedError: the database, or the folder, must be left alone.
+            DatabaseRefusedError: the database, or the folder, must be left alone.
         """
         with exclusive_state_dir(self.path.parent):
             async with super().running(is_needed=is_needed):

@@ -16,10 +16,10 @@ from urllib.parse import quote
 
 from traverse.daemon.store.database import SET_ASIDE, check_version, read_as_text
 from traverse.daemon.store.records import (
+    DatabaseRefusedError,
     StoredMessage,
     StoredRange,
     StoredSession,
-    StoreRefusedError,
 )
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
@@ -60,12 +60,12 @@ def open_read_only(path: Path) -> sqlite3.Connection:
     """Open an outbox for reading only; the daemon may be running.
 
     Raises:
-        StoreRefusedError: there is none, or not one of this version.
+        DatabaseRefusedError: there is none, or not one of this version.
         sqlite3.Error: it cannot be read.
     """
     if not path.is_file():
         found = "is a folder" if path.is_dir() else "there is no such file"
-        raise StoreRefusedError(
+        raise DatabaseRefusedError(
             f"{path}: {found}; name the outbox of a daemon with --db, or its "
             "configuration with --config"
         )
@@ -76,7 +76,7 @@ def open_read_only(path: Path) -> sqlite3.Connection:
     try:
         version = check_version(connection, str(path))
         if not version:
-            raise StoreRefusedError(f"{path}: is empty; no daemon has used it yet")
+            raise DatabaseRefusedError(f"{path}: is empty; no daemon has used it yet")
         if version == 1:  # what only reads needs no `request`
             connection.execute(
                 "CREATE TEMP VIEW messages AS SELECT *, NULL AS crc FROM main.messages"

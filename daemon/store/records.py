@@ -125,11 +125,11 @@ class RetentionRules:
     keep_mb: float
 
 
-class StoreRefusedError(Exception):
+class DatabaseRefusedError(Exception):
     """The file must not be touched; the text states the reason and the remedy."""
 
 
-class StateFolderError(StoreRefusedError):
+class StateFolderError(DatabaseRefusedError):
     """The folder is in use, or cannot be used now; a later start may succeed."""
 
 

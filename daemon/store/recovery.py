@@ -19,12 +19,12 @@ from urllib.parse import quote
 from traverse.daemon.store.database import CORRUPT_INDEX, MessageDatabase, read_as_text
 from traverse.daemon.store.queries import COLUMNS, stored_message
 from traverse.daemon.store.records import (
+    DatabaseRefusedError,
     NewMessage,
     Replaced,
     SetAside,
     StorageError,
     StoredMessage,
-    StoreRefusedError,
     StoreStatistics,
     StoreStatus,
 )
@@ -173,7 +173,7 @@ class ResilientDatabase:
         """Open the database; what prevents it is in `trouble` then.
 
         Raises:
-            StoreRefusedError: it must be left alone.
+            DatabaseRefusedError: it must be left alone.
         """
         with contextlib.suppress(sqlite3.Error, OSError):
             self.run(lambda store: None)
@@ -215,7 +215,7 @@ class ResilientDatabase:
                         raise
                     tried.append(remedy)
                     remedy(error)
-        except StoreRefusedError as error:
+        except DatabaseRefusedError as error:
             self.trouble = StorageError(str(error), "see there")
             raise
         except Exception as error:
@@ -236,7 +236,7 @@ class ResilientDatabase:
             self._open_anew(None)
             self.open()
         if self.trouble is not None:
-            with contextlib.suppress(sqlite3.Error, OSError, StoreRefusedError):
+            with contextlib.suppress(sqlite3.Error, OSError, DatabaseRefusedError):
                 self.run(MessageDatabase.check_space)
                 self.trouble = None
 

@@ -91,7 +91,7 @@ class ScanStore(DurableQueue):
         """As any durable queue, where there is something to send or store.
 
         Raises:
-            StoreRefusedError: the database must be left alone.
+            DatabaseRefusedError: the database must be left alone.
         """
         is_needed |= self._section.delivery == "complete" or self.path.exists()
         async with super().running(is_needed=is_needed):

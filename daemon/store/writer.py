@@ -23,11 +23,11 @@ from traverse.daemon.clock import HostClock
 from traverse.daemon.store.database import DAY_NS, MessageDatabase
 from traverse.daemon.store.records import (
     Committed,
+    DatabaseRefusedError,
     NewMessage,
     Notification,
     RetentionRules,
     StorageError,
-    StoreRefusedError,
     StoreStatus,
     WriteFailed,
 )
@@ -85,7 +85,7 @@ class StoreWriter:
         """Open the database; where that fails for now, it is tried again and again.
 
         Raises:
-            StoreRefusedError: it must be left alone.
+            DatabaseRefusedError: it must be left alone.
         """
         self._thread.start()
         try:
@@ -131,7 +131,7 @@ class StoreWriter:
         self._opened.set_running_or_notify_cancel()  # nobody can cancel it any more
         try:
             self._database.open()
-        except StoreRefusedError as error:
+        except DatabaseRefusedError as error:
             self._opened.set_exception(error)
             return
         self._report_status()

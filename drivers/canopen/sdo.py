@@ -58,8 +58,8 @@ class NodeSdo(SdoClient):
     Args:
         node: its number.
         bus: open.
-        turn: reads the bus once, waiting at most the given time [s], and passes replies
-            of this node to `take`.
+        poll_bus: reads the bus once, waiting at most the given time [s], and passes
+            replies of this node to `take`.
         stopping: polled while waiting; True ends the transfer.
         answer_s: how long an answer may take.
         tries: how often a request is sent.

@@ -12,11 +12,8 @@ from typing import ClassVar, Literal
 from pydantic import Field, field_validator
 
 from traverse.simulator.devices.device import DeviceContext
-from traverse.simulator.devices.serial_device import (
-    SerialDevice,
-    SerialTable,
-    checked_addresses,
-)
+from traverse.simulator.devices.serial_device import SerialDevice, checked_addresses
+from traverse.simulator.devices.serial_table import SerialTable
 
 POSITION, TURNS, EXTENDED = 0, 1, 2
 SET_ZERO, RESET = 0x5E, 0x75

@@ -17,11 +17,8 @@ from typing import ClassVar, Literal
 from pydantic import Field, field_validator
 
 from traverse.simulator.devices.device import DeviceContext
-from traverse.simulator.devices.serial_device import (
-    SerialDevice,
-    SerialTable,
-    checked_addresses,
-)
+from traverse.simulator.devices.serial_device import SerialDevice, checked_addresses
+from traverse.simulator.devices.serial_table import SerialTable
 
 READ_HOLDING, READ_INPUT, WRITE_ONE, WRITE_MANY = 3, 4, 6, 16
 NO_FUNCTION, NO_REGISTER, NO_VALUE = 1, 2, 3

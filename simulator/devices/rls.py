@@ -17,7 +17,8 @@ import numpy as np
 from pydantic import Field
 
 from traverse.simulator.devices.device import DeviceContext
-from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
+from traverse.simulator.devices.serial_device import SerialDevice
+from traverse.simulator.devices.serial_table import SerialTable
 from traverse.simulator.scenario.faults import StatusFault
 
 UNLOCK = b"\xcd\xef\x89\xab"

@@ -12,16 +12,13 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from traverse.simulator.devices.pty_port import PtyPort
+from traverse.simulator.devices.serial_table import SerialTable
 from traverse.simulator.scenario.faults import Fault, LateFault
 from traverse.simulator.scenario.signals import OutgoingFrame
-
-if TYPE_CHECKING:
-    from traverse.simulator.devices.serial_device import SerialTable
 
 SPEECHLESS = frozenset({"silent", "reset"})
 ON_THE_WIRE = frozenset({"lost", "corrupted", "repeated", "garbage", "cut"})
@@ -131,7 +128,7 @@ BUFFER_BYTES = 65_536
 class SerialLine:
     """The device's end of a line; its owner closes the port."""
 
-    def __init__(self, path: Path, table: "SerialTable", bits_per_byte: int) -> None:
+    def __init__(self, path: Path, table: SerialTable, bits_per_byte: int) -> None:
         self._table = table
         self._byte_s = bits_per_byte / table.baud_rate if table.baud_rate else 0.0
         self.n_dropped = 0

@@ -17,7 +17,8 @@ import aiomqtt
 from tests.client.virtual_daemon import VirtualDaemon
 from tests.mosquitto import Mosquitto
 from tests.postgres import Postgres
-from traverse.fleet.database import Database, open_database
+from traverse.fleet.database import Database
+from traverse.fleet.opening import open_database
 
 PATIENCE_S = 90.0
 

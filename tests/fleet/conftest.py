@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.postgres import Postgres
-from traverse.fleet.database import open_database
+from traverse.fleet.opening import open_database
 from traverse.fleet.tables import migrate
 
 

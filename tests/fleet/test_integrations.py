@@ -10,8 +10,8 @@ import pytest
 from tests.docs.pages import CHECKOUT
 from tests.fleet.test_overview import GOOD, health, history, store_messages
 from tests.fleet.test_store import EVENT, point
-from traverse.fleet.database import open_database
 from traverse.fleet.evidence import add_evidence
+from traverse.fleet.opening import open_database
 from traverse.fleet.tables import migrate
 
 FOLDER = CHECKOUT / "docs" / "integrations"

@@ -10,9 +10,9 @@ import pytest
 from tests.fleet.test_store import point, received
 from tests.protocol.message_examples import HEALTH, STATUS
 from tests.running import invoke
-from traverse.fleet.database import open_database
 from traverse.fleet.evidence import add_evidence
 from traverse.fleet.gaps import find_gaps
+from traverse.fleet.opening import open_database
 from traverse.fleet.overview import overview_page, overview_values
 from traverse.fleet.scan_files import ScanFiles
 from traverse.fleet.store import Store

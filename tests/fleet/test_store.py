@@ -10,8 +10,9 @@ import pytest
 
 from tests.protocol.message_examples import EVENT, HEALTH, POINT, SCAN, STATUS
 from traverse.client.mqtt.connection import IncomingMessage
-from traverse.fleet.database import StoreAwayError, StoreRefusedError, open_database
+from traverse.fleet.database import StoreAwayError, StoreRefusedError
 from traverse.fleet.gaps import MOST_ASKED, find_gaps, mark_lost, take_lease
+from traverse.fleet.opening import open_database
 from traverse.fleet.rows import listed_series
 from traverse.fleet.scan_files import ScanFiles
 from traverse.fleet.store import REFUSED_KEPT, Store

@@ -24,8 +24,8 @@ from tests.lab.certificates.made import LABORATORY
 from tests.lab.collection.test_collection import CAMPAIGN, touch
 from tests.protocol.message_examples import EVENT, HEALTH, SCAN, STATUS
 from traverse.cli.__main__ import app
-from traverse.fleet.database import open_database
 from traverse.fleet.evidence import add_evidence
+from traverse.fleet.opening import open_database
 from traverse.fleet.scan_files import ScanFiles
 from traverse.fleet.store import Store
 from traverse.fleet.tables import migrate

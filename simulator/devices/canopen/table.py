@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from traverse.plurals import counted
-from traverse.simulator.devices.serial_device import SerialTable
+from traverse.simulator.devices.serial_table import SerialTable
 from traverse.simulator.devices.table import DeviceTable
 
 NodeNumber = Annotated[int, Field(ge=1, le=127)]

@@ -13,7 +13,7 @@ from traverse.simulator.devices.latch_board import wire
 from traverse.simulator.devices.latch_board.board import Board
 from traverse.simulator.devices.latch_board.sampler import TickCounter
 from traverse.simulator.devices.pty_port import PtyPort
-from traverse.simulator.devices.serial_device import SerialTable
+from traverse.simulator.devices.serial_table import SerialTable
 from traverse.simulator.devices.table import DeviceTable
 from traverse.simulator.scenario.signals import OutgoingFrame
 from traverse.simulator.scenario.truth_log import TruthLog

@@ -17,7 +17,8 @@ from traverse.arrays import Integers
 from traverse.plurals import counted
 from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.microscribe import box as wire
-from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
+from traverse.simulator.devices.serial_device import SerialDevice
+from traverse.simulator.devices.serial_table import SerialTable
 from traverse.strict_toml.reader import StrictModel
 
 MOST_COUNTS = 16384

@@ -11,30 +11,32 @@ from hypothesis import strategies as st
 from tests.daemon.store.outbox_entries import entries, execute, rows
 from traverse.daemon.store.database import MessageDatabase
 from traverse.daemon.store.queries import open_read_only, read_unsent
-from traverse.daemon.store.records import StoreRefusedError
+from traverse.daemon.store.records import DatabaseRefusedError
 from traverse.daemon.store.recovery import move_aside, storage_error_of
 
 
 def test_a_newer_version_is_refused_with_what_to_do(store, path):
     store.close()
     execute(path, "PRAGMA user_version = 4")
-    with pytest.raises(StoreRefusedError, match=r"version 4.*knows version 3.*install"):
+    with pytest.raises(
+        DatabaseRefusedError, match=r"version 4.*knows version 3.*install"
+    ):
         MessageDatabase(path)
 
 
 def test_a_database_of_another_program_is_left_alone(path):
     execute(path, "CREATE TABLE songs (title TEXT)")
-    with pytest.raises(StoreRefusedError, match="another program"):
+    with pytest.raises(DatabaseRefusedError, match="another program"):
         MessageDatabase(path)
-    with pytest.raises(StoreRefusedError, match="another program"):
+    with pytest.raises(DatabaseRefusedError, match="another program"):
         open_read_only(path)
 
 
 def test_to_read_needs_a_file_that_a_daemon_has_used(path):
-    with pytest.raises(StoreRefusedError, match=r"no such file.*--db"):
+    with pytest.raises(DatabaseRefusedError, match=r"no such file.*--db"):
         open_read_only(path)
     path.write_bytes(b"")
-    with pytest.raises(StoreRefusedError, match="no daemon has used it"):
+    with pytest.raises(DatabaseRefusedError, match="no daemon has used it"):
         open_read_only(path)
 
 

@@ -10,7 +10,7 @@ import pytest
 from tests.daemon.store.outbox_entries import execute, fill_disk, make_room, rows
 from tests.daemon.store.outbox_harness import OutboxOnLoop, numbers
 from tests.end_to_end.programs import until
-from traverse.daemon.store.records import StoreRefusedError
+from traverse.daemon.store.records import DatabaseRefusedError
 
 
 async def test_a_commit_that_fails_gives_the_numbers_back(bench):
@@ -185,13 +185,13 @@ async def test_a_newer_file_is_refused_at_the_start(tmp_path):
     async with bench.outbox.running():
         await bench.take_all(1)
     execute(bench.path, "PRAGMA user_version = 9")
-    with pytest.raises(StoreRefusedError, match="version 9"):
+    with pytest.raises(DatabaseRefusedError, match="version 9"):
         async with OutboxOnLoop(tmp_path).outbox.running():
             pass
 
 
 async def test_two_daemons_do_not_share_a_state_folder(bench, tmp_path):
-    with pytest.raises(StoreRefusedError, match="another daemon uses"):
+    with pytest.raises(DatabaseRefusedError, match="another daemon uses"):
         async with OutboxOnLoop(tmp_path).outbox.running():
             pass
     assert (await bench.take_all(1))[0].trouble is None
@@ -199,7 +199,7 @@ async def test_two_daemons_do_not_share_a_state_folder(bench, tmp_path):
 
 async def test_a_state_folder_that_cannot_be_had_is_refused(tmp_path):
     (tmp_path / "state").write_text("a file")
-    with pytest.raises(StoreRefusedError, match="STATE_DIRECTORY"):
+    with pytest.raises(DatabaseRefusedError, match="STATE_DIRECTORY"):
         async with OutboxOnLoop(tmp_path / "state").outbox.running():
             pass
 

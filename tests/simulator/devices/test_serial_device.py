@@ -21,7 +21,8 @@ from traverse.simulator.devices.latch_board.device import (
     LatchBoardTable,
     SimulatedLatchBoard,
 )
-from traverse.simulator.devices.serial_device import SerialDevice, SerialTable
+from traverse.simulator.devices.serial_device import SerialDevice
+from traverse.simulator.devices.serial_table import SerialTable
 from traverse.simulator.devices.table import KINDS, DeviceTable, class_named
 from traverse.simulator.pacing import MonotonicClock, live_real
 
