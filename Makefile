@@ -179,7 +179,7 @@ fuzz-files: venv  ## damaged files given to every command that reads them, 300 t
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.fuzz.files
 
 honesty: venv  ## a thousand worlds in virtual time: nothing unmarked may be wrong; minutes (WORLDS=40)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.honesty --runs $(or $(WORLDS),1000)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.honesty --out $(BUILD)/honesty.jsonl $(if $(WORLDS),--runs $(WORLDS))
 
 soak: venv system  ## 200 times daemon, broker, board, networks, consumer killed; half an hour (KILLS=12: a minute or two)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.soak $(if $(KILLS),--kills $(KILLS))

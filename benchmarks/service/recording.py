@@ -30,7 +30,7 @@ from traverse.protocol.topics import command_topic
 from traverse.recording.run_reader import RunReader
 
 RATE_HZ = 10_000.0
-ROUNDS = sized(4, 1)
+ROUNDS = sized(4, 2)
 SECONDS = sized(8.0, 1.0)
 SETTLE_S = 1.0
 NOISE = "noise_rad = 4e-6"  # as of real encoders: noise is what takes room

@@ -29,6 +29,7 @@ TARGETS = {
     "endurance": BROKER,
     "fuzz": (),
     "fuzz-files": (),
+    "honesty": (),
     "prove": (),
     "prove-acceptance": (),
     "prove-alignment": (),
@@ -36,7 +37,7 @@ TARGETS = {
     "soak": BROKER,
 }
 KINDS = re.compile(
-    r"^((?:audit|bench|blind|deb|docs|endurance|fuzz|prove|screenshots|soak)[a-z-]*):",
+    r"^((?:audit|bench|blind|deb|docs|endurance|fuzz|honesty|prove|screenshots|soak)[a-z-]*):",
     re.MULTILINE,
 )
 # What a target leaves in BUILD, if anything.
@@ -45,6 +46,7 @@ LEAVES = {
     "blind": ("blind.jsonl",),
     "deb": ("traverse_*.deb", "traverse-lab_*.deb"),
     "docs": ("site/index.html",),
+    "honesty": ("honesty.jsonl",),
     "prove": ("proofs.jsonl",),
     "prove-acceptance": ("acceptance.jsonl", "figures/acceptance-truth.png"),
     "prove-alignment": ("alignment.jsonl", "figures/alignment-index.png"),
