@@ -541,4 +541,6 @@ class Measurement(MeasurementContext):
             self.rate_hz = started.rate_hz
             self._rests = False  # perhaps a scan begins
             self._set_batch_window()
-            self.scanner.follow(started.stream, started.rate_hz)
+            self.scanner.follow(
+                started.stream, started.rate_hz, started.requested_hz
+            )

@@ -75,6 +75,9 @@ class ScanCommands:
                 f"{STREAM_TIMEOUT_S:g} s",
                 "check the device",
             ) from error
+        running = self._scanner.plan
+        if running is not None and running.id == plan.id:
+            plan = running  # with the rate that the device has
         return {
             "scan": plan.id,
             "rate_hz": plan.rate_hz,

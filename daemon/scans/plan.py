@@ -51,9 +51,25 @@ class ScanPlan:
         return Sections(self.normal, self.spacing_mm, self.offset_mm)
 
 
-def plan_scan(rate_hz: float, tracking_rate_hz: float) -> ScanPlan:
-    """A new timed scan at ``rate_hz`` on a stream of at least the tracking rate."""
+RATE_TOLERANCE = 0.05
+"""Above the largest rate: that was measured, and 100 Hz is 99.8 Hz at times."""
+ROUNDING = 1e-9
+
+
+def plan_scan(
+    rate_hz: float, tracking_rate_hz: float, largest_hz: float = np.inf
+) -> ScanPlan:
+    """A new timed scan at ``rate_hz`` on a stream of at least the tracking rate.
+
+    On a device that is slower the stream has its largest rate, and the scan the
+    nearest rate to the requested one that this gives.
+    """
     every = max(1, int(np.ceil(tracking_rate_hz / rate_hz)))
+    most_hz = largest_hz * (1.0 + RATE_TOLERANCE)
+    if every > 1 and every * rate_hz > most_hz:
+        every = max(1, int(most_hz / rate_hz))
+    if largest_hz < every * rate_hz <= most_hz:
+        rate_hz = largest_hz / every
     return ScanPlan(uuid.uuid4().hex[:12], rate_hz, every)
 
 
@@ -63,15 +79,17 @@ def requested_scan(
     """Make the scan that a command requests; settings are what it leaves open.
 
     Rates [Hz]: the largest of every device, and the slowest that follows the joints.
+    A rate that no request states is as much of the configured one as is possible.
 
     Raises:
         RequestRefusedError: the rate is not possible, or values do not go together.
     """
     if args.mode == "time":
-        plan = plan_scan(args.rate_hz or settings.rate_hz, tracking_rate_hz)
+        rate_hz = args.rate_hz or min(settings.rate_hz, largest_hz)
+        plan = plan_scan(rate_hz, tracking_rate_hz, largest_hz)
     else:  # as dense as configured: what is not read cannot be selected
         rate_hz = args.rate_hz or min(settings.dense_rate_hz, largest_hz)
-        plan = plan_scan(max(rate_hz, tracking_rate_hz), 0.0)
+        plan = plan_scan(max(rate_hz, tracking_rate_hz), 0.0, largest_hz)
     plan = replace(
         plan,
         mode=args.mode,
@@ -85,10 +103,10 @@ def requested_scan(
     except ValueError as error:
         text = "correct the arguments and send again"
         raise RequestRefusedError("command.bad_args", str(error), text) from error
-    if plan.device_rate_hz > largest_hz:
+    if plan.device_rate_hz > largest_hz * (1.0 + ROUNDING):
         raise RequestRefusedError(
             "scan.rate",
             f"{plan.rate_hz:g} Hz is more than the {largest_hz:g} Hz possible",
-            "request a lower rate",
+            f"request {largest_hz:g} Hz or less",
         )
     return plan

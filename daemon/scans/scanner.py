@@ -79,6 +79,7 @@ class Scanner:
         """Begin; points start when the device streams at the plan's rate."""
         self.stream_started.clear()
         self.plan = self._plan = plan
+        self._requested_hz = plan.device_rate_hz
         self.session = session
         self._model = model
         self._alignment = self._part.alignment
@@ -94,11 +95,18 @@ class Scanner:
         self._waiting: list[PointBlock] = []
         self._period_ns = int(np.ceil(1e9 / plan.rate_hz))
 
-    def follow(self, stream: int, rate_hz: float) -> bool:
-        """The device has begun a stream; True if it is the one the scan waits for."""
-        plan = self.plan
-        if plan is None or abs(rate_hz - plan.device_rate_hz) > 0.001 * rate_hz + 0.001:
+    def follow(self, stream: int, rate_hz: float, requested_hz: float = 0.0) -> bool:
+        """The device has begun a stream; True if it is the one the scan waits for.
+
+        From then on the scan has the rate that the device states.
+        """
+        plan, requested_hz = self.plan, requested_hz or rate_hz
+        off_hz = abs(requested_hz - self._requested_hz) if plan else 0.0
+        if plan is None or off_hz > 0.001 * requested_hz + 0.001:
             return False
+        if rate_hz != requested_hz:
+            self.plan = self._plan = replace(plan, rate_hz=rate_hz / plan.every)
+            self._period_ns = int(np.ceil(1e9 / self._plan.rate_hz))
         self._stream = stream
         self._resuming = self._last is not None
         self.stream_started.set()

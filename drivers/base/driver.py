@@ -34,6 +34,7 @@ log = logging.getLogger(__name__)
 FIRST_RETRY_S = 0.1
 LAST_RETRY_S = 2.0
 COUNTERS_S = 0.5
+RATE_TOLERANCE = 0.05  # what a device reaches was measured, and is no round number
 CONNECT_S = 60.0  # the longest that any device may need to be found and set up
 ASK_S = 15.0  # one exchange with a device, repetitions included
 CLOSE_S = 10.0
@@ -189,19 +190,33 @@ class Driver(ABC):
             )
 
     def _start_stream(
-        self, rate_hz: float, reached_hz: float = math.inf, remedy: str = ""
+        self,
+        requested_hz: float,
+        reached_hz: float = math.inf,
+        remedy: str = "",
+        *,
+        possible_hz: float | None = None,
     ) -> float:
-        """Report the next stream, no faster than the device; return its rate."""
-        if rate_hz > reached_hz:
+        """Report the next stream, no faster than the device; return its rate.
+
+        Args:
+            possible_hz: the rate instead of the requested one, of a device that
+                cannot be read at any rate.
+        """
+        rate_hz = requested_hz if possible_hz is None else possible_hz
+        if requested_hz > reached_hz * (1.0 + RATE_TOLERANCE):
             self._fault(
                 "rate_limited",
-                f"a stream of {rate_hz:g} Hz is requested, {self.device} reaches "
+                f"a stream of {requested_hz:g} Hz is requested, {self.device} reaches "
                 f"{reached_hz:.4g} Hz",
                 remedy,
             )
-            rate_hz = reached_hz
+        rate_hz = min(rate_hz, reached_hz)
         self._stream += 1
-        self._deliver_state(StreamStarted(self.device, self._stream, rate_hz))
+        other_hz = 0.0 if rate_hz == requested_hz else requested_hz
+        self._deliver_state(
+            StreamStarted(self.device, self._stream, rate_hz, other_hz)
+        )
         return rate_hz
 
     def _run(self) -> None:

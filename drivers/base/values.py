@@ -165,11 +165,17 @@ class LatchedCounts:
 
 @dataclass(frozen=True, slots=True)
 class StreamStarted:
-    """A stream runs at ``rate_hz``; its samples carry ``stream``."""
+    """A stream runs at ``rate_hz``; its samples carry ``stream``.
+
+    Attributes:
+        requested_hz: the rate that was requested, where the device cannot stream at
+            just that one; 0 where it does.
+    """
 
     device: str
     stream: int
     rate_hz: float
+    requested_hz: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

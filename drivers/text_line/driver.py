@@ -237,11 +237,15 @@ class TextLineDriver(Driver):
         self._every = 0
         if not rate_hz:
             return
+        # The board prints when it likes: every line or one in some is a sample.
         reached_hz = 1e9 / self._period_ns
-        self._every = max(1, int(reached_hz / rate_hz))
+        self._every = max(1, round(reached_hz / rate_hz))
         self._next_seq = 0
         self._start_stream(
-            rate_hz, reached_hz, "lower the rate, or have the board print more often"
+            rate_hz,
+            reached_hz,
+            "lower the rate, or have the board print more often",
+            possible_hz=reached_hz / self._every,
         )
 
     def _take(self, read: tuple[list[tuple[Line, int]], int]) -> None:

@@ -54,6 +54,26 @@ def test_the_device_streams_at_least_at_the_tracking_rate():
         assert plan.device_rate_hz == rate_hz * every
 
 
+@pytest.mark.parametrize("largest_hz", [99.8, 100.0, 100.02, 59.9, 60.003, 20.0, 10.0])
+@pytest.mark.parametrize("share", [0.2, 0.25, 0.5, 0.9, 0.99, 1.0, 1.001, 1.04])
+def test_a_slow_device_is_scanned_at_a_rate_near_the_requested(largest_hz, share):
+    rate_hz = share * largest_hz
+    plan = plan_scan(rate_hz, min(100.0, largest_hz), largest_hz)
+    assert plan.device_rate_hz <= largest_hz * (1 + 1e-9)
+    assert plan.rate_hz == pytest.approx(rate_hz, rel=0.05)
+    # The joints are followed as well as the rate of the scan allows.
+    assert plan.device_rate_hz > largest_hz / 2.0
+
+
+def test_a_scan_has_the_rate_that_the_device_states(model):
+    bench = Bench(model, rate_hz=25.0, every=4)
+    assert bench.scanner.follow(2, 99.8, 100.0)
+    bench.take(range(8), stream=2)
+    bench.scanner.stop()
+    assert bench.messages[0].rate_hz == pytest.approx(24.95)
+    assert not bench.scanner.follow(3, 99.8, 100.0)  # no scan runs any more
+
+
 def test_points_are_numbered_from_the_start_and_handed_on_in_blocks(model):
     bench = Bench(model)
     for first in range(0, 20, 4):
