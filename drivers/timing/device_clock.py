@@ -1,31 +1,76 @@
-"""Maps a device's ticks to the host's monotonic clock.
+"""Maps a device's ticks to the host's monotonic clock, and states how well.
 
 A read never happens before the latch, so ``received - ticks / rate`` is the true
-offset plus a delay that is never negative. In each half second of device time the
-smallest of these is kept, and a line is laid below the last of them, as near to them
-all as it can be: its slope is the rate of the device's crystal, its height the smallest
-delay. That line is an edge of their lower convex hull, the one below their mean time
-(Moon, Skelly and Towsley, INFOCOM 1999), so that delays of a busy host do not move it.
-What remains is the smallest delay itself, which no one-way measurement separates from
-the offset. A request and its answer do: the delay of the answer is below the time of
-both, so a clock is tied at once by a quick answer.
+offset plus a delay that is never negative; `traverse.drivers.timing.delay_floor` lays
+the line below these, whose slope is the error of the device's rate. What remains is the
+smallest delay itself, which no one-way measurement separates from the offset: it is
+stated by whoever knows the port, as ``latency_ns``. A request and its answer do: the
+latch is after the request, so that a quick answer bounds the smallest delay.
+
+Strategy: a time is in doubt until the line is known, and whenever a reading says that
+it may not hold any more. A reading near the line proves it: the counter has lost
+nothing until then. One that is later than all of the last half minute, or more readings
+in a row above the line than ever, may be a busy host, or a counter that stood still:
+the next reading near the line tells. Where none comes for `STEP_S`, the delays have a
+new floor, which is a step of the counter. A reading below the line by more than its
+bound is one at once: it would have arrived before its latch.
 """
 
 from collections import deque
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from traverse.arrays import Integers
+from traverse.drivers.timing.delay_floor import LEAST_BINS, DelayFloor
 
 WRAP = 1 << 32
-BIN_S = 0.5
-BINS = 64  # half a minute: long against jitter, short against temperature
-BINS_FOR_SLOPE = 10  # five seconds: before, a busy host's delays look like a rate
-MAX_RATE_ERROR = 1e-3  # a crystal is within 1e-4; beyond this it is not a clock
-MAX_EARLY_NS = 20_000_000  # more than jitter: received so long before its latch
-MAX_LAG_NS = 500_000  # 0.1 mm of a hand that moves at 200 mm/s
+BIN_S = 0.25
+EACH_BIN, LATER_BINS = 24, 4  # so long the line is laid anew with each bin; then less
+BLEND_S = 0.25  # in which a new line is adopted
+STEP_S = 1.0
+STEP_READS = 8
+FIRST_BINS = 3  # for a first line, of which nothing is certain
+UNKNOWN_NS = 1e9
+LAST_READS = 4
+EXCHANGES = 64
+MAX_BOUND_NS = 20_000_000  # of what has to be learned; beyond, no time is certain
+MAX_TIED_NS = 1_000_000  # of an answer that ties the clock
+MAX_RATE_ERROR = 0.025  # as long as the rate is not known
+GENERATION_NS = 16_000_000_000  # for two of these the usual delays are remembered
+LATE_MARGIN, LATE_SLACK_NS = 2.0, 1_000_000
+PROOF_SLACK_NS = 500_000  # 0.1 mm of a hand that moves at 200 mm/s
+UNDERCUT = 4.0  # bounds below the line: no luck with the delays explains it
+LEAST_RUN, RUN_MARGIN = 4, 3
+REMEMBERED_READS = 4096  # until the line is known
+
+
+class _UsualDelays:
+    """Remembers how late readings are, and how many in a row, where all is well."""
+
+    def __init__(self) -> None:
+        self._since_ns = 0
+        self._late_ns = [0.0, 0.0]
+        self._run = [0, 0]
+        self.set_limits()
+
+    def set_limits(self) -> None:
+        """Derive from when on a reading is unusually late."""
+        self.limit_ns = LATE_MARGIN * max(self._late_ns) + LATE_SLACK_NS
+        self.run_limit = LEAST_RUN + RUN_MARGIN * max(self._run)
+
+    def add(self, late_ns: float, run: int, now_ns: int) -> None:
+        """Take the latest of some readings in a row that came before a proof."""
+        if now_ns - self._since_ns > GENERATION_NS:
+            self._since_ns = now_ns
+            self._late_ns = [late_ns, self._late_ns[0]]
+            self._run = [run, self._run[0]]
+        elif late_ns <= self._late_ns[0] and run <= self._run[0]:
+            return
+        else:
+            self._late_ns[0] = max(self._late_ns[0], late_ns)
+            self._run[0] = max(self._run[0], run)
+        self.set_limits()
 
 
 class DeviceClock:
@@ -34,45 +79,198 @@ class DeviceClock:
     Args:
         tick_rate_hz: nominal rate of the device's counter.
         wrap: where the counter returns to 0.
+        latency_ns: how large the smallest delay may be, as long as no request and its
+            answer show it.
 
     Attributes:
         running: something has been learned, so that times are not idle talk.
-        steps: how often the mapping had to start afresh, because a latch seemed to
-            lie in the future (the device's counter or the host has jumped); not
-            while it is uncertain.
+        steps: how often the counter, or the host's clock, has jumped or stood still.
     """
 
-    def __init__(self, tick_rate_hz: float, wrap: int = WRAP) -> None:
+    def __init__(
+        self, tick_rate_hz: float, wrap: int = WRAP, latency_ns: int = 0
+    ) -> None:
         self._ns_per_tick = 1e9 / tick_rate_hz
-        self._bin_ticks = max(1, round(BIN_S * tick_rate_hz))
+        self._blend_ticks = max(1, round(BLEND_S * tick_rate_hz))
+        self._latency_ns = float(latency_ns)
         self._wrap = wrap
         self._last: int | None = None
         self.running = False
-        self._bins: deque[tuple[int, float]] = deque(maxlen=BINS)
-        self._bin_best: tuple[int, float] | None = None
-        self._bin_index = 0
-        self._height_ns = 0.0
         self.steps = 0
-        self._tied = False
+        self._slope = 0.0
+        self._bins_waited = 0
+        self._floor = DelayFloor(BIN_S * 1e9)
         self._restart(0, 0)
+
+    # -- how well it is known --------------------------------------------------
+
+    @property
+    def is_known(self) -> bool:
+        """Whether rate and smallest delay have been learned since the last step."""
+        return self._line_bound_ns < MAX_BOUND_NS
 
     @property
     def is_uncertain(self) -> bool:
-        """Whether times may be late because the first reads were.
+        """Whether times may be off by more than can be stated."""
+        return self.is_late or self._bound_ns() > MAX_BOUND_NS
 
-        Until it is tied, or two half seconds of the device agree on the smallest delay,
-        half a second of the host has passed, and it has followed what it learned: a
-        host that stood still reads all of a while at once, a busy one all of it late.
-        """
-        return not self._tied and (
-            not self._is_confirmed
-            or self._received_ns - self._anchor_ns < BIN_S * 1e9
-            or self._jump_ns * self._share_left(self._last or 0) > MAX_LAG_NS
+    @property
+    def is_late(self) -> bool:
+        """Whether the last read leaves open that the counter has stood still."""
+        if not self._run:
+            return False
+        usual = self._usual
+        return self._run > usual.run_limit or (
+            self._lates_ns[-1] > usual.limit_ns + self._line_bound_ns
         )
 
-    def tie(self) -> None:
-        """Apply the current estimate at once: one delay is known to be small."""
-        self._tied, self._jump_ns = True, 0.0
+    @property
+    def error_bound_ns(self) -> int:
+        """How far the times of the last read may be off; large while uncertain."""
+        # So much the counter may have lost unseen, unless a read since then denies it.
+        late_ns = min(self._lates_ns)
+        bound_ns = max(self._bound_ns(), late_ns) + self._latency_ns + self._ns_per_tick
+        return round(min(bound_ns, UNKNOWN_NS))
+
+    @property
+    def rate_error(self) -> float:
+        """By how much the device's clock runs fast, as far as is known; 1e-3: 0.1 %."""
+        return -self._slope / (1.0 + self._slope)
+
+    def _bound_ns(self) -> float:
+        """Of what has to be learned: the line, and the way to it that is left."""
+        bound_ns = self._line_bound_ns
+        last = self._last or 0
+        if self._tie is not None:
+            ticks, width_ns = self._tie
+            passed_ns = abs(last - ticks) * self._ns_per_tick
+            bound_ns = min(bound_ns, width_ns + MAX_RATE_ERROR * passed_ns)
+        if self._jump_ns:
+            bound_ns += abs(self._jump_ns) * self._share_left(last)
+        return bound_ns
+
+    # -- learning ----------------------------------------------------------------
+
+    def update(self, ticks: int, received_ns: int, sent_ns: int | None = None) -> None:
+        """Learn from a latch at ``ticks`` (unwrapped) read at ``received_ns``.
+
+        Args:
+            sent_ns: when it was requested; None for one that came by itself.
+        """
+        self._last = ticks
+        if not self.running:
+            self._restart(ticks, received_ns)
+            self.running = True
+        late_ns = float(received_ns - self.to_ns(ticks))
+        bound_ns = self._bound_ns() + self._ns_per_tick
+        if late_ns < -UNDERCUT * bound_ns or (
+            sent_ns is not None and late_ns - (received_ns - sent_ns) > bound_ns
+        ):
+            self._step(ticks, received_ns)
+        elif self._line_bound_ns < UNKNOWN_NS:
+            if late_ns < -bound_ns:
+                # Delays have been smaller than was seen until now.
+                self._line_bound_ns = -2.0 * late_ns
+            self._judge(ticks, late_ns, received_ns)
+        elapsed = ticks - self._anchor_ticks
+        elapsed_ns = elapsed * self._ns_per_tick
+        offset_ns = received_ns - self._anchor_ns - elapsed_ns
+        if self._floor.add(elapsed_ns, offset_ns):
+            self._lay_line(ticks)
+        if self._line_bound_ns >= UNKNOWN_NS:
+            if len(self._reads) < REMEMBERED_READS:
+                self._reads.append((ticks, received_ns))
+            if offset_ns < self._height_ns + self._slope * elapsed_ns:
+                height_ns = offset_ns - self._slope * elapsed_ns
+                self._enter(ticks, self._slope, height_ns)
+        if sent_ns is not None:
+            self._take_exchange(ticks, received_ns, sent_ns)
+
+    def _take_exchange(self, ticks: int, received_ns: int, sent_ns: int) -> None:
+        """Bound the smallest delay by a request; a quick answer ties the clock."""
+        width_ns = received_ns - sent_ns
+        if self._line_bound_ns >= UNKNOWN_NS and width_ns < MAX_TIED_NS:
+            elapsed_ns = (ticks - self._anchor_ticks) * self._ns_per_tick
+            offset_ns = received_ns - self._anchor_ns - elapsed_ns
+            self._height_ns = offset_ns - self._slope * elapsed_ns
+            self._jump_ns = 0.0
+            self._tie = ticks, float(width_ns)
+        # How late all times may be, because every read was.
+        lateness_ns = max(0.0, float(self.to_ns(ticks) - sent_ns))
+        self._lateness.append(lateness_ns)
+        self._latency_ns = min(self._lateness)
+
+    def _judge(self, ticks: int, late_ns: float, received_ns: int) -> None:
+        """Whether a reading proves that the line holds; a step, if none does long."""
+        lates_ns = self._lates_ns
+        if received_ns != self._read_ns:
+            if self._run:
+                self._run_late_ns = max(self._run_late_ns, lates_ns[-1])
+            self._run += 1
+            lates_ns.append(late_ns)
+        elif ticks <= self._read_ticks:
+            return  # of several that were read together the last one is the least late
+        else:
+            self._run = self._run or 1
+            lates_ns[-1] = late_ns
+        self._read_ns, self._read_ticks = received_ns, ticks
+        if late_ns <= self._line_bound_ns + self._ns_per_tick + PROOF_SLACK_NS:
+            if self._run > 1:
+                self._usual.add(self._run_late_ns, self._run - 1, received_ns)
+            self._proven_ns, self._run, self._run_late_ns = received_ns, 0, 0.0
+        elif (
+            self._run >= STEP_READS
+            and received_ns - self._proven_ns > STEP_S * 1e9
+            and self.is_late
+        ):
+            self._step(ticks, received_ns)
+
+    def _step(self, ticks: int, received_ns: int) -> None:
+        """The counter has jumped or stood still: begin anew, at the rate so far."""
+        # In the first half second only the first latch was late.
+        self.steps += self._line_bound_ns < UNKNOWN_NS or self._tie is not None
+        self._restart(ticks, received_ns)
+
+    def _restart(self, ticks: int, received_ns: int) -> None:
+        self._anchor_ticks, self._anchor_ns = ticks, received_ns
+        self._floor.reset()
+        self._reads: list[tuple[int, int]] = []
+        self._height_ns = self._jump_ns = 0.0
+        self._fit_ticks = 0
+        self._line_bound_ns = UNKNOWN_NS
+        self._tie: tuple[int, float] | None = None
+        self._lateness: deque[float] = deque(maxlen=EXCHANGES)
+        self._usual = _UsualDelays()
+        self._run, self._read_ns, self._proven_ns = 0, 0, received_ns
+        self._read_ticks, self._run_late_ns = ticks, 0.0
+        self._lates_ns = deque([0.0], maxlen=LAST_READS)
+
+    def _lay_line(self, ticks: int) -> None:
+        """Adopt the line below the readings so far, where it is due."""
+        n_bins = self._floor.n_bins
+        self._bins_waited += 1
+        if n_bins < FIRST_BINS or (
+            n_bins > EACH_BIN and self._bins_waited < LATER_BINS
+        ):
+            return
+        if self._run > LEAST_RUN and n_bins > LEAST_BINS:
+            return  # a step, if nothing proves the present line: none lies below both
+        self._bins_waited = 0
+        line = self._floor.line()
+        was_known = self._line_bound_ns < UNKNOWN_NS
+        self._line_bound_ns = min(line.bound_ns, UNKNOWN_NS)
+        self._enter(ticks, line.slope, line.height_ns)
+        if not was_known and self._line_bound_ns < UNKNOWN_NS:
+            self._learn_usual()
+
+    def _learn_usual(self) -> None:
+        """Judge the readings of before by the line that they gave."""
+        reads, self._reads = self._reads, []
+        jump_ns, self._jump_ns = self._jump_ns, 0.0
+        for ticks, received_ns in reads:
+            late_ns = float(received_ns - self.to_ns(ticks))
+            self._judge(ticks, late_ns, received_ns)
+        self._jump_ns = jump_ns
 
     def unwrap(self, ticks: NDArray[np.uint32]) -> Integers:
         """Ticks without wraps, (n,) int64, relative to the last ones."""
@@ -96,38 +294,15 @@ class DeviceClock:
         half = self._wrap // 2
         return self._last + (ticks - self._last + half) % self._wrap - half
 
-    def update(self, ticks: int, received_ns: int) -> None:
-        """Learn from a latch at ``ticks`` (unwrapped) read at ``received_ns``."""
-        self._last, self._received_ns = ticks, received_ns
-        if not self.running:
-            self._restart(ticks, received_ns)
-            self.running = True
-        elif self.to_ns(ticks) - received_ns > MAX_EARLY_NS:
-            # In the first half second only the first latch was late.
-            self.steps += not self.is_uncertain
-            self._restart(ticks, received_ns)
-        elapsed = ticks - self._anchor_ticks
-        offset_ns = received_ns - self._anchor_ns - elapsed * self._ns_per_tick
-        index = elapsed // self._bin_ticks
-        if index > self._bin_index:
-            self._finish_bin(ticks)
-            self._bin_index = index
-            self._bin_best = None
-        if self._bin_best is None or offset_ns < self._bin_best[1]:
-            self._bin_best = (elapsed, offset_ns)
-        if len(self._bins) < BINS_FOR_SLOPE and offset_ns < self._height_ns:
-            # The first seconds use the smallest delay so far.
-            self._enter(ticks, self._slope, offset_ns)
+    # -- mapping -----------------------------------------------------------------
 
     def to_ns(self, ticks: int) -> int:
         """`to_ns_array` for one tick count, to the nanosecond."""
         elapsed = ticks - self._anchor_ticks
         elapsed_ns = elapsed * self._ns_per_tick
-        correction_ns = (
-            self._height_ns
-            + self._slope * elapsed_ns
-            + self._jump_ns * self._share_left(ticks)
-        )
+        correction_ns = self._height_ns + self._slope * elapsed_ns
+        if self._jump_ns:
+            correction_ns += self._jump_ns * self._share_left(ticks)
         return self._anchor_ns + round(elapsed_ns + correction_ns)
 
     def to_ns_array(self, ticks: Integers) -> Integers:
@@ -135,47 +310,15 @@ class DeviceClock:
         elapsed = ticks - self._anchor_ticks
         elapsed_ns = elapsed * self._ns_per_tick
         correction_ns = self._height_ns + self._slope * elapsed_ns
-        if self._jump_ns and elapsed.min() < self._fit_ticks + self._bin_ticks:
-            left = 1.0 - (elapsed - self._fit_ticks) / self._bin_ticks
+        if self._jump_ns and elapsed.min() < self._fit_ticks + self._blend_ticks:
+            left = 1.0 - (elapsed - self._fit_ticks) / self._blend_ticks
             correction_ns += self._jump_ns * np.minimum(1.0, np.maximum(0.0, left))
         return self._anchor_ns + np.rint(elapsed_ns + correction_ns).astype(np.int64)
 
     def _share_left(self, ticks: int) -> float:
         """Of the way to the present line, at a time."""
         passed = ticks - self._anchor_ticks - self._fit_ticks
-        return min(1.0, max(0.0, 1.0 - passed / self._bin_ticks))
-
-    def _restart(self, ticks: int, received_ns: int) -> None:
-        self._anchor_ticks = ticks
-        self._anchor_ns = self._received_ns = received_ns
-        self._tied = self._is_confirmed = False
-        self._bins.clear()
-        self._bin_index = 0
-        self._bin_best = None
-        self._slope = 0.0
-        self._height_ns = 0.0
-        self._fit_ticks = 0
-        self._jump_ns = 0.0
-
-    def _finish_bin(self, ticks: int) -> None:
-        if self._bin_best is not None:
-            self._bins.append(self._bin_best)
-        at, offsets_ns = np.array(self._bins, dtype=np.float64).T
-        if len(self._bins) < BINS_FOR_SLOPE:
-            # No crystal drifts like the delays of a host that stands still for a bin.
-            drift_ns = MAX_RATE_ERROR * self._ns_per_tick * (at[-1] - at)
-            order = np.argsort(offsets_ns + drift_ns)
-            slope, height_ns = 0.0, float((offsets_ns + drift_ns)[order[0]])
-            # Where all of a bin is late, another one is not late by as much.
-            apart_ns = np.abs(np.diff(offsets_ns[order[:2]])) + drift_ns[order[0]]
-            self._is_confirmed = bool((apart_ns < MAX_LAG_NS).any())
-        else:
-            elapsed_ns = at * self._ns_per_tick
-            self._is_confirmed = True
-            slope = _slope_below(elapsed_ns.tolist(), offsets_ns.tolist())
-            slope = min(MAX_RATE_ERROR, max(-MAX_RATE_ERROR, slope))
-            height_ns = float(np.min(offsets_ns - slope * elapsed_ns))
-        self._enter(ticks, slope, height_ns)
+        return min(1.0, max(0.0, 1.0 - passed / self._blend_ticks))
 
     def _enter(self, ticks: int, slope: float, height_ns: float) -> None:
         """Go over to a new line gradually, so that times never run backwards."""
@@ -183,24 +326,3 @@ class DeviceClock:
         self._slope, self._height_ns, self._jump_ns = slope, height_ns, 0.0
         self._fit_ticks = ticks - self._anchor_ticks
         self._jump_ns = float(before_ns - self.to_ns(ticks))
-
-
-def _slope_below(times: list[float], offsets: list[float]) -> float:
-    """Slope of the lower convex hull's edge below the mean time; times rise."""
-    hull: list[tuple[float, float]] = []
-    for t, y in zip(times, offsets, strict=True):
-        while len(hull) > 1 and _turns_down(hull[-2], hull[-1], (t, y)):
-            hull.pop()
-        hull.append((t, y))
-    mean = sum(times) / len(times)
-    (t0, y0), (t1, y1) = next(
-        (left, right) for left, right in pairwise(hull) if right[0] >= mean
-    )
-    return (y1 - y0) / (t1 - t0)
-
-
-def _turns_down(
-    a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]
-) -> bool:
-    """Whether b lies on or above the line from a to c."""
-    return (b[1] - a[1]) * (c[0] - a[0]) >= (c[1] - a[1]) * (b[0] - a[0])
