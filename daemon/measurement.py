@@ -57,6 +57,7 @@ from traverse.drivers.base.values import (
     CountSamples,
     Delivery,
     DeviceAlarm,
+    DeviceClockState,
     DeviceCounters,
     DeviceFault,
     DeviceLost,
@@ -409,6 +410,8 @@ class Measurement(MeasurementContext):
                 self.quality.persistent.alarm(
                     delivery.device, delivery.channel, delivery.code, delivery.raised
                 )
+            case DeviceClockState():
+                self.states.on_clock(device, delivery)
             case DeviceFault():
                 self.states.on_fault(device, delivery)
 
@@ -447,7 +450,8 @@ class Measurement(MeasurementContext):
         """Feed the condition of the device's clock by what its driver says."""
         condition = "device_clock", samples.device
         if (samples.status & STATUS_TIME_UNCERTAIN).any():
-            cause = FLAG_MEANINGS[QualityFlag.TIME_UNCERTAIN]
+            known = self.devices[samples.device].clock_text
+            cause = known or FLAG_MEANINGS[QualityFlag.TIME_UNCERTAIN]
             self.conditions.mark(*condition, cause)
         else:
             self.conditions.settle(*condition)
@@ -541,6 +545,4 @@ class Measurement(MeasurementContext):
             self.rate_hz = started.rate_hz
             self._rests = False  # perhaps a scan begins
             self._set_batch_window()
-            self.scanner.follow(
-                started.stream, started.rate_hz, started.requested_hz
-            )
+            self.scanner.follow(started.stream, started.rate_hz, started.requested_hz)

@@ -121,6 +121,8 @@ class Cable:
 class HostEnd:
     """The end of a cable that a driver reads, a `BytePort`."""
 
+    latency_ns = byte_ns = 0  # of an adapter, which there is none
+
     def __init__(self, cable: Cable, path: str) -> None:
         self._cable = cable
         self.path = path

@@ -27,6 +27,7 @@ class Device:
         up_ns: since when it is there.
         max_speed_rad_s: no joint turns faster; None where its options do not say.
         temperatures_c: of its sensors; empty until the first report.
+        clock_text: how its clock runs, in words; empty until the first report.
     """
 
     section: DeviceSection
@@ -42,6 +43,7 @@ class Device:
     up_ns: int = 0
     counters: Counter[str] = field(default_factory=Counter)
     temperatures_c: tuple[float | None, ...] = ()
+    clock_text: str = ""
     samples: int = 0
     reconnects: int = 0
 

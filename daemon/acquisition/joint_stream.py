@@ -159,7 +159,11 @@ class JointStream:
 
     Attributes:
         period_ns: of its stream; 0 while unknown.
-        jitter_ns: how far the instants of readings may be off.
+        stated_jitter_ns: how far the instants of readings may be off, as the driver
+            states once and for all.
+        time_bound_ns: the same, as the device's clock is known now.
+        jitter_ns: how far they may be off against those of other joints.
+        is_alone: it has all joints of the arm.
         lost: nothing is to be waited for.
     """
 
@@ -167,12 +171,20 @@ class JointStream:
     channels: Indices
     wraps_counts: InitVar[Integers]
     wait_ns: int
+    is_alone: bool = False
 
     def __post_init__(self, wraps_counts: Integers) -> None:
         self.history = ReadingBuffer(self.channels, wraps_counts)
         self.period_ns = 0
-        self.jitter_ns = 0
+        self.stated_jitter_ns = self.time_bound_ns = self.jitter_ns = 0
         self.lost = False
+
+    def record(self, samples: CountSamples) -> None:
+        """Continue by a block of the device's samples."""
+        self.time_bound_ns = samples.time_bound_ns or self.stated_jitter_ns
+        is_common = self.is_alone and samples.skew_ns is None
+        self.jitter_ns = 0 if is_common else self.time_bound_ns
+        self.history.add(samples)
 
     def latched(self, latch: LatchedCounts) -> Interpolated:
         """What the device latched, one instant."""

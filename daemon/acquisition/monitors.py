@@ -12,7 +12,13 @@ from traverse.daemon.conditions.monitor import ConditionMonitor
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.pipeline import Pipeline
-from traverse.drivers.base.values import DeviceAlarm, DeviceFault, DeviceLost, DeviceUp
+from traverse.drivers.base.values import (
+    DeviceAlarm,
+    DeviceClockState,
+    DeviceFault,
+    DeviceLost,
+    DeviceUp,
+)
 
 MATCH = "correct the arm file, or set the device up for it"
 
@@ -104,6 +110,33 @@ class DeviceStateTracker:
             remedy=alarm.remedy if alarm.raised else "",
         )
 
+    def on_clock(self, device: Device, clock: DeviceClockState) -> None:
+        """The device's clock is tied, or in doubt; its rate may be far off."""
+        name = device.section.id
+        device.clock_text = text = clock_text(name, clock)
+        if clock.is_certain:
+            self.conditions.establish("device_clock", name, text)
+        else:
+            self.conditions.mark("device_clock", name, text)
+        is_off = abs(clock.rate_error) > USUAL_RATE_ERROR
+        if is_off and not clock.is_certain:
+            return  # it may still be learned wrong
+        self.events.change(
+            is_off,
+            "warning",
+            "device.clock_rate",
+            text,
+            source=name,
+            remedy="nothing, while its times are known well enough; a board with a "
+            "crystal instead of a resonator, or the right tick rate, states less"
+            if is_off
+            else "",
+            data={
+                "rate_ppm": round(clock.rate_error * 1e6, 1),
+                "bound_ms": round(clock.bound_ns * 1e-6, 3),
+            },
+        )
+
     def on_fault(self, device: Device, fault: DeviceFault) -> None:
         """The driver reports a fault that it survived."""
         self.events.report(
@@ -114,6 +147,26 @@ class DeviceStateTracker:
             remedy=fault.remedy,
             count=fault.count,
         )
+
+
+USUAL_RATE_ERROR = 5e-4  # five times that of a crystal
+
+
+def clock_text(name: str, clock: DeviceClockState) -> str:
+    """How a device's clock runs, in words."""
+    ppm = clock.rate_error * 1e6
+    rate = (
+        f"{abs(ppm):.0f} ppm ({abs(ppm) * 1e-4:.3f} %) {'fast' if ppm > 0 else 'slow'}"
+    )
+    if not clock.is_certain:
+        return (
+            f"the clock of {name} is not tied to the computer's, or has stood still or "
+            f"jumped; it ran {rate} as far as is known"
+        )
+    return (
+        f"the clock of {name} runs {rate}, which is corrected; its times are known "
+        f"within {clock.bound_ns * 1e-6:.2f} ms"
+    )
 
 
 CALM_NS = 1_000_000_000  # without another one it is over

@@ -65,8 +65,17 @@ class Resampler:
         for device in model.devices:
             joints = np.flatnonzero(np.array(model.joint_devices) == device)
             self._sources[device] = JointStream(
-                joints, model.channels[joints], self._wraps[joints], self._wait_ns
+                joints,
+                model.channels[joints],
+                self._wraps[joints],
+                self._wait_ns,
+                is_alone=len(model.devices) == 1,
             )
+
+    @property
+    def time_bound_ns(self) -> int:
+        """How far the instants of any device's readings may be off now."""
+        return max(source.time_bound_ns for source in self._sources.values())
 
     def lacks(self) -> dict[str, dict[str, int]]:
         """Shortfall counters by device that has any."""
@@ -82,7 +91,9 @@ class Resampler:
     def on_up(self, device: str, identity: Identity, *, restarted: bool) -> None:
         """A device is connected."""
         source = self._sources[device]
-        source.lost, source.jitter_ns = False, identity.jitter_ns
+        source.lost = False
+        source.stated_jitter_ns = source.time_bound_ns = identity.jitter_ns
+        source.jitter_ns = identity.jitter_ns
         self._moduli[device] = identity.moduli_counts
         self._wraps = self._model.wraps_counts(self._moduli)
         source.history.wraps_counts = self._wraps[source.joints]
@@ -99,7 +110,7 @@ class Resampler:
 
     def record(self, samples: CountSamples) -> None:
         """Record readings of a device for `at`."""
-        self._sources[samples.device].history.add(samples)
+        self._sources[samples.device].record(samples)
 
     def add(self, samples: CountSamples, now_ns: int) -> None:
         """Add readings of a device; those of the clock device become samples."""

@@ -215,13 +215,14 @@ class PointEvaluator:
         pose = self._pose(request, temperature_c)
         if pose is None:
             return None
-        device = request.device
-        if (
-            device is not None
-            and pose.error_bounds_counts is not None
-            and device.identity
-        ):
-            jitter_ns = device.identity.jitter_ns
+        if pose.error_bounds_counts is not None:
+            # An instant by another clock than that of the readings: what both leave
+            # open moves all joints together.
+            jitter_ns = stage.resampler.time_bound_ns
+            if request.device is not None and request.device.identity is not None:
+                stated_ns = request.device.identity.jitter_ns
+                latch_ns = request.latch.time_bound_ns if request.latch else 0
+                jitter_ns = max(jitter_ns, latch_ns or stated_ns)
         speeds_rad_s = stage.trajectory.speeds_rad_s(
             pose.sample_time_ns, pose.angles_rad
         )

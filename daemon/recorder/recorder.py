@@ -25,6 +25,7 @@ from traverse.drivers.base.delivery_maps import delivery_kind, delivery_to_map
 from traverse.drivers.base.values import (
     Delivery,
     DeviceAlarm,
+    DeviceClockState,
     DeviceLost,
     DeviceTemperatures,
     DeviceUp,
@@ -57,7 +58,12 @@ class DeviceSnapshot:
             case DeviceUp():
                 told.clear()
                 told["up"] = delivery
-            case DeviceLost() | StreamStarted() | DeviceTemperatures():
+            case (
+                DeviceLost()
+                | StreamStarted()
+                | DeviceTemperatures()
+                | DeviceClockState()
+            ):
                 kind = delivery_kind(delivery)
                 told.pop(kind, None)
                 told[kind] = delivery

@@ -12,6 +12,7 @@ from traverse.drivers.base.values import (
     CountSamples,
     Delivery,
     DeviceAlarm,
+    DeviceClockState,
     DeviceCounters,
     DeviceFault,
     DeviceLost,
@@ -30,6 +31,7 @@ KINDS: dict[str, type[Delivery]] = {
     "alarm": DeviceAlarm,
     "fault": DeviceFault,
     "temperatures": DeviceTemperatures,
+    "clock": DeviceClockState,
     "counters": DeviceCounters,
 }
 _FIELDS = {kind: tuple(f.name for f in fields(kind)) for kind in KINDS.values()}
@@ -107,4 +109,7 @@ def _samples(known: dict[str, Any]) -> CountSamples:
         if array.dtype != np.dtype(dtype):
             raise ValueError(f"samples: {name} is of {array.dtype}, expected {dtype}")
         values[name] = array
-    return CountSamples(**values)
+    bound_ns = known.get("time_bound_ns", 0)
+    if not isinstance(bound_ns, int):
+        raise ValueError(f"samples: time_bound_ns is {bound_ns!r}")
+    return CountSamples(**values, time_bound_ns=bound_ns)

@@ -200,6 +200,9 @@ class Driver(ABC):
         """Report the next stream, no faster than the device; return its rate.
 
         Args:
+            requested_hz: the rate that was requested.
+            reached_hz: the largest possible one.
+            remedy: where it is too small.
             possible_hz: the rate instead of the requested one, of a device that
                 cannot be read at any rate.
         """
@@ -214,9 +217,7 @@ class Driver(ABC):
         rate_hz = min(rate_hz, reached_hz)
         self._stream += 1
         other_hz = 0.0 if rate_hz == requested_hz else requested_hz
-        self._deliver_state(
-            StreamStarted(self.device, self._stream, rate_hz, other_hz)
-        )
+        self._deliver_state(StreamStarted(self.device, self._stream, rate_hz, other_hz))
         return rate_hz
 
     def _run(self) -> None:

@@ -35,7 +35,8 @@ class PendingEdges:
         self._token += 1
         times_ns = at.ticks, at.received_ns, at.time_ns
         latch = LatchedCounts(
-            self._device, number, active, self._token, *times_ns, at.counts, at.status
+            *(self._device, number, active, self._token, *times_ns),
+            *(at.counts, at.status, at.time_bound_ns),
         )
         self._waiting.append(latch)
         if len(self._waiting) > MAX_WAITING:

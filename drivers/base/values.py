@@ -1,7 +1,7 @@
 """Values that a driver delivers: one frozen class for each kind of event."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from typing import Any
 
@@ -72,6 +72,8 @@ class CountSamples:
             ``sample_time_ns``; None where all were latched at that instant.
         fractions: (n, n_channels), to be added to ``counts``; None for 0. Only what
             has been interpolated has them, never what a driver delivers.
+        time_bound_ns: how far their times may be off, as the device's clock is known
+            now; 0: as `Identity.jitter_ns` states.
     """
 
     device: str
@@ -85,6 +87,7 @@ class CountSamples:
     status: NDArray[np.uint8]
     skew_ns: NDArray[np.int32] | None = None
     fractions: Floats | None = None
+    time_bound_ns: int = 0
 
     @classmethod
     def joined(cls, blocks: Sequence["CountSamples"]) -> "CountSamples":
@@ -97,15 +100,19 @@ class CountSamples:
             for column in zip(*map(_arrays, blocks), strict=True)
         ]
         seq, ticks, *others = arrays
-        return cls(last.device, last.stream, seq, ticks, last.received_ns, *others)
+        bound_ns = max(block.time_bound_ns for block in blocks)
+        joined = cls(last.device, last.stream, seq, ticks, last.received_ns, *others)
+        return replace(joined, time_bound_ns=bound_ns) if bound_ns else joined
 
     def rows(self, which: slice | Booleans) -> "CountSamples":
         """Some of the samples."""
         arrays: list[Any] = [None if a is None else a[which] for a in _arrays(self)]
         seq, ticks, *others = arrays
-        return CountSamples(
+        chosen = CountSamples(
             self.device, self.stream, seq, ticks, self.received_ns, *others
         )
+        bound_ns = self.time_bound_ns
+        return replace(chosen, time_bound_ns=bound_ns) if bound_ns else chosen
 
 
 _arrays = attrgetter(
@@ -123,6 +130,7 @@ class PolledSample:
         inputs: levels as bits.
         status: by channel, bits ``STATUS_*``; if missing, the last count is repeated.
         skew_ns: by channel, from ``time_ns`` to its reading; None: all at one instant.
+        time_bound_ns: how far ``time_ns`` may be off; 0: as the identity states.
     """
 
     time_ns: int
@@ -132,6 +140,7 @@ class PolledSample:
     counts: tuple[int, ...]
     status: tuple[int, ...]
     skew_ns: tuple[int, ...] | None = None
+    time_bound_ns: int = 0
 
     @property
     def complete(self) -> bool:
@@ -150,6 +159,7 @@ class LatchedCounts:
         counts: of all channels, latched at ``sample_time_ns``; empty for a device that
             has none, or cannot latch them (see `Identity.latches`).
         status: of each channel, bits ``STATUS_*``; as long as ``counts``.
+        time_bound_ns: how far ``sample_time_ns`` may be off; 0: as the identity states.
     """
 
     device: str
@@ -161,6 +171,7 @@ class LatchedCounts:
     sample_time_ns: int
     counts: tuple[int, ...]
     status: tuple[int, ...]
+    time_bound_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,6 +247,24 @@ class DeviceTemperatures:
 
 
 @dataclass(frozen=True, slots=True)
+class DeviceClockState:
+    """How the device's clock runs, reported when it is learned and when that changes.
+
+    Attributes:
+        is_certain: times can be relied on within ``bound_ns``.
+        rate_error: by how much it runs fast; 1e-3 are 0.1 %.
+        bound_ns: how far times may be off.
+        steps: how often it has jumped or stood still.
+    """
+
+    device: str
+    is_certain: bool
+    rate_error: float
+    bound_ns: int
+    steps: int = 0
+
+
+@dataclass(frozen=True, slots=True)
 class DeviceCounters:
     """Counters of a driver since its start, by name."""
 
@@ -252,6 +281,7 @@ Delivery = (
     | DeviceAlarm
     | DeviceFault
     | DeviceTemperatures
+    | DeviceClockState
     | DeviceCounters
 )
 

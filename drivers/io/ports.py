@@ -13,8 +13,15 @@ from traverse.drivers.io.serial_port import SerialPort
 class BytePort(Protocol):
     """An open port, as `traverse.drivers.io.serial_port.SerialPort` is one.
 
+    Attributes:
+        latency_ns: how long an adapter and the host may hold every byte back.
+        byte_ns: what a byte takes on the line.
+
     All but `close` and `fileno` raise DeviceError when the port has disappeared.
     """
+
+    latency_ns: int
+    byte_ns: int
 
     def fileno(self) -> int:
         """For waiting for several ports together."""

@@ -32,6 +32,10 @@ class SerialPort:
         parity: "N", "E" or "O"; a pty takes none but "N".
         stop_bits: 1 or 2.
 
+    Attributes:
+        latency_ns: how long an adapter and the host may hold every byte back.
+        byte_ns: what a byte takes on the line; 0 where there is none.
+
     Raises:
         DeviceNotFoundError: it is missing, in use, or not permitted.
     """
@@ -54,6 +58,7 @@ class SerialPort:
         self.path = path
         with contextlib.suppress(OSError, ValueError):
             self._port.set_low_latency_mode(True)
+        self.latency_ns, self.byte_ns = _delays(path, baud_rate)
         with contextlib.suppress(OSError):
             fcntl.ioctl(self._fd, termios.TIOCEXCL)
         try:
@@ -128,6 +133,26 @@ class SerialPort:
         return DeviceError(
             f"port {self.path} has gone away ({reason})", "check cable and power"
         )
+
+
+PTY_LATENCY_NS, USB_LATENCY_NS = 200_000, 1_000_000
+BITS_PER_BYTE = 10
+
+
+def _delays(path: str, baud_rate: int) -> tuple[int, int]:
+    """How long bytes are held back at least, as the kind of port makes possible [ns].
+
+    An FTDI adapter collects bytes for so long as its driver states, others for a frame
+    of the bus. What is behind a port of USB-CDC is not known: a line at its baud rate.
+    """
+    real = os.path.realpath(path)
+    if real.startswith("/dev/pts/"):
+        return PTY_LATENCY_NS, 0
+    byte_ns = round(1e9 * BITS_PER_BYTE / baud_rate)
+    timer = f"/sys/class/tty/{os.path.basename(real)}/device/latency_timer"
+    with contextlib.suppress(OSError, ValueError), open(timer, "rb") as file:
+        return int(file.read()) * 1_000_000, byte_ns
+    return USB_LATENCY_NS, byte_ns
 
 
 def _opened(path: str, baud_rate: int, parity: str, stop_bits: int) -> serial.Serial:

@@ -21,6 +21,7 @@ from traverse.drivers.latch_board.session import (
     check_identification,
     device_alarm,
 )
+from traverse.drivers.timing.clock_report import ClockReporter
 from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.protocol.latch_board import messages as wire
 
@@ -44,9 +45,12 @@ HEARTBEAT_MS = 500
 EDGES_HEARTBEAT_MS = 20  # of a board that never streams: nothing else has its time
 TEMPERATURE_MS = 2000
 MAX_LATCHES = 16
-# The clock is tied by the quickest of some answers, unless even that is slow.
-QUICK_ANSWER_NS, SLOW_ANSWER_NS = 500_000, 1_000_000
+# The clock is tied by the quickest of some answers; then its smallest delay is measured
+# again and again, often as long as the rate is not known.
+QUICK_ANSWER_NS = 500_000
+FRAME_BYTES = 60  # of a latch; what a board that is never asked takes at least
 TIES, TIE_NS = 8, 200_000_000
+TIE_AGAIN_NS, MEASURE_DELAY_NS = 100_000_000, 10_000_000_000
 # The board sends an edge again after 50 ms. So it is acknowledged a little later, not
 # while its point is on its way, and several are at once.
 AGAIN_NS = 70_000_000
@@ -70,7 +74,9 @@ class LatchBoardDriver(Driver):
         self._line: LatchBoardLine | None = None
         self._boot_id: int | None = None
         self._session: LatchBoardSession | None = None  # until the board is known
-        self._acknowledged_ns = 0
+        self._clock_reporter = ClockReporter(self.device, self._delivery_queue.put)
+        self._can_latch = False
+        self._exchanged_ns = self._acknowledged_ns = 0
         self._taken_ns = 0  # until when received messages have been processed
         self._frames_before = 0
 
@@ -126,6 +132,7 @@ class LatchBoardDriver(Driver):
                 self.options.debounce_us,
             ),
         )
+        self._clock_reporter.forget()
         clock = self._learned_clock(line, hello)
         self._deliver_state(DeviceUp(self.device, board_identity(hello), restarted))
         # Not earlier: if CONFIGURE fails, the next try has to report the restart.
@@ -147,21 +154,40 @@ class LatchBoardDriver(Driver):
 
     def _learned_clock(self, line: LatchBoardLine, hello: wire.Hello) -> DeviceClock:
         """The board's clock, tied to the host's by a quick answer, if there is one."""
-        clock, quickest_ns = DeviceClock(hello.tick_rate_hz), SLOW_ANSWER_NS
+        latency_ns = line.port.latency_ns + FRAME_BYTES * line.port.byte_ns
+        clock = DeviceClock(hello.tick_rate_hz, latency_ns=latency_ns)
         until_ns = self._now_ns() + TIE_NS
-        for _ in range(TIES if hello.channels else 0):
-            sent_ns = self._now_ns()
-            if sent_ns >= until_ns or quickest_ns < QUICK_ANSWER_NS:
+        self._can_latch = bool(hello.channels)
+        for _ in range(TIES if self._can_latch else 0):
+            taken_ns = self._exchange_times(line, clock)
+            if taken_ns < QUICK_ANSWER_NS or self._now_ns() >= until_ns:
                 break
-            answer = self._request_or_fault(line, "LATCH", wire.latch_request)
-            if not isinstance(answer, wire.Latched):
-                break
-            received_ns = line.last_message_ns
-            clock.update(clock.unwrap_one(answer.ticks), received_ns)
-            quickest_ns = min(quickest_ns, received_ns - sent_ns)
-        if quickest_ns < SLOW_ANSWER_NS:
-            clock.tie()
         return clock
+
+    def _exchange_times(self, line: LatchBoardLine, clock: DeviceClock) -> int:
+        """Measure the board's clock by a request and its answer; how long it took."""
+        self._exchanged_ns = sent_ns = self._now_ns()
+        answer = self._request_or_fault(line, "LATCH", wire.latch_request)
+        if not isinstance(answer, wire.Latched):
+            self._can_latch = False
+            return 0
+        received_ns = line.last_message_ns
+        clock.update(clock.unwrap_one(answer.ticks), received_ns, sent_ns)
+        return received_ns - sent_ns
+
+    def _measure_clock(self, line: LatchBoardLine, session: LatchBoardSession) -> None:
+        """Ask for the board's time where a reading makes it doubtful, or now and then.
+
+        Reads that are late wait for the answer: it tells whether the host was busy or
+        the board's counter stood still.
+        """
+        clock, now_ns = session.clock, self._now_ns()
+        if self._can_latch:
+            pause_ns = MEASURE_DELAY_NS if clock.is_known else TIE_AGAIN_NS
+            if session.holds or now_ns - self._exchanged_ns > pause_ns:
+                self._exchange_times(line, clock)
+        session.release()
+        self._clock_reporter.report(clock, now_ns)
 
     def _serve(self) -> None:
         line, session, broken = self._line, self._session, 0
@@ -174,6 +200,7 @@ class LatchBoardDriver(Driver):
             with self._delivery_queue.together():
                 if is_readable:
                     self._read(line)
+                self._measure_clock(line, session)
                 if more := line.decoder.faults.total() - broken:
                     broken += more
                     self._fault(

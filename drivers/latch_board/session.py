@@ -28,6 +28,7 @@ from traverse.protocol.latch_board import messages as wire
 
 WRAP = 1 << 32
 NUMBERED_NS = 20_000_000  # from a level that has held to the number of its edge
+MAX_HELD = 64  # blocks that wait for an answer
 MAX_JUMP = 1 << 20  # a hundred seconds at 10 kHz: no gap of a living stream
 # The maker's own bits of a status byte are unspecified warnings.
 _MAKERS = 0xF0
@@ -109,7 +110,8 @@ class LatchBoardSession:
         self._device, self._path, self._n_channels = device, path, n_channels
         self._edges, self._put, self._fault = edges, put, fault
         self._counters = counters
-        self._clock = clock
+        self.clock = clock
+        self._held: list[Callable[[], None]] = []
         self._stream = self._request = 0
         self._sequence = StreamSequence()
         self._debounce_ns = debounce_ns
@@ -151,7 +153,7 @@ class LatchBoardSession:
 
         Each read is one measurement of the delay; the clock uses the smallest of many.
         """
-        counters, clock = self._counters, self._clock
+        counters, clock = self._counters, self.clock
         if block.request != self._request:
             counters["samples_of_old_stream"] += len(block.seq)
             return
@@ -169,10 +171,38 @@ class LatchBoardSession:
         ticks = clock.unwrap(block.ticks[rows])
         clock.update(int(ticks[-1]), received_ns)
         counters["samples_received"] += len(seq)
+        stream = self._stream
+        if self._held or (clock.is_late and len(self._held) < MAX_HELD):
+            self._held.append(
+                lambda: self._deliver(block, rows, (stream, seq, ticks), received_ns)
+            )
+        else:
+            self._deliver(block, rows, (stream, seq, ticks), received_ns)
+
+    @property
+    def holds(self) -> bool:
+        """Samples wait until it is known whether the board's clock is right."""
+        return bool(self._held)
+
+    def release(self) -> None:
+        """Hand over what waited, with the times and doubts of now."""
+        held, self._held = self._held, []
+        for deliver in held:
+            deliver()
+
+    def _deliver(
+        self,
+        block: wire.SampleBlock,
+        rows: slice | Booleans,
+        numbered: tuple[int, Integers, Integers],
+        received_ns: int,
+    ) -> None:
+        """Hand over rows of a block, with their stream, numbers and ticks."""
+        clock, (stream, seq, ticks) = self.clock, numbered
         self._put(
             CountSamples(
                 self._device,
-                self._stream,
+                stream,
                 seq,
                 ticks,
                 received_ns,
@@ -181,6 +211,7 @@ class LatchBoardSession:
                 block.inputs[rows],
                 block.counts[rows],
                 _STATUS_ARRAY[block.status[rows]] | self._time_status,
+                time_bound_ns=clock.error_bound_ns,
             )
         )
 
@@ -190,7 +221,10 @@ class LatchBoardSession:
         Raises:
             DeviceError: it is of another start of the board than the heartbeats.
         """
-        if not self._clock.running or (self._clock.is_uncertain and not edge.counts):
+        clock = self.clock
+        if not clock.running or (
+            clock.is_uncertain and (clock.is_late or not edge.counts)
+        ):
             return  # the board sends it again; until then it has no time
         if not self._fits(edge.counts):
             return
@@ -228,13 +262,13 @@ class LatchBoardSession:
             return False
         n_edges, ticks = self._heartbeat
         is_newer = (edge.seq - n_edges) % WRAP < WRAP // 2
-        before_ns = self._clock.to_ns(ticks) - self._clock.to_ns(
-            self._clock.unwrap_one(edge.ticks)
+        before_ns = self.clock.to_ns(ticks) - self.clock.to_ns(
+            self.clock.unwrap_one(edge.ticks)
         )
         return is_newer and before_ns > self._debounce_ns + NUMBERED_NS
 
     def _take_heartbeat(self, heartbeat: wire.Heartbeat, received_ns: int) -> None:
-        clock, counters = self._clock, self._counters
+        clock, counters = self.clock, self._counters
         if self._request:  # a stream is running, as far as the board knows
             if not heartbeat.streaming:
                 raise DeviceError(
@@ -261,7 +295,7 @@ class LatchBoardSession:
             self._fault(
                 "clock_stepped",
                 "the board's counter, or the host's, has jumped; times of samples and "
-                "points are uncertain for half a second",
+                "points are uncertain until they are tied again",
                 "check the board's power; take the last points again",
                 steps,
             )
@@ -269,7 +303,7 @@ class LatchBoardSession:
 
     @property
     def _time_status(self) -> np.uint8:
-        return np.uint8(STATUS_TIME_UNCERTAIN if self._clock.is_uncertain else 0)
+        return np.uint8(STATUS_TIME_UNCERTAIN if self.clock.is_uncertain else 0)
 
     def _deliver_latch(
         self,
@@ -278,8 +312,9 @@ class LatchBoardSession:
         token: int,
         received_ns: int,
     ) -> bool:
-        ticks = self._clock.unwrap_one(latch.ticks)
-        self._clock.update(ticks, received_ns)
+        ticks = self.clock.unwrap_one(latch.ticks)
+        if self.clock.is_newer(ticks):  # not of an edge that was sent again
+            self.clock.update(ticks, received_ns)
         time_status = int(self._time_status)
         return self._put(
             LatchedCounts(
@@ -289,12 +324,13 @@ class LatchBoardSession:
                 token,
                 ticks,
                 received_ns,
-                min(self._clock.to_ns(ticks), received_ns),
+                min(self.clock.to_ns(ticks), received_ns),
                 latch.counts,
                 tuple(
                     time_status | status
                     for status in bytes(latch.status).translate(_STATUS_BYTES)
                 ),
+                self.clock.error_bound_ns,
             )
         )
 

@@ -35,6 +35,7 @@ class TimedPacket:
         begun_ns: its first bytes had been read; it was latched before that.
         received_ns: all of it had been read.
         delay_ns: from the latch to its first bytes, as far as known.
+        is_reported: the arm sent it by itself, long after its only request.
     """
 
     packet: Packet
@@ -42,6 +43,7 @@ class TimedPacket:
     begun_ns: int
     received_ns: int
     delay_ns: int
+    is_reported: bool = False
 
 
 class MicroscribeLine:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from itertools import combinations
 
 from traverse.drivers.microscribe.line import TimedPacket
-from traverse.drivers.timing.device_clock import DeviceClock
+from traverse.drivers.timing.device_clock import MAX_BOUND_NS, DeviceClock
 
 MAX_TIMER_ERROR = 0.2
 RATE_KNOWN = 3e-4  # so closely the rate is learned here; `DeviceClock` learns the rest
@@ -74,6 +74,8 @@ class PacketClock:
 
     Attributes:
         steps: how often the timer has jumped.
+        bound_ns: how far the time of the last packet may be off.
+        is_uncertain: it may be off by more than can be stated.
     """
 
     def __init__(self, rate_hz: float, wrap: int, delay_ns: int) -> None:
@@ -83,7 +85,8 @@ class PacketClock:
         self._rate = TimerRate(rate_hz) if rate_hz else None
         self._clock = DeviceClock(rate_hz or 1.0)
         self._clock_hz = rate_hz
-        self._clock_steps = self.steps = 0
+        self._clock_steps = self.steps = self.bound_ns = 0
+        self.is_uncertain = False
 
     @property
     def rate_hz(self) -> float:
@@ -100,6 +103,18 @@ class PacketClock:
 
     def time_of(self, heard: TimedPacket) -> tuple[int, int]:
         """Unwrapped ticks and the host's time of a packet; learns from it."""
+        ticks, time_ns = self._time_of(heard)
+        # Requested, latched, begun: between the first and the last it must have been.
+        self.bound_ns = max(time_ns - heard.sent_ns, heard.begun_ns - time_ns)
+        if self._rate is not None:
+            clock_ns = self._clock.error_bound_ns + self._delay_ns
+            self.bound_ns = min(self.bound_ns, clock_ns)
+        self.is_uncertain = self.bound_ns > MAX_BOUND_NS or (
+            heard.is_reported and self._rate is not None and self._clock.is_uncertain
+        )
+        return ticks, time_ns
+
+    def _time_of(self, heard: TimedPacket) -> tuple[int, int]:
         time_ns = heard.begun_ns - heard.delay_ns
         # Packets arrive in the order in which they were latched.
         earliest_ns = min(max(heard.sent_ns, self._last_ns), heard.begun_ns)
@@ -115,7 +130,8 @@ class PacketClock:
             self._clock_hz = self._rate.assumed_hz
             self._clock, self._clock_steps = DeviceClock(self._clock_hz), 0
         clock = self._clock
-        clock.update(ticks, heard.begun_ns)
+        sent_ns = None if heard.is_reported else heard.sent_ns
+        clock.update(ticks, heard.begun_ns, sent_ns)
         self.steps += clock.steps - self._clock_steps
         self._clock_steps = clock.steps
         # The tick had begun and the next one had not. Where in it is known to the host

@@ -7,6 +7,7 @@ from statistics import median
 
 from traverse.drivers.base.values import (
     STATUS_MISSING,
+    STATUS_TIME_UNCERTAIN,
     DeviceError,
     Identity,
     PolledSample,
@@ -227,12 +228,13 @@ class MicroscribeSession:
     def sample_of(self, heard: TimedPacket) -> tuple[PolledSample, list[int]]:
         """A packet as a sample, and the channels whose counts cannot be."""
         ticks, time_ns = self.clock.time_of(heard)
+        uncertain = STATUS_TIME_UNCERTAIN if self.clock.is_uncertain else 0
         status, implausible = [], []
         for number, channel in enumerate(self.channels):
             reading = EncoderReading(heard.packet.encoders[number], time_ns)
             possible = reading.count < channel.modulus
             miss = channel.accept(reading if possible else IMPLAUSIBLE, time_ns)
-            status.append(STATUS_MISSING if miss else 0)
+            status.append(STATUS_MISSING if miss else uncertain)
             if miss is IMPLAUSIBLE:
                 implausible.append(number)
         sample = PolledSample(
@@ -242,6 +244,7 @@ class MicroscribeSession:
             heard.packet.buttons,
             tuple(channel.count for channel in self.channels),
             tuple(status),
+            time_bound_ns=self.clock.bound_ns,
         )
         return sample, implausible
 
@@ -313,7 +316,10 @@ class MotionReport:
         if packets:
             self._last_ns = received_ns
         return [
-            TimedPacket(packet, self._begun_ns, begun_ns, received_ns, self._delay_ns)
+            TimedPacket(
+                *(packet, self._begun_ns, begun_ns, received_ns, self._delay_ns),
+                is_reported=True,
+            )
             for packet in packets
         ]
 

@@ -90,5 +90,6 @@ class SampleBlockBuilder:
                 counts=np.array([s.counts for s in samples], dtype=np.uint32),
                 status=np.array([s.status for s in samples], dtype=np.uint8),
                 skew_ns=np.array(skews_ns, dtype=np.int32) if skews_ns else None,
+                time_bound_ns=max(s.time_bound_ns for s in samples),
             )
         )

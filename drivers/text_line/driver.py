@@ -6,8 +6,9 @@ have reached. Without a time in the line a sample has the time at which its line
 arrived; a board whose time or counts jump has lost power.
 """
 
+from dataclasses import dataclass
 from itertools import pairwise
-from statistics import median
+from statistics import linear_regression, median
 
 from traverse.drivers.base.driver import Driver
 from traverse.drivers.base.pending_edges import PendingEdges
@@ -25,6 +26,7 @@ from traverse.drivers.polling.pedals import PedalDebouncer
 from traverse.drivers.polling.sampling import SampleBlockBuilder
 from traverse.drivers.text_line.line import Line, LineSplitter, OddLine
 from traverse.drivers.text_line.options import TextLineOptions
+from traverse.drivers.timing.clock_report import ClockReporter
 from traverse.drivers.timing.device_clock import DeviceClock
 from traverse.plurals import counted
 
@@ -38,6 +40,29 @@ LOST_ABOVE = 1.75  # periods between two lines
 JUMP_NS = 3_000_000_000
 WRAP = 1 << 32  # of millis() and micros()
 JUMPS = 2  # in a row: one may be a broken digit
+# Lines that are late wait so long for one that is not: then the host was busy, else
+# the board's clock stood still.
+HOLD_NS, HOLD_PERIODS, MAX_HELD = 100_000_000, 2.5, 1000
+
+
+@dataclass(frozen=True, slots=True)
+class _Arrived:
+    """A line that has arrived.
+
+    Attributes:
+        ticks: the board's time, unwrapped; None where the line has none.
+        arrived_ns: of the line, by those that were read with it.
+        received_ns: of the read.
+        step: so many lines further than the last one.
+        bad: so many lines before it could not be read.
+    """
+
+    line: Line
+    ticks: int | None
+    arrived_ns: int
+    received_ns: int
+    step: int
+    bad: int
 
 
 class TextLineDriver(Driver):
@@ -57,6 +82,9 @@ class TextLineDriver(Driver):
             options.debounce_ms * 1_000_000, self._pattern.n_inputs
         )
         self._block = SampleBlockBuilder(self.device, put)
+        self._clock_reporter = ClockReporter(self.device, put)
+        self._held: list[_Arrived] = []
+        self._line_bytes = 0
         self._next_seq = self._every = self._rejected = self._lost = 0
         self._reason = ""
         self._told_ns = 0
@@ -71,6 +99,8 @@ class TextLineDriver(Driver):
         self._port = SerialPort(options.port, options.baud_rate, self._wake_read)
         self._splitter = LineSplitter()
         self._clock = DeviceClock(options.tick_rate_hz, self._clock_wrap)
+        self._clock_reporter.forget()
+        self._held.clear()
         self._time_ns = 0
         self._channels = [
             PolledChannel(f"joint {k}", counts, counts, options.max_speed_rad_s)
@@ -85,8 +115,14 @@ class TextLineDriver(Driver):
             self._reset or not self._continues(before, first[-1], period_ns)
         )
         self._last = first[-1]
+        port = self._port
+        # The time in a line is taken before it is sent: no line is earlier than that.
+        latency_ns = port.latency_ns + self._line_bytes * port.byte_ns
+        self._clock.latency_ns = float(latency_ns)
         for line, received_ns in first:
-            sample = self._sample(line, received_ns, received_ns)
+            ticks = self._learn(line, received_ns)
+            arrived = _Arrived(line, ticks, received_ns, received_ns, 1, 0)
+            sample = self._sample(arrived)
         self._buttons.begin(sample)
         resolution_ns = 1e9 / options.tick_rate_hz
         has_time = lines[0].ticks is not None
@@ -102,7 +138,8 @@ class TextLineDriver(Driver):
                     latches=False,
                     counts_per_turn=options.counts_per_turn,
                     jitter_ns=round(
-                        max(resolution_ns, 1e6) if has_time else self._period_ns / 2
+                        latency_ns
+                        + (max(resolution_ns, 1e6) if has_time else self._period_ns / 2)
                     ),
                 ),
                 restarted,
@@ -120,6 +157,9 @@ class TextLineDriver(Driver):
             if self._port.wait(0.02):
                 self._take(self._read(self._port))
             now_ns = self._now_ns()
+            self._release(now_ns)
+            if self._last is not None and self._last[0].ticks is not None:
+                self._clock_reporter.report(self._clock, now_ns)
             self._edges.hand_over()
             if self._block.is_due(now_ns):
                 self._block.deliver(self._stream)
@@ -131,6 +171,7 @@ class TextLineDriver(Driver):
                 raise self._silence()
 
     def _disconnect(self) -> None:
+        self._held.clear()
         self._report_losses()
         self._block.deliver(self._stream)
         if self._port is not None:
@@ -150,6 +191,7 @@ class TextLineDriver(Driver):
             if raw.startswith(tuple(text.encode() for text in self.options.ignore)):
                 self._counters["lines_ignored"] += 1
                 continue
+            self._line_bytes = max(self._line_bytes, len(raw) + 2)
             line = self._pattern.read(raw)
             if isinstance(line, OddLine):
                 self._reject(raw, line.reason)
@@ -205,10 +247,15 @@ class TextLineDriver(Driver):
         ]
         if steps:
             return median(steps)
-        # Those of the first read may have waited: they say nothing about the rate.
-        begun_ns = first[0][1]
-        later = sum(received_ns > begun_ns for _, received_ns in first)
-        return (first[-1][1] - begun_ns) / max(1, later)
+        # Those of the first read may have waited: they say nothing about the rate. Of
+        # several that were read together the last one had just arrived.
+        arrived = dict[int, int]()  # when read: the number of the last line
+        for number, (_, received_ns) in enumerate(first):
+            arrived[received_ns] = number
+        reads_ns, numbers = list(arrived), list(arrived.values())
+        if len(reads_ns) < LEAST_LINES:
+            return (reads_ns[-1] - reads_ns[0]) / max(1, numbers[-1] - numbers[0])
+        return linear_regression(numbers, reads_ns).slope
 
     def _continues(
         self, before: tuple[Line, int] | None, now: tuple[Line, int], period_ns: float
@@ -261,10 +308,38 @@ class TextLineDriver(Driver):
             step = self._step(line, received_ns, bad)
             if step <= 0:
                 continue
-            sample = self._sample(line, received_ns, arrived_ns)
+            ticks = self._learn(line, received_ns)
             self._last = (line, received_ns)
+            self._held.append(_Arrived(line, ticks, arrived_ns, received_ns, step, bad))
+        self._release(received_ns)
+
+    def _learn(self, line: Line, received_ns: int) -> int | None:
+        """The time of a line, unwrapped; the clock learns from it."""
+        if line.ticks is None:
+            return None
+        ticks = self._clock.unwrap_one(line.ticks)
+        self._clock.update(ticks, received_ns)
+        self._counters["clock_steps"] = self._clock.steps
+        return ticks
+
+    def _release(self, now_ns: int) -> None:
+        """Take lines, unless they wait for one that tells whether their times hold."""
+        held = self._held
+        if not held:
+            return
+        hold_ns = max(HOLD_NS, HOLD_PERIODS * self._period_ns)
+        if (
+            self._clock.is_late
+            and len(held) < MAX_HELD
+            and now_ns - held[0].received_ns < hold_ns
+        ):
+            return
+        self._held = []
+        for arrived in held:
+            step = arrived.step
+            sample = self._sample(arrived)
             self._counters["lines_received"] += 1
-            self._lost += max(0, step - 1 - bad)
+            self._lost += max(0, step - 1 - arrived.bad)
             self._next_seq += step
             if STATUS_MISSING not in sample.status:
                 for edge in self._buttons.detect_edges(sample):
@@ -306,20 +381,20 @@ class TextLineDriver(Driver):
             raise self._was_reset("its time or number has begun anew")
         return 0
 
-    def _sample(self, line: Line, received_ns: int, arrived_ns: int) -> PolledSample:
+    def _sample(self, arrived: _Arrived) -> PolledSample:
         """A line as a sample.
 
         Raises:
             DeviceError: counts have jumped for good.
         """
-        time_ns, uncertain = arrived_ns, 0
-        ticks = arrived_ns
-        if line.ticks is not None:
-            ticks = self._clock.unwrap_one(line.ticks)
-            self._clock.update(ticks, received_ns)
-            time_ns = min(self._clock.to_ns(ticks), received_ns)
-            uncertain = STATUS_TIME_UNCERTAIN if self._clock.is_uncertain else 0
-            self._counters["clock_steps"] = self._clock.steps
+        line, clock, received_ns = arrived.line, self._clock, arrived.received_ns
+        time_ns = ticks = arrived.arrived_ns
+        uncertain = bound_ns = 0
+        if arrived.ticks is not None:
+            ticks = arrived.ticks
+            time_ns = min(clock.to_ns(ticks), received_ns)
+            uncertain = STATUS_TIME_UNCERTAIN if clock.is_uncertain else 0
+            bound_ns = clock.error_bound_ns
         self._time_ns = time_ns = max(time_ns, self._time_ns)
         status = []
         for channel, count in zip(self._channels, line.counts, strict=True):
@@ -333,7 +408,8 @@ class TextLineDriver(Driver):
                 raise self._was_reset(f"{channel.name} has jumped")
         counts = tuple(channel.count for channel in self._channels)
         return PolledSample(
-            time_ns, received_ns, ticks, line.buttons, counts, tuple(status)
+            *(time_ns, received_ns, ticks, line.buttons, counts, tuple(status)),
+            time_bound_ns=bound_ns,
         )
 
     def _was_reset(self, why: str) -> DeviceError:

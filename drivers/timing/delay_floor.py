@@ -9,10 +9,10 @@ that delays of a busy host do not move it, and that it is the same at whatever r
 
 Strategy: how well the line is known is seen from how well it is touched. Readings are
 collected in bins of a quarter second; where the delays are what they always are, nearly
-every bin has a reading near the line. Each third of the time must have touched it, since
-the slope rests on both ends and a bend shows in the middle. Of windows of several
-lengths that one is used which gives the smallest bound: a long one averages delays that
-vary, a short one follows a rate that drifts.
+every bin has a reading near the line. Each third of the time must have touched it,
+since the slope rests on both ends and a bend shows in the middle. Of windows of several
+lengths the longest is used whose bound is nearly the smallest: a long one averages
+delays that vary, a short one follows a rate that drifts.
 """
 
 from collections import deque
@@ -30,6 +30,7 @@ LEAST_BINS, KNOWN_BINS = 6, 12
 # exponential and rarely small delays), and from what three bins in four do not exceed,
 # which is what a counter that loses ticks now and then leaves open.
 TOUCH_MARGIN, USUAL_MARGIN, USUAL_SHARE = 6.0, 1.3, 0.75
+NEARLY_BEST = 2.0
 LEAST_BOUND_NS = 30_000.0  # the host reads its own clock no better
 SLOPE_CHANGE = 2e-3  # corners of a bin's hull beyond it will never carry the line
 
@@ -98,7 +99,8 @@ class DelayFloor:
         bins = list(self._bins)
         lengths = [n for n in WINDOWS if n < len(bins)]
         lines = [_line_below(bins[-n:]) for n in (*lengths, len(bins))]
-        best = min(lines, key=lambda line: line.bound_ns)
+        most_ns = NEARLY_BEST * min(line.bound_ns for line in lines)
+        best = [line for line in lines if line.bound_ns <= most_ns][-1]
         if len(bins) >= KNOWN_BINS:
             self._slope = best.slope
         return best

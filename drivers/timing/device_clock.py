@@ -32,7 +32,7 @@ STEP_S = 1.0
 STEP_READS = 8
 FIRST_BINS = 3  # for a first line, of which nothing is certain
 UNKNOWN_NS = 1e9
-LAST_READS = 4
+LAST_READS = 2
 EXCHANGES = 64
 MAX_BOUND_NS = 20_000_000  # of what has to be learned; beyond, no time is certain
 MAX_TIED_NS = 1_000_000  # of an answer that ties the clock
@@ -79,10 +79,10 @@ class DeviceClock:
     Args:
         tick_rate_hz: nominal rate of the device's counter.
         wrap: where the counter returns to 0.
-        latency_ns: how large the smallest delay may be, as long as no request and its
-            answer show it.
+        latency_ns: how large the smallest delay may be.
 
     Attributes:
+        latency_ns: the same; measured, where requests and their answers show it.
         running: something has been learned, so that times are not idle talk.
         steps: how often the counter, or the host's clock, has jumped or stood still.
     """
@@ -92,7 +92,7 @@ class DeviceClock:
     ) -> None:
         self._ns_per_tick = 1e9 / tick_rate_hz
         self._blend_ticks = max(1, round(BLEND_S * tick_rate_hz))
-        self._latency_ns = float(latency_ns)
+        self.latency_ns = float(latency_ns)
         self._wrap = wrap
         self._last: int | None = None
         self.running = False
@@ -100,6 +100,14 @@ class DeviceClock:
         self._slope = 0.0
         self._bins_waited = 0
         self._floor = DelayFloor(BIN_S * 1e9)
+        self._usual = _UsualDelays()
+        self._tie: tuple[int, float] | None = None  # ticks of a quick answer; how quick
+        self._reads: list[tuple[int, int]] = []
+        self._lates_ns: deque[float] = deque([0.0], maxlen=LAST_READS)
+        self._lateness: deque[float] = deque(maxlen=EXCHANGES)
+        self._run = self._read_ns = self._read_ticks = self._proven_ns = 0
+        self._run_late_ns = self._height_ns = self._jump_ns = 0.0
+        self._line_bound_ns = UNKNOWN_NS
         self._restart(0, 0)
 
     # -- how well it is known --------------------------------------------------
@@ -129,13 +137,17 @@ class DeviceClock:
         """How far the times of the last read may be off; large while uncertain."""
         # So much the counter may have lost unseen, unless a read since then denies it.
         late_ns = min(self._lates_ns)
-        bound_ns = max(self._bound_ns(), late_ns) + self._latency_ns + self._ns_per_tick
+        bound_ns = max(self._bound_ns(), late_ns) + self.latency_ns + self._ns_per_tick
         return round(min(bound_ns, UNKNOWN_NS))
 
     @property
     def rate_error(self) -> float:
         """By how much the device's clock runs fast, as far as is known; 1e-3: 0.1 %."""
         return -self._slope / (1.0 + self._slope)
+
+    def is_newer(self, ticks: int) -> bool:
+        """Whether a latch, unwrapped, is later than all before."""
+        return not self.running or self._last is None or ticks > self._last
 
     def _bound_ns(self) -> float:
         """Of what has to be learned: the line, and the way to it that is left."""
@@ -152,15 +164,17 @@ class DeviceClock:
     # -- learning ----------------------------------------------------------------
 
     def update(self, ticks: int, received_ns: int, sent_ns: int | None = None) -> None:
-        """Learn from a latch at ``ticks`` (unwrapped) read at ``received_ns``.
+        """Learn from a latch.
 
         Args:
+            ticks: when it was, unwrapped.
+            received_ns: when it had been read.
             sent_ns: when it was requested; None for one that came by itself.
         """
-        self._last = ticks
         if not self.running:
             self._restart(ticks, received_ns)
             self.running = True
+        self._last = ticks
         late_ns = float(received_ns - self.to_ns(ticks))
         bound_ns = self._bound_ns() + self._ns_per_tick
         if late_ns < -UNDERCUT * bound_ns or (
@@ -175,7 +189,8 @@ class DeviceClock:
         elapsed = ticks - self._anchor_ticks
         elapsed_ns = elapsed * self._ns_per_tick
         offset_ns = received_ns - self._anchor_ns - elapsed_ns
-        if self._floor.add(elapsed_ns, offset_ns):
+        # Reads of a host that stood still are not how delays usually are.
+        if not self.is_late and self._floor.add(elapsed_ns, offset_ns):
             self._lay_line(ticks)
         if self._line_bound_ns >= UNKNOWN_NS:
             if len(self._reads) < REMEMBERED_READS:
@@ -198,7 +213,7 @@ class DeviceClock:
         # How late all times may be, because every read was.
         lateness_ns = max(0.0, float(self.to_ns(ticks) - sent_ns))
         self._lateness.append(lateness_ns)
-        self._latency_ns = min(self._lateness)
+        self.latency_ns = min(self._lateness)
 
     def _judge(self, ticks: int, late_ns: float, received_ns: int) -> None:
         """Whether a reading proves that the line holds; a step, if none does long."""
@@ -234,16 +249,17 @@ class DeviceClock:
     def _restart(self, ticks: int, received_ns: int) -> None:
         self._anchor_ticks, self._anchor_ns = ticks, received_ns
         self._floor.reset()
-        self._reads: list[tuple[int, int]] = []
+        self._reads = []
         self._height_ns = self._jump_ns = 0.0
         self._fit_ticks = 0
         self._line_bound_ns = UNKNOWN_NS
-        self._tie: tuple[int, float] | None = None
-        self._lateness: deque[float] = deque(maxlen=EXCHANGES)
+        self._tie = None
+        self._lateness.clear()
         self._usual = _UsualDelays()
         self._run, self._read_ns, self._proven_ns = 0, 0, received_ns
         self._read_ticks, self._run_late_ns = ticks, 0.0
-        self._lates_ns = deque([0.0], maxlen=LAST_READS)
+        self._lates_ns.clear()
+        self._lates_ns.append(0.0)
 
     def _lay_line(self, ticks: int) -> None:
         """Adopt the line below the readings so far, where it is due."""

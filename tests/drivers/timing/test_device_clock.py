@@ -3,7 +3,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from traverse.drivers.timing.device_clock import MAX_LAG_NS, WRAP, DeviceClock
+from traverse.drivers.timing.device_clock import WRAP, DeviceClock
+
+MAX_LAG_NS = 500_000
 
 RATE_HZ = 1_000_000
 

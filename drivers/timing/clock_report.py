@@ -1,0 +1,51 @@
+"""When the state of a device's clock is worth a report."""
+
+from collections.abc import Callable
+
+from traverse.drivers.base.values import DeviceClockState
+from traverse.drivers.timing.device_clock import DeviceClock
+
+RATE_CHANGE = 1e-4
+BOUND_RATIO = 3.0
+LEAST_NS = 1_000_000_000  # between two reports, unless certainty changes
+
+
+class ClockReporter:
+    """Reports how a clock runs: at first, and when that has changed.
+
+    Args:
+        put: hands a report over; False where it has no room.
+    """
+
+    def __init__(self, device: str, put: Callable[[DeviceClockState], bool]) -> None:
+        self._device, self._put = device, put
+        self._said: DeviceClockState | None = None
+        self._said_ns = 0
+
+    def forget(self) -> None:
+        """The device is another, or was away: report anew."""
+        self._said = None
+
+    def report(self, clock: DeviceClock, now_ns: int) -> None:
+        """Report the clock, if there is something new."""
+        said = self._said
+        is_certain = clock.running and not clock.is_uncertain
+        if said is not None and said.is_certain == is_certain:
+            if now_ns - self._said_ns < LEAST_NS or not is_certain:
+                return
+            ratio = (clock.error_bound_ns + 1) / (said.bound_ns + 1)
+            if (
+                abs(clock.rate_error - said.rate_error) < RATE_CHANGE
+                and 1.0 / BOUND_RATIO < ratio < BOUND_RATIO
+                and clock.steps == said.steps
+            ):
+                return
+        state = DeviceClockState(
+            self._device,
+            is_certain,
+            clock.rate_error,
+            clock.error_bound_ns,
+            clock.steps,
+        )
+        if self._put(state):
+            self._said, self._said_ns = state, now_ns

@@ -1,0 +1,196 @@
+"""Properties of a device's clock in virtual time, with clocks that run wrong."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from traverse.drivers.timing.device_clock import PROOF_SLACK_NS, DeviceClock
+
+LATENCY_NS = 200_000
+SMALLEST_NS = 100_000
+
+
+@dataclass(frozen=True)
+class World:
+    """A device, its clock and its line.
+
+    Attributes:
+        reads_hz: it sends so often.
+        ppm: of its clock.
+        ppm_per_s: how that changes.
+        delay_ms: the largest usual delay.
+        delays: how they are distributed.
+        stall: of the host's reader, at [s], for [s].
+        step: of the device's counter, at [s], by [s]; negative: it stands still so long.
+    """
+
+    seed: int
+    reads_hz: int = 100
+    tick_rate_hz: int = 1_000_000
+    ppm: float = 0.0
+    ppm_per_s: float = 0.0
+    delay_ms: float = 1.0
+    delays: str = "even"
+    stall: tuple[float, float] = (0.0, 0.0)
+    step: tuple[float, float] = (0.0, 0.0)
+    seconds: float = 12.0
+
+
+@dataclass(frozen=True)
+class Followed:
+    """What a clock said of each latch (n,), as soon as its read had been taken."""
+
+    at_s: np.ndarray
+    errors_ns: np.ndarray
+    bounds_ns: np.ndarray
+    uncertain: np.ndarray
+    clock: DeviceClock
+
+
+def delays_ns(world: World, true_s: np.ndarray) -> np.ndarray:
+    rng = np.random.default_rng(world.seed)
+    n, most_ns = len(true_s), world.delay_ms * 1e6
+    if most_ns * world.reads_hz > 1e9:  # several are read together
+        waits_s = rng.uniform(0.05, 1.0, int(20 * world.seconds * 1e9 / most_ns) + 20)
+        polls_s = np.cumsum(waits_s) * most_ns * 1e-9
+        return 1e9 * (polls_s[np.searchsorted(polls_s, true_s)] - true_s)
+    if world.delays == "even":
+        return rng.uniform(0.0, most_ns, n)
+    return np.minimum(rng.exponential(most_ns / 5.0, n), most_ns)
+
+
+def follow(world: World) -> Followed:
+    true_s = np.arange(int(world.seconds * world.reads_hz)) / world.reads_hz + 0.003
+    shown_s = true_s * (1.0 + 1e-6 * world.ppm) + 0.5e-6 * world.ppm_per_s * true_s**2
+    at_s, by_s = world.step
+    if by_s < 0.0:
+        shown_s -= np.clip(true_s - at_s, 0.0, -by_s)
+    else:
+        shown_s += np.where(true_s > at_s, by_s, 0.0)
+    ticks = np.floor(shown_s * world.tick_rate_hz).astype(np.int64).tolist()
+    true_ns = true_s * 1e9
+    received_ns = true_ns + SMALLEST_NS + delays_ns(world, true_s)
+    stall_s, stalled_s = world.stall
+    end_ns = (stall_s + stalled_s) * 1e9
+    during = (received_ns > stall_s * 1e9) & (received_ns < end_ns)
+    received_ns[during] = end_ns
+    received = np.maximum.accumulate(received_ns).astype(np.int64).tolist()
+    clock = DeviceClock(float(world.tick_rate_hz), latency_ns=LATENCY_NS)
+    errors_ns, bounds_ns, uncertain = [], [], []
+    first, n = 0, len(ticks)
+    while first < n:
+        end = first + 1
+        while end < n and received[end] == received[first]:
+            end += 1
+        for k in range(first, end):
+            clock.update(ticks[k], received[k])
+        for k in range(first, end):
+            mapped_ns = min(clock.to_ns(ticks[k]), received[k])
+            errors_ns.append(mapped_ns - true_ns[k])
+        bounds_ns += [clock.error_bound_ns] * (end - first)
+        uncertain += [clock.is_uncertain] * (end - first)
+        first = end
+    return Followed(
+        true_s, np.array(errors_ns), np.array(bounds_ns), np.array(uncertain), clock
+    )
+
+
+FAULTLESS = st.builds(
+    World,
+    seed=st.integers(0, 10**6),
+    reads_hz=st.sampled_from([20, 50, 100, 250]),
+    tick_rate_hz=st.sampled_from([1000, 1_000_000]),
+    ppm=st.floats(-20_000.0, 20_000.0),
+    ppm_per_s=st.sampled_from([0.0, 1.0, -1.0, 10.0, -10.0]),
+    delay_ms=st.sampled_from([0.1, 1.0, 5.0, 20.0]),
+    delays=st.sampled_from(["even", "rare"]),
+)
+
+
+@settings(max_examples=8, deadline=None)
+@example(World(seed=1, ppm=20_000.0, delay_ms=50.0))
+@example(World(seed=1, ppm=-20_000.0, tick_rate_hz=1000, reads_hz=20, delay_ms=0.1))
+@given(FAULTLESS)
+def test_a_clock_without_a_fault_is_within_its_bound_and_certain_after_5_s(world):
+    found = follow(world)
+    certain = ~found.uncertain
+    assert (np.abs(found.errors_ns) <= found.bounds_ns)[certain].all()
+    # The last poll may have come in the midst of what the next one would have read.
+    whole = found.at_s < world.seconds - 0.1
+    assert certain[(found.at_s > 5.0) & whole].all()
+    assert found.clock.steps == 0
+
+
+@settings(max_examples=8, deadline=None)
+@given(FAULTLESS, st.floats(3.0, 8.0), st.floats(0.001, 1.0))
+def test_reads_of_a_host_that_stood_still_are_within_their_bound(world, at_s, long_s):
+    found = follow(World(**{**world.__dict__, "stall": (at_s, long_s)}))
+    certain = ~found.uncertain
+    assert (np.abs(found.errors_ns) <= found.bounds_ns)[certain].all()
+    assert certain[-world.reads_hz : -world.reads_hz // 10].all()
+
+
+@settings(max_examples=10, deadline=None)
+@example(World(seed=3, ppm=3000.0), 6.0, -0.3)
+@example(World(seed=3, reads_hz=20, delay_ms=0.1), 6.0, -0.3)
+@example(World(seed=3, reads_hz=20, delay_ms=5.0), 6.0, -0.003)
+@given(
+    FAULTLESS,
+    st.floats(5.0, 8.0),
+    st.floats(0.001, 1.0).flatmap(lambda by_s: st.sampled_from([by_s, -by_s])),
+)
+def test_steps_of_a_counter_are_within_the_bound_or_uncertain(world, at_s, by_s):
+    """But of two reads, where the usual delays are as large as the step."""
+    found = follow(World(**{**world.__dict__, "step": (at_s, by_s)}))
+    beyond = np.abs(found.errors_ns) - found.bounds_ns
+    wrong = ~found.uncertain & (beyond > 0.0)
+    n_read_together = max(1, int(world.delay_ms * 1e-3 * world.reads_hz))
+    assert wrong.sum() <= 3 * n_read_together
+    assert (np.abs(found.errors_ns[wrong]) < 1.1e9 * abs(by_s) + PROOF_SLACK_NS).all()
+    assert not found.uncertain[-world.reads_hz : -world.reads_hz // 10].any()
+
+
+@pytest.mark.parametrize("ppm", [-20_000, -3000, -1500, 3000, 10_000, 20_000])
+@pytest.mark.parametrize("reads_hz", [20, 100])
+def test_a_resonator_is_followed_within_a_tenth_of_a_millisecond(ppm, reads_hz):
+    found = follow(World(seed=2, ppm=ppm, reads_hz=reads_hz, delay_ms=0.3))
+    settled = found.at_s > 5.0
+    assert np.abs(found.errors_ns[settled] - SMALLEST_NS).max() < 200_000
+    assert not found.uncertain[settled].any()
+    assert found.clock.rate_error == pytest.approx(ppm * 1e-6, abs=2e-5)
+
+
+@pytest.mark.parametrize("lost_s", [0.05, 0.3, 1.0])
+@pytest.mark.parametrize("reads_hz", [20, 100])
+def test_no_time_is_certain_and_wrong_when_a_timer_stands_still(lost_s, reads_hz):
+    found = follow(World(seed=4, reads_hz=reads_hz, step=(6.0, -lost_s)))
+    certain = ~found.uncertain
+    assert np.abs(found.errors_ns[certain]).max() < 3_000_000
+    assert found.clock.steps == 1
+    assert not found.uncertain[found.at_s > 6.0 + lost_s + 4.0].any()
+
+
+def test_an_answer_ties_a_clock_at_once_and_proves_a_step():
+    clock = DeviceClock(1e6)
+    clock.update(0, 1_000_400_000, 1_000_000_000)
+    assert not clock.is_uncertain
+    assert clock.error_bound_ns == pytest.approx(400_000 + 400_000 + 1_000, abs=10)
+    for k in range(1, 400):
+        clock.update(10_000 * k, 1_000_100_000 + 10_000_000 * k)
+    assert clock.is_known
+    # The counter has lost 20 ms: a request that comes after the time of the latch.
+    clock.update(4_000_000, 5_020_300_000, 5_020_000_000)
+    assert clock.steps == 1
+    assert not clock.is_uncertain
+    assert abs(clock.to_ns(4_000_000) - 5_020_150_000) <= clock.error_bound_ns
+
+
+def test_edges_that_are_sent_again_are_not_newer():
+    clock = DeviceClock(1e6)
+    assert clock.is_newer(5)
+    clock.update(1000, 10**9)
+    assert not clock.is_newer(1000)
+    assert clock.is_newer(1001)
