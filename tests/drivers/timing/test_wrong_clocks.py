@@ -24,7 +24,7 @@ class World:
         delay_ms: the largest usual delay.
         delays: how they are distributed.
         stall: of the host's reader, at [s], for [s].
-        step: of the device's counter, at [s], by [s]; negative: it stands still so long.
+        step: of the counter, at [s], by [s]; negative: it stands still so long.
     """
 
     seed: int
