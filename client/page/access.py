@@ -19,7 +19,8 @@ COOKIE = "traverse_page"
 LOGIN = "/login"
 MAX_FORM_BYTES = 4096
 LEAST_TOKEN = 16
-MAX_WRONG, WRONG_S = 10, 60.0  # wrong tokens in a time, of all visitors together
+MAX_WRONG, WRONG_S = 10, 60.0  # wrong tokens in a time, from one address
+MOST_ADDRESSES = 1000  # of wrong tokens in that time; then all have to wait
 PROTECTION = (
     (
         b"content-security-policy",
@@ -75,7 +76,7 @@ class Guard:
         self._hosts = frozenset(hosts)
         # Not the token itself: a cookie is stored in more places.
         self._key = secrets.token_hex(24)
-        self._wrong_s: list[float] = []
+        self._wrong_s: dict[str, list[float]] = {}
 
     async def __call__(self, scope: Scope, receive: Receive, plain: Send) -> None:
         """Deal with a request."""
@@ -116,8 +117,14 @@ class Guard:
 
     async def _login(self, scope: Scope, receive: Receive) -> ASGIApp:
         now_s = time.monotonic()
-        self._wrong_s = [at_s for at_s in self._wrong_s if at_s > now_s - WRONG_S]
-        if len(self._wrong_s) >= MAX_WRONG:
+        self._wrong_s = {
+            visitor: recent_s
+            for visitor, times_s in self._wrong_s.items()
+            if (recent_s := [at_s for at_s in times_s if at_s > now_s - WRONG_S])
+        }
+        address = str((scope.get("client") or ("",))[0])
+        wrong_s = self._wrong_s.get(address, [])
+        if len(wrong_s) >= MAX_WRONG or len(self._wrong_s) >= MOST_ADDRESSES:
             text = f"{MAX_WRONG} wrong tokens in a minute; wait a minute"
             return _refusal(scope, 429, text)
         if scope["method"] != "POST":
@@ -131,7 +138,7 @@ class Guard:
             flags += "; Secure" if scope.get("scheme") == "https" else ""
             cookie = f"{COOKIE}={self._key}; {flags}"
             return RedirectResponse("/", 303, {"set-cookie": cookie})
-        self._wrong_s.append(now_s)
+        self._wrong_s[address] = [*wrong_s, now_s]
         return HTMLResponse(FORM.replace("{said}", "This is not the token."), 401)
 
 

@@ -12,6 +12,7 @@ from traverse.client.cancel_tasks import cancel_tasks
 from traverse.client.display.follower import Follower
 from traverse.client.display.guided_check import CheckDesk
 from traverse.client.page.access import Guard
+from traverse.client.page.connections import BoundedHttpProtocol
 from traverse.client.page.operator_page import OperatorPage
 from traverse.client.page.readout import Choices
 from traverse.protocol.messages import Point
@@ -82,6 +83,7 @@ def serve(
         reload=False,
         title="Traverse",
         show_welcome_message=False,
+        http=BoundedHttpProtocol,
         ssl_certfile=None if certificate is None else str(certificate),
         ssl_keyfile=None if key is None else str(key),
     )

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from starlette.types import Receive, Scope, Send
 
-from traverse.client.page.access import MAX_WRONG, Guard, read_token
+from traverse.client.page.access import MAX_WRONG, MOST_ADDRESSES, Guard, read_token
 
 TOKEN = "a-token-of-some-length"
 
@@ -22,6 +22,7 @@ class Visit:
     def __init__(self, guard: Guard) -> None:
         self._guard = guard
         self.scheme = "https"
+        self.address = "192.0.2.1"
         self.sent: list[dict[str, object]] = []
 
     async def __call__(
@@ -35,6 +36,7 @@ class Visit:
         scope: Scope = {
             "type": kind,
             "scheme": self.scheme,
+            "client": (self.address, 40_000),
             "path": path,
             "method": method,
             "headers": [(k.encode(), v.encode()) for k, v in headers],
@@ -134,3 +136,14 @@ async def test_tokens_cannot_be_guessed_without_end() -> None:
     statuses = [await visit("/login", "POST", body=b"token=guess") for _ in range(12)]
     assert statuses == [401] * MAX_WRONG + [429] * 2
     assert await visit("/login", "POST", body=f"token={TOKEN}".encode()) == 429
+    visit.address = "192.0.2.2"  # the operator, who is locked out by nobody
+    assert await visit("/login", "POST", body=f"token={TOKEN}".encode()) == 303
+
+
+async def test_nor_from_any_number_of_addresses() -> None:
+    visit = Visit(Guard(served, token=TOKEN))
+    for k in range(MOST_ADDRESSES):
+        visit.address = f"2001:db8::{k:x}"
+        assert await visit("/login", "POST", body=b"token=guess") == 401
+    visit.address = "2001:db8::ffff:1"
+    assert await visit("/login", "POST", body=b"token=guess") == 429

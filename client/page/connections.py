@@ -1,0 +1,55 @@
+"""Connections to the page's server: so many from one address, and none that is silent.
+
+uvicorn keeps a connection that sends no request for ever. A thousand of them, from one
+browser gone wild or by intention, take all descriptors, and nobody gets in.
+"""
+
+import asyncio
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from uvicorn.protocols.http.auto import AutoHTTPProtocol
+
+if TYPE_CHECKING:
+    from uvicorn.protocols.http.h11_impl import H11Protocol as HttpProtocol
+else:
+    HttpProtocol = AutoHTTPProtocol
+
+REQUEST_S = 10.0  # in which a request has to follow
+MOST_OF_ONE = 64  # connections from an address; a browser opens six
+MOST = 512
+
+
+class BoundedHttpProtocol(HttpProtocol):
+    """uvicorn's protocol with bounds."""
+
+    open_transports: ClassVar[dict[str, set[asyncio.Transport]]] = {}
+    """By address, those of websockets included."""
+
+    def connection_made(  # type: ignore[override]  # as uvicorn's
+        self, transport: asyncio.Transport
+    ) -> None:
+        """Accept it, or close it at once."""
+        super().connection_made(transport)
+        peer: Any = transport.get_extra_info("peername")
+        address = str(peer[0]) if isinstance(peer, tuple) else ""
+        if self._is_beyond_bounds(address):
+            transport.abort()
+            return
+        self.open_transports.setdefault(address, set()).add(transport)
+        loop = asyncio.get_running_loop()
+        loop.call_later(REQUEST_S, self._close_if_silent, transport)
+
+    def _is_beyond_bounds(self, address: str) -> bool:
+        for other, transports in list(self.open_transports.items()):
+            transports -= {t for t in transports if t.is_closing()}
+            if not transports:
+                del self.open_transports[other]
+        n_open = sum(map(len, self.open_transports.values()))
+        of_address = len(self.open_transports.get(address, ()))
+        return n_open >= MOST or of_address >= MOST_OF_ONE
+
+    def _close_if_silent(self, transport: asyncio.Transport) -> None:
+        request: object = self.cycle
+        # A websocket has another protocol by then.
+        if transport.get_protocol() is self and request is None:
+            transport.abort()

@@ -1,0 +1,81 @@
+"""A thousand connections that say nothing leave room for the operator."""
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import AsyncIterator
+
+import pytest
+import uvicorn
+from starlette.types import Receive, Scope, Send
+
+from tests.waiting import until
+from traverse.client.page import connections
+from traverse.client.page.connections import MOST_OF_ONE, BoundedHttpProtocol
+
+HOST = "127.0.0.1"
+REQUEST = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
+
+
+async def served(scope: Scope, receive: Receive, send: Send) -> None:
+    await send({"type": "http.response.start", "status": 200, "headers": []})
+    await send({"type": "http.response.body", "body": b"page"})
+
+
+@contextlib.asynccontextmanager
+async def serving() -> AsyncIterator[int]:
+    """A server of uvicorn, as that of the page is one; gives its port."""
+    BoundedHttpProtocol.open_transports.clear()
+    with socket.create_server((HOST, 0)) as listener:
+        config = uvicorn.Config(
+            served, http=BoundedHttpProtocol, lifespan="off", log_config=None
+        )
+        server = uvicorn.Server(config)
+        task = asyncio.create_task(server.serve([listener]))
+        await until(lambda: server.started)
+        yield listener.getsockname()[1]
+        server.should_exit = True
+        await task
+
+
+async def answer(port: int) -> bytes:
+    reader, writer = await asyncio.open_connection(HOST, port)
+    writer.write(REQUEST)
+    line = await reader.readline()
+    writer.close()
+    await writer.wait_closed()
+    return line
+
+
+async def test_one_address_holds_so_many_and_no_more() -> None:
+    async with serving() as port:
+        held = [await asyncio.open_connection(HOST, port) for _ in range(MOST_OF_ONE)]
+        reader, writer = await asyncio.open_connection(HOST, port)
+        with contextlib.suppress(ConnectionError):
+            assert await reader.read() == b""  # closed at once
+        writer.close()
+        held[0][1].write(REQUEST)
+        assert await held[0][0].readline() == b"HTTP/1.1 200 OK\r\n"
+        for _, other in held:
+            other.close()
+        await until(lambda: not BoundedHttpProtocol.open_transports or _all_closing())
+        assert await answer(port) == b"HTTP/1.1 200 OK\r\n"
+
+
+def _all_closing() -> bool:
+    transports = BoundedHttpProtocol.open_transports.values()
+    return all(one.is_closing() for several in transports for one in several)
+
+
+async def test_a_connection_that_says_nothing_is_closed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(connections, "REQUEST_S", 0.05)
+    async with serving() as port:
+        for said in (b"", b"GET / HTTP/1.1\r\nHost: "):
+            reader, writer = await asyncio.open_connection(HOST, port)
+            writer.write(said)
+            async with asyncio.timeout(5):
+                with contextlib.suppress(ConnectionError):
+                    assert await reader.read() == b""
+            writer.close()
