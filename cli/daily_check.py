@@ -13,6 +13,7 @@ from traverse.cli.common.refusals import (
     FAILED,
     REFUSED,
     end,
+    end_by_state,
     print_report,
     refusals,
     refuse,
@@ -41,6 +42,7 @@ def daily_check(
     acceptance: Path | None = None,
     limits: Path | None = None,
     out: Annotated[Path | None, typer.Option("--out", "-o")] = None,
+    strict: bool = False,
     broker: BrokerOptions,
     as_json: Json = False,
 ) -> None:
@@ -53,7 +55,8 @@ def daily_check(
     is kept, and --campaign computes it later, here or on another computer.
 
     Exit status 1: out of control, beyond a limit, not plausible, or not everything was
-    touched; 2: also if nothing could be computed.
+    touched; 2: also if nothing could be computed; 4: --strict, and it is not judged
+    yet or not comparable.
 
     Args:
         arm: The arm file that the daemon uses.
@@ -66,6 +69,7 @@ def daily_check(
         acceptance: certificate.json of the last acceptance.
         limits: Permitted errors, as for `verify`.
         out: Folder for chart.png, .html.
+        strict: Exit status 4 if the result is in doubt.
     """
     import sqlite3
 
@@ -121,8 +125,7 @@ def daily_check(
     from traverse.lab.daily_check.report import report_values
 
     print_report(report_values(report), report_lines(report), as_json=as_json)
-    if not report.is_in_control:
-        raise typer.Exit(FAILED)
+    end_by_state(report.outcome.state, strict=strict)
 
 
 def _lacking() -> str | None:

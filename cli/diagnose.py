@@ -80,7 +80,7 @@ def diagnose(
             most_terms=max_terms,
             accept_tentative=accept_tentative,
         )
-        from traverse.lab import runs
+        from traverse.lab.runs import diagnosis as runs
 
         design, measured = read_noted(campaign, arm, family, prior)
         progress = _Progress() if sys.stderr.isatty() else None

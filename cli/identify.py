@@ -14,8 +14,8 @@ from traverse.cli.common.campaign_inputs import (
 )
 from traverse.cli.common.options import HoldoutBy, Json, Operator, campaign_folder
 from traverse.cli.common.refusals import (
-    FAILED,
     check_results,
+    end_by_state,
     print_report,
     refusals,
     refuse,
@@ -40,6 +40,7 @@ def identify(
     holdout_by: HoldoutBy = "time",
     seed: Annotated[int, typer.Option(min=0)] = 0,
     strict: bool = False,
+    write_unfit_arm: bool = False,
     family: Family = None,
     prior: PriorPatterns = None,
     as_json: Json = False,
@@ -49,8 +50,10 @@ def identify(
     """Find an arm's geometry from a campaign, by least squares.
 
     Writes arm.toml, its covariance, identification.json, residuals.csv and report.html.
-    Exit status 1: no convergence, a certificate that contradicts the rest, or --strict
-    and something is undetermined.
+    Where an arm file of the result must not be measured with, only identification.json
+    and report.html: no convergence, no redundancy, no scale, or misclosures that no arm
+    of this design leaves. Exit status 1: the result is bad; 4: --strict, and it is in
+    doubt.
 
     Args:
         campaign: Folder with campaign.toml.
@@ -61,7 +64,8 @@ def identify(
         masks: File with patterns to hold and to free, TOML.
         holdout: Part of the poses to keep aside and predict, e.g. 0.3.
         seed: Of the choice of --holdout.
-        strict: Exit status 1 if anything is undetermined.
+        strict: Exit status 4 if the result is in doubt.
+        write_unfit_arm: Write arm.toml even where it must not be measured with.
         compare: Compare two arm files or folders of results at the probe instead.
     """
     with refusals():
@@ -76,7 +80,7 @@ def identify(
         if campaign is None or arm is None or out is None:
             refuse(f"{', '.join(missing)} missing; or give --compare A B")
         check_results(out, arm)
-        from traverse.lab import runs
+        from traverse.lab.runs import identification as runs
 
         options = _options(hold or [], free or [], masks)
         kept = None if holdout is None else runs.KeptAside(holdout, holdout_by, seed)
@@ -85,14 +89,14 @@ def identify(
             progress = _Progress if sys.stderr.isatty() else None
             result = runs.identified(measured, design, options, kept, progress)
         provenance = result.campaign.provenance(operator)
-        lines = runs.write_identified(result, out, provenance)
+        lines = runs.write_identified(
+            result, out, provenance, unfit_arm=write_unfit_arm
+        )
     from traverse.lab.identification.results import files as files_of
 
     values = files_of.identification_json(result, provenance)
     print_report(values, lines, as_json=as_json)
-    fine = result.converged and not result.contradictions
-    if not fine or (strict and result.undetermined):
-        raise typer.Exit(FAILED)
+    end_by_state(values["state"], strict=strict)
 
 
 def _options(hold: list[str], free: list[str], masks: Path | None) -> "Options":
@@ -132,7 +136,7 @@ def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -
     """Compare two arms at the probe, within a campaign's ranges if there is one."""
     from traverse.kinematics.arm_file.arm import read_arm
     from traverse.lab.identification.results import arm_comparison
-    from traverse.lab.runs import read_inputs
+    from traverse.lab.runs.inputs import read_inputs
 
     files = [path / "arm.toml" if path.is_dir() else path for path in (first, second)]
     arms = [read_arm(file) for file in files]

@@ -16,15 +16,12 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.result import DiagnosisOptions
 from traverse.lab.identification.identify import IdentificationError, Options
+from traverse.lab.identification.results.evidence import outcome_of
+from traverse.lab.outcomes.base import State
 from traverse.lab.report.provenance import ReportProvenance
-from traverse.lab.runs import (
-    BreakdownError,
-    diagnosed,
-    identified,
-    read_inputs,
-    write_diagnosed,
-    write_identified,
-)
+from traverse.lab.runs.diagnosis import diagnosed, write_diagnosed
+from traverse.lab.runs.identification import identified, write_identified
+from traverse.lab.runs.inputs import BreakdownError, read_inputs
 from traverse.strict_toml.files import bytes_of
 from traverse.strict_toml.problems import FileError
 from traverse.strict_toml.writing import replacing
@@ -187,4 +184,4 @@ def _lines(task: Task, arm_file: Path, out: Path) -> tuple[list[str], bool]:
         return write_diagnosed(found, arm_file, out, task.provenance), True
     result = identified(task.campaign, task.arm, task.options)
     lines = write_identified(result, out, task.provenance)
-    return lines, result.converged and not result.contradictions
+    return lines, outcome_of(result).outcome.state is not State.BAD

@@ -10,6 +10,7 @@ from traverse.fleet.evidence import stored_checks
 from traverse.lab.daily_check.chart_pictures import chart_png
 from traverse.lab.daily_check.control_chart import EWMA_LIMIT
 from traverse.lab.daily_check.report import DailyCheckReport, report_of, report_values
+from traverse.lab.outcomes.base import State
 from traverse.lab.report.templates import page
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
@@ -177,10 +178,14 @@ def _concerns(
         found.append(Concern("doubt", "points are missing and have been asked for"))
     if report is None:
         found.append(Concern("doubt", "no daily check is known"))
-    elif not report.is_in_control:
-        found += [Concern("bad", f"daily check: {one}") for one in report.reasons]
-    elif not report.is_judged:
-        found.append(Concern("doubt", "the daily check is not judged yet"))
+    else:
+        found += [
+            Concern(
+                "bad" if reason.state is State.BAD else "doubt",
+                f"daily check: {reason.text}",
+            )
+            for reason in report.outcome.reasons
+        ]
     if report is not None:
         last = datetime.fromisoformat(report.checks[-1].time_utc)
         days = (now_ns / 1e9 - last.timestamp()) / 86_400

@@ -25,7 +25,7 @@ from traverse.lab.identification.identify import (
     Options,
     identify,
 )
-from traverse.lab.identification.report.page import WORDS
+from traverse.lab.identification.results.evidence import outcome_of as judge
 
 N_EACH, SEED = 125, 1
 FEWEST, MOST = 30, 150
@@ -76,7 +76,7 @@ def outcome_of(case: Case) -> Line:
         result = identify(campaign, arm, QUICK)
     except IdentificationError as error:
         return {"n_poses": n_poses, "outcome": f"refused: {error}"}
-    words = " ".join(WORDS.lines("sigma0", result))
+    words = " ".join(judge(result).outcome.sentences)
     if "units" in words:
         said = f"false units: {words}"
     else:

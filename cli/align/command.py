@@ -8,7 +8,12 @@ import typer
 from traverse.cli.align.options import AlignmentOptions
 from traverse.cli.common.broker_options import BrokerOptions
 from traverse.cli.common.options import Json
-from traverse.cli.common.refusals import FAILED, print_report, refusals, refuse
+from traverse.cli.common.refusals import (
+    end_by_state,
+    print_report,
+    refusals,
+    refuse,
+)
 from traverse.cli.control import send_command
 
 
@@ -32,7 +37,7 @@ def align(
     Args:
         points: Points (JSON lines, CSV, recording, outbox), a campaign's folder; or an
             alignment.json to send.
-        strict: Exit status 1 where anything is flagged.
+        strict: Exit status 4 where it is in doubt.
         out: Folder for alignment.json and .html.
         send: Have the daemon use it, if no test failed.
         clear: Have the daemon use none from now on.
@@ -63,8 +68,7 @@ def align(
     wrote = f"wrote {out}: alignment.json, alignment.html"
     lines = [*files.WORDS.lines("summary", values), *([] if out is None else [wrote])]
     print_report(values, lines, as_json=as_json)
-    if not values["passed"] or (strict and values["flags"]):
-        raise typer.Exit(FAILED)
+    end_by_state(values["state"], strict=strict)
     if send:
         to = arm_name or values["arm"]
         if to is None:

@@ -40,7 +40,7 @@ def read_noted(
     folder: Path, arm: Path, family: Path | None, prior: list[str] | None
 ) -> "tuple[Arm, Campaign]":
     """Read the inputs, and print what of them is not as it should be."""
-    from traverse.lab.runs import read_inputs
+    from traverse.lab.runs.inputs import read_inputs
 
     check_prior(family, prior)
     design, campaign = read_inputs(folder, arm, family, prior or [])
@@ -53,7 +53,7 @@ def read_noted(
 def adjustment_errors() -> Iterator[None]:
     """End with exit status 2 where inputs do not fit, 1 where an adjustment breaks."""
     from traverse.lab.identification.identify import IdentificationError
-    from traverse.lab.runs import BreakdownError
+    from traverse.lab.runs.inputs import BreakdownError
 
     with refusals(IdentificationError):
         try:

@@ -17,6 +17,8 @@ from traverse.lab.alignment.result import (
     predicted_values,
     volume_values,
 )
+from traverse.lab.outcomes.alignment import TITLES
+from traverse.lab.outcomes.base import State, worst
 from traverse.lab.report.figures import painted
 from traverse.lab.report.templates import Filters, Words, page
 from traverse.protocol.messages import AlignArgs
@@ -78,6 +80,8 @@ def read_alignment(path: Path) -> dict[str, Any]:
         values = json_of(file)
         if not isinstance(values, dict) or values.get("schema") != SCHEMA:
             raise ValueError(f"its schema is not {SCHEMA}")
+        if values.get("state") not in list(State) or "reasons" not in values:
+            raise ValueError("it has no state; align the points again")
         align_args(values)
     except ValueError as error:
         message = f"is no alignment: {str(error).splitlines()[0]}"
@@ -126,6 +130,7 @@ def chained_values(
         "volume": volume_values(there, where),
         **predicted_values(there, centre_mm, covariance),
     }
+    state = worst([State(values["state"]), State(first["state"])])
     remarks = [
         *values["remarks"],
         f"joined with {source}, which was computed {first['date_utc']}; residuals, "
@@ -147,6 +152,12 @@ def chained_values(
         else covariance_values(covariance, centre_mm),
         "quality": quality,
         "joined_with": {"file": source, "alignment": first["alignment"]},
+        "state": state.value,
+        "verdict": TITLES[state],
+        "reasons": [
+            *values["reasons"],
+            *({**one, "text": f"{source}: {one['text']}"} for one in first["reasons"]),
+        ],
         "passed": bool(values["passed"] and first["passed"]),
         "flags": [
             *values["flags"],

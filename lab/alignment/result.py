@@ -21,6 +21,12 @@ from traverse.kinematics.helmert.volume import (
     volume_error,
 )
 from traverse.lab.alignment.touches import CommonPoints
+from traverse.lab.outcomes.alignment import (
+    TITLES,
+    AlignmentEvidence,
+    alignment_outcome,
+)
+from traverse.lab.outcomes.base import Outcome, outcome_json
 from traverse.lab.report.plain_values import picked
 from traverse.lab.report.provenance import (
     ReportProvenance,
@@ -181,6 +187,20 @@ class AlignmentResult:
         """Whether no test failed."""
         return self.test is None or self.test.passed is not False
 
+    @property
+    def outcome(self) -> Outcome:
+        """State of the alignment, and the reasons for it."""
+        test = self.test
+        return alignment_outcome(
+            AlignmentEvidence(
+                sigma0=None if test is None else test.sigma0,
+                redundancy=0 if test is None else test.redundancy,
+                p_value=None if test is None else test.p_value,
+                passed=None if test is None else test.passed,
+                warnings=[(flag.code, flag.text) for flag in self.flags],
+            )
+        )
+
 
 def volume_values(volume: Volume, source: str) -> dict[str, Any]:
     """Write a volume as in alignment.json."""
@@ -205,7 +225,7 @@ def alignment_values(
 ) -> dict[str, Any]:
     """Put everything into plain values; computed by this user now if not said."""
     origin = provenance or report_provenance(ReportSource(measured, ""))
-    transformation, test = found.transformation, found.test
+    transformation, test, outcome = found.transformation, found.test, found.outcome
     return {
         "schema": SCHEMA,
         "method": found.method,
@@ -222,6 +242,8 @@ def alignment_values(
             "translation_mm": transformation.translation_mm.tolist(),
             "scale": transformation.scale,
         },
+        **outcome_json(outcome),
+        "verdict": TITLES[outcome.state],
         "passed": found.is_good,
         "covariance": None
         if found.covariance is None

@@ -260,6 +260,13 @@ class Artefact(StrictModel):
         key = name.removesuffix("_mm") + "_std_mm"
         return self.model_copy(update={key: float("inf")})
 
+    def with_contact_shift(self, shift_mm: float) -> "Artefact":
+        """Certify what the probe would measure if its radius were larger by a shift.
+
+        Touching from outside, a sphere looks larger; by default nothing changes.
+        """
+        return self
+
     def moved(self, state: Floats, step: Floats) -> Floats:
         """Apply a step of the unknowns, (n_unknowns,)."""
         return state + step

@@ -71,6 +71,11 @@ class BallBar(Artefact):
         """Of both spheres, (2,)."""
         return np.broadcast_to(np.asarray(self.radius_mm, dtype=np.float64), (2,))
 
+    def with_contact_shift(self, shift_mm: float) -> Artefact:
+        """Shift both certified radii; the distance of the centres stays."""
+        first_mm, second_mm = (self.radii_mm + shift_mm).tolist()
+        return self.model_copy(update={"radius_mm": (first_mm, second_mm)})
+
     def unknown_scales(self, touches: Touches) -> Floats:
         """Two centres, two radii."""
         return np.array([PLACE_SCALE_MM] * 6 + [RADIUS_SCALE_MM] * 2)

@@ -58,6 +58,11 @@ class ParallelPlanes(Artefact):
         known = self.distance_std_mm != float("inf")
         return {"distance_mm": self.distance_mm} if known else {}
 
+    def with_contact_shift(self, shift_mm: float) -> Artefact:
+        """Shift the certified distance on both sides."""
+        distance_mm = self.distance_mm + 2.0 * offset_sign(self.side) * shift_mm
+        return self.model_copy(update={"distance_mm": distance_mm})
+
     def unknown_scales(self, touches: Touches) -> Floats:
         """Attitude, height, distance."""
         return np.array([ATTITUDE_SCALE_RAD] * 2 + [HEIGHT_SCALE_MM] * 2)

@@ -6,7 +6,7 @@ for the shank. Below the ball is a gap, as a printed tip is round.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,16 @@ SEGMENTS = 96  # of a circle; a multiple of 8, so that corners of squares are am
 LEAST_FLOOR_MM = 0.2  # radius
 
 Vertex = tuple[float, float, float]
+
+
+def rounding_rad(counts_per_turn: Iterable[int]) -> float | None:
+    """Return the standard deviation of readings by the coarsest encoder's counts.
+
+    A rounding error is uniform over a count: its deviation is a count over sqrt(12).
+    None without any encoder.
+    """
+    coarsest = min(counts_per_turn, default=None)
+    return None if coarsest is None else 2.0 * math.pi / (coarsest * math.sqrt(12.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,11 +123,21 @@ class SocketGauge:
         head = b"Traverse: gauge with two sockets, mm".ljust(80, b" ")
         return head + len(facets).to_bytes(4, "little") + facets.tobytes()
 
-    def campaign(self, places: int, distance_std_mm: float | None) -> str:
-        """Text of a campaign.toml with the gauge in so many places."""
-        std = (
-            "" if distance_std_mm is None else f"distance_std_mm = {distance_std_mm}\n"
-        )
+    def campaign(
+        self, places: int, distance_std_mm: float, encoder_rad: float | None = None
+    ) -> str:
+        """Text of a campaign.toml with the gauge in so many places.
+
+        The noise of the readings is stated where it is given; that of a contact is as
+        if both sockets were equally uncertain.
+        """
+        std = f"distance_std_mm = {distance_std_mm}\n"
+        noise = f"[noise]\ncontact_mm = {distance_std_mm / math.sqrt(2.0):.2g}\n"
+        if encoder_rad is not None:
+            noise += (
+                "# Rounding to counts of the coarsest encoder, at least.\n"
+                f"encoder_rad = {encoder_rad:.3g}\n"
+            )
         tables = [
             f'[[artefacts]]\nid = "gauge-{place}"\nkind = "seats"\n'
             f"distance_mm = {self.distance_mm}\n{std}"
@@ -129,7 +149,7 @@ class SocketGauge:
             "# Measure the distance of the printed sockets and write it here.\n"
             'schema = "traverse/campaign/1"\nposes = "poses.csv"\n'
         )
-        return "\n".join([head, *tables])
+        return "\n".join([head, noise, *tables])
 
     def _top(self) -> Iterator[Sequence[Vertex]]:
         """The top face with its sockets."""

@@ -165,6 +165,13 @@ class Sphere(Artefact):
         """Estimate the radius from the start."""
         return self.model_copy(update={"radius_mm": None})
 
+    def with_contact_shift(self, shift_mm: float) -> Artefact:
+        """Shift the certified radius."""
+        if self.radius_mm is None:
+            return self
+        radius_mm = self.radius_mm + offset_sign(self.side) * shift_mm
+        return self.model_copy(update={"radius_mm": radius_mm})
+
     def unknown_scales(self, touches: Touches) -> Floats:
         """Centre and radius."""
         return np.array([PLACE_SCALE_MM] * 3 + [RADIUS_SCALE_MM])

@@ -94,9 +94,8 @@ def report_lines(report: DailyCheckReport) -> Iterator[str]:
         yield from WORDS.lines("figure", chart)
         if chart.last.q is not None:
             yield from chart_lines(chart)
-        yield from WORDS.lines("warnings", chart)
     yield ""
-    yield from report.remarks
+    yield from report.outcome.sentences
     yield WORDS.false_alarms(report, rules("both"), CHECKS_A_YEAR)
     yield report.word
 

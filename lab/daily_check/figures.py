@@ -22,6 +22,8 @@ from traverse.plurals import counted
 FEWEST_CONE, FEWEST_SPHERE = 5, 9
 SIZE_MM = 1.0
 """Tips and spheres that can be taken for one another differ by more in diameter."""
+ASSUMED_MM = 0.2
+"""Largest error of an arm whose permissible errors are not stated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +31,7 @@ class FigureKind:
     """One of the figures.
 
     Attributes:
+        assumed_mm: Permissible error where none is stated: what is beyond is no base.
         plausible_mm: Beyond it not the arm is off, but something else was touched.
         like: Key of the figure of an acceptance test that it is beside.
     """
@@ -37,6 +40,7 @@ class FigureKind:
     name: str
     definition: str
     positive: bool
+    assumed_mm: float
     plausible_mm: float
     like: str
 
@@ -47,6 +51,7 @@ KINDS = (
         "articulation, 2 s",
         "cone: delta_i = |p_i - mean|; 2 s, s = sqrt(sum delta_i^2 / (n - 1))",
         True,
+        2.0 * ASSUMED_MM,
         2.0 * PLAUSIBLE_MM,
         "spat_2s",
     ),
@@ -55,6 +60,7 @@ KINDS = (
         "articulation, largest",
         "cone: max delta_i",
         True,
+        ASSUMED_MM,
         PLAUSIBLE_MM,
         "spat_max",
     ),
@@ -63,6 +69,7 @@ KINDS = (
         "sphere, form",
         "least-squares sphere (c, r): max|p - c| - min|p - c|",
         True,
+        ASSUMED_MM,
         PLAUSIBLE_MM,
         "p_form",
     ),
@@ -71,6 +78,7 @@ KINDS = (
         "sphere, diameter less the calibrated one",
         "least-squares sphere: 2 (r - tip radius) - D_cal, corrected for expansion",
         False,
+        ASSUMED_MM,
         SIZE_MM,
         "p_size",
     ),

@@ -1,6 +1,6 @@
 """Report of a history of daily checks: charts, warnings, the last acceptance beside."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,13 @@ from traverse.lab.daily_check.control_chart import ChartPoint, Rule, charted, ru
 from traverse.lab.daily_check.figures import KINDS, FigureKind
 from traverse.lab.daily_check.history import Check, since_base
 from traverse.lab.measured_points.reading import OWN_PROBE
+from traverse.lab.outcomes.base import Outcome, State, outcome_json
+from traverse.lab.outcomes.daily_check import WORDS as VERDICTS
+from traverse.lab.outcomes.daily_check import (
+    DailyCheckEvidence,
+    JudgedFigure,
+    daily_check_outcome,
+)
 from traverse.lab.report.plain_values import picked
 from traverse.lab.report.provenance import ReportSource, report_provenance
 from traverse.lab.report.templates import Words
@@ -45,13 +52,25 @@ class FigureChart:
 
     @property
     def most_mm(self) -> float:
-        """Permissible errors, else plausible ones: values beyond are no base."""
-        return self.kind.plausible_mm if self.limit_mm is None else self.limit_mm
+        """Permissible errors, else assumed ones: values beyond are no base."""
+        return self.kind.assumed_mm if self.limit_mm is None else self.limit_mm
 
     @property
-    def exceeds(self) -> bool:
-        """Whether it is beyond that."""
-        return abs(self.last.value) > self.most_mm
+    def judged(self) -> JudgedFigure:
+        """The last check's, as the conditions look at it."""
+        last = self.last
+        width_mm = None
+        if last.high is not None and last.centre is not None:
+            width_mm = last.high - last.centre
+        return JudgedFigure(
+            name=self.kind.name,
+            value_mm=last.value,
+            permissible_mm=self.most_mm,
+            is_stated=self.limit_mm is not None,
+            plausible_mm=self.kind.plausible_mm,
+            half_width_mm=width_mm,
+            alarms=last.alarms,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,37 +81,26 @@ class DailyCheckReport:
         checks: Since the base began.
         charts: In the order of `KINDS`.
         acceptance: Date and standard of the certificate compared with, or None.
+        changes: What is not as at the check before, each with its remedy.
     """
 
     checks: tuple[Check, ...]
     charts: tuple[FigureChart, ...]
     acceptance: str | None
-    remarks: tuple[str, ...]
+    changes: tuple[tuple[str, str], ...]
 
     @property
-    def is_in_control(self) -> bool:
-        """Neither a rule is broken at the last check, nor a limit."""
-        return not any(chart.last.alarms or chart.exceeds for chart in self.charts)
-
-    @property
-    def is_judged(self) -> bool:
-        """Whether the charts, or limits, judge every figure of the last check."""
-        return all(
-            chart.last.q is not None or chart.limit_mm is not None
-            for chart in self.charts
+    def outcome(self) -> Outcome:
+        """State of the last check, and the reasons for it."""
+        figures = [chart.judged for chart in self.charts]
+        return daily_check_outcome(
+            DailyCheckEvidence(figures, len(self.checks), self.changes)
         )
 
     @property
     def word(self) -> str:
         """The verdict in a word."""
-        if not self.is_in_control:
-            return "OUT OF CONTROL"
-        return "in control" if self.is_judged else "NOT JUDGED YET"
-
-    @property
-    def reasons(self) -> list[str]:
-        """Reasons of the verdict, in sentences."""
-        return WORDS.lines("reasons", self)
+        return VERDICTS[self.outcome.state]
 
     @property
     def false_alarms(self) -> float:
@@ -125,8 +133,41 @@ def report_of(
     told = None
     if certificate is not None:
         told = f"{certificate['standard']} of {certificate['date_utc']}"
-    remarks = WORDS.lines("remarks", own, certificate)
-    return DailyCheckReport(tuple(own), tuple(charts), told, tuple(remarks))
+    changes = tuple(_changes(own, certificate))
+    return DailyCheckReport(tuple(own), tuple(charts), told, changes)
+
+
+def _changes(
+    checks: Sequence[Check], certificate: Mapping[str, Any] | None
+) -> Iterator[tuple[str, str]]:
+    """Say what is not as at the check before, with the remedy."""
+    last = checks[-1]
+    touches = {(check.figures.n_cone, check.figures.n_sphere) for check in checks}
+    if len(checks) > 1:
+        before = checks[-2]
+        if last.arm_digest != before.arm_digest:
+            yield (
+                "The arm file is another than at the check before.",
+                "After an identification or a repair begin a new base with --new-base.",
+            )
+        if last.figures.sphere_radius_mm != before.figures.sphere_radius_mm:
+            yield (
+                "The sphere is another than at the check before: its radius is "
+                f"{last.figures.sphere_radius_mm:g} mm instead of "
+                f"{before.figures.sphere_radius_mm:g} mm.",
+                "See whether its calibrated radius is right.",
+            )
+    if len(touches) > 1:
+        yield (
+            "Numbers of touches differ between checks: ranges and largest values grow "
+            "with them.",
+            "Touch equally often each time.",
+        )
+    if certificate and certificate["arm"]["digest"] != last.arm_digest:
+        yield (
+            "The last acceptance was of another arm file.",
+            "Verify the arm as it is.",
+        )
 
 
 def read_certificate(path: Path, arm: str) -> dict[str, Any]:
@@ -149,21 +190,20 @@ def read_certificate(path: Path, arm: str) -> dict[str, Any]:
 
 def report_values(report: DailyCheckReport) -> dict[str, Any]:
     """Put a report into plain values."""
-    check = report.checks[-1]
+    check, outcome = report.checks[-1], report.outcome
     return {
         "schema": SCHEMA,
         "time_utc": check.time_utc,
         "arm": {"name": check.arm, "digest": check.arm_digest},
         "checks": len(report.checks),
-        "in_control": report.is_in_control,
-        "judged": report.is_judged,
+        **outcome_json(outcome),
+        "in_control": outcome.state is State.GOOD,
         "provenance": report_provenance(
             ReportSource("daily check", check.data_digest)
         ).values,
         "acceptance": report.acceptance,
         "false_alarms_per_check": report.false_alarms,
         "figures": [_values(chart) for chart in report.charts],
-        "remarks": list(report.remarks),
     }
 
 
@@ -173,7 +213,8 @@ def _values(chart: FigureChart) -> dict[str, Any]:
         **picked(chart.kind, "key", "name", "definition"),
         **picked(last, value_mm="value", centre_mm="centre", low_mm="low"),
         **picked(last, "q", "moving_range", "ewma", "alarms", high_mm="high"),
-        **picked(chart, "limit_mm", "accepted_mm", exceeds_limit="exceeds"),
+        **picked(chart, "limit_mm", "accepted_mm", permissible_mm="most_mm"),
+        "exceeds_limit": chart.judged.exceeds,
         "rules": [
             {"name": rule.name, "false_alarms_per_check": rule.rate}
             for rule in chart.rules

@@ -1,6 +1,6 @@
 """Identification: from a campaign and an arm's design to the arm as it is."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -39,6 +39,7 @@ from traverse.lab.identification.results.postprocessing import (
     artefact_results,
     cartesian_covariance,
     condition_number,
+    deviations_of_design,
     global_test,
     parameter_estimates,
     variance_factor,
@@ -50,10 +51,13 @@ from traverse.lab.identification.results.undetermined import (
 )
 from traverse.lab.identification.solve.adjustment import (
     MOST_ITERATIONS,
+    Adjustment,
+    Iteration,
     Progress,
     adjust,
 )
 from traverse.lab.identification.solve.contradictions import (
+    ContactShift,
     Contradiction,
     ExcludedCluster,
     contradicted_expectation,
@@ -66,8 +70,13 @@ from traverse.lab.identification.solve.iterative_adjustment import (
     Options,
     iterate,
 )
-from traverse.lab.identification.solve.noise import VarianceModel, serial_noise
+from traverse.lab.identification.solve.noise import (
+    SerialNoise,
+    VarianceModel,
+    serial_noise,
+)
 from traverse.lab.identification.solve.starting_values import (
+    CoarseStart,
     coarse_start,
     with_tools_fitted,
 )
@@ -121,126 +130,268 @@ def identify(
         IdentificationError: Arm and campaign do not fit together, or a pattern fits
             no parameter.
     """
-    options, given, source = options or Options(), campaign, arm
+    options = options or Options()
     _check_same_joints(campaign, arm)
-    arm, design, parameters = _begun_with(campaign, arm, options)
-    radius_mm = arm.probe.radius_mm
-    every = np.ones(len(campaign.poses), dtype=np.bool_)
-    network = network_of(campaign, radius_mm, every, parameters)
-    before = _begun(network, design)
-    rms_before_mm = rms_mm(network, before)
-    given_mm, unturned = design.tools_mm, design.mountings
-    start = design = with_tools_fitted(campaign, parameters, design, radius_mm)
-    if options.coarse_start:
-        start = coarse_start(campaign, parameters, design, radius_mm, options.hold)
+    start = _start(campaign, arm, options, progress)
+    fit = _fit(start, start.adjust_campaign(campaign))
+    if options.snooping:
+        fit = _without_contradictions(start, fit)
+    contradicted = contradicted_expectation(fit.run.adjustment)
+    if contradicted is not None and campaign.prior is not None:
+        without_prior = replace(campaign, prior=campaign.prior.without(*contradicted))
+        return identify(without_prior, arm, options, progress)
+    return _collected(start, fit, _weighted(start, fit))
 
-    def adjusted(
-        measured: Campaign,
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Start:
+    """What an adjustment begins with.
+
+    Attributes:
+        source: The arm as given; `arm` has what masses are assumed beside that.
+        given: Values of that arm, and `before` the artefacts as seen with it.
+        design: As given, with free tools fitted and wrong signs reversed.
+        begin: Where the adjustment begins: the design, or one with other zeros.
+    """
+
+    campaign: Campaign
+    source: Arm
+    arm: Arm
+    options: Options
+    progress: Progress | None
+    parameters: Parameters
+    given: ArmValues
+    before: State
+    rms_before_mm: float
+    design: ArmValues
+    begin: ArmValues
+    wrong_signs: tuple[int, ...]
+
+    @property
+    def radius_mm(self) -> float:
+        """Of the probe's ball."""
+        return self.arm.probe.radius_mm
+
+    def adjust_campaign(
+        self,
+        campaign: Campaign,
         noise: Noise | None = None,
         staying: Booleans | None = None,
+        begin: ArmValues | None = None,
     ) -> IteratedAdjustment:
-        part = network_of(measured, radius_mm, every, parameters, noise)
-        held = VarianceModel("held", "held")
-        wishes = options if noise is None else replace(options, variances=held)
+        """Adjust a campaign, with a given noise only as long as a trial deserves."""
+        every = np.ones(len(campaign.poses), dtype=np.bool_)
+        network = network_of(campaign, self.radius_mm, every, self.parameters, noise)
+        options = self.options
+        if noise is not None:
+            options = replace(options, variances=VarianceModel("held", "held"))
         return iterate(
-            part,
-            start,
-            wishes,
-            radius_mm,
+            network,
+            self.begin if begin is None else begin,
+            options,
+            self.radius_mm,
             staying=staying,
-            progress=progress,
+            progress=self.progress,
             most_iterations=MOST_ITERATIONS if noise is None else _MOST_OF_A_TRIAL,
         )
 
-    run = adjusted(campaign)
-    if start is not design:
-        as_given = iterate(network, design, options, radius_mm, progress=progress)
-        if not _fits_better((run, start), (as_given, design)):
-            run, start = as_given, design
-    zero_offsets_rad = start.geometry.zeros_rad - design.geometry.zeros_rad
-    design = replace(start, tools_mm=given_mm, mountings=unturned)
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """An adjustment of a campaign, and what contradicted the rest of it.
+
+    Attributes:
+        begin: Where the adjustment began.
+        design: From which changes are counted.
+    """
+
+    campaign: Campaign
+    run: IteratedAdjustment
+    begin: ArmValues
+    design: ArmValues
     contradictions: tuple[Contradiction, ...] = ()
-    wrong: tuple[WrongOrientation, ...] = ()
+    contact_shift: ContactShift | None = None
+    wrong_orientations: tuple[WrongOrientation, ...] = ()
     clusters: tuple[ExcludedCluster, ...] = ()
-    if options.snooping:
-        campaign, run, wrong = without_wrong_orientations(campaign, run, adjusted)
-        campaign, run, contradictions = without_wrong_certificates(
-            campaign, run, adjusted, design
-        )
-        run, clusters = with_clusters_back(campaign, run, adjusted)
-    contradicted = contradicted_expectation(run.adjustment)
-    if contradicted is not None and given.prior is not None:
-        believed = replace(given, prior=given.prior.without(*contradicted))
-        return identify(believed, source, options, progress)
-    alone, included = run.adjustment, run.included
-    adjustment, serial, iterations = alone, None, run.iterations
-    sigma0, redundancy, shared = alone.sigma0, alone.redundancy, 1.0
-    if campaign.is_stream:
-        serial = serial_noise(alone)
-        # Samples weigh what they say together; certificates keep their weight: a
-        # standard is as uncertain as it was.
-        network = replace(
-            alone.network, weights=alone.network.weights / serial.samples_per_mean
-        )
-        adjustment = adjust(network, alone.state, design, progress)
-        iterations = (*iterations, *adjustment.iterations)
-        redundancy, shared = serial.redundancy, serial.samples_per_square
-        sigma0 = float(np.sqrt(alone.system.sum_of_squares / max(redundancy, 1)))
-    test = global_test(sigma0, redundancy / shared, noise_estimated=run.noise_estimated)
-    factor = variance_factor(sigma0, test)
+
+
+def _start(
+    campaign: Campaign, source: Arm, options: Options, progress: Progress | None
+) -> _Start:
+    """Choose what is free, place the artefacts, and try other signs and zeros.
+
+    Raises:
+        IdentificationError: A pattern fits no parameter, effects do not fit, or
+            orientations are those of the inverse rotations.
+    """
+    arm, given, parameters = _begun_with(campaign, source, options)
+    radius_mm = arm.probe.radius_mm
+    every = np.ones(len(campaign.poses), dtype=np.bool_)
+    network = network_of(campaign, radius_mm, every, parameters)
+    before = _begun(network, given)
+    design = with_tools_fitted(campaign, parameters, given, radius_mm)
+    coarse = CoarseStart(design, design, ())
+    if options.coarse_start:
+        coarse = coarse_start(campaign, parameters, design, radius_mm, options.hold)
+    return _Start(
+        campaign=campaign,
+        source=source,
+        arm=arm,
+        options=options,
+        progress=progress,
+        parameters=parameters,
+        given=given,
+        before=before,
+        rms_before_mm=rms_mm(network, before),
+        design=coarse.design,
+        begin=coarse.arm,
+        wrong_signs=coarse.reversed_joints,
+    )
+
+
+def _fit(start: _Start, run: IteratedAdjustment) -> _Fit:
+    """Decide whether other zeros were worth it; if not, adjust from the design."""
+    begin = start.begin
+    if begin is not start.design:
+        as_given = start.adjust_campaign(start.campaign, begin=start.design)
+        if not _fits_better((run, begin), (as_given, start.design)):
+            run, begin = as_given, start.design
+    given = start.given
+    design = replace(begin, tools_mm=given.tools_mm, mountings=given.mountings)
+    return _Fit(start.campaign, run, begin, design)
+
+
+def _without_contradictions(start: _Start, fit: _Fit) -> _Fit:
+    """Leave out what contradicts the rest: orientations, certificates, clusters."""
+
+    def adjusted(
+        campaign: Campaign,
+        noise: Noise | None = None,
+        staying: Booleans | None = None,
+    ) -> IteratedAdjustment:
+        return start.adjust_campaign(campaign, noise, staying, fit.begin)
+
+    campaign, run, wrong = without_wrong_orientations(fit.campaign, fit.run, adjusted)
+    campaign, run, contradictions, contact_shift = without_wrong_certificates(
+        campaign, run, adjusted, fit.design
+    )
+    run, clusters = with_clusters_back(campaign, run, adjusted)
+    return replace(
+        fit,
+        campaign=campaign,
+        run=run,
+        contradictions=contradictions,
+        contact_shift=contact_shift,
+        wrong_orientations=wrong,
+        clusters=clusters,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Weighted:
+    """The last adjustment, in which samples of a stream weigh what they say together.
+
+    Attributes:
+        samples_per_square: How many squares of residuals say as much as one.
+    """
+
+    adjustment: Adjustment
+    iterations: tuple[Iteration, ...]
+    sigma0: float
+    redundancy: int
+    serial: SerialNoise | None = None
+    samples_per_square: float = 1.0
+
+
+def _weighted(start: _Start, fit: _Fit) -> _Weighted:
+    """Weigh the samples of a stream by what neighbours share, and adjust again."""
+    unweighted, iterations = fit.run.adjustment, fit.run.iterations
+    if not fit.campaign.is_stream:
+        sigma0, redundancy = unweighted.sigma0, unweighted.redundancy
+        return _Weighted(unweighted, iterations, sigma0, redundancy)
+    serial = serial_noise(unweighted)
+    # Certificates keep their weight: a standard is as uncertain as it was.
+    network = replace(
+        unweighted.network,
+        weights=unweighted.network.weights / serial.samples_per_mean,
+    )
+    adjustment = adjust(network, unweighted.state, fit.design, start.progress)
+    squares = unweighted.system.sum_of_squares
+    return _Weighted(
+        adjustment,
+        (*iterations, *adjustment.iterations),
+        float(np.sqrt(squares / max(serial.redundancy, 1))),
+        serial.redundancy,
+        serial,
+        serial.samples_per_square,
+    )
+
+
+def _collected(start: _Start, fit: _Fit, weighted: _Weighted) -> Identification:
+    """Put the result of an adjustment into figures."""
+    campaign, run, adjustment = fit.campaign, fit.run, weighted.adjustment
+    test = global_test(
+        weighted.sigma0,
+        weighted.redundancy / weighted.samples_per_square,
+        noise_estimated=run.noise_estimated,
+    )
+    factor = variance_factor(weighted.sigma0, test)
     inverse = adjustment.split.inverse
-    covariance = factor * inverse @ inverse.T
-    estimates = parameter_estimates(adjustment, design, covariance)
+    of_design = deviations_of_design(adjustment, fit.design)
+    covariance = factor * inverse @ inverse.T + of_design @ of_design.T
+    estimates = parameter_estimates(adjustment, fit.design, covariance)
     return Identification(
-        arm=arm_of_adjustment(arm, adjustment),
-        design=source,
+        arm=arm_of_adjustment(start.arm, adjustment),
+        design=start.source,
         campaign=campaign,
         adjustment=adjustment,
         converged=adjustment.converged,
-        iterations=iterations,
-        sigma0=sigma0,
-        redundancy=redundancy,
+        iterations=weighted.iterations,
+        sigma0=weighted.sigma0,
+        redundancy=weighted.redundancy,
         global_test=test,
         variance_factor=factor,
         noise=adjustment.network.noise,
-        serial_noise=serial,
-        rms_before_mm=rms_before_mm,
+        serial_noise=weighted.serial,
+        rms_before_mm=start.rms_before_mm,
         rms_after_mm=rms_mm(adjustment.network, adjustment.state),
         parameters=estimates,
         covariance=covariance,
         cartesian=cartesian_covariance(adjustment, covariance),
         undetermined=undetermined_directions(adjustment),
         weak=weak_directions(adjustment, factor),
-        artefacts=artefact_results(adjustment, run.statistics, factor),
+        artefacts=artefact_results(adjustment, run.statistics, factor, of_design),
         statistics=run.statistics,
-        included=included,
+        included=run.included,
         excluded=tuple(
             ExcludedPose(
                 int(campaign.poses.lines[at]),
                 float(run.statistics.w[at]),
                 excluded_part(run, int(at)),
             )
-            for at in np.flatnonzero(~included)
+            for at in np.flatnonzero(~run.included)
         ),
         alternating=tuple(campaign.poses.lines[run.alternating].tolist()),
         critical_w=run.critical,
-        coverage=joint_coverage(campaign, np.flatnonzero(included)),
+        coverage=joint_coverage(campaign, np.flatnonzero(run.included)),
         condition_number=condition_number(adjustment),
-        contradictions=contradictions,
+        contradictions=fit.contradictions,
+        contact_shift=fit.contact_shift,
+        wrong_signs=tuple(campaign.joint_names[joint] for joint in start.wrong_signs),
         lost_poses=lost_poses(campaign, run),
-        clusters=clusters,
-        suggestions=most_helpful_poses(adjustment, options.n_suggestions),
-        zero_offsets_rad=zero_offsets_rad,
-        options=options,
+        clusters=fit.clusters,
+        suggestions=most_helpful_poses(adjustment, start.options.n_suggestions),
+        zero_offsets_rad=fit.begin.geometry.zeros_rad - start.design.geometry.zeros_rad,
+        options=start.options,
         orientations=orientation_result(
             adjustment,
-            given,
-            radius_mm,
-            used=included & campaign.poses.oriented,
-            before=before,
+            start.campaign,
+            start.radius_mm,
+            used=run.included & campaign.poses.oriented,
+            before=start.before,
             sums=run.statistics.variances,
             stds={entry.name: entry.std for entry in estimates},
-            excluded=wrong,
+            excluded=fit.wrong_orientations,
         ),
     )
 

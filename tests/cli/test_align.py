@@ -123,7 +123,7 @@ def test_a_failed_test_is_exit_status_1_and_strict_looks_at_flags(files):
     align(points, "--nominal", nominal, "--std", 0.0001, status=1)
     align(points, "--nominal", nominal, "--std", 0.01, "--strict")
     align(points, "--nominal", nominal)
-    align(points, "--nominal", nominal, "--strict", status=1)
+    align(points, "--nominal", nominal, "--strict", status=4)
 
 
 def test_points_that_determine_nothing_are_refused(files, tmp_path):

@@ -57,11 +57,17 @@ def run(tmp_path):
 
 
 def test_checks_go_into_the_history_and_a_bad_one_is_found(run, tmp_path):
+    run("--show", "--strict", status=2)
     for day in range(6):
         folder = campaign(tmp_path / f"day-{day}", day=day)
         result = run("--campaign", folder, "--json")
         told = json.loads(result.stdout)
-        assert (told["checks"], told["in_control"]) == (day + 1, True)
+        assert told["checks"] == day + 1
+        # Limits of so few checks are as wide as chance makes them.
+        assert told["state"] != "bad", told["reasons"]
+        assert told["in_control"] is (told["state"] == "good")
+        if day == 0:
+            assert told["state"] == "doubt"
     assert told["time_utc"] == "2026-03-06T08:00:00Z"
     by_key = {figure["key"]: figure["value_mm"] for figure in told["figures"]}
     # sigma 0.01 mm an axis: 2 s is 2 sqrt(3) times that.
@@ -72,7 +78,7 @@ def test_checks_go_into_the_history_and_a_bad_one_is_found(run, tmp_path):
     bad = campaign(tmp_path / "bad", day=7, scatter_mm=0.5)
     result = run("--campaign", bad, "--out", tmp_path / "charts", status=1)
     assert "OUT OF CONTROL" in result.output
-    assert "WARNING: one check above 3.5 sigma" in result.output
+    assert "articulation, 2 s: one check above 3.5 sigma." in result.output
     assert (tmp_path / "charts" / "chart.png").stat().st_size > 10_000
     assert run("--show", status=1).output == result.output
 

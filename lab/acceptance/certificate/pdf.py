@@ -177,7 +177,7 @@ def _first_page(document: _Document, values: Mapping[str, Any]) -> None:
     document.cell(0, 9, "Certificate of verification", new_x="LMARGIN", new_y="NEXT")
     document.text_block(f"{values['title']}; arm {values['arm']['name']}")
     document.verdict(
-        WORDS.state(values), WORDS.title(values), WORDS.lines("conclusion", values)
+        values["state"], values["conclusion"], WORDS.lines("conclusion", values)
     )
     document.heading("Figures")
     document.rows(

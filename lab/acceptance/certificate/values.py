@@ -19,6 +19,12 @@ from traverse.lab.acceptance.conformity import (
 )
 from traverse.lab.artefacts import Artefact
 from traverse.lab.measured_points.measurement import Measurement
+from traverse.lab.outcomes.acceptance import (
+    AcceptanceEvidence,
+    DecidedFigure,
+    acceptance_outcome,
+)
+from traverse.lab.outcomes.base import outcome_json
 from traverse.lab.report.plain_values import picked, plain_values
 from traverse.lab.report.provenance import ReportProvenance, utc_text
 
@@ -117,6 +123,12 @@ class SealedCertificate:
 def result_values(certificate: SealedCertificate) -> dict[str, Any]:
     """Put everything but the digest into plain values."""
     found, limits = certificate.verification, certificate.limits
+    judged = acceptance_outcome(
+        AcceptanceEvidence(
+            [_decided(figure) for figure in found.figures],
+            [entry["name"] for entry in plain_values(found.missing)],
+        )
+    )
     predicted = {}
     if found.predicted is not None:
         predicted[PREDICTED] = _predicted(found.predicted, found.lengths)
@@ -128,6 +140,8 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
         "provenance": certificate.provenance.values,
         "administration": dict(certificate.administration),
         "arm": {"name": certificate.arm.name, "digest": arm_digest(certificate.arm)},
+        **outcome_json(judged.outcome),
+        "conclusion": judged.title,
         "verdict": found.verdict,
         "complete": not found.missing,
         "decision": picked(limits, "guard_factor", "coverage_factor", rule="decision"),
@@ -138,6 +152,17 @@ def result_values(certificate: SealedCertificate) -> dict[str, Any]:
         **predicted,
         "remarks": list(found.remarks),
     }
+
+
+def _decided(figure: Figure) -> DecidedFigure:
+    decision = figure.decision
+    return DecidedFigure(
+        figure.name,
+        figure.value_mm,
+        decision.limit_mm if decision else None,
+        decision.verdict if decision else None,
+        tuple(figure.remarks),
+    )
 
 
 def _predicted(

@@ -1,6 +1,5 @@
 """The report of an identification: one page without references, lines for terminals."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -8,8 +7,12 @@ import numpy as np
 from traverse.arrays import Floats
 from traverse.lab.identification.equations.datum import probe_effects_mm
 from traverse.lab.identification.report.pictures import pictures_of
+from traverse.lab.identification.results.evidence import outcome_of
 from traverse.lab.identification.results.result import Identification
-from traverse.lab.identification.results.undetermined import mass_distribution
+from traverse.lab.identification.results.undetermined import (
+    combination,
+    mass_distribution,
+)
 from traverse.lab.identification.uncertainty_map import (
     UncertaintyMap,
     arm_uncertainty,
@@ -21,26 +24,14 @@ from traverse.lab.report.templates import Filters, Words, page
 
 _SEED = 4
 _N_PAIRS = 200
-_MOST_NAMES = 6
 _MOST_PAIRS = 12
 _CLOSE = 0.9
-
-
-def combination(direction: Mapping[str, float]) -> str:
-    """Write a combination of parameters, the largest first, not all of a long one."""
-    largest = sorted(direction.items(), key=lambda entry: -abs(entry[1]))
-    shown = ", ".join(f"{name} {value:+.2f}" for name, value in largest[:_MOST_NAMES])
-    more = len(largest) - _MOST_NAMES
-    return f"{shown} and {more} more" if more > 0 else shown
 
 
 _FILTERS: Filters = {
     "combination": combination,
     "mass_distribution": mass_distribution,
     "median": lambda values: float(np.median(list(values))),
-    "most_travel_deg": lambda result: float(
-        np.degrees(np.max(np.ptp(result.campaign.poses.angles_rad, axis=0)))
-    ),
     "rms_all_mm": lambda result: float(
         np.sqrt(np.nanmean(result.statistics.misclosures_mm**2))
     ),
@@ -60,8 +51,7 @@ def result_map(result: Identification) -> UncertaintyMap:
 
 def summary_lines(result: Identification, found: UncertaintyMap) -> list[str]:
     """Return the most important results, a line each."""
-    effects_mm = result.undetermined_effects_mm if result.converged else None
-    return WORDS.lines("summary", result, found, effects_mm)
+    return WORDS.lines("summary", result, found, outcome_of(result))
 
 
 def report_page(
@@ -80,6 +70,7 @@ def report_page(
         _FILTERS,
         result=result,
         found=found,
+        judged=outcome_of(result),
         words=WORDS,
         pictures=pictures_of(result, found),
         provenance=provenance or result.campaign.provenance(),

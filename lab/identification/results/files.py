@@ -15,12 +15,14 @@ from traverse.kinematics.arm_file.arm import Arm, arm_digest, write_arm
 from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.campaign.prior import family_json
+from traverse.lab.identification.results.evidence import outcome_of
 from traverse.lab.identification.results.result import (
     ArtefactResult,
     CartesianCovariance,
     Identification,
 )
 from traverse.lab.identification.results.undetermined import mass_distribution
+from traverse.lab.outcomes.base import outcome_json
 from traverse.lab.report.plain_values import picked, plain_values
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.strict_toml.files import bytes_of
@@ -80,6 +82,7 @@ def identification_json(
     result: Identification, provenance: ReportProvenance | None = None
 ) -> dict[str, Any]:
     """Put a result into the plain values of `identification.json`."""
+    judged = outcome_of(result)
     effects_mm = result.undetermined_effects_mm
     masses = mass_distribution(result.adjustment)
     values = {
@@ -89,6 +92,8 @@ def identification_json(
             "arm_digest": arm_digest(result.design),
             **picked(result.options, "hold", "free"),
         },
+        **outcome_json(judged.outcome),
+        "verdict": judged.title,
         "converged": result.converged,
         "iterations": len(result.iterations),
         "sigma0": result.sigma0,
@@ -122,6 +127,9 @@ def identification_json(
             }
             for entry in result.contradictions
         ],
+        "contact_shift": result.contact_shift
+        and picked(result.contact_shift, "artefacts", "shift_mm", sigmas="evidence"),
+        "wrong_signs": result.wrong_signs,
         "lost_poses": {
             e.artefact: picked(e, "n_lost", n="n_poses") for e in result.lost_poses
         },

@@ -15,7 +15,7 @@ from traverse.lab.identification.results.result import (
     EstimatedLength,
     ParameterEstimate,
 )
-from traverse.lab.identification.solve.adjustment import Adjustment
+from traverse.lab.identification.solve.adjustment import Adjustment, design_spread
 from traverse.lab.identification.solve.reliability import PoseStatistics
 from traverse.lab.statistics.distributions import GlobalTest, chi_square_p_value
 
@@ -57,6 +57,21 @@ def arm_of_adjustment(arm: Arm, adjustment: Adjustment) -> Arm:
         )
         update["probe"] = probe
     return arm.model_copy(update=update)
+
+
+def deviations_of_design(adjustment: Adjustment, design: ArmValues) -> Floats:
+    """Return G with G G^T the covariance that undetermined directions have.
+
+    Of the free parameters, (n_free, n_undetermined).
+
+    Strategy: undetermined directions are held at the design's values, so that their
+    errors are the design's. They count with its plausible deviation, or with more
+    where the determined directions show that this arm is farther from its design: with
+    variance zero, lengths would be stated as if the design were exact.
+    """
+    split, parameters = adjustment.split, adjustment.network.parameters
+    to_design = parameters.coordinates(design, adjustment.state.arm)[parameters.free]
+    return design_spread(split, to_design) * split.design_deviations
 
 
 def parameter_estimates(
@@ -143,9 +158,9 @@ def variance_factor(sigma0: float, test: GlobalTest) -> float:
 
 
 def artefact_results(
-    adjustment: Adjustment, found: PoseStatistics, factor: float
+    adjustment: Adjustment, found: PoseStatistics, factor: float, of_design: Floats
 ) -> tuple[ArtefactResult, ...]:
-    """Summarise the result of every artefact."""
+    """Summarise the result of every artefact, given `deviations_of_design`."""
     network, results = adjustment.network, []
     for at, station in enumerate(network.stations):
         artefact, unknowns = station.artefact, adjustment.state.unknowns[at]
@@ -163,7 +178,7 @@ def artefact_results(
                 rms_all_mm=rms_all_mm,
                 mean_distance_all_mm=mean_distance_all_mm,
                 lengths=tuple(
-                    _estimated_length(adjustment, at, length, factor)
+                    _estimated_length(adjustment, at, length, factor, of_design)
                     for length in artefact.lengths(unknowns)
                 ),
                 contact_mm=float(network.noise.contact_mm[station.index]),
@@ -195,7 +210,7 @@ def _sizes(
 
 
 def _estimated_length(
-    adjustment: Adjustment, at: int, length: Length, factor: float
+    adjustment: Adjustment, at: int, length: Length, factor: float, of_design: Floats
 ) -> EstimatedLength:
     """Estimate a length from everything but its own certificate, where possible.
 
@@ -207,6 +222,7 @@ def _estimated_length(
     own = length.by_unknowns @ elimination.gain
     arm = own @ elimination.left @ adjustment.split.inverse
     variance_mm2 = float(own @ own + arm @ arm)
+    held = own @ elimination.left @ of_design
     value_mm, row = length.value_mm, length.certificate_row
     if row is not None:
         station = adjustment.network.stations[at]
@@ -217,7 +233,7 @@ def _estimated_length(
             v_mm = float(certificate.misclosures_mm[row])
             value_mm = value_mm - v_mm + v_mm / redundancy
             variance_mm2 = variance_mm2 / redundancy
-    std_mm = float(np.sqrt(factor * variance_mm2))
+    std_mm = float(np.sqrt(factor * variance_mm2 + held @ held))
     return EstimatedLength(length.name, value_mm, std_mm)
 
 

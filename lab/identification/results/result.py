@@ -16,6 +16,7 @@ from traverse.lab.identification.results.orientations import OrientationResult
 from traverse.lab.identification.results.undetermined import Undetermined, Weak, named
 from traverse.lab.identification.solve.adjustment import Adjustment, Iteration
 from traverse.lab.identification.solve.contradictions import (
+    ContactShift,
     Contradiction,
     ExcludedCluster,
     LostPoses,
@@ -24,9 +25,6 @@ from traverse.lab.identification.solve.iterative_adjustment import Options
 from traverse.lab.identification.solve.noise import SerialNoise
 from traverse.lab.identification.solve.reliability import PoseStatistics
 from traverse.lab.statistics.distributions import GlobalTest
-
-# Misclosures, as a part of the arm's length, that no arm like the design leaves.
-_BAD_FIT = 0.005
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +147,8 @@ class Identification:
         critical_w: Above which a pose was excluded.
         condition_number: Of the arm's determined, column-scaled system.
         contradictions: Certificates that contradict the rest and took no part.
+        contact_shift: What the contacts with all certified radii share, or None.
+        wrong_signs: Joints that turn the other way than the design says.
         lost_poses: Artefacts that lost more than a fifth of their poses.
         clusters: Where poses that contradicted the others lay together.
         zero_offsets_rad: Added to the zeros by the coarse start, (n_joints,).
@@ -184,6 +184,8 @@ class Identification:
     coverage: tuple[JointCoverage, ...]
     condition_number: float
     contradictions: tuple[Contradiction, ...]
+    contact_shift: ContactShift | None
+    wrong_signs: tuple[str, ...]
     lost_poses: tuple[LostPoses, ...]
     clusters: tuple[ExcludedCluster, ...]
     suggestions: tuple[Suggestion, ...]
@@ -220,14 +222,6 @@ class Identification:
         """Find a length of an artefact as estimated; of two radii the first."""
         (found,) = (one for one in self.artefacts if one.id == artefact)
         return next(length for length in found.lengths if length.name == name)
-
-    @property
-    def fits_badly(self) -> bool:
-        """Whether misclosures are so large that the arm file must be another arm's."""
-        reach_mm = np.sum(
-            np.linalg.norm(self.adjustment.state.arm.geometry.links_mm, axis=1)
-        )
-        return bool(self.rms_after_mm > _BAD_FIT * reach_mm)
 
     @property
     def undetermined_effects_mm(self) -> Floats:

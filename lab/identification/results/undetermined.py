@@ -4,7 +4,7 @@ The reason is looked for in the campaign: no length, a joint that hardly turned,
 probe on the last axis; else the poses as a whole are to blame.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -146,6 +146,18 @@ def named(parameters: Parameters, direction: Floats) -> dict[str, float]:
     return {
         names[at]: float(direction[at]) for at in order if abs(direction[at]) >= least
     }
+
+
+# Parameters that are written of a combination.
+_MOST_NAMES = 6
+
+
+def combination(direction: Mapping[str, float]) -> str:
+    """Write a combination of parameters, the largest first, not all of a long one."""
+    largest = sorted(direction.items(), key=lambda entry: -abs(entry[1]))
+    shown = ", ".join(f"{name} {value:+.2f}" for name, value in largest[:_MOST_NAMES])
+    more = len(largest) - _MOST_NAMES
+    return f"{shown} and {more} more" if more > 0 else shown
 
 
 def _reason(

@@ -333,7 +333,7 @@ def _split(
     redundancy = max(_redundancy(network, state, system, parts), 1)
     left = max(system.sum_of_squares - explained, 0.0) / redundancy
     limit = float(np.sqrt(left)) if left > _LARGE else 1.0
-    limit /= _spread(parts, to_design)
+    limit /= design_spread(parts, to_design)
     n_determined = int(np.count_nonzero(parts.values > limit))
     if n_before is not None:
         least = int(np.count_nonzero(parts.values > limit * _CLEARLY))
@@ -342,8 +342,8 @@ def _split(
     return replace(parts, n_determined=n_determined)
 
 
-def _spread(parts: RankDecision, to_design: Floats) -> float:
-    """How far an arm is from its design, at least 1: in plausible deviations.
+def design_spread(parts: RankDecision, to_design: Floats) -> float:
+    """Estimate how far an arm is from its design, at least 1: in plausible deviations.
 
     A robust standard deviation over the directions that are determined.
     """

@@ -14,6 +14,10 @@ with one noise for all: a pose counts as a blunder at four standard
 deviations, whether it took part or not. Leaving out a certificate frees one value, so
 that a loss that is smaller by 30 is 5.5 standard deviations of evidence.
 
+What shifts every contact along its normal, a wrong radius of the probe, pretravel, or
+a stylus that bends, makes all certified radii look wrong by as much. It is tried before
+any certificate is accused: one shift for all, which frees one value as well.
+
 A blunder may be anywhere. Where excluded poses gather in a range of a joint's angle,
 the arm does something there that its model lacks: they tell more about it than all
 others, and without them the arm would be fitted to where it is easy. They take part
@@ -86,6 +90,21 @@ class Contradiction:
 
 
 @dataclass(frozen=True, slots=True)
+class ContactShift:
+    """A shift along the normal that the contacts with all certified radii share.
+
+    Attributes:
+        artefacts: Whose certified lengths it changes.
+        shift_mm: As if the radius of the probe were larger by as much.
+        evidence: Standard deviations by which the campaign fits better with it.
+    """
+
+    artefacts: tuple[str, ...]
+    shift_mm: float
+    evidence: float
+
+
+@dataclass(frozen=True, slots=True)
 class LostPoses:
     """An artefact that lost more than a fifth of its poses: id, lost, all."""
 
@@ -131,14 +150,22 @@ def lost_poses(campaign: Campaign, run: IteratedAdjustment) -> tuple[LostPoses, 
 
 def without_wrong_certificates(
     campaign: Campaign, run: IteratedAdjustment, adjusted: Adjust, design: ArmValues
-) -> tuple[Campaign, IteratedAdjustment, tuple[Contradiction, ...]]:
+) -> tuple[
+    Campaign, IteratedAdjustment, tuple[Contradiction, ...], ContactShift | None
+]:
     """Leave out the certificates that contradict everything else, the worst first.
 
     The run is one with all certificates; where the campaign does not decide, the design
-    does. Returns the campaign without them, adjusted, and which they are.
+    does. Returns the campaign without them, adjusted, which they are, and the shift of
+    the contacts that was allowed for before.
     """
     found: list[Contradiction] = []
     estimated = run.noise_estimated
+    certified = [dict(artefact.certified_lengths) for artefact in campaign.artefacts]
+    shift: ContactShift | None = None
+    shifted: tuple[ContactShift, Campaign, IteratedAdjustment] | None = None
+    if _suspicious(campaign, run, design):
+        shifted = _with_contacts_shifted(campaign, run, adjusted)
     while len(found) < _MOST_WRONG and _suspicious(campaign, run, design):
         noise = run.adjustment.network.noise
         hypotheses = [
@@ -157,9 +184,23 @@ def without_wrong_certificates(
         losses = [_loss(one, variance, design) for one in runs]
         order = np.argsort(losses[1:])
         best = min(losses)
+        if shifted is not None:
+            loss = _loss(shifted[2], variance, design)
+            if losses[0] - loss > _EVIDENCE and loss < best + _SAME:
+                evidence = float(np.sqrt(losses[0] - loss))
+                shift, campaign, run = (
+                    replace(shifted[0], evidence=evidence),
+                    *shifted[1:],
+                )
+                if estimated or not run.adjustment.converged:
+                    run = adjusted(campaign, None)
+                shifted = None
+                continue
+            shifted = None
         if losses[0] - best < _EVIDENCE:
             break
         (name, length, certified_mm), other, without = hypotheses[order[0]]
+        certified_mm = _as_certified(campaign, certified, name, length)
         off_mm = abs(_length_mm(without, name, length) - certified_mm)
         gross = off_mm > _GROSS * certified_mm
         if not _is_to_blame(
@@ -167,7 +208,7 @@ def without_wrong_certificates(
         ):
             # Nothing else determines lengths, or the arm's model or noise is wrong.
             break
-        campaign, run = other, without
+        campaign_before, campaign, run = campaign, other, without
         rivals = [
             f"{hypotheses[at][0][0]} {hypotheses[at][0][1]}"
             for at in order[1:]
@@ -176,8 +217,91 @@ def without_wrong_certificates(
         evidence = float(np.sqrt(losses[0] - best))
         if estimated or not run.adjustment.converged:
             run = adjusted(campaign, None)
+        if shift is None and _is_the_only_radius(campaign_before, name, length):
+            rivals.append(OF_CONTACTS)
         found.append(Contradiction(name, length, certified_mm, evidence, tuple(rivals)))
-    return campaign, run, tuple(found)
+    return campaign, run, tuple(found), shift
+
+
+# A rival of the only certified radius, which the measurements cannot tell from it.
+OF_CONTACTS = "the probe's radius, its pretravel or the bending of the stylus"
+# A shift by which a radius is compared with that of its artefact [mm].
+_UNIT_MM = 1e-3
+
+
+def _with_contacts_shifted(
+    campaign: Campaign, run: IteratedAdjustment, adjusted: Adjust
+) -> tuple[ContactShift, Campaign, IteratedAdjustment] | None:
+    """Find the shift that several certified radii agree on; None with fewer than two.
+
+    Strategy: with a shift d the certificates are R + d. The sum of squares S(d), all
+    else adjusted, has its minimum where dS/dd = 2 sum v (dv/dd) / s^2 over the
+    certificates is zero. That is nearly linear, so that its values at 0 and at the
+    shift which a single linear step proposes give d by a secant.
+    """
+    names = tuple(
+        artefact.id
+        for artefact in campaign.artefacts
+        if artefact.certified_lengths
+        != artefact.with_contact_shift(_UNIT_MM).certified_lengths
+    )
+    if len(names) < 2:
+        return None
+    noise = run.adjustment.network.noise
+    first, guess_mm = _slope(campaign, run)
+    if guess_mm == 0.0:
+        return None
+    trial = _shifted(campaign, guess_mm)
+    second = _slope(trial, adjusted(trial, noise))[0]
+    if second == first:
+        return None
+    shift_mm = guess_mm * first / (first - second)
+    other = _shifted(campaign, shift_mm)
+    return ContactShift(names, shift_mm, 0.0), other, adjusted(other, noise)
+
+
+def _slope(campaign: Campaign, run: IteratedAdjustment) -> tuple[float, float]:
+    """Compute half of dS/dd at the campaign's certificates, and a step against it."""
+    slope, steps_mm = 0.0, []
+    network, unknowns = run.adjustment.network, run.adjustment.state.unknowns
+    for station, own in zip(network.stations, unknowns, strict=True):
+        artefact = campaign.artefacts[station.index]
+        here = artefact.certificate(own, station.touches)
+        beyond = artefact.with_contact_shift(_UNIT_MM).certificate(own, station.touches)
+        if len(here.std_mm) == 0:
+            continue
+        known = np.isfinite(here.std_mm)
+        change = (beyond.misclosures_mm - here.misclosures_mm)[known] / _UNIT_MM
+        off_mm, std_mm = here.misclosures_mm[known], here.std_mm[known]
+        slope += float(np.sum(off_mm * change / std_mm**2))
+        moves = change != 0.0
+        steps_mm += (-off_mm[moves] / change[moves]).tolist()
+    # A certificate takes up a part only of what it is off by: any step in that sense.
+    return slope, float(np.mean(steps_mm)) if steps_mm else 0.0
+
+
+def _shifted(campaign: Campaign, shift_mm: float) -> Campaign:
+    artefacts = [one.with_contact_shift(shift_mm) for one in campaign.artefacts]
+    return replace(campaign, artefacts=tuple(artefacts))
+
+
+def _as_certified(
+    campaign: Campaign, certified: list[dict[str, float]], name: str, length: str
+) -> float:
+    """Return a certified length as the campaign states it, without any shift."""
+    places = [artefact.id for artefact in campaign.artefacts]
+    return certified[places.index(name)][length]
+
+
+def _is_the_only_radius(campaign: Campaign, name: str, length: str) -> bool:
+    """Return whether a length is the only one that a shift of contacts changes."""
+    changed = [
+        (artefact.id, key)
+        for artefact in campaign.artefacts
+        for key, value_mm in artefact.certified_lengths.items()
+        if artefact.with_contact_shift(_UNIT_MM).certified_lengths[key] != value_mm
+    ]
+    return changed == [(name, length)]
 
 
 def _is_to_blame(

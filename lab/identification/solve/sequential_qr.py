@@ -140,6 +140,16 @@ class RankDecision:
         """Directions in units of the tolerances, (n_undetermined, n_free)."""
         return self.directions[self.n_determined :]
 
+    @property
+    def design_deviations(self) -> Floats:
+        """Plausible deviations of the undetermined directions, as columns.
+
+        G with G G^T their covariance, where the design alone speaks of them,
+        (n_free, n_undetermined).
+        """
+        deviations: Floats = self.tolerances[:, np.newaxis] * self.undetermined.T
+        return deviations
+
     def step(self, to_design: Floats, damping: float = 0.0) -> tuple[Floats, Floats]:
         """Compute the step of the parameters, (n_free,), and its held part.
 

@@ -6,6 +6,9 @@ starts; contacts count with a noise of centimetres, so that everything smaller d
 not matter. The best start is the one with the smallest median misclosure, which a few
 blunders do not move.
 
+Signs of encoders are tried before zeros: an axis that points the other way is a joint
+that is counted the other way. The fewest that make the design fit are taken.
+
 A robust start against blunders: iteratively reweighted least squares.
 
 Weights fall with the square of a pose's whitened misclosure beyond a few robust
@@ -13,7 +16,8 @@ standard deviations, until the poses that contradict the others hardly count.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -41,8 +45,6 @@ _GOOD_ENOUGH_MM = 20.0
 # A new start must fit this much better than the design.
 _GAIN = 3.0
 _MOST_POSES = 240
-_N_STARTS = 60
-_N_ADJUSTED = 20
 _LARGEST_OFFSET_RAD = 1.2
 _COARSE_MM = 10.0
 _COARSE_RAD = 0.05
@@ -63,52 +65,134 @@ def with_tools_fitted(
     return replace(design, tools_mm=fitted.arm.tools_mm)
 
 
+# Signs are tried where the design fits worse than this; at most so many are wrong.
+_LEAST_WRONG_MM = 2.0
+_MOST_SIGNS = 3
+# Random starts of other zeros, and the best of them that are adjusted: of a design, and
+# of one with a sign reversed.
+_STARTS = (60, 20)
+_STARTS_OF_A_SIGN = (20, 3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CoarseStart:
+    """Where an adjustment begins.
+
+    Attributes:
+        design: As given, with the reversed joints.
+        arm: With other zeros, where these fit much better; else the design.
+        reversed_joints: Joints that turn the other way than the design says.
+    """
+
+    design: ArmValues
+    arm: ArmValues
+    reversed_joints: tuple[int, ...]
+
+
 def coarse_start(
     campaign: Campaign,
     parameters: Parameters,
     design: ArmValues,
     radius_mm: float,
     hold: Sequence[str] = (),
-) -> ArmValues:
-    """Find zeros, and a free tool, with which an arm fits a campaign at all.
+) -> CoarseStart:
+    """Find signs, zeros, and a free tool, with which an arm fits a campaign at all.
 
-    What the patterns hold is never moved. Returns the design, where nothing is much
-    better.
+    What the patterns hold is never moved.
+
+    Strategy: with right zeros the right signs fit at once, which costs no adjustment,
+    so that all triples are tried first. Where none does, other zeros are, and in the
+    end each joint reversed together with other zeros. Several joints reversed may be
+    the mirror image of none, which fits as well: fewer are tried first, and the first
+    that fit are taken.
     """
     network = _coarse_network(campaign, parameters, radius_mm)
-    n_joints = len(campaign.joint_names)
     before_mm = _median_mm(network, start_state(network, design))
-    if before_mm < _GOOD_ENOUGH_MM:
-        return design
+    if before_mm < _LEAST_WRONG_MM:
+        return CoarseStart(design, design, ())
     fitted = adjust(network, start_state(network, design), design, None, 12).state
     before_mm = min(before_mm, _median_mm(network, fitted))
+    # Effects and what a family expects are stated in the sense that a joint has.
+    may_turn = parameters.effects is None and parameters.expected is None
+    if may_turn and (chosen := _signs(network, design, before_mm)):
+        turned = reversed_joints(design, chosen)
+        return CoarseStart(turned, turned, chosen)
+    n_joints = len(campaign.joint_names)
+    of_zeros = slice(4 * n_joints + 6, 5 * n_joints + 6)
     zeros = np.zeros_like(parameters.free)
-    zeros[4 * n_joints + 6 : 5 * n_joints + 6] = True
+    zeros[of_zeros] = True
     nothing_free = parameters.with_free(np.zeros_like(zeros))
     zeros &= ~masked(nothing_free, (), hold)
     if before_mm < _GOOD_ENOUGH_MM or not np.any(zeros):
-        return design
+        return CoarseStart(design, design, ())
     coarse = network.parameters
     network = replace(network, parameters=coarse.with_free(coarse.free | zeros))
+    found, found_mm = _best_zeros(network, design, zeros[of_zeros], _STARTS)
+    if found_mm > _GOOD_ENOUGH_MM and may_turn:
+        for joint in range(n_joints):
+            turned = reversed_joints(design, (joint,))
+            other, other_mm = _best_zeros(
+                network, turned, zeros[of_zeros], _STARTS_OF_A_SIGN
+            )
+            if other_mm < min(found_mm / _GAIN, _GOOD_ENOUGH_MM):
+                return CoarseStart(turned, other.arm, (joint,))
+    if found_mm * _GAIN > before_mm:
+        return CoarseStart(design, design, ())
+    return CoarseStart(design, found.arm, ())
+
+
+def _signs(network: Network, design: ArmValues, before_mm: float) -> tuple[int, ...]:
+    """Find the fewest joints that, reversed, make a design fit; none where none do."""
+    enough_mm = min(before_mm / _GAIN, _GOOD_ENOUGH_MM)
+    for n_wrong in range(1, _MOST_SIGNS + 1):
+        misfits_mm = {}
+        for chosen in combinations(range(design.geometry.n_joints), n_wrong):
+            turned = reversed_joints(design, chosen)
+            misfits_mm[chosen] = _median_mm(network, start_state(network, turned))
+        best = min(misfits_mm, key=lambda chosen: misfits_mm[chosen], default=())
+        if best and misfits_mm[best] < enough_mm:
+            return best
+    return ()
+
+
+def reversed_joints(design: ArmValues, joints: Sequence[int]) -> ArmValues:
+    """Let joints turn the other way: axes point back, and zeros are counted so."""
+    signs = np.ones(design.geometry.n_joints)
+    signs[list(joints)] = -1.0
+    geometry = replace(
+        design.geometry,
+        axes=signs[:, np.newaxis] * design.geometry.axes,
+        zeros_rad=signs * design.geometry.zeros_rad,
+    )
+    return replace(design, geometry=geometry)
+
+
+def _best_zeros(
+    network: Network, design: ArmValues, free: Booleans, starts: tuple[int, int]
+) -> tuple[State, float]:
+    """Adjust some zeros, (n_joints,), from many starts, the best of them first.
+
+    Returns the state with the smallest median misclosure, and that.
+    """
+    n_starts, n_adjusted = starts
     rng = np.random.default_rng(_SEED)
-    tries = rng.uniform(-1.0, 1.0, (_N_STARTS, n_joints)) * _LARGEST_OFFSET_RAD
+    tries = rng.uniform(-1.0, 1.0, (n_starts, len(free))) * _LARGEST_OFFSET_RAD
     tries[0] = 0.0
-    tries *= zeros[4 * n_joints + 6 : 5 * n_joints + 6]
+    tries *= free
     moved = [
         replace(design.geometry, zeros_rad=design.geometry.zeros_rad + offsets_rad)
         for offsets_rad in tries
     ]
     states = [start_state(network, replace(design, geometry=one)) for one in moved]
     states.sort(key=lambda state: _median_mm(network, state))
-    best, best_mm = start_state(network, design), before_mm
-    for state in [start_state(network, design), *states[:_N_ADJUSTED]]:
+    best = start_state(network, design)
+    best_mm = _median_mm(network, best)
+    for state in [best, *states[:n_adjusted]]:
         found = adjust(network, state, design, most_iterations=12).state
         found_mm = _median_mm(network, found)
         if found_mm < best_mm:
             best, best_mm = found, found_mm
-    if best_mm * _GAIN > before_mm:
-        return design
-    return best.arm
+    return best, best_mm
 
 
 def _coarse_network(

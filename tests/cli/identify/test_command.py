@@ -142,16 +142,16 @@ def test_a_terminal_sees_a_line_for_every_iteration_and_json_is_what_is_written(
     assert all(" mm rms, " in line for line in told)
 
 
-def test_undetermined_scale_is_a_warning_unless_strict(lengthless: Path) -> None:
+def test_an_undetermined_scale_makes_no_arm_file(lengthless: Path) -> None:
     arguments = ("campaign", "--arm", "arm.toml", "--out", "out")
-    ran = run_identify(lengthless, *arguments)
-    assert "undetermined: " in ran.stdout
-    assert "add a ball bar" in ran.stdout
-    assert "the truth is worse" in ran.stdout
-    run_identify(lengthless, *arguments, "--strict", status=1)
-    assert (lengthless / "out" / "arm.toml").exists()
+    ran = run_identify(lengthless, *arguments, status=1)
+    assert "The scale of the arm is undetermined" in ran.stdout
+    assert "Add a length standard: a ball bar" in ran.stdout
+    assert "plausible deviation" in ran.stdout
+    assert not (lengthless / "out" / "arm.toml").exists()
+    assert not (lengthless / "out" / "arm.cov.npz").exists()
     page = (lengthless / "out" / "report.html").read_text("utf-8")
-    assert '<div class="verdict doubt">' in page
+    assert '<div class="verdict bad">' in page
 
 
 @pytest.mark.slow
@@ -256,7 +256,7 @@ def test_held_parameters_are_not_estimated_also_by_a_file_of_masks(
     masks.write_text(schema + 'hold = ["J2.*"]\n')
     words = ("campaign", "--arm", "arm.toml", "--out", str(tmp_path / "out"), "--json")
     words += ("--hold", "J7.*", "--hold", "J6.link.?", "--masks", str(masks))
-    said = said_json(run_identify(measured, *words))
+    said = said_json(run_identify(measured, *words, status=1))
     names = {entry["name"] for entry in said["parameters"]}
     assert not any(name.startswith(("J2.", "J7.", "J6.link.")) for name in names)
     assert "J6.axis.v" in names

@@ -24,6 +24,7 @@ from traverse.lab.alignment.files import (
 from traverse.lab.alignment.nominal import fixed_volume
 from traverse.lab.alignment.result import global_test
 from traverse.lab.alignment.touches import CommonPoints, Place
+from traverse.lab.outcomes.base import State
 
 NEAR_LINE = np.array([[0.0, 0, 0], [300, 20, 0], [700, 0, 25], [1000, 10, 0]])
 
@@ -32,7 +33,8 @@ def test_a_wide_net_has_nothing_against_it():
     found = fitted(WIDE, seed=2)
     assert found.is_good
     assert not found.flags
-    assert WORDS.verdict(told(found)) == "Nothing speaks against it."
+    assert found.outcome.state is State.GOOD
+    assert told(found)["verdict"] == "Usable"
     assert found.index.rms_mm < 1.0
 
 
@@ -127,7 +129,8 @@ def test_a_wrong_point_fails_the_test_and_is_named():
     )
     assert not found.is_good
     assert codes(found) >= {"global_test_failed", "suspect_point"}
-    assert "do not use it" in WORDS.verdict(told(found))
+    assert told(found)["verdict"] == "Not usable"
+    assert [r["state"] for r in told(found)["reasons"]].count("bad") == 1
     # and the covariance grows with sigma0
     good = best_fit_alignment(given, fixed_volume(BOX), "")
     after, before = (

@@ -11,7 +11,7 @@ import pytest
 
 from tests.running import invoke
 from traverse.kinematics.arm_file.arm import read_arm
-from traverse.lab.artefacts.socket_gauge import SocketGauge
+from traverse.lab.artefacts.socket_gauge import SocketGauge, rounding_rad
 from traverse.simulator.campaigns import (
     CampaignSpec,
     draw_noise,
@@ -128,3 +128,14 @@ def test_its_campaign_is_checked_and_identified_with(tmp_path):
     report = json.loads((out / "identification.json").read_text("utf-8"))
     assert report["converged"]
     assert set(report["artefacts"]) == {f"gauge-{k}" for k in range(1, 5)}
+
+
+def test_its_campaign_states_the_noise_of_counts_and_sockets():
+    # 4096 counts: 1.534e-3 rad each, over sqrt(12); the coarsest encoder counts.
+    assert rounding_rad([4096, 16384]) == pytest.approx(4.428e-4, rel=1e-3)
+    assert rounding_rad([]) is None
+    text = SocketGauge(50.0, 6.0, 0.5).campaign(2, 0.05, rounding_rad([4096]))
+    noise = tomllib.loads(text)["noise"]
+    assert noise == {"contact_mm": 0.035, "encoder_rad": 0.000443}
+    without = tomllib.loads(SocketGauge(50.0, 6.0, 0.5).campaign(2, 0.05))
+    assert without["noise"] == {"contact_mm": 0.035}

@@ -34,6 +34,7 @@ from traverse.lab.daily_check.report import (
     report_values,
 )
 from traverse.lab.measured_points.measurement import IncompleteError
+from traverse.lab.outcomes.base import State
 from traverse.strict_toml.problems import FileError
 
 RADIUS_MM = 12.7
@@ -155,10 +156,10 @@ def test_nonsense_is_no_base(with_limits):
     permitted = limits(spat_2s_mm=0.1) if with_limits else limits()
     nonsense = [check(day, factor=factor) for day in range(3)]
     report = report_of(nonsense, permitted)
-    assert not report.is_in_control
-    assert report.charts[0].exceeds
+    assert report.outcome.state is State.BAD
+    assert report.charts[0].judged.exceeds
     good = report_of([*nonsense, *(check(3 + day) for day in range(12))], permitted)
-    assert good.is_in_control
+    assert good.outcome.state is not State.BAD
     assert good.charts[0].last.high < 0.15
     bad = report_of([*good.checks, check(15, factor=4.0)], permitted)
     assert bad.charts[0].last.alarms
@@ -166,20 +167,21 @@ def test_nonsense_is_no_base(with_limits):
 
 def test_a_worn_tip_is_noticed_and_a_new_base_begins_after_the_repair():
     good = [check(day) for day in range(40)]
-    assert report_of(good).is_in_control
+    assert report_of(good).outcome.state is State.GOOD
     worn = [*good, *(check(40 + n, shift_mm=-0.002 * n) for n in range(8))]
     report = report_of(worn)
     values = report_values(report)
-    assert not report.is_in_control
+    assert values["state"] == "bad"
+    assert {reason["code"] for reason in values["reasons"]} == {"control"}
     assert values["in_control"] is False
     by_key = {figure["key"]: figure for figure in values["figures"]}
     assert by_key["sphere_diameter_mm"]["alarms"]
     assert not by_key["spat_2s_mm"]["alarms"]
     repaired = [*worn, check(48, begins="new tip", digest="e" * 64)]
     again = report_of(repaired)
-    assert again.is_in_control
+    assert again.word == "NOT JUDGED YET"
     assert len(again.checks) == 1
-    assert "judge from the third on" in again.remarks[0]
+    assert "from the third check on" in again.outcome.sentences[0]
 
 
 def test_all_rules_together_are_about_one_false_alarm_a_year():
@@ -196,10 +198,11 @@ def test_beside_the_acceptance_and_its_limits(tmp_path):
     }
     report = report_of([check(0)], certificate=certificate)
     assert report.charts[0].accepted_mm == pytest.approx(0.028)
-    assert report.charts[0].exceeds
-    assert not report.is_in_control
-    assert "another arm file" in report.remarks[-1]
-    assert report_of([check(0)], limits(spat_2s_mm=0.5), certificate).is_in_control
+    assert report.charts[0].judged.exceeds
+    assert report.outcome.state is State.BAD
+    assert "another arm file" in report.outcome.sentences[-1]
+    wide = report_of([check(0)], limits(spat_2s_mm=0.5), certificate)
+    assert wide.outcome.state is State.DOUBT
     # A check is with the arm's own probe, whatever else an acceptance was made with.
     own = {**certificate["figures"][0], "tool": "own probe"}
     star = {"key": "spat_2s", "value_mm": 0.5, "limit_mm": 0.02, "tool": "star"}
@@ -217,11 +220,41 @@ def test_beside_the_acceptance_and_its_limits(tmp_path):
 
 def test_what_nothing_judges_is_not_in_control(tmp_path):
     report = report_of([check(0)])
-    assert (report.is_in_control, report.word) == (True, "NOT JUDGED YET")
+    assert (report.outcome.state, report.word) == (State.DOUBT, "NOT JUDGED YET")
+    assert report_values(report)["in_control"] is False
     write_charts(report, tmp_path)
     assert '<div class="verdict doubt">' in (tmp_path / "chart.html").read_text()
-    assert "third check" in report.reasons[0]
-    assert report_of([check(day) for day in range(5)]).word == "in control"
+    assert "third check" in report.outcome.sentences[0]
+    assert report_of([check(day) for day in range(12)]).word == "in control"
+
+
+def test_limits_of_metres_judge_nothing_and_what_is_far_outside_is_no_base():
+    """The third check has a wrong radius: 0.8 mm are within limits that chance made."""
+    checks = [check(0), check(1), check(2, shift_mm=0.8)]
+    report = report_of(checks)
+    diameter = report.charts[-1]
+    assert diameter.last.high > diameter.last.value
+    assert report.word == "NOT JUDGED YET"
+    codes = [(r.code, r.values["figure"]) for r in report.outcome.reasons]
+    assert ("judged", diameter.kind.name) in codes
+    later = report_of([*checks, *(check(3 + day) for day in range(12))])
+    assert later.word == "in control"
+    assert later.charts[-1].last.centre == pytest.approx(0.001, abs=0.003)
+
+
+def test_a_limit_judges_the_first_check():
+    permitted = limits(spat_2s_mm=0.2, spat_max_mm=0.2, p_form_mm=0.1, p_size_mm=0.1)
+    assert report_of([check(0)], permitted).word == "in control"
+    wrong = report_of([check(0, shift_mm=0.8)], permitted)
+    assert [reason.code for reason in wrong.outcome.reasons] == ["permitted"]
+
+
+def test_another_sphere_is_in_doubt():
+    checks = [check(day) for day in range(20)]
+    other = replace(checks[-1].figures, sphere_radius_mm=12.3)
+    report = report_of([*checks[:-1], replace(checks[-1], figures=other)])
+    assert [reason.code for reason in report.outcome.reasons] == ["comparable"]
+    assert "12.3 mm instead of 12.7 mm" in report.outcome.sentences[0]
 
 
 def test_pictures_are_made_of_short_and_long_histories(tmp_path):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.lab.diagnosis.engine_campaigns import OPTIONS, measured_with, poses
+from tests.lab.identification.words import said
 from traverse.kinematics.arm_file.arm import write_arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.diagnose import diagnose
@@ -71,6 +72,6 @@ def test_noise_that_could_not_be_estimated_is_called_assumed(step):
     found = identify(every(step, stated=False), poses().arm)
     assert not found.global_test.noise_estimated
     assert WORDS.noise(found).startswith("Noise (assumed):")
-    assert "by construction" not in WORDS.sigma0(found)
+    assert "by construction" not in said(found)
     if found.redundancy <= 0:
         assert found.global_test.passed is None

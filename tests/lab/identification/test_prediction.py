@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from tests.lab.identification.words import said
 from tests.lab.simulated import (
     DESIGN_ARM,
     Noise,
@@ -38,7 +39,6 @@ from traverse.lab.identification.prediction import (
     predict,
     predicted,
 )
-from traverse.lab.identification.report.page import WORDS
 
 GRID = {"A": [0.0, 0, 0], "B": [90.0, 0, 0], "C": [0.0, 80, 0], "D": [10.0, 20, 70]}
 TABLES = [
@@ -333,7 +333,7 @@ def test_excluded_poses_that_lie_together_are_a_finding_of_the_model(seed, n_blu
     zero_rad = DESIGN.zeros_rad[3]
     assert zero_rad + 0.05 < found.cluster.low < found.cluster.high < zero_rad + 0.75
     assert np.isin(away, np.flatnonzero(~result.included)).all()
-    words = " ".join(WORDS.lines("artefacts", result))
+    words = said(result)
     assert "where joint J4 is at" in words
     assert "They take part" in words
     everything = ours(angles_rad, clean_mm, replace(QUICK, snooping=False))[1]
@@ -352,7 +352,7 @@ def test_blunders_that_lie_together_by_chance_stay_out():
     assert np.flatnonzero(~result.included).tolist() == sorted(wrong)
     (found,) = result.clusters
     assert (found.cluster.joint, found.taken_back) == ("J2", False)
-    words = " ".join(WORDS.lines("artefacts", result))
+    words = said(result)
     assert "the arm may do something there" in words
     assert "They were left out" in words
 
@@ -367,7 +367,7 @@ def test_excluded_poses_of_one_time_stay_out_and_are_reported():
     assert np.flatnonzero(~result.included).tolist() == list(range(50, 62))
     (found,) = result.clusters
     assert (found.cluster.covariate, found.taken_back) == ("time_s", False)
-    words = " ".join(WORDS.lines("artefacts", result))
+    words = said(result)
     assert "12 poses that contradict the others lie together, among 12" in words
     assert "between 50 and 61 s of the campaign's time" in words
     assert rms_mm < 0.1

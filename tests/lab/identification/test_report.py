@@ -11,22 +11,25 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.lab.identification.words import said
 from tests.lab.report.pages import Page
 from tests.lab.simulated import DESIGN, DESIGN_ARM, bar, built, cones, simulate
 from traverse.lab.identification.equations.datum import posture_columns
 from traverse.lab.identification.identify import Options, identify
 from traverse.lab.identification.report.page import (
     WORDS,
-    combination,
     report_page,
     result_map,
     summary_lines,
 )
+from traverse.lab.identification.results.evidence import outcome_of
 from traverse.lab.identification.results.result import (
     ExcludedPose,
     Identification,
 )
+from traverse.lab.identification.results.undetermined import combination
 from traverse.lab.identification.uncertainty_map import UncertaintyMap
+from traverse.lab.outcomes.base import State
 from traverse.lab.report.quantities import length_mm, probability
 from traverse.lab.statistics.distributions import GlobalTest
 
@@ -51,12 +54,12 @@ def scaleless() -> Identification:
 
 
 @pytest.mark.parametrize(
-    ("sigma0", "test", "said"),
+    ("sigma0", "test", "words"),
     [
         (
             1.02,
             GlobalTest(p_value=0.6),
-            "agree with the measurements",
+            "consistent with the stated noise",
         ),
         (2.5, GlobalTest(p_value=1e-9), "2.5 times as large"),
         (2.5, GlobalTest(p_value=1e-9), "p = below 0.0001"),
@@ -74,42 +77,43 @@ def scaleless() -> Identification:
     ],
 )
 def test_sigma0_is_put_into_words(
-    good: Identification, sigma0: float, test: GlobalTest, said: str
+    good: Identification, sigma0: float, test: GlobalTest, words: str
 ) -> None:
     result = replace(good, sigma0=sigma0, global_test=test)
-    assert said in WORDS.sigma0(result)
+    assert words in said(result)
 
 
 def test_chance_is_not_named_where_it_is_out_of_the_question(
     good: Identification,
 ) -> None:
     result = replace(good, sigma0=3.0, global_test=GlobalTest(p_value=1e-20))
-    assert "chance" not in WORDS.sigma0(result)
+    assert "chance" not in said(result)
 
 
 def test_little_redundancy_is_called_a_weak_check(good: Identification) -> None:
     # 1.96 / sqrt(2 redundancy): 49 % for 8, 9.8 % for 200.
-    weak = WORDS.sigma0(replace(good, redundancy=8))
+    weak = said(replace(good, redundancy=8))
     assert "less than about 49 %" in weak
     assert "a weak check" in weak
-    assert "less than about 10 %" in WORDS.sigma0(good)
-    none = WORDS.sigma0(replace(good, redundancy=0))
+    assert "less than about 10 %" in said(good)
+    none = said(replace(good, redundancy=0))
     assert "nothing checks" in none
 
 
 def test_without_convergence_no_figure_is_reported(good: Identification) -> None:
     lines = summary_lines(replace(good, converged=False), mapped(good))
-    assert len(lines) == 2
+    assert len(lines) == 3
     assert "did not converge" in lines[1]
+    assert lines[2] == "verdict: Not identified (bad)"
 
 
 def test_undetermined_scale_is_reported_where_distances_are(
     good: Identification, scaleless: Identification
 ) -> None:
-    assert "the truth is worse" in WORDS.map(scaleless, mapped(scaleless))
-    assert "the truth is worse" not in WORDS.map(good, mapped(good))
+    assert "plausible deviation" in WORDS.map(scaleless, mapped(scaleless))
+    assert "plausible deviation" not in WORDS.map(good, mapped(good))
     lines = summary_lines(scaleless, mapped(scaleless))
-    assert any(line.startswith("undetermined: ") and "scale" in line for line in lines)
+    assert any(line.startswith("The scale of the arm is undet") for line in lines)
     assert any("one keeps its design value" in line for line in lines)
 
 
@@ -123,7 +127,8 @@ def test_changed_zeros_are_reported(good: Identification) -> None:
 def test_many_excluded_poses_are_counted_not_all_listed(good: Identification) -> None:
     excluded = tuple(ExcludedPose(line, 9.0) for line in range(2, 42))
     lines = summary_lines(replace(good, excluded=excluded), mapped(good))
-    (line,) = [line for line in lines if "contradict" in line]
+    doubt, line = [line for line in lines if "contradict" in line]
+    assert doubt.startswith("40 of 120 poses contradict the others. Find out why")
     assert line.startswith("40 of 120 poses contradict")
     assert line.endswith("12, 13, ...).")
 
@@ -162,14 +167,15 @@ def test_small_probabilities_are_not_spelled_out() -> None:
 
 
 def test_an_undetermined_scale_is_no_clean_verdict(scaleless: Identification) -> None:
-    effects_mm = scaleless.undetermined_effects_mm
-    assert WORDS.state(scaleless, effects_mm).strip() == "doubt"
-    size = length_mm(float(effects_mm[0]))
-    title = WORDS.title(scaleless, effects_mm)
-    assert f"the scale of the arm is undetermined, {size} at the probe" in title
-    first = WORDS.lines("verdict", scaleless, mapped(scaleless), effects_mm)[0]
-    assert size in first
-    assert "add a ball bar or another known length" in first
+    judged = outcome_of(scaleless)
+    assert judged.outcome.state is State.BAD
+    assert not judged.writes_arm
+    assert judged.title == "The scale of the arm is undetermined"
+    reason = judged.outcome.reasons[0]
+    assert reason.code == "scale"
+    (size_mm,) = scaleless.undetermined_effects_mm
+    assert reason.values["probe_mm"] == pytest.approx(size_mm)
+    assert "ball bar with a certified distance" in reason.remedy
 
 
 @pytest.mark.parametrize(
@@ -179,10 +185,17 @@ def test_an_undetermined_scale_is_no_clean_verdict(scaleless: Identification) ->
         ({"converged": False}, "bad", "Not identified"),
         ({"redundancy": 0}, "bad", "Unchecked: no redundancy"),
         (
-            {"sigma0": 2.0, "global_test": GlobalTest(p_value=1e-9)},
+            {"sigma0": 2.5, "global_test": GlobalTest(p_value=1e-9)},
             "bad",
             "does not explain",
         ),
+        (
+            {"sigma0": 1.3, "global_test": GlobalTest(p_value=1e-9)},
+            "doubt",
+            "exceed the stated noise",
+        ),
+        ({"rms_after_mm": 50.0}, "bad", "does not explain"),
+        ({"redundancy": 20}, "doubt", "reservations"),
         (
             {"sigma0": 1.1, "global_test": GlobalTest(p_value=0.03)},
             "doubt",
@@ -200,8 +213,9 @@ def test_only_a_tested_and_determined_result_is_good(
     good: Identification, changed: dict[str, Any], state: str, title: str
 ) -> None:
     found = replace(good, **{"undetermined": (), "weak": (), **changed})
-    assert WORDS.state(found, np.empty(0)).strip() == state
-    assert title in WORDS.title(found, np.empty(0))
+    judged = outcome_of(found)
+    assert judged.outcome.state == state
+    assert title in judged.title
 
 
 def test_undetermined_scale_is_worth_what_it_moves(scaleless: Identification) -> None:
@@ -261,13 +275,13 @@ def text(result: Identification, found: UncertaintyMap) -> str:
 
 
 def test_the_head_says_who_computed_what_and_when(page: Page) -> None:
-    for said in (
+    for words in (
         "2026-11-21 12:00:00 UTC by C. Gauss",
         "Traverse ",
         "Python ",
         "numpy ",
     ):
-        assert said in page.text
+        assert words in page.text
 
 
 @pytest.fixture(scope="module")

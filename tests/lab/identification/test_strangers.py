@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.lab.identification.words import said
 from tests.lab.simulated import (
     DESIGN_ARM,
     Noise,
@@ -17,7 +18,6 @@ from tests.lab.simulated import (
     simulate,
 )
 from traverse.lab.identification.identify import Options, identify
-from traverse.lab.identification.report.page import WORDS
 
 DESIGN = seven_joints()
 BALL = {"id": "ball", "kind": "sphere", "radius_mm": 25.4}
@@ -48,8 +48,7 @@ def identified(tables, n_each=50, options=QUICK, seed=1, arm=None, **more):
         ]
         campaign = replace(campaign, artefacts=tuple(changed))
     result = identify(replace(campaign, **more), DESIGN_ARM, options)
-    words = WORDS.lines("artefacts", result) + WORDS.lines("sigma0", result)
-    return result, " ".join(words)
+    return result, said(result)
 
 
 def tracked(seed, n_poses, travel_rad, noise):
@@ -70,7 +69,7 @@ def test_a_campaign_that_determines_little_converges(seed, free):
     rough = Noise(3e-4, 0.2)
     campaign = tracked(seed, 40, (0.2, 0.5)[seed % 2], rough)
     result = identify(campaign, DESIGN_ARM, replace(QUICK, free=free))
-    words = " ".join(WORDS.lines("sigma0", result))
+    words = said(result)
     assert result.converged, words
     assert "units" not in words
     assert result.rms_after_mm < 0.5
@@ -132,7 +131,7 @@ def test_an_artefact_that_loses_many_poses_is_in_the_verdict():
     result = identify(campaign, DESIGN_ARM, QUICK)
     assert [entry.artefact for entry in result.lost_poses] == ["cone-0"]
     assert not result.artefacts_agree
-    words = " ".join(WORDS.lines("artefacts", result) + WORDS.lines("sigma0", result))
+    words = said(result)
     assert "cone-0 lost 12 of 40 poses, more than a fifth" in words
     assert "Arm model and noise agree" not in words
 

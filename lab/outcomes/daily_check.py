@@ -1,0 +1,177 @@
+"""What must be established before a daily check is in control.
+
+Strategy: a chart of few checks has limits that are as wide as chance makes them, metres
+after two checks, and everything lies within. It judges from when its limits are
+narrower than what is permitted; until then only a stated permissible error does.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from traverse.lab.outcomes.base import (
+    Condition,
+    Established,
+    Outcome,
+    Shortfall,
+    State,
+    judge,
+)
+from traverse.plurals import counted
+
+WORDS = {
+    State.GOOD: "in control",
+    State.DOUBT: "NOT JUDGED YET",
+    State.BAD: "OUT OF CONTROL",
+}
+_STATE_LIMITS = (
+    "State the arm's permissible errors with --limits or --acceptance, or check again."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedFigure:
+    """A figure of the last check, beside its chart and what is permitted.
+
+    Attributes:
+        permissible_mm: Largest error; as stated, else as assumed.
+        is_stated: Whether it is.
+        plausible_mm: Beyond it not the arm is off, but something else was touched.
+        half_width_mm: Of the chart's limits; None where there are too few checks.
+        alarms: Rules of the chart that it breaks.
+    """
+
+    name: str
+    value_mm: float
+    permissible_mm: float
+    is_stated: bool
+    plausible_mm: float
+    half_width_mm: float | None
+    alarms: tuple[str, ...]
+
+    @property
+    def chart_judges(self) -> bool:
+        """Whether the chart's limits are narrower than what is permitted."""
+        width_mm = self.half_width_mm
+        return width_mm is not None and width_mm <= self.permissible_mm
+
+    @property
+    def exceeds(self) -> bool:
+        """Whether it is beyond what is permitted."""
+        return abs(self.value_mm) > self.permissible_mm
+
+
+@dataclass(frozen=True, slots=True)
+class DailyCheckEvidence:
+    """Figures of the last check, and what is not as at the check before.
+
+    Attributes:
+        changes: In sentences, each with its remedy.
+    """
+
+    figures: Sequence[JudgedFigure]
+    n_checks: int
+    changes: Sequence[tuple[str, str]]
+
+
+Finding = Established | Sequence[Shortfall]
+
+
+def _um(mm: float) -> str:
+    return f"{1000.0 * mm:.1f} µm"
+
+
+def _values(one: JudgedFigure) -> dict[str, object]:
+    return {
+        "figure": one.name,
+        "value_mm": one.value_mm,
+        "permissible_mm": one.permissible_mm,
+        "is_stated": one.is_stated,
+        "half_width_mm": one.half_width_mm,
+    }
+
+
+def _plausible(check: DailyCheckEvidence) -> Finding:
+    return [
+        Shortfall(
+            f"{one.name}: {_um(one.value_mm)} is beyond the plausible "
+            f"{_um(one.plausible_mm)}.",
+            "See whether the right seat and sphere were touched, and check again.",
+            _values(one),
+            State.BAD,
+        )
+        for one in check.figures
+        if abs(one.value_mm) > one.plausible_mm
+    ] or Established()
+
+
+def _permitted(check: DailyCheckEvidence) -> Finding:
+    return [
+        Shortfall(
+            f"{one.name}: {_um(one.value_mm)} is beyond the permitted "
+            f"{_um(one.permissible_mm)}.",
+            "Check again; if it stays so, do not measure before the arm is identified "
+            "or repaired.",
+            _values(one),
+            State.BAD,
+        )
+        for one in check.figures
+        if one.is_stated and one.exceeds
+    ] or Established()
+
+
+def _no_alarm(check: DailyCheckEvidence) -> Finding:
+    return [
+        Shortfall(
+            f"{one.name}: {name}.",
+            "Check again; if it stays so, look for what has changed.",
+            {**_values(one), "rule": name},
+            State.BAD,
+        )
+        for one in check.figures
+        for name in one.alarms
+    ] or Established()
+
+
+def _judged(check: DailyCheckEvidence) -> Finding:
+    return [
+        Shortfall(_why_not_judged(one, check.n_checks), _STATE_LIMITS, _values(one))
+        for one in check.figures
+        if not one.is_stated and not (one.chart_judges and not one.exceeds)
+    ] or Established({"n_checks": check.n_checks})
+
+
+def _why_not_judged(one: JudgedFigure, n_checks: int) -> str:
+    if one.exceeds:
+        return (
+            f"{one.name}: {_um(one.value_mm)} is beyond the {_um(one.permissible_mm)} "
+            "that are assumed where no permissible error is stated: no base for later "
+            "checks."
+        )
+    if one.half_width_mm is None:
+        return (
+            f"{one.name}: the chart judges from the third check on, or later; "
+            f"{counted(n_checks, 'check')} since the base began."
+        )
+    return (
+        f"{one.name}: the chart's limits are {_um(one.half_width_mm)} wide, more than "
+        f"the {_um(one.permissible_mm)} that are assumed to be permitted: they judge "
+        "nothing yet."
+    )
+
+
+def _comparable(check: DailyCheckEvidence) -> Finding:
+    return [Shortfall(text, remedy) for text, remedy in check.changes] or Established()
+
+
+CONDITIONS: tuple[Condition[DailyCheckEvidence], ...] = (
+    Condition("plausible", "the right seat and sphere were touched", _plausible),
+    Condition("permitted", "no figure is beyond what is permitted", _permitted),
+    Condition("control", "no rule of a chart is broken", _no_alarm),
+    Condition("judged", "charts or permissible errors judge every figure", _judged),
+    Condition("comparable", "it was done as at the check before", _comparable),
+)
+
+
+def daily_check_outcome(evidence: DailyCheckEvidence) -> Outcome:
+    """Judge a daily check by its table of conditions."""
+    return judge(CONDITIONS, evidence)

@@ -1,0 +1,535 @@
+"""What must be established before an identified arm is good, and before it is written.
+
+Strategy: an arm file is measured with, so that one is written only where the campaign
+could have shown that it is wrong (redundancy), where it explains the measurements as an
+arm of this design can, and where the scale of the arm is known. Everything else that is
+not established leaves a file, and a result in doubt or bad that says so.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from traverse.lab.outcomes.base import (
+    Condition,
+    Established,
+    Outcome,
+    Shortfall,
+    State,
+    judge,
+)
+from traverse.lab.report.quantities import length_mm, probability
+from traverse.lab.statistics.distributions import GlobalTest
+from traverse.plurals import counted
+
+# Misclosures, as a part of the arm's length, that no arm like the design leaves.
+MOST_MISCLOSURE = 0.005
+# Factors between the design's length and the identified one that no arm is off by.
+LEAST_SIZE, MOST_SIZE = 0.8, 1.25
+# sigma0 beyond which stated noise is exceeded several times, instead of by a part.
+MOST_SIGMA0 = 2.0
+# Probability by chance below which residuals that are too large are a finding.
+BY_CHANCE = 0.001
+# Fewer condition equations in excess let noise that is wrong by a quarter pass.
+LEAST_REDUNDANCY = 30
+# Part of the poses that may contradict the others.
+MOST_EXCLUDED = 0.1
+# Travel of the joint that turned most, below which all poses are the same.
+LEAST_TRAVEL_DEG = 2.0
+# Offsets of zeros, found by a search, that are reported.
+LEAST_OFFSET_RAD = 1e-4
+MOST_WEAK = 3
+# Standard deviations between which 95 % of a normal distribution lie.
+_TWO_SIDED = 1.96
+
+_VARY = "Measure more poses, in more varied postures."
+_CHECK_FILE = (
+    "Take the arm file that the campaign was measured with; check its units, signs and "
+    "zeros, and the features of the poses."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ContradictedCertificate:
+    """A certificate that the measurements contradict.
+
+    Attributes:
+        length: What it certifies, such as `distance_mm`.
+        rivals: `artefact name` of others that explain the contradiction as well.
+    """
+
+    artefact: str
+    length: str
+    certified_mm: float
+    measured_mm: float
+    std_mm: float
+    sigmas: float
+    rivals: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SharedDeviation:
+    """A deviation that certified radii share.
+
+    Attributes:
+        artefacts: Whose radii are certified.
+        shift_mm: Of the contact along the normal, as of a larger probe radius.
+        radius_mm: Of the probe, as stated.
+        sigmas: By how many standard deviations the campaign fits better with it.
+    """
+
+    artefacts: tuple[str, ...]
+    shift_mm: float
+    radius_mm: float
+    sigmas: float
+
+
+@dataclass(frozen=True, slots=True)
+class Direction:
+    """A combination of parameters, in words, with its size at the probe and its cause.
+
+    Attributes:
+        why: Cause and remedy, without a full stop.
+    """
+
+    combination: str
+    probe_mm: float
+    why: str
+    is_scale: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class PosesAside:
+    """Poses that contradict the others: an artefact's, or those of a place.
+
+    Attributes:
+        where: In words, such as `on cone-2`.
+        may_be: What that may mean, a sentence.
+    """
+
+    where: str
+    n: int
+    n_all: int
+    may_be: str
+
+
+@dataclass(frozen=True, slots=True)
+class IdentificationEvidence:
+    """Figures of an identification that its conditions look at.
+
+    Attributes:
+        reach_mm: Sum of the lengths of the links, as identified.
+        size: That divided by the design's.
+        moving: What the last step would have changed, in words.
+        samples_per_square: Of a stream, how many say as much as one.
+        scale_touches: Which touches would determine the scale.
+        offsets_rad: Of zeros that a search found, by joint.
+        family: What the measurements contradict of the arm's family, in words; or "".
+    """
+
+    converged: bool
+    redundancy: int
+    sigma0: float
+    test: GlobalTest
+    noise_stated: bool
+    samples_per_square: float
+    rms_mm: float
+    reach_mm: float
+    size: float
+    travel_deg: float
+    moving: str
+    n_free: int
+    n_poses: int
+    n_excluded: int
+    n_oriented: int
+    n_turned: int
+    certificates: Sequence[ContradictedCertificate]
+    shared: SharedDeviation | None
+    undetermined: Sequence[Direction]
+    weak: Sequence[Direction]
+    lost: Sequence[PosesAside]
+    clusters: Sequence[PosesAside]
+    scale_touches: str
+    wrong_signs: Sequence[str]
+    offsets_rad: Mapping[str, float]
+    family: str
+
+
+Finding = Established | Sequence[Shortfall]
+
+
+def _bad(text: str, remedy: str, **values: Any) -> list[Shortfall]:
+    return [Shortfall(text, remedy, values, State.BAD)]
+
+
+def _converged(one: IdentificationEvidence) -> Finding:
+    if one.converged:
+        return Established()
+    text = "The adjustment did not converge: none of these figures may be used."
+    values = {"rms_mm": one.rms_mm, "redundancy": one.redundancy}
+    if one.travel_deg < LEAST_TRAVEL_DEG:
+        same = (
+            f"{text} All poses are nearly the same: no joint turned by more than "
+            f"{one.travel_deg:.2g} degrees."
+        )
+        return _bad(same, "Measure in varied postures.", travel_deg=one.travel_deg)
+    if one.redundancy <= 0:
+        more = f"{text} There are no more equations than unknowns (redundancy 0)."
+        return _bad(more, "Measure more poses.", **values)
+    if one.rms_mm > MOST_MISCLOSURE * one.reach_mm:
+        left = f"{text} Misclosures of {length_mm(one.rms_mm)} are left."
+        return _bad(left, _CHECK_FILE, **values)
+    steps = (
+        f"{text} Its steps do not become small, although misclosures of "
+        f"{length_mm(one.rms_mm)} only are left: the poses hardly determine "
+        f"{one.moving}."
+    )
+    hold = "Hold some of these (--hold), or measure more and more varied postures."
+    return _bad(steps, hold, **values)
+
+
+def _explained(one: IdentificationEvidence) -> Finding:
+    limit_mm = MOST_MISCLOSURE * one.reach_mm
+    values = {"rms_mm": one.rms_mm, "limit_mm": limit_mm, "reach_mm": one.reach_mm}
+    if one.rms_mm <= limit_mm:
+        return Established(values)
+    text = (
+        f"The model does not explain the measurements at all: misclosures of "
+        f"{length_mm(one.rms_mm)} are left, more than {100.0 * MOST_MISCLOSURE:g} % of "
+        f"the arm's {length_mm(one.reach_mm)}. The arm file may be another arm's."
+    )
+    return _bad(text, _CHECK_FILE, **values)
+
+
+def _same_size(one: IdentificationEvidence) -> Finding:
+    if LEAST_SIZE < one.size < MOST_SIZE:
+        return Established({"size": one.size})
+    text = (
+        f"The identified arm is {one.size:.3g} times as large as its design: no arm is "
+        "built so far off, and an arm that shrinks fits everything."
+    )
+    return _bad(text, _CHECK_FILE, size=one.size)
+
+
+def _redundant(one: IdentificationEvidence) -> Finding:
+    if one.redundancy <= 0:
+        text = (
+            "There are no more equations than unknowns (redundancy 0): nothing checks "
+            "this result."
+        )
+        return _bad(text, "Measure more poses.", redundancy=one.redundancy)
+    unseen = _TWO_SIDED / (2.0 * one.redundancy / one.samples_per_square) ** 0.5
+    values = {"redundancy": one.redundancy, "unseen_part": unseen}
+    if one.redundancy >= LEAST_REDUNDANCY:
+        return Established(values)
+    text = (
+        f"A redundancy of {one.redundancy} is a weak check: noise that is wrong by "
+        f"less than about {100.0 * unseen:.0f} % would not be noticed."
+    )
+    return [Shortfall(text, "Measure more poses.", values)]
+
+
+def _scaled(one: IdentificationEvidence) -> Finding:
+    lost = [entry for entry in one.undetermined if entry.is_scale]
+    if not lost:
+        return Established()
+    text = (
+        "The scale of the arm is undetermined: no length is known in this campaign. If "
+        "the design is off by a plausible deviation, the probe is off by "
+        f"{length_mm(lost[0].probe_mm)}."
+    )
+    return _bad(text, one.scale_touches, probe_mm=lost[0].probe_mm)
+
+
+def _determined(one: IdentificationEvidence) -> Finding:
+    missing = [entry for entry in one.undetermined if not entry.is_scale]
+    if not missing:
+        return Established({"n_free": one.n_free})
+    return [
+        Shortfall(
+            f"Undetermined: {entry.combination}. If the design is off by a plausible "
+            f"deviation there, the probe is off by {length_mm(entry.probe_mm)} (root "
+            "mean square over the arm's reach).",
+            f"Cause and remedy: {entry.why}.",
+            {"combination": entry.combination, "probe_mm": entry.probe_mm},
+        )
+        for entry in missing
+    ]
+
+
+def _well_determined(one: IdentificationEvidence) -> Finding:
+    if not one.weak:
+        return Established()
+    found = [
+        Shortfall(
+            f"Poorly determined: {entry.combination}, {length_mm(entry.probe_mm)} at "
+            "the probe.",
+            f"Cause and remedy: {entry.why}.",
+            {"combination": entry.combination, "probe_mm": entry.probe_mm},
+        )
+        for entry in one.weak[:MOST_WEAK]
+    ]
+    n_more = len(one.weak) - MOST_WEAK
+    if n_more > 0:
+        text = f"{counted(n_more, 'more combination')} of parameters poorly determined."
+        found.append(Shortfall(text, _VARY, {"n_more": n_more}))
+    return found
+
+
+def _certificates_agree(one: IdentificationEvidence) -> Finding:
+    if not one.certificates:
+        return Established()
+    return [_contradicted(entry) for entry in one.certificates]
+
+
+def _contradicted(entry: ContradictedCertificate) -> Shortfall:
+    text = (
+        f"The certificate of {entry.artefact} contradicts everything else by "
+        f"{entry.sigmas:.3g} sigma: it says {entry.length.removesuffix('_mm')} "
+        f"{entry.certified_mm:.10g} mm, the measurements {entry.measured_mm:.4f} ± "
+        f"{entry.std_mm:.4f} mm. It was left out."
+    )
+    remedy = "Correct the campaign file and identify again."
+    if entry.rivals:
+        rivals = " or ".join(entry.rivals)
+        text += (
+            f" It may as well be {rivals} that is wrong: the measurements cannot tell."
+        )
+        remedy = "Find out which it is, correct the files and identify again."
+    values = {
+        "artefact": entry.artefact,
+        "length": entry.length,
+        "certified_mm": entry.certified_mm,
+        "measured_mm": entry.measured_mm,
+        "std_mm": entry.std_mm,
+        "sigmas": entry.sigmas,
+        "rivals": list(entry.rivals),
+    }
+    return Shortfall(text, remedy, values, State.BAD)
+
+
+def _radii_agree(one: IdentificationEvidence) -> Finding:
+    shared = one.shared
+    if shared is None:
+        return Established()
+    sense = "larger" if shared.shift_mm > 0.0 else "smaller"
+    text = (
+        f"The certified radii of {', '.join(shared.artefacts)} are all {sense} as "
+        f"measured, by {1000.0 * abs(shared.shift_mm):.1f} µm: they have one cause "
+        f"({shared.sigmas:.3g} sigma), and no certificate is to blame. The probe's "
+        f"radius is not the stated {shared.radius_mm:.10g} mm but "
+        f"{shared.radius_mm + shared.shift_mm:.4f} mm, or the contact is late or bends "
+        "the stylus by as much (pretravel, force). The certificates took part, with "
+        "this shift."
+    )
+    remedy = (
+        "Calibrate the probe's radius on a sphere, with the force of measuring; look "
+        "with traverse diagnose whether the stylus bends."
+    )
+    values = {
+        "artefacts": list(shared.artefacts),
+        "shift_mm": shared.shift_mm,
+        "probe_radius_mm": shared.radius_mm + shared.shift_mm,
+        "sigmas": shared.sigmas,
+    }
+    return [Shortfall(text, remedy, values)]
+
+
+def _noise_explains(one: IdentificationEvidence) -> Finding:
+    """Compare residuals with the noise: too large is a fault, too small a remark."""
+    p_value = one.test.p_value
+    values = {"sigma0": one.sigma0, "redundancy": one.redundancy, "p_value": p_value}
+    if one.test.noise_estimated:
+        text = (
+            "No noise is stated in the campaign: it was estimated from the same "
+            "residuals, so that nothing tests whether the model fits."
+        )
+        remedy = (
+            "Give [noise] in campaign.toml; compare the estimated noise with what "
+            "encoders and contacts should do."
+        )
+        return [Shortfall(text, remedy, values)]
+    if one.redundancy <= 0 or p_value is None:
+        return []
+    if one.test.passed or one.sigma0 <= 1.0:
+        return Established(values)
+    if not one.noise_stated:
+        text = (
+            "The campaign does not state its noise, so usual figures were assumed, and "
+            f"the residuals are {one.sigma0:.3g} times as large: the redundancy is too "
+            "small to estimate the noise."
+        )
+        remedy = "Measure more poses, or state [noise] in campaign.toml."
+        return [Shortfall(text, remedy, values)]
+    text = (
+        f"The residuals are {one.sigma0:.3g} times as large as the stated noise "
+        f"explains (p = {probability(p_value)}): either the noise is stated too small, "
+        "or the arm does something that axes and links do not describe. All standard "
+        "deviations are scaled by sigma0."
+    )
+    if p_value > BY_CHANCE:
+        text += f" By chance {100.0 * p_value:.1g} % of campaigns are as far off."
+    remedy = "Look for a pattern with traverse diagnose."
+    state = State.BAD if one.sigma0 > MOST_SIGMA0 else State.DOUBT
+    return [Shortfall(text, remedy, values, state)]
+
+
+def _artefacts_agree(one: IdentificationEvidence) -> Finding:
+    return [
+        Shortfall(
+            f"{entry.where} lost {entry.n} of {entry.n_all} poses, more than a fifth: "
+            f"{entry.may_be}",
+            "Check its features, lengths and place during the measurement, and which "
+            "parameters are held.",
+            {"artefact": entry.where, "n_lost": entry.n, "n": entry.n_all},
+        )
+        for entry in one.lost
+    ] or Established()
+
+
+def _no_clusters(one: IdentificationEvidence) -> Finding:
+    return [
+        Shortfall(
+            f"{entry.n} poses that contradict the others lie together, among "
+            f"{entry.n_all} {entry.where}: {entry.may_be}",
+            "Look for it with traverse diagnose.",
+            {"where": entry.where, "n_excluded": entry.n, "n": entry.n_all},
+        )
+        for entry in one.clusters
+    ] or Established()
+
+
+def _few_excluded(one: IdentificationEvidence) -> Finding:
+    values = {"n_excluded": one.n_excluded, "n": one.n_poses}
+    if one.n_excluded <= MOST_EXCLUDED * one.n_poses:
+        return Established(values)
+    text = f"{one.n_excluded} of {one.n_poses} poses contradict the others."
+    return [Shortfall(text, "Find out why before the arm is used.", values)]
+
+
+def _orientations_agree(one: IdentificationEvidence) -> Finding:
+    values = {"n_excluded": one.n_turned, "n": one.n_oriented}
+    if one.n_turned <= MOST_EXCLUDED * one.n_oriented:
+        return Established(values)
+    text = (
+        f"{one.n_turned} of {one.n_oriented} orientations contradict the positions and "
+        "were left out."
+    )
+    remedy = (
+        "Check the order of the quaternions' components (w, x, y, z), the frame that "
+        "they are in, and that the instrument's probe stayed as it was mounted."
+    )
+    return [Shortfall(text, remedy, values)]
+
+
+def _file_fits(one: IdentificationEvidence) -> Finding:
+    found = [
+        Shortfall(
+            f"The arm file as given did not fit: {joint} turns the other way. It was "
+            "identified with the other sense, by an axis that points the other way.",
+            f"Look which way the encoder of {joint} counts; the identified arm file "
+            "has its axis reversed, and needs no other sign.",
+            {"joint": joint},
+        )
+        for joint in one.wrong_signs
+    ]
+    far = {
+        joint: rad
+        for joint, rad in one.offsets_rad.items()
+        if abs(rad) > LEAST_OFFSET_RAD
+    }
+    if far:
+        offsets = ", ".join(f"{joint} by {rad:+.4f} rad" for joint, rad in far.items())
+        text = f"The arm file as given did not fit at all; other zeros do: {offsets}."
+        values = {f"{joint}_offset_rad": rad for joint, rad in far.items()}
+        found.append(Shortfall(text, "Check the arm file.", values))
+    return found or Established()
+
+
+def _family_agrees(one: IdentificationEvidence) -> Finding:
+    if not one.family:
+        return Established()
+    return [Shortfall(one.family, "Compare the arm with its family.")]
+
+
+CONDITIONS: tuple[Condition[IdentificationEvidence], ...] = (
+    Condition("converged", "the adjustment converged", _converged),
+    Condition("fit", "the model explains the measurements", _explained),
+    Condition("size", "the arm is as large as its design", _same_size),
+    Condition("redundancy", "there are equations that check the result", _redundant),
+    Condition("scale", "the scale of the arm is known", _scaled),
+    Condition("certificates", "no certificate is contradicted", _certificates_agree),
+    Condition("radii", "certified radii are as measured", _radii_agree),
+    Condition("arm_file", "signs and zeros of the arm file fit", _file_fits),
+    Condition("noise", "the stated noise explains the residuals", _noise_explains),
+    Condition("artefacts", "no artefact lost many poses", _artefacts_agree),
+    Condition("clusters", "excluded poses do not lie together", _no_clusters),
+    Condition("determined", "all free parameters are determined", _determined),
+    Condition("weak", "all free parameters are determined well", _well_determined),
+    Condition("family", "the arm is of its family", _family_agrees),
+    Condition("excluded", "few poses contradict the others", _few_excluded),
+    Condition("orientations", "few orientations are left out", _orientations_agree),
+)
+
+# A bad reason of these codes: an arm file of the result might be measured with.
+_NO_ARM_FILE = frozenset({"converged", "fit", "size", "redundancy", "scale"})
+
+
+# What can be said of an adjustment that did not converge.
+_WITHOUT_FIGURES = frozenset({"converged", "certificates", "arm_file", "artefacts"})
+
+
+@dataclass(frozen=True, slots=True)
+class IdentificationOutcome:
+    """What an identification concludes.
+
+    Attributes:
+        title: In a few words.
+        writes_arm: Whether an arm file may be made of it.
+    """
+
+    outcome: Outcome
+    title: str
+    writes_arm: bool
+
+
+def identification_outcome(evidence: IdentificationEvidence) -> IdentificationOutcome:
+    """Judge an identification by its table of conditions."""
+    table = CONDITIONS
+    if not evidence.converged:
+        # No figure of it may be used, for a reason either.
+        table = tuple(one for one in CONDITIONS if one.code in _WITHOUT_FIGURES)
+    outcome = judge(table, evidence)
+    bad = {entry.code for entry in outcome.reasons if entry.state is State.BAD}
+    return IdentificationOutcome(
+        outcome, _title(outcome, bad, evidence), not bad & _NO_ARM_FILE
+    )
+
+
+def _title(outcome: Outcome, bad: set[str], evidence: IdentificationEvidence) -> str:
+    titles = {
+        "converged": "Not identified",
+        "fit": "The model does not explain the measurements",
+        "size": "Not an arm of this design",
+        "redundancy": "Unchecked: no redundancy",
+        "scale": "The scale of the arm is undetermined",
+        "certificates": "A certificate contradicts the measurements",
+        "noise": "The model does not explain the measurements",
+    }
+    for code, title in titles.items():
+        if code in bad:
+            return title
+    if outcome.state is State.GOOD:
+        return "Identified"
+    p_value = evidence.test.p_value
+    if "noise" in outcome.codes and p_value is not None and p_value < BY_CHANCE:
+        return "Identified; the residuals exceed the stated noise"
+    if evidence.undetermined:
+        count = counted(len(evidence.undetermined), "combination")
+        largest = length_mm(max(entry.probe_mm for entry in evidence.undetermined))
+        verb = "is" if len(evidence.undetermined) == 1 else "are"
+        return (
+            f"Identified in part: {count} of parameters {verb} undetermined, {largest} "
+            "at the probe"
+        )
+    return "Identified, with reservations"

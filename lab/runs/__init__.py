@@ -1,0 +1,1 @@
+"""From a campaign's folder to the files of its result: for commands and fleets."""

@@ -1,0 +1,149 @@
+"""An identification is good only where everything that it rests on is established."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.lab.simulated import DESIGN_ARM, bar, built, cones, simulate
+from traverse.kinematics.model.derivatives import probe_derivatives
+from traverse.lab.identification.identify import Options, identify
+from traverse.lab.identification.results.evidence import outcome_of
+from traverse.lab.identification.results.files import identification_json
+from traverse.lab.outcomes.base import State
+from traverse.lab.outcomes.identification import CONDITIONS
+
+QUICK = Options(n_suggestions=0)
+BALL = {"id": "ball", "kind": "sphere", "radius_mm": 25.4}
+TABLES = [*cones(2), bar(), BALL]
+
+
+def shifted(campaign, shift_mm):
+    """Certify radii that are smaller by a shift than what was touched."""
+    changed = [
+        artefact.model_copy(update={"radius_mm": artefact.radius_mm + shift_mm})
+        if artefact.kind in ("sphere", "ball_bar")
+        else artefact
+        for artefact in campaign.artefacts
+    ]
+    return replace(campaign, artefacts=tuple(changed))
+
+
+def test_every_condition_has_a_name_of_its_own():
+    codes = [condition.code for condition in CONDITIONS]
+    assert len(set(codes)) == len(codes)
+
+
+def test_a_good_campaign_establishes_everything():
+    result = identify(simulate(built(3), TABLES, 40, 7), DESIGN_ARM, QUICK)
+    judged = outcome_of(result)
+    # By chance a few of a hundred campaigns have too large residuals: not this one.
+    assert judged.outcome.state is State.GOOD, judged.outcome.sentences
+    assert set(judged.outcome.established) == {one.code for one in CONDITIONS}
+    assert judged.writes_arm
+    values = identification_json(result)
+    assert (values["state"], values["reasons"]) == ("good", [])
+    json.dumps(values, allow_nan=False)
+
+
+def test_another_arms_file_is_bad_and_makes_no_arm_file():
+    """The same number of joints, but hinges where the other has rolls."""
+    axes = [(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+    joints = tuple(
+        joint.model_copy(update={"axis": axes[at % 2], "link_mm": (40.0, 30.0, 150.0)})
+        for at, joint in enumerate(DESIGN_ARM.joints)
+    )
+    other = DESIGN_ARM.model_copy(update={"joints": joints})
+    # Without the search for zeros and signs, which takes seconds and helps nothing.
+    options = replace(QUICK, coarse_start=False)
+    result = identify(simulate(built(3), TABLES, 25, 7), other, options)
+    judged = outcome_of(result)
+    assert judged.outcome.state is State.BAD
+    assert not judged.writes_arm
+
+
+def test_radii_that_are_all_off_alike_have_one_cause_and_blame_no_certificate():
+    campaign = simulate(built(3), TABLES, 60, 7)
+    result = identify(shifted(campaign, 0.05), DESIGN_ARM, QUICK)
+    assert result.contradictions == ()
+    assert result.contact_shift.artefacts == ("bar", "ball")
+    # What was touched is smaller than certified.
+    assert result.contact_shift.shift_mm == pytest.approx(-0.05, abs=0.005)
+    judged = outcome_of(result)
+    assert "radii" in judged.outcome.codes
+    assert judged.outcome.state is State.DOUBT
+    # The arm is as with right certificates.
+    right = identify(campaign, DESIGN_ARM, QUICK)
+    assert result.sigma0 == pytest.approx(right.sigma0, rel=0.05)
+
+
+def test_a_single_wrong_radius_is_still_named():
+    campaign = simulate(built(3), TABLES, 60, 7)
+    ball = campaign.artefacts[-1].model_copy(update={"radius_mm": 26.4})
+    wrong = replace(campaign, artefacts=(*campaign.artefacts[:-1], ball))
+    result = identify(wrong, DESIGN_ARM, QUICK)
+    assert [entry.artefact for entry in result.contradictions] == ["ball"]
+    assert result.contact_shift is None
+    assert outcome_of(result).outcome.state is State.BAD
+
+
+@pytest.mark.parametrize("joint", [1, 3])
+def test_a_wrong_sign_is_named_with_its_joint(joint):
+    true = built(3)
+    campaign = simulate(true, TABLES, 30, 7)
+    angles_rad = campaign.poses.angles_rad.copy()
+    angles_rad[:, joint] *= -1.0
+    campaign = replace(campaign, poses=replace(campaign.poses, angles_rad=angles_rad))
+    result = identify(campaign, DESIGN_ARM, QUICK)
+    name = DESIGN_ARM.joints[joint].name
+    assert result.wrong_signs == (name,)
+    assert result.contradictions == ()
+    judged = outcome_of(result)
+    assert judged.outcome.codes == ("arm_file",)
+    assert f"{name} turns the other way" in judged.outcome.sentences[0]
+    # The axis of the identified arm points the other way, and the lengths are right.
+    axis = np.array(result.arm.joints[joint].axis)
+    assert axis @ np.array(DESIGN_ARM.joints[joint].axis) < -0.99
+    assert result.sigma0 < 1.2
+
+
+def test_an_arm_that_shrank_is_refused():
+    result = identify(simulate(built(3), TABLES, 25, 7), DESIGN_ARM, QUICK)
+    geometry = result.adjustment.state.arm.geometry
+    tiny = replace(geometry, links_mm=1e-3 * geometry.links_mm)
+    adjustment = replace(
+        result.adjustment,
+        state=replace(
+            result.adjustment.state,
+            arm=replace(result.adjustment.state.arm, geometry=tiny),
+        ),
+    )
+    judged = outcome_of(replace(result, adjustment=adjustment))
+    assert "size" in judged.outcome.codes
+    assert not judged.writes_arm
+
+
+def test_lengths_say_how_little_an_undetermined_scale_tells():
+    """Without a length the scale is the design's, and so is its error."""
+    offs = []
+    for seed in range(5):
+        nominal = built(seed)
+        scale = 1.0 + 0.003 * (seed - 2.2)
+        true = replace(nominal, links_mm=scale * nominal.links_mm)
+        result = identify(simulate(true, cones(3), 40, seed), DESIGN_ARM, QUICK)
+        pair_rad = result.campaign.poses.angles_rad[[0, 50]]
+        arm = result.adjustment.state.arm
+        derivatives = probe_derivatives(arm.geometry, pair_rad)
+        apart_mm = derivatives.centres_mm[0] - derivatives.centres_mm[1]
+        columns = result.adjustment.network.parameters.columns(
+            arm, derivatives, result.campaign.poses.part(slice(0))
+        )
+        length_mm = np.linalg.norm(apart_mm)
+        gradient = (apart_mm / length_mm) @ (columns[0] - columns[1])
+        std_mm = np.sqrt(gradient @ result.covariance @ gradient)
+        true_mm = np.linalg.norm(np.subtract(*true.centres(pair_rad)))
+        offs.append((length_mm - true_mm) / std_mm)
+        # It was stated to some micrometres.
+        assert std_mm > 1e-4 * length_mm
+    assert np.max(np.abs(offs)) < 2.0
