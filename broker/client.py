@@ -13,7 +13,7 @@ import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from ssl import SSLContext
-from typing import Any, Self
+from typing import Any, Self, cast
 
 from traverse.broker.errors import (
     ClosedBeforeAnswerError,
@@ -255,10 +255,10 @@ class MqttClient(asyncio.Protocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Introduce ourselves."""
-        assert isinstance(transport, asyncio.Transport)  # noqa: S101 - TCP and TLS are
-        self._transport = transport
-        transport.set_write_buffer_limits(0)
-        transport.write(
+        # Those of uvloop, which the page runs on, are no subclass.
+        stream = self._transport = cast("asyncio.Transport", transport)
+        stream.set_write_buffer_limits(0)
+        stream.write(
             connect_packet(
                 self.identifier,
                 self.version,

@@ -5,6 +5,7 @@ import contextlib
 from itertools import pairwise
 
 import pytest
+import uvloop
 
 from tests.waiting import until
 from traverse.broker.client import MAX_QUEUED, Handlers, MqttClient
@@ -270,3 +271,17 @@ async def test_a_client_that_does_not_wait_for_the_answer_leaves():
 async def test_nothing_can_be_sent_before_there_is_a_connection():
     with pytest.raises(MqttError):
         MqttClient("nowhere", 1883).write(POINT)
+
+
+def test_it_works_on_uvloop_too_which_the_page_runs_on():
+    async def exchange():
+        async with connected() as (client, broker):
+            publishing = asyncio.create_task(client.publish("p", b"abc", 1))
+            await broker.reads(POINT)
+            broker.writer.write(b"\x40\x02\x00\x01" + POINT)
+            await publishing
+            async for message in client.messages:
+                return message.payload
+
+    with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
+        assert runner.run(exchange()) == b"abc"
