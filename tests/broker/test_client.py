@@ -282,6 +282,7 @@ def test_it_works_on_uvloop_too_which_the_page_runs_on():
             await publishing
             async for message in client.messages:
                 return message.payload
+        raise AssertionError("no message")
 
     with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
         assert runner.run(exchange()) == b"abc"
