@@ -153,7 +153,7 @@ def judge(
     squares = np.zeros((n, widest))
     for at, one in enumerate(projected):
         along[at, : degrees[at]] = one.directions.T @ rows.residuals
-        squares[at, : degrees[at]] = one.singular_values**2
+        squares[at, : degrees[at]] = (rows.coarseness * one.singular_values) ** 2
     statistics = np.sum(along**2, axis=1)
     return BankScores(
         projected,

@@ -262,6 +262,9 @@ def _scan(
     residuals = rows.residuals[:, np.newaxis]
     along = (combinations @ gaps.products(pieces, residuals))[:, :, 0]
     evidences = log_evidences(
-        along**2, singular**2, rows.sum_of_squares, rows.redundancy
+        along**2,
+        (rows.coarseness * singular) ** 2,
+        rows.sum_of_squares,
+        rows.redundancy,
     )
     return StepScan(joint, gaps, pieces, singular, combinations, along, evidences)

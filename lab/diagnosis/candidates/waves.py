@@ -206,7 +206,7 @@ def _statistics(
     along_squared = np.where(is_seen, turned**2 / safe, 0.0)
     evidences = log_evidences(
         along_squared,
-        np.where(is_seen, values, 0.0),
+        np.where(is_seen, rows.coarseness**2 * values, 0.0),
         rows.sum_of_squares,
         rows.redundancy,
     )

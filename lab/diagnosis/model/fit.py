@@ -18,12 +18,18 @@ from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.observation_equations import (
     LEAST_EFFECT,
     ObservationEquations,
+    coarseness,
     orthonormal_basis,
 )
 from traverse.lab.diagnosis.model.result import Diagnosis, Estimate, Term
 from traverse.lab.identification.equations.effect_model import EffectModel, effect_model
 from traverse.lab.identification.equations.first_moments import with_first_moments
-from traverse.lab.identification.equations.network import network_of
+from traverse.lab.identification.equations.network import (
+    Noise,
+    a_priori_noise,
+    network_of,
+)
+from traverse.lab.identification.equations.parameters import Parameters
 from traverse.lab.identification.identify import prepared
 from traverse.lab.identification.results.postprocessing import arm_of_adjustment
 from traverse.lab.identification.solve.iterative_adjustment import (
@@ -71,6 +77,7 @@ def fitted(
     design, parameters = prepared(campaign, arm, options)
     radius_mm = arm.probe.radius_mm
     noise = None if before is None else before.adjustment.network.noise
+    parameters = _as_coarse(parameters, noise or a_priori_noise(campaign))
     network = network_of(campaign, radius_mm, eligible, parameters, noise)
     first = None if before is None else before.included
     found = iterate(
@@ -81,6 +88,19 @@ def fitted(
     adapted = arm_of_adjustment(arm, found.adjustment)
     of_run = {one.name: getattr(found, one.name) for one in fields(found)}
     return Fit(**of_run, arm=adapted)
+
+
+def _as_coarse(parameters: Parameters, noise: Noise) -> Parameters:
+    """Let effects be as large as those of an arm with such readings plausibly are."""
+    effects = parameters.effects
+    if effects is None:
+        return parameters
+    factors = np.full(len(effects.names), coarseness(noise))
+    factors[effects.moments] = 1.0  # weight is no error
+    tolerances = parameters.tolerances.copy()
+    tolerances[-len(factors) :] *= factors
+    coarse = replace(effects, tolerances=factors * effects.tolerances)
+    return replace(parameters, tolerances=tolerances, effects=coarse)
 
 
 def with_tools_begun(campaign: Campaign, arm: Arm) -> Campaign:

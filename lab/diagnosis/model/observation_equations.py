@@ -32,6 +32,7 @@ from traverse.kinematics.model.derivatives import probe_derivatives, turn_deriva
 from traverse.kinematics.model.geometry import Geometry
 from traverse.lab.identification.equations.datum import undetermined_scale
 from traverse.lab.identification.equations.network import (
+    Noise,
     each_tool,
     white_rows,
 )
@@ -40,6 +41,8 @@ from traverse.lab.identification.solve.adjustment import Adjustment, certified
 # Combinations of unknowns, in units of what is plausible, that move the data by less
 # than this part of their noise do not count as estimated.
 LEAST_EFFECT = 0.02
+# Of the readings: plausible sizes of effects are those of arms that read so finely.
+_FINE_READING_RAD = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,11 @@ class ObservationEquations:
     basis: Floats
     certificates: tuple[tuple[int, str, float], ...]
     root: Floats | None = None
+
+    @property
+    def coarseness(self) -> float:
+        """How much larger effects of this arm plausibly are than the table says."""
+        return coarseness(self.adjustment.network.noise)
 
     @property
     def redundancy(self) -> int:
@@ -172,6 +180,19 @@ class ObservationEquations:
     def project(self, columns: Floats) -> Floats:
         """Take out what the unknowns absorb, (n_rows, n_columns)."""
         return columns - self.basis @ (self.basis.T @ columns)
+
+
+def coarseness(noise: Noise) -> float:
+    """Return how much larger effects plausibly are than the effect table says.
+
+    Strategy: the table has sizes of arms that measure to micrometres. An arm with
+    encoders of 0.5 mrad has eccentricities of some mrad; priors of 30 microradians
+    would call those impossible, and whatever has more parameters to share the size
+    among wins. What an arm is made of is as coarse as what it reads with, so all sizes
+    grow with the noise of the readings, stated or estimated.
+    """
+    typical_rad = float(np.median(noise.encoder_rad))
+    return max(typical_rad / _FINE_READING_RAD, 1.0)
 
 
 def equations_of(adjustment: Adjustment) -> ObservationEquations:
