@@ -5,6 +5,9 @@ values at knots, so that what is found here can be applied as it is, and leaves
 nothing of itself behind. Knots are at quantiles of the covariate: each has its poses.
 """
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 
 from traverse.arrays import Floats
@@ -16,9 +19,12 @@ from traverse.kinematics.model.geometry import Geometry, across
 from traverse.lab.diagnosis.model.candidate import Bank, BankName, Candidate
 from traverse.lab.diagnosis.model.covariates import (
     CovariateColumn,
+    approach_columns,
     covariate_columns,
 )
 from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+
+Knots = tuple[float, ...]
 
 _CURVE_RAD = EFFECT_KINDS[Empirical.kind].size
 _CURVE_MM = 0.01
@@ -30,6 +36,10 @@ _POSES_A_KNOT = 8
 # Of the covariate's range: knots closer than that are one.
 _LEAST_STEP = 1e-3
 _OF_ALL = ("time_s", "temperature_c")
+# What may move a base that is not held well; with the senses of approach.
+_OF_BASE = (*_OF_ALL, "force_n")
+# An artefact that creeps does so steadily.
+N_ARTEFACT_KNOTS = 4
 
 
 def generic_bank(rows: ObservationEquations) -> Bank:
@@ -38,8 +48,9 @@ def generic_bank(rows: ObservationEquations) -> Bank:
     A joint's angle is curved over all readings, time, temperature and force, and over
     the joint's own temperature and speed; over its own reading once more with finer
     knots. Two tilts of its axis and three shifts of its origin are curved over its own
-    reading, time and temperature; the base over time and temperature. Columns are in
-    units of 1e-5 rad or 0.01 mm at a knot, less their mean over the poses that take
+    reading, time and temperature. The base shifts and tilts (as the first axis does)
+    over time, temperature, force and the sense of approach of every joint: what is not
+    held well rocks. Every artefact creeps with time. Columns are in units of 1e-5 rad or 0.01 mm at a knot, less their mean over the poses that take
     part, whitened, (n_rows, n_columns).
     """
     joints = rows.adjustment.network.campaign.joint_names
@@ -48,13 +59,26 @@ def generic_bank(rows: ObservationEquations) -> Bank:
     parts: list[Floats] = []
     used = rows.used_poses
     n_fine = min(N_FINE_KNOTS, len(used) // _POSES_A_KNOT)
+
+    def base_moves(found: CovariateColumn, knots: Knots, curves: Floats) -> None:
+        candidates.append(_candidate(found, knots, None, "shift", ("x", "y", "z")))
+        parts.append(_products(rows.by_centre * _CURVE_MM, curves))
+        if found.name not in _OF_ALL:  # else the first axis tilts below
+            candidates.append(_candidate(found, knots, joints[0], "tilt", ("v", "w")))
+            parts.append(_products(by_tilts[:, 0] * _CURVE_RAD, curves))
+
+    for found in approach_columns(rows):
+        knots = spline_knots(found.values[used])
+        base_moves(found, knots, _curves(rows, found, knots))
     for found in covariate_columns(rows):
         knots = spline_knots(found.values[used])
         curves = _curves(rows, found, knots)
-        parts_of = "x", "y", "z"
-        if found.name in _OF_ALL:
-            candidates.append(_candidate(found, knots, None, "shift", parts_of))
-            parts.append(_products(rows.by_centre * _CURVE_MM, curves))
+        if found.name in _OF_BASE:
+            base_moves(found, knots, curves)
+        if found.name == "time_s":
+            for candidate, part in _artefact_curves(rows, found):
+                candidates.append(candidate)
+                parts.append(part)
         for joint, name in enumerate(joints):
             if found.joint not in (None, joint) and not found.is_reading:
                 continue
@@ -76,7 +100,28 @@ def generic_bank(rows: ObservationEquations) -> Bank:
     return Bank(tuple(candidates), rows.decorrelated(stacked))
 
 
-def spline_knots(values: Floats, most: int = N_KNOTS) -> tuple[float, ...]:
+def _artefact_curves(
+    rows: ObservationEquations, found: CovariateColumn
+) -> Iterator[tuple[Candidate, Floats]]:
+    """Let each artefact of several shift steadily, (n_rows, 3 * n_knots) each."""
+    artefacts = rows.adjustment.network.campaign.poses.artefacts
+    touched = np.unique(artefacts[rows.used_poses])
+    if len(touched) < 2:
+        return  # the base as well
+    for index in touched.tolist():
+        mine = rows.used_poses[artefacts[rows.used_poses] == index]
+        knots = spline_knots(found.values[mine], N_ARTEFACT_KNOTS)
+        if len(mine) < _POSES_A_KNOT * len(knots) or len(knots) < 2:
+            continue
+        curves = _curves(rows, found, knots)
+        is_there = (rows.poses >= 0) & (artefacts[rows.poses] == index)
+        moved = -rows.by_centre * _CURVE_MM * is_there[:, np.newaxis]
+        plain = _candidate(found, knots, None, "shift", ("x", "y", "z"))
+        of = rows.adjustment.network.campaign.artefacts[index].id
+        yield replace(plain, artefact=of), _products(moved, curves)
+
+
+def spline_knots(values: Floats, most: int = N_KNOTS) -> Knots:
     """Place knots, rising, where the values are: as many between any two of them.
 
     Fewer where there are fewer different values.
@@ -95,9 +140,7 @@ def spline_knots(values: Floats, most: int = N_KNOTS) -> tuple[float, ...]:
     return tuple(knots)
 
 
-def _curves(
-    rows: ObservationEquations, found: CovariateColumn, knots: tuple[float, ...]
-) -> Floats:
+def _curves(rows: ObservationEquations, found: CovariateColumn, knots: Knots) -> Floats:
     """Unit curves at every row, their mean taken out, (n_rows, n_knots)."""
     curves = spline_amounts(knots, found.values).T
     curves = curves - curves[rows.used_poses].mean(axis=0)
@@ -146,7 +189,7 @@ def _carried(geometry: Geometry, angles_rad: Floats) -> Floats:
 
 def _candidate(
     found: CovariateColumn,
-    knots: tuple[float, ...],
+    knots: Knots,
     joint: str | None,
     component: str,
     directions: tuple[str, ...],

@@ -91,6 +91,20 @@ def outlier_cluster(
     )
 
 
+def approach_columns(rows: ObservationEquations) -> list[CovariateColumn]:
+    """List the senses of approach that are known and that vary."""
+    names = rows.adjustment.network.campaign.joint_names
+    needs = [Need(Covariate.APPROACH, joint) for joint in range(len(names))]
+    found = [
+        CovariateColumn(
+            f"{name}_approach", need.joint, False, covariate_values(rows, need)
+        )
+        for name, need in zip(names, needs, strict=True)
+        if rows.block.lack(need) is None
+    ]
+    return [column for column in found if varies(rows, column.values)]
+
+
 def covariate_columns(rows: ObservationEquations) -> list[CovariateColumn]:
     """List the covariates that curves may depend on and that vary.
 
