@@ -50,8 +50,9 @@ def generic_bank(rows: ObservationEquations) -> Bank:
     knots. Two tilts of its axis and three shifts of its origin are curved over its own
     reading, time and temperature. The base shifts and tilts (as the first axis does)
     over time, temperature, force and the sense of approach of every joint: what is not
-    held well rocks. Every artefact creeps with time. Columns are in units of 1e-5 rad or 0.01 mm at a knot, less their mean over the poses that take
-    part, whitened, (n_rows, n_columns).
+    held well rocks. Every artefact creeps with time. Columns are in units of 1e-5 rad
+    or 0.01 mm at a knot, less their mean over the poses that take part, whitened,
+    (n_rows, n_columns).
     """
     joints = rows.adjustment.network.campaign.joint_names
     by_tilts, by_shifts = _by_carriers(rows)

@@ -259,6 +259,44 @@ def _volume_mm(model: Adjustment) -> float:
     return float(np.sqrt(np.sum(np.var(centres_mm, axis=0))))
 
 
+def is_better(one: HoldoutResult, other: HoldoutResult) -> bool:
+    """Return whether poses are predicted nearer than by another model, blunders aside.
+
+    Both by their rms and in units of the uncertainty.
+    """
+    first, second = one.without_blunders or one, other.without_blunders or other
+    return first.rms_mm < second.rms_mm and first.chi2 < second.chi2
+
+
+# Times the mean square of the stated noise: what a campaign may be beyond it at most.
+_SEVERAL_TIMES = 2.0
+
+
+def noise_exceeded(
+    campaign: Campaign, figures: HoldoutResult, choosing: Adjustment
+) -> float | None:
+    """Return how many times the stated noise poses kept aside are from the model.
+
+    As a mean square; None: the noise is not stated, or it explains them. Where no poses
+    were kept aside those of the fit tell.
+
+    Strategy: a test of effects does not need the level of the noise, and so it calls
+    whatever has no pattern noise. A stated level contradicts that: a probe of 4 um does
+    not miss by 12. What is beyond is noise that was stated too small or a fault that no
+    candidate describes, and neither is clean. Stated noise is often a guess and may be
+    1.4 times too small (a mean square of 2); three standard deviations of the mean
+    square must lie above that.
+    """
+    if campaign.encoder_rad is None or campaign.contact_mm is None:
+        return None
+    last = figures.without_blunders or figures
+    times, n = last.chi2, last.n
+    if n == 0:
+        times, n = choosing.sigma0**2, max(choosing.redundancy, 1)
+    surely = times * (1.0 - 3.0 * float(np.sqrt(2.0 / n)))
+    return times if surely > _SEVERAL_TIMES else None
+
+
 def is_worse(
     before_statistics: Floats, after_statistics: Floats, degrees: Floats
 ) -> bool:

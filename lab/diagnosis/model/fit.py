@@ -61,11 +61,13 @@ def fitted(
     before: Fit | None = None,
     *,
     snooping: bool = True,
+    staying: Booleans | None = None,
 ) -> Fit:
     """Fit an arm and all its effects to eligible poses, (n_poses,).
 
     Contradicting poses are left out when snooping; poses left out of an earlier fit,
-    whose noise and poses are begun with, are tried again. The noise that the campaign
+    whose noise and poses are begun with, are tried again; staying ones, (n_poses,),
+    are never left out. The noise that the campaign
     does not state is estimated.
 
     Raises:
@@ -83,6 +85,7 @@ def fitted(
     found = iterate(
         *(network, design, options, radius_mm),
         first=first,
+        staying=staying,
         most_iterations=_MOST_ITERATIONS,
     )
     adapted = arm_of_adjustment(arm, found.adjustment)

@@ -11,13 +11,14 @@ from traverse.kinematics.arm_file.arm import Arm, Effect
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.model.candidate import BankName, Candidate
 from traverse.lab.identification.solve.adjustment import Adjustment
+from traverse.lab.identification.solve.iterative_adjustment import IteratedAdjustment
 from traverse.lab.statistics.outlier_clusters import Cluster
 
 Status = Literal["named", "tentative", "unknown"]
 # A gap below that many standard deviations of S is none to speak of.
 _LEAST_GAP = 3.0
 
-Verdict = Literal["clean", "named", "tentative", "unknown"]
+Verdict = Literal["clean", "named", "tentative", "unexplained", "unknown"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +88,9 @@ class Term:
         cluster: The cluster of left-out poses, if it reports one.
         misfit: Poses kept aside that contradict the model, if it reports these.
         is_oversized: Whether no machine has as much of it: then it has another cause.
+        is_negative: Whether it is a compliance that yields against the weight: then it
+            is something else that follows the moment.
+        is_unhelpful: Whether poses kept aside are predicted better without it.
     """
 
     status: Status
@@ -102,6 +106,8 @@ class Term:
     cluster: Cluster | None = None
     misfit: HoldoutMisfit | None = None
     is_oversized: bool = False
+    is_negative: bool = False
+    is_unhelpful: bool = False
 
     @property
     def seen(self) -> tuple[float, float] | None:
@@ -235,7 +241,13 @@ class Diagnosis:
         all_terms: Fit with all terms, accepted or not.
         choosing: Poses that were used for choosing, (n_poses,).
         held_out: Poses kept aside, (n_poses,).
-        excluded: Poses that contradict all others, (n_poses,).
+        excluded: Poses that contradict all others and did not choose, (n_poses,).
+        left_out: Poses that the estimates of the written arm leave out, (n_poses,).
+        final: Fit to all poses, whose estimates are written.
+        exceeded: How many times the stated noise the poses kept aside are from the
+            model with all terms, as a mean square; None: not so many that it counts.
+        is_identified_anew: The arm without terms, as identified, predicts poses kept
+            aside better than with them, and is what is written.
         blunders: Poses kept aside that contradict their neighbours, (n_poses,).
         gap: On all poses kept aside, by the arm that is written.
         ledger: The same figures after every term, accepted or not.
@@ -257,6 +269,10 @@ class Diagnosis:
     choosing: Booleans
     held_out: Booleans
     excluded: Booleans
+    left_out: Booleans
+    final: IteratedAdjustment
+    exceeded: float | None
+    is_identified_anew: bool
     blunders: Booleans
     gap: HoldoutComparison
     ledger: tuple[Step, ...]
@@ -267,6 +283,11 @@ class Diagnosis:
     seed: int
     holdout_by: str
     seconds: Mapping[str, float]
+
+    @property
+    def left_out_only(self) -> Booleans:
+        """Poses that the last estimates leave out, though others chose, (n_poses,)."""
+        return self.left_out & ~self.excluded
 
     @property
     def turned(self) -> Booleans:

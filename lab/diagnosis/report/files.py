@@ -15,6 +15,7 @@ from traverse.kinematics.arm_file.arm import Identification as Provenance
 from traverse.lab.campaign.prior import family_json
 from traverse.lab.diagnosis.model.candidate import Candidate
 from traverse.lab.diagnosis.model.fit import has_epoch, terms_without_epoch
+from traverse.lab.diagnosis.model.outcome import outcome_of
 from traverse.lab.diagnosis.model.result import (
     Detectable,
     Diagnosis,
@@ -26,7 +27,19 @@ from traverse.lab.diagnosis.model.result import (
 from traverse.lab.diagnosis.report.discrepancies import write_discrepancies
 from traverse.lab.diagnosis.report.page import report_page
 from traverse.lab.diagnosis.report.pictures import plots_of
+from traverse.lab.identification.results.files import (
+    COVARIANCE_FILE,
+    write_covariance,
+)
+from traverse.lab.identification.results.postprocessing import (
+    cartesian_covariance,
+    global_test,
+    variance_factor,
+)
+from traverse.lab.identification.results.result import CartesianCovariance
 from traverse.lab.identification.results.undetermined import mass_distribution
+from traverse.lab.identification.solve.iterative_adjustment import IteratedAdjustment
+from traverse.lab.outcomes.base import outcome_json
 from traverse.lab.report.plain_values import picked, plain_values
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.strict_toml.arm_text import arm_text
@@ -56,7 +69,9 @@ def write_diagnosis(
     """
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
-    arm = arm_with_provenance(diagnosis, when)
+    cartesian = covariance_of(diagnosis.final)
+    digest = write_covariance(cartesian, target / COVARIANCE_FILE)
+    arm = arm_with_provenance(diagnosis, when, digest)
     write_adapted(target / "arm.toml", arm, Path(source))
     origin = provenance or diagnosis.campaign.provenance(when=when)
     values = diagnosis_json(diagnosis, origin)
@@ -87,6 +102,7 @@ def diagnosis_json(
         "schema": SCHEMA,
         "provenance": (provenance or diagnosis.campaign.provenance()).values,
         "verdict": diagnosis.verdict,
+        **outcome_json(outcome_of(diagnosis)),
         "visible": {"n": diagnosis.n_visible, "of": diagnosis.n_library},
         "terms": [
             _term(term, written=term.accepted and term not in unwritten)
@@ -97,13 +113,15 @@ def diagnosis_json(
             "after": diagnosis.after.sigma0,
         },
         "gap": _gap(diagnosis),
-        "excluded": [{"line": n} for n in sorted(lines[diagnosis.excluded].tolist())],
+        "excluded": _excluded(diagnosis),
         "orientations": {
             "excluded": [{"line": n} for n in lines[diagnosis.turned].tolist()]
         },
         "detectable": detectable_json(diagnosis.detectable),
         "ledger": [_ledger_line(step) for step in diagnosis.ledger],
         "vetoed": diagnosis.vetoed,
+        "times_stated_noise": diagnosis.exceeded,
+        "identified_anew": diagnosis.is_identified_anew,
         "leftovers": [
             {
                 "bank": left.bank.name.lower(),
@@ -157,6 +175,21 @@ def pose_parts(diagnosis: Diagnosis) -> tuple[str, ...]:
     return tuple(found.tolist())
 
 
+def _excluded(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """List the poses that took no part, in choosing or in the last estimates."""
+    lines, w = diagnosis.campaign.poses.lines, diagnosis.final.statistics.w
+    found = np.flatnonzero(diagnosis.excluded | diagnosis.left_out)
+    return [
+        {
+            "line": int(lines[at]),
+            "choosing": bool(diagnosis.excluded[at]),
+            "final": bool(diagnosis.left_out[at]),
+            "w": float(w[at]),
+        }
+        for at in found[np.argsort(lines[found])]
+    ]
+
+
 def _identity(candidate: Candidate) -> dict[str, Any]:
     return {
         **picked(candidate, "kind", "joint", "order"),
@@ -187,6 +220,8 @@ def _term(term: Term, *, written: bool) -> dict[str, Any]:
         "accepted": term.accepted,
         "in_arm_file": written,
         "oversized": term.is_oversized,
+        "negative": term.is_negative,
+        "helps": not term.is_unhelpful,
     }
     if term.seen is not None:
         values["seen"] = dict(zip(("low", "high"), term.seen, strict=True))
@@ -255,8 +290,23 @@ def _size(value: float | None, unit: str) -> dict[str, Any] | None:
     return None if value is None else {"value": value, "unit": unit}
 
 
-def arm_with_provenance(diagnosis: Diagnosis, when: datetime | None = None) -> Arm:
-    """Make the arm that is written."""
+def covariance_of(final: IteratedAdjustment) -> CartesianCovariance:
+    """Compute the covariance of what is estimated, as `traverse identify` does."""
+    adjustment = final.adjustment
+    test = global_test(
+        adjustment.sigma0,
+        adjustment.redundancy,
+        noise_estimated=final.noise_estimated,
+    )
+    inverse = adjustment.split.inverse
+    factor = variance_factor(adjustment.sigma0, test)
+    return cartesian_covariance(adjustment, factor * inverse @ inverse.T)
+
+
+def arm_with_provenance(
+    diagnosis: Diagnosis, when: datetime | None = None, covariance: str | None = None
+) -> Arm:
+    """Make the arm that is written, with the digest of its covariance."""
     arm, campaign = diagnosis.adapted, diagnosis.campaign
     effects = arm.effects
     if campaign.start_utc is None:
@@ -273,6 +323,8 @@ def arm_with_provenance(diagnosis: Diagnosis, when: datetime | None = None) -> A
         campaign_digest=campaign.digest or None,
         design_digest=arm_digest(diagnosis.arm),
         parameters=diagnosis.after.network.parameters.free_names,
+        covariance_file=None if covariance is None else COVARIANCE_FILE,
+        covariance_digest=covariance,
     )
     return arm.model_copy(update={"effects": effects, "identification": provenance})
 

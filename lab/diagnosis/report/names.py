@@ -46,13 +46,24 @@ def candidate_label(candidate: Candidate) -> str:
 
 
 def _curve(candidate: Candidate) -> str:
+    if candidate.artefact is not None and candidate.covariate == "time_s":
+        return f"{candidate.artefact} moves in the course of the campaign"
     if candidate.artefact is not None:
         return f"something about {candidate.artefact}"
     over = _covariate(candidate.covariate or "an unknown covariate")
     if candidate.joint is None:
         return f"something over {over} that moves the whole arm"
     moved = _MOVED.get(candidate.component or "angle", str(candidate.component))
+    if _may_be_base(candidate):
+        moved += ", or the base that it stands on"
     return f"something over {over} that changes joint {candidate.joint} ({moved})"
+
+
+def _may_be_base(candidate: Candidate) -> bool:
+    """Whether a curve tilts an axis by what has nothing to do with that joint."""
+    covariate = candidate.covariate or ""
+    other = "_approach" in covariate and covariate != f"{candidate.joint}_approach"
+    return candidate.component == "tilt" and (other or covariate == "force_n")
 
 
 def cluster_text(place: Cluster) -> str:
@@ -148,6 +159,10 @@ def term_size(
     unit = next(iter(sizes.values())).unit
     values = np.concatenate([np.ravel(e.value) for e in sizes.values()]).astype(float)
     stds = np.concatenate([np.ravel(e.std) for e in sizes.values()]).astype(float)
+    if any(isinstance(e.value, tuple) and "." in key for key, e in sizes.items()):
+        # Curves of several directions.
+        ranges = [np.ptp(e.value) for e in sizes.values()]
+        return float(np.linalg.norm(ranges)), float(np.sqrt(np.mean(stds**2))), unit
     if "values_rad" in sizes:
         return float(np.ptp(values)), float(np.sqrt(np.mean(stds**2))), unit
     if len(values) == 1:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from traverse.lab.diagnosis.model.fit import terms_without_epoch
+from traverse.lab.diagnosis.model.outcome import outcome_of
 from traverse.lab.diagnosis.model.result import Diagnosis, Estimate
 from traverse.lab.diagnosis.report.names import (
     candidate_label,
@@ -51,6 +52,7 @@ _FILTERS: Filters = {
     "terms_without_epoch": terms_without_epoch,
     "mass_distribution": mass_distribution,
     "n_judged": _n_judged,
+    "outcome": outcome_of,
     "estimate_rows": _estimate_rows,
 }
 WORDS = Words("diagnosis/report/words.jinja", **_FILTERS)
@@ -76,5 +78,7 @@ def report_page(
         step_names=step_names(diagnosis),
         joint_names=joint_names,
         joint_rows=joint_rows(diagnosis.detectable, joint_names),
-        excluded=np.flatnonzero(diagnosis.excluded | diagnosis.blunders).tolist(),
+        excluded=np.flatnonzero(
+            diagnosis.excluded | diagnosis.left_out | diagnosis.blunders
+        ).tolist(),
     )

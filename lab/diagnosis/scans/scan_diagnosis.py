@@ -14,7 +14,7 @@ import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.diagnosis.diagnose import diagnose, verdict_of
+from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.holdout.comparison import compare_on_holdout
 from traverse.lab.diagnosis.model.candidate import effect_of_candidate
 from traverse.lab.diagnosis.model.fit import estimates_of
@@ -37,6 +37,7 @@ from traverse.lab.diagnosis.scans.harmonics import (
     stream_harmonics,
 )
 from traverse.lab.diagnosis.search.forward_search import Progress, no_progress
+from traverse.lab.diagnosis.terms import verdict_of
 from traverse.lab.report.plain_values import picked
 
 # Of the probability of a false alarm: what the harmonics of all samples get.
@@ -142,7 +143,9 @@ def _together(
     added_names = ", ".join(term.candidate.name for term in terms)
     return replace(
         found,
-        verdict=verdict_of((*terms, *found.terms), blind=False),
+        verdict=verdict_of(
+            (*terms, *found.terms), blind=False, exceeded=found.exceeded
+        ),
         terms=(*terms, *found.terms),
         arm=first.arm,
         before=first.before,

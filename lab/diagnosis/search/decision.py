@@ -7,7 +7,7 @@ import numpy as np
 
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Arm
-from traverse.kinematics.effect_table import EFFECT_KINDS
+from traverse.kinematics.effect_table import EFFECT_KINDS, Family
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.candidates.candidate_scores import (
     CandidateScores,
@@ -28,6 +28,7 @@ from traverse.lab.diagnosis.model.fit import (
     rows_without,
 )
 from traverse.lab.diagnosis.model.observation_equations import (
+    ObservationEquations,
     SerialCorrelation,
     is_serially_correlated,
     serial_correlation,
@@ -79,6 +80,8 @@ class NamedTerm:
         alternatives: What else it may be, the best first.
         best: The best name of all, which may be another.
         is_oversized: Whether no machine has as much of it.
+        is_negative: Whether it is a compliance that yields against the weight: then
+            something follows the moment of weight, and nothing yields.
     """
 
     added: AddedTerm
@@ -88,6 +91,7 @@ class NamedTerm:
     alternatives: tuple[Alternative, ...]
     best: ScoredCandidate
     is_oversized: bool = False
+    is_negative: bool = False
 
 
 def name_terms(search: SearchState) -> tuple[NamedTerm, ...]:
@@ -111,13 +115,14 @@ def _naming(search: SearchState, added: AddedTerm) -> NamedTerm:
     harmonic = _with_overtones(search, own.candidate)
     status: Status = "named"
     oversized = _is_oversized(search, added)
-    if harmonic is not None or oversized:
+    negative = _is_negative(search, added)
+    if harmonic is not None or oversized or negative:
         status = "unknown"
     elif _is_doubtful(search, own, names, curves):
         status = "tentative"
     shown = names + [one for one in curves[:1] if one.score > own.score - _SET]
     rivals = _rivals(own, shown, max(best.score, own.score))
-    return NamedTerm(added, own, status, harmonic, rivals, best, oversized)
+    return NamedTerm(added, own, status, harmonic, rivals, best, oversized, negative)
 
 
 def _is_oversized(search: SearchState, added: AddedTerm) -> bool:
@@ -128,6 +133,14 @@ def _is_oversized(search: SearchState, added: AddedTerm) -> bool:
         for key, most in _NO_MACHINE.items()
         if key in estimates
     )
+
+
+def _is_negative(search: SearchState, added: AddedTerm) -> bool:
+    """Return whether a compliance as fitted yields against the weight."""
+    if EFFECT_KINDS[added.candidate.kind].family is not Family.GRAVITY:
+        return False
+    estimates = estimates_of(search.stage.rows, added.index)
+    return bool(np.min(estimates["compliance_rad_nm"].value) < 0.0)
 
 
 def own_choice(
@@ -206,7 +219,7 @@ def _is_doubtful(
         if is_curve and EFFECT_KINDS[own.candidate.kind].turns_with_joint:
             return True
         if other.identity != own.candidate.identity and fit_any_curve_together(
-            own.candidate, other
+            search.stage.rows, own.candidate, other
         ):
             return True
     near = [one for one in (*names, *curves[:1]) if one.score > own.score - DECIDED]
@@ -273,10 +286,17 @@ _MOST_REVISIONS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decision:
-    """Outcome of a decision."""
+    """Outcome of a decision.
+
+    Attributes:
+        start: Fit without terms to the eligible poses, as an identification.
+        stuck_rivals: What else the stuck curve of the search may be.
+    """
 
     search: SearchState
     names: tuple[NamedTerm, ...]
+    start: Fit
+    stuck_rivals: tuple[Alternative, ...] = ()
 
 
 def decide(
@@ -302,12 +322,11 @@ def decide(
     search, names = _revised(
         forward_search(start, eligible, options, None, progress), eligible
     )
-    rows = search.stage.rows
+    rows = search.unexplained
     if is_serially_correlated(
         rows, noise_draws(rows, options.n_draws, options.seed), _SERIAL_LEVEL
     ):
-        # Before terms took their part of it: drifts would pass for terms else.
-        serial = serial_correlation(search.first.rows)
+        serial = serial_correlation(_rows_of_noise(campaign, search))
         search, names = _revised(
             forward_search(start, eligible, options, serial, progress), eligible
         )
@@ -315,7 +334,37 @@ def decide(
     if np.any(turned):
         remaining = without_orientations(campaign, turned)
         return decide(remaining, arm, eligible, options, progress)
-    return Decision(search, names)
+    return Decision(search, names, start, _stuck_rivals(search))
+
+
+def _stuck_rivals(search: SearchState) -> tuple[Alternative, ...]:
+    """List what else a curve may be that has no form in an arm file."""
+    if search.stuck is None:
+        return ()
+    choices = ranked(search.stage, tuple(BankName), search.joints_with_own_curve)
+    return _rivals(search.stuck, choices, search.stuck.score)
+
+
+# Standard deviations of a mean square of white noise: more is more than was stated.
+_BEYOND_STATED = 4.0
+
+
+def _rows_of_noise(campaign: Campaign, search: SearchState) -> ObservationEquations:
+    """Choose the rows whose residuals are noise, with or without what was found.
+
+    Strategy: a drift and noise that is correlated from pose to pose look alike, and a
+    search that takes noise for white finds drifts in it. So the noise is by default
+    what is left before any term took its part. But stated noise says how much there can
+    be of it: where residuals exceed that, the excess is a drift, a temperature or a
+    force, and to count it as noise would hide it. Then noise is what is left beside the
+    terms.
+    """
+    first = search.first.rows
+    if campaign.encoder_rad is None or campaign.contact_mm is None:
+        return first
+    mean_square = first.sum_of_squares / max(first.redundancy, 1)
+    scatter = np.sqrt(2.0 / max(first.redundancy, 1))
+    return first if mean_square < 1.0 + _BEYOND_STATED * scatter else search.unexplained
 
 
 def _check(campaign: Campaign, start: Fit) -> None:

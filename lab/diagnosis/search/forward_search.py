@@ -15,6 +15,10 @@ import numpy as np
 from traverse.arrays import Booleans, Floats
 from traverse.kinematics.arm_file.arm import Effect
 from traverse.kinematics.effect_table import EFFECT_KINDS
+from traverse.kinematics.effects.readings.harmonics import (
+    EncoderEccentricity,
+    EncoderHarmonic,
+)
 from traverse.lab.diagnosis.candidates.candidate_scores import (
     CandidateScores,
     score_banks,
@@ -168,6 +172,11 @@ def select_next(
     if named and named[0].score >= needed:
         return named[0]
     for first in named[:_N_PAIRED]:
+        # Strategy: a ring that is both off its centre and tilted errs once and twice a
+        # turn, as any ring does a little. Two waves imitate many curves where a joint
+        # turns little, so that both need to explain as much as the curve does, over
+        # most of a turn.
+        pair_needs = {False: needed, True: curves[0].score}
         basis = np.hstack([stage.rows.basis, first.found.directions])
         rest = score_banks(
             replace(stage.rows, basis=basis),
@@ -175,8 +184,11 @@ def select_next(
         )
         seconds = ranked(rest, (BankName.LIBRARY,), joints_with_own_curve)[:1]
         if any(
-            first.score + max(second.score, 0.0) >= needed
-            and not fit_any_curve_together(first.candidate, second.candidate)
+            first.score + max(second.score, 0.0)
+            >= pair_needs[is_mounting(stage.rows, first.candidate, second.candidate)]
+            and not fit_any_curve_together(
+                stage.rows, first.candidate, second.candidate
+            )
             for second in seconds
         ):
             return first
@@ -186,13 +198,39 @@ def select_next(
     return curves[0]
 
 
-def fit_any_curve_together(first: Candidate, second: Candidate) -> bool:
-    """Say whether two effects go round with one joint: together they fit any curve."""
+def fit_any_curve_together(
+    rows: ObservationEquations, first: Candidate, second: Candidate
+) -> bool:
+    """Say whether two effects go round with one joint: together they fit any curve.
+
+    But for the two of an encoder's ring where most of a turn is seen.
+    """
     return (
         first.joint == second.joint
         and EFFECT_KINDS[first.kind].turns_with_joint
         and EFFECT_KINDS[second.kind].turns_with_joint
+        and not is_mounting(rows, first, second)
     )
+
+
+_OF_A_RING = {(EncoderEccentricity.kind, None), (EncoderHarmonic.kind, 2)}
+_MOST_OF_A_TURN_RAD = np.radians(270.0)
+
+
+def is_mounting(
+    rows: ObservationEquations, first: Candidate, second: Candidate
+) -> bool:
+    """Say whether two effects are those of one ring, eccentric and tilted.
+
+    Only where the joint was seen over most of a turn: else they are any curve.
+    """
+    if first.joint is None or first.joint != second.joint:
+        return False
+    if {(one.kind, one.order) for one in (first, second)} != _OF_A_RING:
+        return False
+    at = rows.adjustment.network.campaign.joint_names.index(first.joint)
+    travel_rad = float(np.ptp(rows.block.angles_rad[rows.used_poses, at]))
+    return bool(travel_rad > _MOST_OF_A_TURN_RAD)
 
 
 def _choices(
@@ -255,6 +293,14 @@ class SearchState:
     def joints_with_own_curve(self) -> frozenset[str]:
         """Joints whose own angle has an empirical curve."""
         return joints_with_curve(self.terms)
+
+    @property
+    def unexplained(self) -> ObservationEquations:
+        """The rows of the fit, free also of what the stuck curve explains."""
+        rows = self.stage.rows
+        if self.stuck is None:
+            return rows
+        return replace(rows, basis=np.hstack([rows.basis, self.stuck.found.directions]))
 
     @property
     def is_finished(self) -> bool:

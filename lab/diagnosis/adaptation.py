@@ -1,0 +1,218 @@
+"""What enters the arm file: terms that prove themselves, estimated from all poses."""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from traverse.arrays import Booleans
+from traverse.kinematics.arm_file.arm import Effect
+from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.diagnosis.holdout.comparison import is_better
+from traverse.lab.diagnosis.model.fit import Fit, fitted, has_epoch
+from traverse.lab.diagnosis.model.observation_equations import (
+    ObservationEquations,
+    equations_of,
+    without_serial_noise,
+)
+from traverse.lab.diagnosis.model.result import DiagnosisOptions, HoldoutComparison
+from traverse.lab.diagnosis.search.decision import Decision, NamedTerm
+from traverse.lab.diagnosis.search.forward_search import SearchState, refitted
+from traverse.lab.identification.solve.contradictions import with_clusters_back
+from traverse.lab.identification.solve.iterative_adjustment import IteratedAdjustment
+
+# Compares a fit with the one without terms, on the poses kept aside.
+Compared = Callable[[Fit], HoldoutComparison]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Adaptation:
+    """The arm that is written, and what it is made of.
+
+    Attributes:
+        accepted: Indices of the terms that enter it.
+        written: Fit to the choosing poses, with the terms that the file can hold.
+        unhelpful: Indices of terms that would have entered, but without which poses
+            kept aside are predicted better.
+        vetoed: Whether these predict significantly worse with all terms.
+        is_identified_anew: Whether the arm identified without terms predicts better
+            than the one with them, and is written in its place.
+        gap: On the poses kept aside, by the arm that is written.
+    """
+
+    accepted: frozenset[int]
+    written: Fit
+    unhelpful: frozenset[int]
+    vetoed: bool
+    is_identified_anew: bool
+    gap: HoldoutComparison
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FinalEstimates:
+    """Estimates from all poses.
+
+    Attributes:
+        adapted: Of the arm that is written.
+        whole: With all terms, accepted or not.
+        rows: Of the latter.
+    """
+
+    adapted: Fit
+    whole: Fit
+    rows: ObservationEquations
+
+
+def adaptation(
+    decision: Decision,
+    fits: tuple[Fit, ...],
+    compared: Compared,
+    held_out: Booleans,
+    options: DiagnosisOptions,
+) -> Adaptation:
+    """Choose the terms that enter the arm file.
+
+    The fits are those of the ledger: the first without terms, the last with all.
+
+    Strategy: significance among the poses that chose a term says that something is
+    there, not that its name or curve goes on where nothing was measured. Each term has
+    to lower the misfit of poses that took no part, beside the others; of those that do
+    not the worst leaves first. At last the arm is compared with what an identification
+    would give from the same poses, which leaves others out.
+    """
+    search = decision.search
+    campaign = search.fit.adjustment.network.campaign
+    effects = search.fit.arm.effects
+    candidates = accepted_by_name(decision.names, options)
+    # An arm file holds no effect whose epoch is not known.
+    writable = {at for at in candidates if has_epoch(effects[at], campaign)}
+    vetoed = len(fits) > 1 and compared(fits[-1]).is_worse
+    unhelpful: set[int] = set()
+    if vetoed:
+        writable, unhelpful = set(), writable
+    written, gap = _with_terms(search, fits, compared, writable)
+    while writable and np.any(held_out):
+        trials = [
+            (at, *_with_terms(search, fits, compared, writable - {at}))
+            for at in sorted(writable)
+        ]
+        worst, fit, without = min(trials, key=lambda trial: _misfit(trial[2]))
+        if _misfit(gap) < _misfit(without):
+            break
+        unhelpful.add(worst)
+        writable.remove(worst)
+        written, gap = fit, without
+    reference = as_identified(decision.start, ~held_out)
+    identified = compared(reference)
+    is_identified_anew = is_better(identified.after, gap.after)
+    if is_identified_anew:
+        unhelpful |= writable
+        writable, written, gap = set(), reference, identified
+    return Adaptation(
+        accepted=frozenset(candidates - unhelpful),
+        written=written,
+        unhelpful=frozenset(unhelpful),
+        vetoed=vetoed,
+        is_identified_anew=is_identified_anew and bool(search.terms),
+        gap=gap,
+    )
+
+
+def _misfit(comparison: HoldoutComparison) -> float:
+    last = comparison.after.without_blunders or comparison.after
+    return last.chi2
+
+
+def _with_terms(
+    search: SearchState,
+    fits: tuple[Fit, ...],
+    compared: Compared,
+    wanted: Collection[int],
+) -> tuple[Fit, HoldoutComparison]:
+    """Fit some of the terms to the choosing poses, and judge it."""
+    if not wanted:
+        fit = fits[0]
+    elif len(wanted) == len(search.terms):
+        fit = search.fit
+    else:
+        kept = kept_effects(search, wanted)
+        fit = refitted(search.fit, kept, search.fit.included, snooping=False)
+    return fit, compared(fit)
+
+
+def as_identified(fit: Fit, eligible: Booleans) -> Fit:
+    """Take poses back that an identification would, since they lie together.
+
+    Of the eligible ones, (n_poses,), to which the fit was made.
+    """
+    if np.all(fit.included | ~eligible):
+        return fit
+    campaign = fit.adjustment.network.campaign
+    inside = np.flatnonzero(eligible)
+    last = fit
+
+    def part_of(whole: Fit) -> Fit:
+        found = whole.statistics
+        arrays = {
+            field.name: getattr(found, field.name)[inside]
+            for field in fields(found)
+            if field.name != "variances"
+        }
+        return replace(
+            whole,
+            included=whole.included[inside],
+            statistics=replace(found, **arrays),
+        )
+
+    def again(_: Campaign, __: None, staying: Booleans) -> IteratedAdjustment:
+        nonlocal last
+        stays = np.zeros_like(eligible)
+        stays[inside[staying]] = True
+        last = fitted(campaign, last.arm, eligible, last, staying=stays)
+        return part_of(last)
+
+    with_clusters_back(campaign.part(eligible), part_of(fit), again)
+    return last
+
+
+def accepted_by_name(
+    names: tuple[NamedTerm, ...], options: DiagnosisOptions
+) -> set[int]:
+    """List the terms that may enter the adapted arm, by what they are."""
+    return {
+        naming.added.index
+        for naming in names
+        if naming.harmonic is None
+        and not naming.is_oversized
+        and not naming.is_negative
+        and (naming.status != "tentative" or options.accept_tentative)
+    }
+
+
+def final_estimates(
+    campaign: Campaign,
+    search: SearchState,
+    accepted: Collection[int],
+    options: DiagnosisOptions,
+) -> FinalEstimates:
+    """Estimate everything again from all poses, with the accepted terms."""
+    if not options.details:
+        return FinalEstimates(search.fit, search.fit, search.stage.rows)
+    everyone = np.ones(len(campaign.poses), dtype=np.bool_)
+    again = refitted(search.fit, search.fit.arm.effects, everyone)
+    whole = as_identified(again, everyone)
+    rows = equations_of(whole.adjustment)
+    if search.serial is not None:
+        rows = without_serial_noise(rows, search.serial)
+    adapted = whole
+    if len(accepted) < len(search.terms):
+        kept = kept_effects(search, accepted)
+        adapted = as_identified(refitted(search.fit, kept, everyone), everyone)
+    return FinalEstimates(adapted, whole, rows)
+
+
+def kept_effects(search: SearchState, accepted: Collection[int]) -> tuple[Effect, ...]:
+    """List the effects that the arm had, and the accepted ones."""
+    rejected = {term.index for term in search.terms} - set(accepted)
+    effects = search.fit.arm.effects
+    return tuple(e for index, e in enumerate(effects) if index not in rejected)

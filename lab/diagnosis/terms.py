@@ -1,0 +1,177 @@
+"""What was found, told term by term, and the verdict of the whole."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from traverse.arrays import Booleans
+from traverse.kinematics.arm_file.arm import Arm
+from traverse.kinematics.effects.readings.empirical import Empirical
+from traverse.lab.diagnosis.adaptation import Adaptation
+from traverse.lab.diagnosis.advice.experiments import separate_by
+from traverse.lab.diagnosis.model.candidate import BankName, Candidate
+from traverse.lab.diagnosis.model.covariates import outlier_cluster
+from traverse.lab.diagnosis.model.fit import estimates_of
+from traverse.lab.diagnosis.model.observation_equations import ObservationEquations
+from traverse.lab.diagnosis.model.result import (
+    DiagnosisOptions,
+    Estimate,
+    HoldoutMisfit,
+    Status,
+    Term,
+    Verdict,
+)
+from traverse.lab.diagnosis.search.decision import Decision, NamedTerm
+from traverse.lab.diagnosis.search.forward_search import DECIDED, ScoredCandidate
+from traverse.lab.statistics.outlier_clusters import ARTEFACT
+
+_LOG_10 = float(np.log(10.0))
+# The weakest first.
+_STATUSES: tuple[Verdict, ...] = ("unknown", "unexplained", "tentative", "named")
+
+
+def terms_of(
+    decision: Decision,
+    arm: Arm,
+    rows: ObservationEquations,
+    options: DiagnosisOptions,
+    *,
+    adaptation: Adaptation,
+    choosing: Booleans,
+    misfit: HoldoutMisfit | None,
+) -> tuple[Term, ...]:
+    """Tell of everything that was found, in the order of finding.
+
+    Arm and rows are of a fit with all terms; its estimates are those of the terms.
+    """
+    search = decision.search
+    terms = []
+    for naming in decision.names:
+        index = naming.added.index
+        terms.append(
+            Term(
+                status=naming.status,
+                candidate=_shown(naming),
+                effect=arm.effects[index],
+                estimates=estimates_of(rows, index),
+                log_bayes_factor=naming.own.evidence,
+                log10_p=naming.own.log_p / _LOG_10,
+                harmonic=naming.harmonic,
+                alternatives=naming.alternatives,
+                separate_by=separate_by(naming, search.stage.rows, search.fit.arm)
+                if options.details
+                else "",
+                accepted=index in adaptation.accepted,
+                is_oversized=naming.is_oversized,
+                is_negative=naming.is_negative,
+                is_unhelpful=index in adaptation.unhelpful,
+            )
+        )
+    if search.stuck is not None:
+        terms.append(_stuck_term(search.stuck, decision))
+    place = outlier_cluster(
+        search.stage.rows,
+        choosing,
+        search.fit.included,
+        options.n_draws,
+        options.seed,
+    )
+    known = [(term.candidate.joint, term.candidate.covariate) for term in terms]
+    if place is not None and (place.joint, place.covariate) not in known:
+        at = _at_place(place.log_p, place.covariate, place.artefact, place.joint)
+        terms.append(replace(at, cluster=place))
+    elif misfit is not None and search.stuck is None:
+        at = _at_place(misfit.log_p, ARTEFACT, misfit.artefact)
+        terms.append(replace(at, misfit=misfit))
+    return tuple(terms)
+
+
+def _stuck_term(stuck: ScoredCandidate, decision: Decision) -> Term:
+    """Report a curve that tilts or shifts: it cannot be added.
+
+    That an artefact moves is a name; nothing of it belongs into an arm.
+    """
+    status: Status = "unknown"
+    if stuck.candidate.artefact is not None:
+        near = [
+            rival
+            for rival in decision.stuck_rivals
+            if rival.log_bayes_factor > stuck.evidence - DECIDED and not rival.alias
+        ]
+        status = "tentative" if near else "named"
+    return Term(
+        status=status,
+        candidate=stuck.candidate,
+        estimates=_stuck_estimates(stuck),
+        log_bayes_factor=stuck.evidence,
+        log10_p=stuck.log_p / _LOG_10,
+        alternatives=decision.stuck_rivals,
+    )
+
+
+def _stuck_estimates(stuck: ScoredCandidate) -> dict[str, Estimate]:
+    """Estimate the curves along each direction, `shift_mm.x` and so on."""
+    values, cofactors = stuck.found.amplitudes(stuck.residuals)
+    stds = np.sqrt(np.diag(cofactors))
+    names = [name.rpartition(".")[0] for name in stuck.candidate.parameters]
+    found = {}
+    for name in dict.fromkeys(names):
+        at = [n for n, other in enumerate(names) if other == name]
+        unit = "mm" if name.startswith("shift") else "rad"
+        found[name] = Estimate(tuple(values[at]), tuple(stds[at]), unit)
+    return found
+
+
+def _at_place(
+    log_p: float, covariate: str, artefact: str | None, joint: str | None = None
+) -> Term:
+    """Report something unknown by its place, with the evidence of a p-value."""
+    return Term(
+        status="unknown",
+        candidate=Candidate(
+            bank=BankName.GENERIC,
+            kind=Empirical.kind,
+            joint=joint,
+            covariate=covariate,
+            artefact=artefact,
+        ),
+        log_bayes_factor=bayes_factor_bound(log_p),
+        log10_p=log_p / _LOG_10,
+    )
+
+
+def bayes_factor_bound(log_p: float) -> float:
+    """Compute the log of the largest evidence of a p-value, -1 / (e p log p).
+
+    After Sellke, Bayarri and Berger (2001); none for p above 1/e.
+    """
+    return -1.0 - log_p - float(np.log(-log_p)) if log_p < -1.0 else 0.0
+
+
+def _shown(naming: NamedTerm) -> Candidate:
+    """Return the kind reported for a term: a harmonic with overtones is a curve."""
+    candidate = naming.added.candidate
+    if naming.harmonic is None:
+        return candidate
+    return replace(
+        candidate,
+        kind=Empirical.kind,
+        order=None,
+        component="angle",
+        covariate=f"{candidate.joint}_rad",
+    )
+
+
+def verdict_of(
+    terms: tuple[Term, ...], *, blind: bool, exceeded: float | None
+) -> Verdict:
+    """Return the verdict of the whole: that of its weakest term.
+
+    Without terms it depends on whether the poses could show anything (not blind). What
+    exceeds the stated noise several times is not explained by any name.
+    """
+    statuses: set[Verdict] = {term.status for term in terms}
+    if exceeded is not None:
+        statuses.add("unexplained")
+    nothing: Verdict = "unknown" if blind else "clean"
+    return next((one for one in _STATUSES if one in statuses), nothing)
