@@ -17,6 +17,7 @@ from traverse.cli.common.options import HoldoutBy, Json, Operator
 from traverse.cli.common.refusals import (
     FAILED,
     check_results,
+    end_by_state,
     print_report,
     refusals,
     refuse,
@@ -47,9 +48,10 @@ def diagnose(
 ) -> None:
     """Find what the model of an arm lacks, and add it.
 
-    Writes arm.toml with the effects that were found, diagnosis.json,
-    discrepancies.csv, report.html and its pictures. Exit status 1: --strict and
-    something is missing, or the adjustment broke down.
+    Writes arm.toml with the effects that were found, its covariance, diagnosis.json,
+    discrepancies.csv, report.html and its pictures. Exit status 1: the state of the
+    result is bad, or --strict and something is missing, or the adjustment broke
+    down; 4: --strict and the result is in doubt.
 
     Args:
         arm: Arm file: the design, or an identified arm.
@@ -58,7 +60,7 @@ def diagnose(
         accept: Write the adapted arm to ARM itself, too.
         accept_tentative: Tentative terms enter the adapted arm too.
         max_terms: Terms to add at most.
-        strict: Exit status 1 if anything is missing.
+        strict: Exit status 1 if anything is missing, 4 if the result is in doubt.
         plan: Only print which effects this campaign could detect, and from which size
             on.
     """
@@ -93,9 +95,11 @@ def diagnose(
         result = found[0]
         provenance = result.campaign.provenance(operator)
         lines = runs.write_diagnosed(found, arm, out, provenance, accept=accept)
+    from traverse.lab.diagnosis.model.outcome import outcome_of
     from traverse.lab.diagnosis.report.files import diagnosis_json
 
     print_report(diagnosis_json(result, provenance), lines, as_json=as_json)
+    end_by_state(outcome_of(result).state.value, strict=strict)
     if strict and result.verdict != "clean":
         raise typer.Exit(FAILED)
 

@@ -135,10 +135,19 @@ def _helps(diagnosis: Diagnosis) -> Finding:
 
 
 def _written(diagnosis: Diagnosis) -> Finding:
-    unwritten = [
+    named = [
         term for term in diagnosis.terms if term.status == "named" and not term.accepted
     ]
+    of_artefacts = [term for term in named if term.candidate.artefact is not None]
+    unwritten = [term for term in named if term not in of_artefacts]
     found = [
+        Shortfall(
+            f"The artefact {term.candidate.artefact} is at fault, not the arm.",
+            "Fasten it or state it rightly, and measure again.",
+        )
+        for term in of_artefacts
+    ]
+    found += [
         Shortfall(
             f"{term.candidate.name} is not in the adapted arm"
             + (

@@ -32,7 +32,9 @@ JOINTS = [f"J{k}" for k in range(1, 8)]
 
 def test_curves_cover_all_covariates():
     bank = generic_bank(measured_rows())
-    found = {(c.joint, c.component, c.covariate) for c in bank.candidates}
+    of_arm = [one for one in bank.candidates if one.artefact is None]
+    creeping = [one for one in bank.candidates if one.artefact is not None]
+    found = {(c.joint, c.component, c.covariate) for c in of_arm}
     angles = {
         (joint, "angle", covariate)
         for joint in JOINTS
@@ -51,7 +53,13 @@ def test_curves_cover_all_covariates():
         for component in ("tilt", "shift")
         for covariate in (f"{joint}_rad", "time_s", "temperature_c")
     }
-    base = {(None, "shift", "time_s"), (None, "shift", "temperature_c")}
+    approaches = [f"{joint}_approach" for joint in JOINTS]
+    held = ["force_n", *approaches]
+    base = {
+        *((None, "shift", covariate) for covariate in ("time_s", "temperature_c")),
+        *((None, "shift", covariate) for covariate in held),
+        *(("J1", "tilt", covariate) for covariate in held),
+    }
     assert found == angles | moves | base
     fine = [
         one
@@ -59,14 +67,18 @@ def test_curves_cover_all_covariates():
         if one.component == "angle" and one.size == N_FINE_KNOTS
     ]
     # The plain ones and, over the joint's own reading, the fine ones.
-    assert len(bank.candidates) == len(found) + len(JOINTS)
+    assert len(of_arm) == len(found) + len(JOINTS)
+    assert [one.artefact for one in creeping] == [
+        artefact.id for artefact in measured().campaign.artefacts
+    ]
     assert {(one.joint, one.covariate) for one in fine} == {
         (joint, f"{joint}_rad") for joint in JOINTS
     }
     sizes = {"angle": 1, "tilt": 2, "shift": 3}
-    for candidate in bank.candidates:
+    for candidate in of_arm:
         if candidate not in fine:
-            assert candidate.size == N_KNOTS * sizes[str(candidate.component)]
+            n_knots = 2 if candidate.covariate in approaches else N_KNOTS
+            assert candidate.size == n_knots * sizes[str(candidate.component)]
     assert bank.columns.shape[1] == sum(c.size for c in bank.candidates)
     assert np.isfinite(bank.columns).all()
 

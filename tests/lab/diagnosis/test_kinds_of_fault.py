@@ -1,0 +1,132 @@
+"""Faults that once passed for clean, for noise or for another effect."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.lab.diagnosis.diagnosed import DECISION, ECCENTRIC
+from tests.lab.diagnosis.fitted_rows import Measurement, measured
+from tests.lab.simulated import Noise, arm_value, disturbed, seven_joints, simulate
+from traverse.kinematics.arm_file.arm import effect_from_table
+from traverse.kinematics.model.derivatives import probe_derivatives
+from traverse.lab.diagnosis.diagnose import diagnose
+from traverse.lab.diagnosis.model.outcome import outcome_of
+from traverse.lab.outcomes.base import State
+
+COARSE = Noise(encoder_rad=5e-4, contact_mm=0.03)
+GAUGES = [
+    {
+        "id": f"gauge-{number}",
+        "kind": "seats",
+        "distance_mm": 50.0,
+        "distance_std_mm": 0.05,
+    }
+    for number in (1, 2, 3, 4)
+]
+
+
+def moved(found: Measurement, moves_mm) -> Measurement:
+    """What the ball touches lies elsewhere by that, (n_poses, 3): other readings."""
+    angles_rad = found.campaign.poses.angles_rad
+    slopes = probe_derivatives(found.truth.geometry(), angles_rad).by_angles
+    steps = np.linalg.pinv(slopes) @ moves_mm[:, :, np.newaxis]
+    return found.with_poses(angles_rad=angles_rad + steps[:, :, 0])
+
+
+def decided(found: Measurement):
+    return diagnose(found.campaign, found.arm, DECISION)
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_an_eccentricity_of_a_coarse_encoder_is_no_torsion(seed):
+    """With priors of fine encoders a torsion of odd moments explained it at less."""
+    truth = disturbed(seven_joints(), seed)
+    campaign = simulate(truth, GAUGES, 50, seed, noise=COARSE)
+    table = ECCENTRIC | {"joint": "J2", "cos_rad": 0.008, "sin_rad": -0.005}
+    found = Measurement(arm_value(seven_joints()), truth, campaign)
+    found = decided(found.with_effect(effect_from_table(table)))
+    named = [term for term in found.terms if term.status == "named"]
+    assert found.terms
+    assert {(t.candidate.kind, t.candidate.joint) for t in named} <= {
+        ("encoder_eccentricity", "J2")
+    }
+    first = found.terms[0]
+    names = [first.candidate, *(rival.candidate for rival in first.alternatives)]
+    assert ("encoder_eccentricity", "J2") in [(c.kind, c.joint) for c in names]
+
+
+def test_a_base_that_rocks_with_the_approach_is_told_as_that():
+    start = measured()
+    centres_mm = start.truth.centres(start.campaign.poses.angles_rad)
+    approaches = start.campaign.poses.approaches[:, [1]]
+    tilts_rad = 8e-5 * approaches * np.array([1.0, 0.4, 0.0])
+    found = decided(moved(start, np.cross(tilts_rad, centres_mm)))
+    (term,) = found.terms
+    assert found.verdict == "unknown"
+    assert term.candidate.covariate == "J2_approach"
+    assert (term.candidate.joint, term.candidate.component) == ("J1", "tilt")
+    assert outcome_of(found).state is State.BAD
+
+
+def test_an_artefact_that_creeps_is_named():
+    start = measured()
+    poses = start.campaign.poses
+    ids = [artefact.id for artefact in start.campaign.artefacts]
+    is_there = poses.artefacts == ids.index("cone-2")
+    share = poses.time_s / poses.time_s.max()
+    moves_mm = 0.035 * np.outer(share * is_there, [0.6, -0.8, 0.0])
+    found = decided(moved(start, moves_mm))
+    (term,) = found.terms
+    assert (term.status, term.candidate.artefact) == ("named", "cone-2")
+    assert found.noise.serial_share == 0.0
+    assert found.adapted.effects == ()
+    assert outcome_of(found).codes == ("written",)
+
+
+def test_noise_that_is_exceeded_without_a_pattern_is_not_clean():
+    start = measured()
+    rng = np.random.default_rng(5)
+    angles_rad = start.campaign.poses.angles_rad
+    noise_rad = rng.normal(size=angles_rad.shape) * 2e-5
+    found = decided(start.with_poses(angles_rad=angles_rad + noise_rad))
+    assert found.terms == ()
+    assert found.verdict == "unexplained"
+    assert found.exceeded > 4.0
+    outcome = outcome_of(found)
+    assert outcome.state is State.BAD
+    (reason,) = [one for one in outcome.reasons if one.code == "within_noise"]
+    assert reason.values["times_stated"] == pytest.approx(found.gap.after.chi2)
+    # Nobody knows where none is stated.
+    campaign = replace(found.campaign, encoder_rad=None, contact_mm=None)
+    assert diagnose(campaign, start.arm, DECISION).verdict == "clean"
+
+
+def test_an_eccentric_and_tilted_ring_is_named_by_both():
+    travel_rad = np.ptp(measured().campaign.poses.angles_rad[:, 2])
+    assert travel_rad > np.radians(270.0)
+    twice = {
+        "kind": "encoder_harmonic",
+        "order": 2,
+        "joint": "J3",
+        "cos_rad": 2.2e-5,
+        "sin_rad": 1.8e-5,
+    }
+    ring = measured()
+    for table in (ECCENTRIC, twice):
+        ring = ring.with_effect(effect_from_table(table))
+    found = decided(ring)
+    assert [(t.status, t.candidate.kind, t.candidate.joint) for t in found.terms] == [
+        ("named", "encoder_eccentricity", "J3"),
+        ("named", "encoder_harmonic", "J3"),
+    ] or [(t.status, t.candidate.kind, t.candidate.joint) for t in found.terms] == [
+        ("named", "encoder_harmonic", "J3"),
+        ("named", "encoder_eccentricity", "J3"),
+    ]
+
+
+def test_what_yields_against_the_weight_is_no_compliance():
+    table = {"kind": "joint_compliance", "joint": "J2", "compliance_rad_nm": -4e-6}
+    found = decided(measured().with_effect(effect_from_table(table)))
+    (term,) = found.terms
+    assert (term.status, term.is_negative, term.accepted) == ("unknown", True, False)
