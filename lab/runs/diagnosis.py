@@ -9,7 +9,7 @@ from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.model.result import Diagnosis, DiagnosisOptions
-from traverse.lab.diagnosis.report.files import write_adapted, write_diagnosis
+from traverse.lab.diagnosis.report.files import accept_adapted, write_diagnosis
 from traverse.lab.diagnosis.report.page import summary_lines
 from traverse.lab.diagnosis.scans.scan_diagnosis import (
     StreamDiagnosis,
@@ -59,10 +59,10 @@ def write_diagnosed(
     """
     result, stream = found
     adapted = write_diagnosis(out, result, arm_file, date_of(provenance), provenance)
-    names = "arm.toml, diagnosis.json, discrepancies.csv, report.html, pictures"
+    names = "arm.toml, arm.cov.npz, diagnosis.json, discrepancies.csv, report.html, pictures"
     lines = [*summary_lines(result), f"wrote {out}: {names}"]
     if accept:
-        write_adapted(arm_file, adapted, arm_file)
+        accept_adapted(arm_file, adapted, out)
         lines.append(f"wrote {arm_file}: the adapted arm in place of the old one")
     if stream is None:
         return lines

@@ -39,7 +39,7 @@ _OF_ALL = ("time_s", "temperature_c")
 # What may move a base that is not held well; with the senses of approach.
 _OF_BASE = (*_OF_ALL, "force_n")
 # An artefact that creeps does so steadily.
-N_ARTEFACT_KNOTS = 4
+N_ARTEFACT_KNOTS = 3
 
 
 def generic_bank(rows: ObservationEquations) -> Bank:

@@ -159,11 +159,17 @@ def _written(diagnosis: Diagnosis) -> Finding:
         )
         for term in unwritten
     ]
+    why, remedy = (
+        "the campaign does not say when it began",
+        "Give start_utc in campaign.toml.",
+    )
+    if diagnosis.campaign.time_is_order:
+        why, remedy = "the times of poses are their order", "Give times of the poses."
     found += [
         Shortfall(
             f"{term.candidate.name} is not written to the arm file: it is bound to "
-            "time, and the campaign does not say when it began.",
-            "Give start_utc in campaign.toml.",
+            f"time, and {why}.",
+            remedy,
         )
         for term in terms_without_epoch(diagnosis)
     ]

@@ -43,9 +43,9 @@ from traverse.lab.outcomes.base import outcome_json
 from traverse.lab.report.plain_values import picked, plain_values
 from traverse.lab.report.provenance import ReportProvenance
 from traverse.strict_toml.arm_text import arm_text
-from traverse.strict_toml.files import text_of
+from traverse.strict_toml.files import bytes_of, text_of
 from traverse.strict_toml.problems import FileError
-from traverse.strict_toml.writing import write_atomically
+from traverse.strict_toml.writing import replacing, write_atomically
 
 SCHEMA = "traverse/diagnosis/1"
 
@@ -327,6 +327,19 @@ def arm_with_provenance(
         covariance_digest=covariance,
     )
     return arm.model_copy(update={"effects": effects, "identification": provenance})
+
+
+def accept_adapted(path: Path, arm: Arm, folder: Path) -> None:
+    """Replace an arm file by the adapted arm of a folder, its covariance beside it.
+
+    Raises:
+        FileError: The arm breaks a rule of arm files; an old file stays.
+        OSError: A file cannot be read or written.
+    """
+    covariance = bytes_of(folder / COVARIANCE_FILE)
+    with replacing(path.parent / COVARIANCE_FILE) as file:
+        file.write(covariance)
+    write_adapted(path, arm, path)
 
 
 def write_adapted(path: Path, arm: Arm, source: Path) -> None:

@@ -1,5 +1,6 @@
 """What a diagnosis writes: arm file, diagnosis.json to the letter, pictures."""
 
+import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -23,15 +24,16 @@ from traverse.kinematics.arm_file.arm import read_arm, write_arm
 from traverse.lab.diagnosis.model.fit import terms_without_epoch
 from traverse.lab.diagnosis.model.result import HoldoutResult
 from traverse.lab.diagnosis.report.files import (
+    accept_adapted,
     arm_with_provenance,
     diagnosis_json,
     pose_parts,
-    write_adapted,
     write_diagnosis,
 )
 
 FILES = {
     "arm.toml",
+    "arm.cov.npz",
     "diagnosis.json",
     "discrepancies.csv",
     "report.html",
@@ -89,9 +91,25 @@ def test_the_arm_has_the_effect_its_provenance_and_the_comments(folder, source):
 def test_an_arm_file_can_be_written_in_place(folder, source, tmp_path):
     path = tmp_path / "bench.toml"
     path.write_bytes(source.read_bytes())
-    adapted = arm_with_provenance(eccentric(), WHEN)
-    write_adapted(path, adapted, path)
-    assert path.read_bytes() == (folder / "arm.toml").read_bytes()
+    accept_adapted(path, read_arm(folder / "arm.toml"), folder)
+    for name, beside in (("arm.toml", path.name), ("arm.cov.npz", "arm.cov.npz")):
+        written = (tmp_path / beside).read_bytes()
+        assert written == (folder / name).read_bytes()
+
+
+def test_the_covariance_is_that_of_what_was_estimated(folder):
+    found = eccentric()
+    arm = read_arm(folder / "arm.toml")
+    stored = np.load(folder / "arm.cov.npz")
+    digest = hashlib.sha256((folder / "arm.cov.npz").read_bytes()).hexdigest()
+    assert arm.identification.covariance_digest == digest
+    names = stored["names"].tolist()
+    (term,) = found.terms
+    for key in ("cos_rad", "sin_rad"):
+        at = names.index(f"J3.encoder_eccentricity.{key}")
+        assert stored["values"][at] == arm.effects[0].values[key]
+        std_rad = np.sqrt(stored["covariance"][at, at])
+        assert std_rad == pytest.approx(term.estimates[key].std, rel=0.1)
 
 
 def test_the_json_follows_the_contract(said):
@@ -118,7 +136,11 @@ def test_the_json_follows_the_contract(said):
     assert 0.5 < gap["closed"] < 1.2
     assert "held_out_mean_distance_mm" not in gap
     blunder = int(eccentric().campaign.poses.lines[100])
-    assert said["excluded"] == [{"line": blunder}]
+    (excluded,) = said["excluded"]
+    assert excluded["line"] == blunder
+    assert (excluded["choosing"], excluded["final"]) == (True, True)
+    assert excluded["w"] > 10.0
+    assert (said["state"], said["reasons"]) == ("good", [])
     assert [step["effect"] for step in said["ledger"]] == [
         None,
         "encoder_eccentricity J3",
