@@ -33,6 +33,7 @@ def test_an_arm_of_a_board_is_calibrated_as_told(tmp_path: Path) -> None:
         assert_printed(output_of(command, tmp_path), shown, command)
     # The configuration fits the designed arm and the calibrated one.
     assert "valid" in output_of("traverse check traverse.toml", tmp_path)
+    shutil.copy(tmp_path / "diagnosed" / "arm.cov.npz", tmp_path)
     shutil.copy(tmp_path / "diagnosed" / "arm.toml", tmp_path / "design.toml")
     assert "valid" in output_of("traverse check traverse.toml", tmp_path)
     (found,) = read_arm(tmp_path / "design.toml").effects

@@ -178,7 +178,7 @@ def test_statuses_have_their_own_words():
 
 def test_a_veto_is_reported():
     said = " ".join(summary_lines(replace(eccentric(), vetoed=True)))
-    assert "(bad)" in said
+    assert "state: bad" in said
     assert "nothing was added" in said
 
 
