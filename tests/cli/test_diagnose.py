@@ -67,8 +67,9 @@ def diagnosed(campaign_folder: Path) -> Path:
 def test_the_effect_is_named_written_and_told(diagnosed: Path) -> None:
     said = (diagnosed / "said").read_text("utf-8").splitlines()
     assert said[0].endswith("verdict: named")
-    assert said[1].startswith("Missing effect: encoder eccentricity, joint J3 (")
-    assert said[-1].startswith("wrote out: arm.toml, diagnosis.json")
+    assert said[1] == "state: good"
+    assert said[2].startswith("Missing effect: encoder eccentricity, joint J3 (")
+    assert said[-1].startswith("wrote out: arm.toml, arm.cov.npz, diagnosis.json")
     (effect,) = read_arm(diagnosed / "out" / "arm.toml").effects
     assert (effect.kind, effect.joint) == ("encoder_eccentricity", "J3")
     assert read_arm(diagnosed / "arm.toml").effects == ()
@@ -101,7 +102,7 @@ def test_accepted_in_place_as_json_and_strict(diagnosed: Path, tmp_path: Path) -
     assert len(accepted.effects) == 1
     assert (tmp_path / "arm.toml").read_text("utf-8").startswith(COMMENT)
     left = {path.name for path in tmp_path.iterdir()}
-    assert left == {"campaign", "arm.toml", "out"}
+    assert left == {"campaign", "arm.toml", "arm.cov.npz", "out"}
 
 
 @pytest.mark.slow
