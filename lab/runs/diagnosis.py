@@ -59,8 +59,8 @@ def write_diagnosed(
     """
     result, stream = found
     adapted = write_diagnosis(out, result, arm_file, date_of(provenance), provenance)
-    names = "arm.toml, arm.cov.npz, diagnosis.json, discrepancies.csv, report.html, pictures"
-    lines = [*summary_lines(result), f"wrote {out}: {names}"]
+    files = "arm.toml, arm.cov.npz, diagnosis.json, discrepancies.csv, report.html"
+    lines = [*summary_lines(result), f"wrote {out}: {files}, pictures"]
     if accept:
         accept_adapted(arm_file, adapted, out)
         lines.append(f"wrote {arm_file}: the adapted arm in place of the old one")
