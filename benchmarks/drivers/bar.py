@@ -262,7 +262,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.drivers.bar")
     parser.add_argument("names", nargs="*", help="of drivers; all if none is given")
     parser.add_argument(
-        "--points", type=int, default=sized(10, 2), help="on each sphere"
+        "--points", type=int, default=sized(10, 5), help="on each sphere"
     )
     parser.add_argument("--real", action="store_true", help="all in real time")
     asked = parser.parse_args()

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.service.stream import ARM, order_scan
+from benchmarks.service.stream import ARM, order_scan, wait_until_subscribed
 from benchmarks.tools import rig
 from benchmarks.tools.sizes import sized
 from traverse.arrays import Floats, Integers
@@ -91,6 +91,7 @@ class Followed:
 
 async def followed(port: int, rate_hz: float) -> Followed:
     """Scan until all points have arrived, and a little longer."""
+    await wait_until_subscribed(port)
     found = Followed()
     async with ConfiguredClient(BrokerAddress("127.0.0.1", port)) as client:
         await subscribe(client, ARM, ("point", "scan"))

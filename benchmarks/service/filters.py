@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.service.stream import ARM, order_scan
+from benchmarks.service.stream import ARM, order_scan, wait_until_subscribed
 from benchmarks.tools import rig
 from benchmarks.tools.rounds import given
 from benchmarks.tools.sizes import sized
@@ -136,6 +136,7 @@ async def share_of_core(folder: Path, filters: str, seconds: float) -> str:
 async def _scanned(
     port: int, process: "subprocess.Popen[bytes]", seconds: float
 ) -> str:
+    await wait_until_subscribed(port)
     points, lost, health = 0, 0, None
     async with ConfiguredClient(BrokerAddress("127.0.0.1", port)) as client:
         await subscribe(client, ARM, ("scan", "health"))

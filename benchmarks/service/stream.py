@@ -11,7 +11,7 @@ from traverse.broker.address import BrokerAddress
 from traverse.client.mqtt.connection import ConfiguredClient
 from traverse.client.mqtt.subscription import received, subscribe
 from traverse.protocol.encoding import encode
-from traverse.protocol.messages import Command, Event, Health, Scan, ScanArgs
+from traverse.protocol.messages import Command, Event, Health, Scan, ScanArgs, Status
 from traverse.protocol.topics import command_topic
 
 ARM = "demo-7"
@@ -56,6 +56,15 @@ async def order_scan(client: ConfiguredClient, action: str, rate_hz: float) -> N
         args = ScanArgs(action="stop")
     command = Command.carrying(args, request=f"{action}-{time.monotonic_ns()}")
     await client.publish(command_topic(ARM, "scan"), encode(command, "msgpack"), qos=1)
+
+
+async def wait_until_subscribed(port: int) -> None:
+    """Wait for the daemon's first status: from then on it takes commands."""
+    async with ConfiguredClient(BrokerAddress("127.0.0.1", port)) as client:
+        await subscribe(client, ARM, ("status",))
+        async for item in received(client):
+            if isinstance(item.message, Status) and item.message.online:
+                return
 
 
 async def follow_scan(
