@@ -223,7 +223,7 @@ def truth_of(measure: SizeScale, hidden: Hidden) -> TrueTerm:
             keys.get("component"),
             keys.get("artefact"),
         ),
-        sizes=hidden.told if isinstance(hidden, HiddenEffect) else {},
+        sizes=hidden.estimable if isinstance(hidden, HiddenEffect) else {},
         aliases=measure.names_like(hidden),
         in_library=hidden.kind in EFFECT_KINDS,
     )

@@ -177,14 +177,14 @@ async def measure(seconds: float, sync: Literal["host", "external"]) -> list[str
         f"CANopen, {len(NODES)} nodes, SYNC at {RATE_HZ:g} Hz by "
         f"{'the driver' if sync == 'host' else 'another, as by the kernel'}, "
         f"{elapsed_s:.0f} s on a virtual bus:",
-        f"  {told(taken)}",
+        f"  {stream_line(taken)}",
         f"  driver, all it does: {ours_s / elapsed_s:.1%} of a core",
         "  canopen library, a callback for each PDO, no sets, no SYNCs: "
         f"{theirs_s / elapsed_s:.1%} of a core ({n_library} frames)",
     ]
 
 
-def told(taken: list[object]) -> str:
+def stream_line(taken: list[object]) -> str:
     """Result of a stream."""
     blocks = [d for d in taken if isinstance(d, CountSamples)]
     faults = Counter[str]()
@@ -201,7 +201,7 @@ def told(taken: list[object]) -> str:
         wrong += int(((steps != np.median(steps, axis=1)[:, None]) & ~missed).sum())
     return (
         f"{n} samples of {last} SYNCs, {last - n} lost, {missing} readings missing, "
-        f"{wrong} of another SYNC; faults told: {dict(faults) or 'none'}"
+        f"{wrong} of another SYNC; faults stream_line: {dict(faults) or 'none'}"
     )
 
 

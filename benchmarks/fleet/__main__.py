@@ -65,15 +65,15 @@ def run_publishers(folder: Path, n: int, rate_hz: float, seconds: float) -> Flee
             cost = cost_of(before, broker, consumers.processes, taken_s)
             broker_mb = rig.rss_mb(broker) - idle_mb
             consumers.end()
-        told = json.loads(sent.read_text("utf-8"))
+        totals = json.loads(sent.read_text("utf-8"))
         expected = {
             (arm, kind): count
-            for arm, counts in told["sent"].items()
+            for arm, counts in totals["sent"].items()
             for kind, count in counts.items()
         }
         return tally(
             Run("publishers", n, rate_hz, seconds),
-            Sent(expected, told["latest_s"]),
+            Sent(expected, totals["latest_s"]),
             consumers,
             shares=cost,
             broker_mb=broker_mb,

@@ -23,7 +23,7 @@ MOST_WAITING = 100_000
 async def consume(port: int, name: str) -> dict[str, object]:
     """Read until SIGTERM; return what was received."""
     had: list[tuple[str, str, str, int, int]] = []
-    told: dict[str, tuple[int, int]] = {}
+    losses: dict[str, tuple[int, int]] = {}
     n_bytes = 0
     ended = asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ended.set)
@@ -51,13 +51,13 @@ async def consume(port: int, name: str) -> dict[str, object]:
                     scan = decode(Scan, payload)
                     n = len(scan.dtime_ns)
                     had.append((scan.arm, "scan", scan.scan, scan.seq, n))
-                    told[scan.arm] = (scan.lost, scan.dropped)
+                    losses[scan.arm] = (scan.lost, scan.dropped)
 
         reading = asyncio.create_task(read())
         await ended.wait()
         reading.cancel()
         await asyncio.gather(reading, return_exceptions=True)
-    return {"had": had, "told": told, "bytes": n_bytes}
+    return {"had": had, "losses": losses, "bytes": n_bytes}
 
 
 if __name__ == "__main__":

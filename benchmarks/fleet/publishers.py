@@ -107,8 +107,8 @@ def main(port: int, n_arms: int, rate_hz: float, seconds: float, file: Path) -> 
     time.sleep(0.5)  # the last answers
     sent = {arm.name: {"scan": arm.scan_seq, "point": arm.point_seq} for arm in arms}
     n_bytes = sum(arm.n_bytes for arm in arms)
-    told = {"sent": sent, "bytes": n_bytes, "latest_s": latest_s}
-    file.write_text(json.dumps(told), "utf-8")
+    totals = {"sent": sent, "bytes": n_bytes, "latest_s": latest_s}
+    file.write_text(json.dumps(totals), "utf-8")
 
 
 if __name__ == "__main__":

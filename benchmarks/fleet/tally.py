@@ -150,12 +150,12 @@ def tally(
     had: dict[tuple[str, str, str], list[tuple[int, int]]] = defaultdict(list)
     per_consumer, n_bytes, line_lost = [], 0, 0
     for file in consumers.files:
-        told = json.loads(file.read_text("utf-8"))
-        per_consumer.append(len(told["had"]))
-        n_bytes += told["bytes"]
-        for arm, kind, series, first, n in told["had"]:
+        received = json.loads(file.read_text("utf-8"))
+        per_consumer.append(len(received["had"]))
+        n_bytes += received["bytes"]
+        for arm, kind, series, first, n in received["had"]:
             had[arm, kind, series].append((first, n))
-        line_lost += sum(sum(counts) for counts in told["told"].values())
+        line_lost += sum(sum(counts) for counts in received["losses"].values())
     missing = doubled = numbers = 0
     seen: dict[tuple[str, str], int] = defaultdict(int)
     for (arm, kind, _), blocks in had.items():

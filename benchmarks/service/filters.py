@@ -166,8 +166,8 @@ def main(n_points: int = N_POINTS, seconds: float = SECONDS) -> None:
     """Print every figure."""
     for name, filters in (("without filters", ""), ("all filters", FILTERS)):
         with tempfile.TemporaryDirectory() as folder:
-            told = asyncio.run(share_of_core(Path(folder), filters, seconds))
-        print(f"10 kHz, {name}: {told}", flush=True)
+            figures = asyncio.run(share_of_core(Path(folder), filters, seconds))
+        print(f"10 kHz, {name}: {figures}", flush=True)
     for line in off_line(n_points):
         print(line, flush=True)
 

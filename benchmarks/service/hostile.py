@@ -93,7 +93,7 @@ def blocks_ms(port: int, seconds: float, name: str) -> list[float]:
     return late_ms
 
 
-def told(name: str, values_ms: list[float]) -> str:
+def figures_line(name: str, values_ms: list[float]) -> str:
     """One line of figures."""
     ordered = sorted(values_ms)
     p99 = ordered[int(0.99 * (len(ordered) - 1))]
@@ -115,10 +115,10 @@ def main() -> None:
     ):
         time.sleep(3.0)
         before_mb = rig.rss_mb(daemon)
-        print(told("a point by command, before", by_command_ms(port, "before")))
+        print(figures_line("a point by command, before", by_command_ms(port, "before")))
         begin_scan(port, SCAN_HZ)
         cpu_s, begun_s = rig.cpu_s(daemon), time.monotonic()
-        print(told("a block of a scan", blocks_ms(port, FLOOD_S, "quiet")))
+        print(figures_line("a block of a scan", blocks_ms(port, FLOOD_S, "quiet")))
         share = (rig.cpu_s(daemon) - cpu_s) / (time.monotonic() - begun_s)
         print(f"the daemon meanwhile: {share:.0%} of a core")
         cpu_s, begun_s = rig.cpu_s(daemon), time.monotonic()
@@ -126,10 +126,10 @@ def main() -> None:
             flooded = blocks_ms(port, FLOOD_S, "flooded")
         share = (rig.cpu_s(daemon) - cpu_s) / (time.monotonic() - begun_s)
         rate_hz = sent[0] / FLOOD_S
-        print(told(f"the same, flooded by {rate_hz:.0f} commands/s", flooded))
+        print(figures_line(f"the same, flooded by {rate_hz:.0f} commands/s", flooded))
         print(f"the daemon meanwhile: {share:.0%} of a core")
         time.sleep(6.0)  # until commands are accepted again
-        print(told("a point by command, after", by_command_ms(port, "after")))
+        print(figures_line("a point by command, after", by_command_ms(port, "after")))
         print(f"memory: {before_mb:.0f} MB before, {rig.rss_mb(daemon):.0f} MB after")
 
 

@@ -37,7 +37,7 @@ class Outage:
         total: points of the scan, by its last block.
         arrived, twice: points that a consumer received, received more than once.
         gaps: stretches of numbers that are missing.
-        told: points of these that the blocks report as dropped or lost.
+        reported: points of these that the blocks report as dropped or lost.
         blocks_in_order: whether blocks first arrived in the order of their numbers.
         samples_lost: between device and daemon.
         after_s: from the broker's return until nothing was missing, or none arrived.
@@ -48,7 +48,7 @@ class Outage:
     arrived: int
     twice: int
     gaps: int
-    told: int
+    reported: int
     blocks_in_order: bool
     samples_lost: int
     after_s: float
@@ -58,9 +58,9 @@ class Outage:
         order = "in order" if self.blocks_in_order else "NOT in order"
         return (
             f"{self.delivery:8}: {self.arrived} of {self.total} points, {order}, "
-            f"{self.total - self.arrived} missing in {self.gaps} gaps ({self.told} "
-            f"told as dropped), {self.twice} came twice; {self.samples_lost} samples "
-            "lost between board and daemon; settled "
+            f"{self.total - self.arrived} missing in {self.gaps} gaps ({self.reported} "
+            f"reported as dropped), {self.twice} came twice; {self.samples_lost} "
+            "samples lost between board and daemon; settled "
             f"{self.after_s:.1f} s after the return"
         )
 

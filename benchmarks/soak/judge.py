@@ -147,8 +147,8 @@ def judge(
     """
     points = outbox_points(outbox)
     received = stored(folder / "store.db")
-    told = list(lines(folder / "operator.jsonl"))
-    acknowledged = {line["id"] for line in told if line["ok"]}
+    answers = list(lines(folder / "operator.jsonl"))
+    acknowledged = {line["id"] for line in answers if line["ok"]}
     ids = [one for one, _, _ in received]
     held = {point.id for point in points}
     doubled = {one for one, n in Counter(ids).items() if n > 1}
@@ -171,21 +171,23 @@ def judge(
         *order[:MAX_TOLD],
     ]
     n_commanded = sum(point.trigger == "command" for point in points)
-    if n_commanded > len(told) + others + 100:
-        faults.append(f"{n_commanded} commanded points, {len(told) + others} requests")
+    if n_commanded > len(answers) + others + 100:
+        faults.append(
+            f"{n_commanded} commanded points, {len(answers) + others} requests"
+        )
     if not acknowledged or not edges:
         faults.append("nothing was acknowledged: the test has shown nothing")
     figures = _figures(folder)
     if figures["lost"]:
         faults.append("the consumer was told of losses")
-    refused = Counter(line["code"] for line in told if not line["ok"])
+    refused = Counter(line["code"] for line in answers if not line["ok"])
     work = _work(folder, points, span)
     return Verdict(
         {
             "sessions with points": work.sessions,
             "percent of the time measuring": round(100 * work.share),
-            "commands sent": len(told),
-            "commands answered": len(told) - refused["none"],
+            "commands sent": len(answers),
+            "commands answered": len(answers) - refused["none"],
             "commands without answer": refused["none"],
             "commands refused": sum(refused.values()) - refused["none"],
             "commanded points acknowledged": len(acknowledged),
@@ -196,7 +198,7 @@ def judge(
             "duplicates removed": figures["duplicates"],
             "consumer's connections": figures["connections"],
             "acknowledged and lost": len(lost) + len(pointless),
-            "told as lost": figures["lost"],
+            "reported as lost": figures["lost"],
             "invented": len(unheld) + len(unpressed),
             "doubled": len(doubled) + len(twice),
             "out of order": len(order),
@@ -240,14 +242,14 @@ def _edges(
     folder: Path, lives: list[str], turns: tuple[int, ...]
 ) -> tuple[set[tuple[int, ...]], set[tuple[int, ...]]]:
     """Counts of all presses that there were, and of those that were acknowledged."""
-    told = _promised(list(lines(folder / "acknowledged.jsonl")))
+    promised = _promised(list(lines(folder / "acknowledged.jsonl")))
     presses, acknowledged = set(), set()
     for life in lives:
         for line in lines(folder / f"truth-{life}.jsonl"):
             if line["event"] == "edge" and line["level"] == 1:
                 key = _key(line["counts"], turns)
                 presses.add(key)
-                if (life, line["seq"]) in told:
+                if (life, line["seq"]) in promised:
                     acknowledged.add(key)
     return presses, acknowledged
 

@@ -36,7 +36,7 @@ class Outages:
         self._running: set[asyncio.Future[None]] = set()
         self.counts: Counter[str] = Counter()
 
-    async def happen(self, n: int, told: Callable[[str], None]) -> None:
+    async def happen(self, n: int, report: Callable[[str], None]) -> None:
         """Let so many happen; they may overlap."""
         while (done := sum(self.counts.values())) < n:
             await asyncio.sleep(self._chance.uniform(*self._pause_s))
@@ -48,7 +48,7 @@ class Outages:
             task = asyncio.ensure_future(work)
             self._running.add(task)
             task.add_done_callback(self._running.discard)
-            told(f"{done + 1:4d} {kind}")
+            report(f"{done + 1:4d} {kind}")
         await asyncio.gather(*self._running)
 
     def _outage(self, kind: str) -> Awaitable[None] | None:

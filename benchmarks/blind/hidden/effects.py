@@ -44,7 +44,7 @@ class HiddenEffect:
         return {**self.fixed, **self.sizes}
 
     @property
-    def told(self) -> dict[str, Size]:
+    def estimable(self) -> dict[str, Size]:
         """Keys that a diagnosis of the effect should find too."""
         phase = {key: self.fixed[key] for key in ("phase_rad",) if key in self.fixed}
         return {**self.sizes, **phase}

@@ -105,7 +105,7 @@ def test_sound_run_is_good_and_told_in_figures(run):
         "duplicates removed": 1,
         "consumer's connections": 3,
         "acknowledged and lost": 0,
-        "told as lost": 0,
+        "reported as lost": 0,
         "invented": 0,
         "doubled": 0,
         "out of order": 0,
