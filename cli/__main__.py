@@ -20,7 +20,7 @@ from traverse.cli.common.options import CommandGroup
 from traverse.cli.common.refusals import REFUSED, RefusalError, end, missing_library
 
 FOLDERS = {"amt21": "devices.", "can": "devices.", "microscribe": "devices."}
-CONTROL = ("point", "undo", "scan", "label", "session", "reload", "confirm")
+CONTROL = ("point", "undo", "scan", "label", "session", "reload", "confirm", "home")
 OLD_NAMES = {"interim": "daily-check"}
 """Kept for one release, and not shown."""
 COMMANDS = (

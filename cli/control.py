@@ -166,11 +166,30 @@ def confirm(
         tolerance_mm: How far from there it may be [mm].
     """
     known_mm = None if at is None else _place(at)
-    devices = send_command(
+    accepted = send_command(
         arm, broker, lambda it: it.confirm_reference(known_mm, tolerance_mm)
     )
-    told = f"confirmed: {', '.join(devices)}" if devices else "nothing was in doubt"
-    _show({"confirmed": devices}, told, as_json=as_json)
+    text = "\n".join(accepted) if accepted else "nothing was in doubt"
+    _show({"confirmed": accepted}, text, as_json=as_json)
+
+
+def home(
+    joints: Annotated[list[str] | None, typer.Argument()] = None,
+    *,
+    arm: ArmName = None,
+    as_json: Json = False,
+    broker: BrokerOptions,
+) -> None:
+    """Set the counts of incremental encoders: the arm is in its home posture now.
+
+    The posture is that of [home] in the arm file. Put the arm into it, hold it still,
+    and call this; it is needed after each loss of power.
+
+    Args:
+        joints: Names of the joints that are there; all of [home] without.
+    """
+    homed = send_command(arm, broker, lambda it: it.home(joints or None))
+    _show({"homed": homed}, f"homed: {', '.join(homed)}", as_json=as_json)
 
 
 def send_command(

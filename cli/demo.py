@@ -189,14 +189,25 @@ async def _follow(
     from traverse.cli.common.message_lines import line
     from traverse.client.mqtt.subscription import received, subscribe
     from traverse.protocol.encoding import encode
-    from traverse.protocol.messages import Command, Event, Point, Scan, ScanArgs
+    from traverse.protocol.messages import (
+        Command,
+        Event,
+        Point,
+        ReferenceArgs,
+        Scan,
+        ScanArgs,
+        Status,
+    )
     from traverse.protocol.topics import command_topic
 
     async with _patient_connection(broker) as client:
         await subscribe(client, ARM, ("point", "scan", "event", "status"))
-        start = ScanArgs(action="start", rate_hz=rate_hz)
-        command = Command.carrying(start, request="demo-scan")
-        scanning = False
+        # The arm rests at a place that its operator knows: confirmed, then scanned.
+        first_acts = (
+            ReferenceArgs(action="confirm"),
+            ScanArgs(action="start", rate_hz=rate_hz),
+        )
+        begun = is_ready = False
         async for item in received(client):
             message = item.message
             if isinstance(message, Point):
@@ -207,12 +218,23 @@ async def _follow(
                     return
             elif isinstance(message, Scan):
                 measured.add_scan(message)
-            elif isinstance(message, Event) and message.severity != "info":
-                typer.echo(line(item.arm, message))
-            elif not scanning and message is not None:
-                scanning = True
-                topic = command_topic(ARM, "scan")
-                await client.publish(topic, encode(command, "msgpack"), qos=1)
+            elif isinstance(message, Event):
+                if message.severity != "info" or message.code == "reference.confirmed":
+                    typer.echo(line(item.arm, message))
+            elif isinstance(message, Status) and not begun:
+                begun = True
+                typer.echo("the operator confirms device and reference of the arm")
+                for act in first_acts:
+                    command = Command.carrying(act, request=f"demo-{act.command}")
+                    topic = command_topic(ARM, act.command)
+                    await client.publish(topic, encode(command, "msgpack"), qos=1)
+            if (
+                isinstance(message, Status)
+                and message.state == "ready"
+                and not is_ready
+            ):
+                is_ready = True
+                typer.echo("every condition is established: numbers are ok")
 
 
 @contextlib.asynccontextmanager

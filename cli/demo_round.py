@@ -27,8 +27,8 @@ class Expected:
 
 def write_files(folder: Path, host: str, port: int) -> None:
     """Put arm file and both configurations of the demonstration into a folder."""
-    for name in ("arm.toml", "simulator.toml"):
-        (folder / name).write_text((DATA / name).read_text("utf-8"), "utf-8")
+    for name in ("arm.toml", "identified.toml", "arm.cov.npz", "simulator.toml"):
+        (folder / name).write_bytes((DATA / name).read_bytes())
     template = (DATA / "daemon.toml").read_text("utf-8")
     text = template.format(folder=folder, host=host, port=port)
     (folder / "daemon.toml").write_text(text, "utf-8")

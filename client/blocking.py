@@ -252,6 +252,7 @@ class BlockingArm:
     label = _waited(Arm.label)
     probe = _waited(Arm.probe)
     confirm_reference = _waited(Arm.confirm_reference)
+    home = _waited(Arm.home)
     reload = _waited(Arm.reload)
     align = _waited(Arm.align)
     clear_alignment = _waited(Arm.clear_alignment)

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from traverse.client.errors import NoAnswerError
@@ -19,6 +19,7 @@ from traverse.protocol.messages import (
     AlignArgs,
     Args,
     CovarianceArgs,
+    HomeArgs,
     LabelArgs,
     Point,
     PointArgs,
@@ -159,12 +160,24 @@ class ArmCommands:
             tolerance_mm: this.
 
         Returns:
-            The devices that were in doubt.
+            What was accepted, in words, for each device that was in doubt.
         """
         args = ReferenceArgs(
             action="confirm", at_xyz_mm=at_xyz_mm, tolerance_mm=tolerance_mm
         )
-        return list((await self.execute(args))["confirmed"])
+        return list((await self.execute(args))["accepted"])
+
+    async def home(self, joints: Sequence[str] | None = None) -> list[str]:
+        """Set the counts: the arm is now in the home posture of its file.
+
+        Args:
+            joints: names of those that are; None for all with incremental encoders.
+
+        Returns:
+            The joints that have been homed.
+        """
+        args = HomeArgs(joints=None if joints is None else tuple(joints))
+        return list((await self.execute(args))["homed"])
 
     async def reload(self) -> str:
         """Reload arm file and configuration; return the arm's digest."""

@@ -24,11 +24,12 @@ from traverse.daemon.pose.arm_model import ArmModel
 from traverse.daemon.pose.probe_library import LibraryProbe
 from traverse.daemon.scans.plan import ScanPlan
 from traverse.daemon.store.records import PendingPoint
-from traverse.protocol.messages import AlignArgs, Label, ReferenceArgs
+from traverse.protocol.messages import AlignArgs, HomeArgs, Label, ReferenceArgs
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
 REFERENCE_REFUSED = "reference.refused"
+HOME_REFUSED = "home.refused"
 
 
 class MeasurementCommand(ABC, Generic[T_co]):
@@ -282,12 +283,12 @@ class SetProbe(OrderedCommand, recorded_name="probe"):
 
 @dataclass(frozen=True)
 class ConfirmReference(OrderedCommand, recorded_name="reference"):
-    """Accept the positions of the encoders; gives the devices that were in doubt."""
+    """Accept devices and the positions of their encoders; gives what was in doubt."""
 
     inner = "args", ReferenceArgs
     args: ReferenceArgs
 
-    def _act(self, measurement: Measurement, now_ns: int) -> list[str]:
+    def _act(self, measurement: Measurement, now_ns: int) -> dict[str, str]:
         args = self.args
         if args.at_xyz_mm is not None:
             probe_mm = measurement.trajectory.position_mm(now_ns)
@@ -306,6 +307,68 @@ class ConfirmReference(OrderedCommand, recorded_name="reference"):
                     "point again, and confirm again",
                     REFERENCE_REFUSED,
                 )
-        confirmed = measurement.quality.references.confirm()
-        measurement.sinks.status_changed()
-        return confirmed
+        accepted = measurement.quality.references.confirm()
+        _report_accepted(measurement, accepted)
+        return accepted
+
+
+@dataclass(frozen=True)
+class HomeJoints(OrderedCommand, recorded_name="home"):
+    """Take the present posture of joints as the home posture of the arm file."""
+
+    inner = "args", HomeArgs
+    args: HomeArgs
+
+    def _act(self, measurement: Measurement, now_ns: int) -> dict[str, object]:
+        angles_rad = self._angles_rad(measurement)
+        offsets_rad = measurement.pipeline.offsets_for(angles_rad)
+        if offsets_rad is None:
+            raise CaptureRefusedError(
+                "a joint has not been read yet",
+                "wait until the arm reports its position",
+                HOME_REFUSED,
+            )
+        accepted = measurement.quality.references.home(offsets_rad)
+        measurement.trajectory.forget()  # the readings are others from now on
+        measurement.points.arm_changed()
+        _report_accepted(measurement, accepted)
+        return {"homed": list(offsets_rad), "accepted": accepted}
+
+    def _angles_rad(self, measurement: Measurement) -> dict[str, float]:
+        """Where the joints are, by name."""
+        home = measurement.model.arm.home
+        if home is None:
+            raise CaptureRefusedError(
+                "the arm file has no home posture",
+                "write [home] with angles_rad into it, or confirm at a known point",
+                HOME_REFUSED,
+            )
+        known = dict(home.angles_rad)
+        incremental = measurement.quality.references.incremental_joints
+        wanted = self.args.joints or tuple(j for j in known if j in incremental)
+        for joint in wanted:
+            if joint not in known:
+                text = f"the home posture has no angle of {joint!r}; it has: "
+                raise CaptureRefusedError(
+                    text + ", ".join(known), "correct [home] or the name", HOME_REFUSED
+                )
+            if joint not in incremental:
+                raise CaptureRefusedError(
+                    f"the encoder of {joint} is absolute, its zero is not set by hand",
+                    "home the others; if it is not absolute, write absolute = false "
+                    "in its [joints.encoder]",
+                    HOME_REFUSED,
+                )
+        if not wanted:
+            raise CaptureRefusedError(
+                "no joint of the home posture has an incremental encoder",
+                "confirm the reference instead",
+                HOME_REFUSED,
+            )
+        return {joint: known[joint] for joint in wanted}
+
+
+def _report_accepted(measurement: Measurement, accepted: Mapping[str, str]) -> None:
+    for text in accepted.values():
+        measurement.points.report("reference.confirmed", text)
+    measurement.sinks.status_changed()

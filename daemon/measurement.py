@@ -39,10 +39,8 @@ from traverse.daemon.pose.pipeline import Pipeline
 from traverse.daemon.pose.poses import ArmReadings, PoseBlock
 from traverse.daemon.pose.probe_library import LibraryProbe
 from traverse.daemon.pose.quality_monitor import QualityMonitor
-from traverse.daemon.pose.references import (
-    ReferenceMemory,
-    ReferenceMonitor,
-)
+from traverse.daemon.pose.reference_memory import ReferenceMemory
+from traverse.daemon.pose.references import ReferenceMonitor
 from traverse.daemon.pose.trajectory import TrajectoryBuffer
 from traverse.daemon.pose.uncertainty import (
     CovarianceEvaluator,
@@ -138,13 +136,14 @@ class Measurement(MeasurementContext):
         self.resampler = Resampler(model, settings)
         parts = self.joint_devices, self.pipeline, self.resampler
         changed = sinks.status_changed
-        self.conditions = ConditionMonitor(clock, events, changed)
-        self._use_conditions(model)
+        self.conditions = ConditionMonitor(clock, events)
+        self._use_conditions()
+        self.conditions.changed = changed
         self.states = DeviceStateTracker(
             clock, *parts, events, self.conditions, changed
         )
         self.late_readings = LateReadingMonitor(self.resampler, clock, events)
-        self.temperatures = TemperatureMonitor(clock, events)
+        self.temperatures = TemperatureMonitor(clock, self.conditions)
         self.skew = SkewMonitor(settings.skew_limit_mm)
         self.trajectory = TrajectoryBuffer()
         self._readings: list[ArmReadings] = []  # of which no pose is computed yet
@@ -155,6 +154,7 @@ class Measurement(MeasurementContext):
             self.conditions,
             sinks.references,
             reset_turns=self.pipeline.reset_turns,
+            use_offsets=self.pipeline.use_offsets,
         )
         self.quality = QualityMonitor(
             configuration.quality, model, clock, events, references
@@ -226,15 +226,22 @@ class Measurement(MeasurementContext):
         self.scanner.use_settings(capture.scan_block_s, configuration.scan)
         self._set_batch_window()
 
-    def _use_conditions(self, model: ArmModel) -> None:
-        subjects = subjects_by_condition(model, tuple(self.devices))
+    def _use_conditions(self) -> None:
+        """Follow which conditions apply, and feed that of the arm's geometry."""
+        model, section = self.model, self.configuration.quality
+        identities = {name: it.identity for name, it in self.devices.items()}
+        subjects = subjects_by_condition(model, section, identities)
         self.conditions.use(subjects, counting_subjects(model))
+        if cause := model.geometry_doubt:
+            self.conditions.doubt("geometry", cause=cause)
+        else:
+            self.conditions.establish("geometry")
 
     def set_model(self, model: ArmModel) -> None:
         """Measure with another probe on the same arm from the next sample on."""
         self.evaluate_readings()
-        self._use_conditions(model)
         self.pipeline.use_model(model)
+        self._use_conditions()
         self.quality.use_model(model)
         self.trajectory.forget()  # it was that of another ball
         self.points.arm_changed()
@@ -319,6 +326,7 @@ class Measurement(MeasurementContext):
         for delivery in map(delivery_from_map, state["devices"]):
             if delivery.device in self.devices:
                 self.dispatch(self.devices[delivery.device], delivery)
+        self.quality.references.resume(state["references"])
         if not state["fresh"]:
             self.pipeline.resume(state["pipeline"])
         if state["probe"] is not None:
@@ -331,10 +339,7 @@ class Measurement(MeasurementContext):
         if state["air_mm"] is not None:
             self.points.evaluator.tip.air_mm = np.array(state["air_mm"])
         self.quality.persistent.resume(state["temperatures"])
-        # Recordings of earlier versions know nothing of references.
-        nothing: dict[str, Any] = {"doubts": {}, "confirmed": {}}
-        self.quality.references.resume(state.get("references", nothing))
-        self.conditions.resume(state.get("conditions", ()))
+        self.conditions.resume(state["conditions"])
 
     # -- deliveries and time --------------------------------------------------
 
@@ -395,6 +400,7 @@ class Measurement(MeasurementContext):
                 device.counters.update(delivery.values)
             case DeviceUp():
                 self.states.on_up(device, delivery)
+                self._use_conditions()
                 self.quality.persistent.on_device_up(device.section.id)
                 self.quality.references.on_up(delivery)
                 if delivery.restarted:

@@ -226,6 +226,7 @@ class Service:
                 "session": points.begin_session,
                 "probe": points.change_probe,
                 "reference": points.confirm_reference,
+                "home": points.home,
                 "scan": scans.change_scan,
                 "align": points.align,
                 "covariance": points.covariance,

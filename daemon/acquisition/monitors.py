@@ -171,7 +171,6 @@ def clock_text(name: str, clock: DeviceClockState) -> str:
 
 CALM_NS = 1_000_000_000  # without another one it is over
 
-
 LATE, INCOMPLETE = "device.late", "device.incomplete"
 CONDITIONS = {
     LATE: (
@@ -235,30 +234,24 @@ PATIENCE_NS = 5_000_000_000  # boards report the temperature every 2 s
 
 @dataclass(eq=False)
 class TemperatureMonitor:
-    """Report that effects of the arm lack the temperature that they need."""
+    """Feed the condition of the temperature that effects of the arm need."""
 
     clock: HostClock
-    events: EventLog
+    conditions: ConditionMonitor
 
     def check(self, model: ArmModel, devices: JointDevices) -> None:
         """Check the devices that read the arm; call it with every block."""
         if not model.uses_temperature:
             return
-        is_missing = devices.temperature_c is None
+        if devices.temperature_c is not None:
+            self.conditions.establish("temperature")
+            return
         up_ns = max(device.up_ns for device in devices.devices)
-        if is_missing and self.clock.monotonic_ns() - up_ns < PATIENCE_NS:
+        if self.clock.monotonic_ns() - up_ns < PATIENCE_NS:
             return  # it has just connected, its first message is on the way
         names = ", ".join(model.devices)
-        missing = (
-            f"{names} has no temperature for the arm's effects; the reference of "
-            f"{model.reference_temperature_c:g} C is taken instead"
-        )
-        self.events.change(
-            is_missing,
-            "error",
-            "device.temperature_unknown",
-            missing if is_missing else f"{names} reports the temperature again",
-            source=model.devices[0],
-            remedy="connect the board's sensor, or take the effects that need the "
-            "temperature out of the arm file",
+        self.conditions.doubt(
+            "temperature",
+            cause=f"{names} has no temperature for the arm's effects; the reference of "
+            f"{model.reference_temperature_c:g} C is taken instead",
         )

@@ -12,6 +12,7 @@ from traverse.daemon.executor import (
     AwaitLatch,
     ConfirmReference,
     GiveUpLatch,
+    HomeJoints,
     NewSession,
     SetAlignment,
     SetLabel,
@@ -29,6 +30,7 @@ from traverse.plurals import counted
 from traverse.protocol.messages import (
     AlignArgs,
     CovarianceArgs,
+    HomeArgs,
     LabelArgs,
     Point,
     PointArgs,
@@ -90,9 +92,39 @@ class PointCommands:
         return {"aligned": args.action != "clear", "name": args.name}
 
     async def confirm_reference(self, args: ReferenceArgs) -> Result:
-        """Accept the present positions; gives the devices that were in doubt."""
+        """Accept devices and present positions; gives what was in doubt."""
         check_ready(self._devices)
-        return {"confirmed": await ConfirmReference(args).execute(self.measurement)}
+        accepted = await ConfirmReference(args).execute(self.measurement)
+        remembered = await self._is_remembered()
+        return {
+            "confirmed": list(accepted),
+            "accepted": list(accepted.values()),
+            "remembered": remembered,
+        }
+
+    async def home(self, args: HomeArgs) -> Result:
+        """Set the counts at the home posture; gives joints and what is confirmed."""
+        check_ready(self._devices)
+        result = await HomeJoints(args).execute(self.measurement)
+        accepted = result["accepted"]
+        remembered = await self._is_remembered()
+        return {
+            "homed": result["homed"],
+            "confirmed": list(accepted),
+            "accepted": list(accepted.values()),
+            "remembered": remembered,
+        }
+
+    async def _is_remembered(self) -> bool:
+        """Whether what was accepted is on the disk, once that is known."""
+        writing = self.measurement.quality.references.memory.writing
+        if writing is None:
+            return False
+        try:
+            await asyncio.wrap_future(writing)
+        except OSError:  # whoever writes has logged it
+            return False
+        return True
 
     async def change_probe(self, args: ProbeArgs) -> Result:
         """Measure with a probe of the library; gives its name and the new model."""
@@ -132,6 +164,12 @@ class PointCommands:
 
     async def covariance(self, args: CovarianceArgs) -> Result:
         """State how the errors of points belong together."""
+        if cause := self.measurement.model.geometry_doubt:
+            raise RequestRefusedError(
+                "command.not_available",
+                f"how far points are off is not known: {cause}",
+                "identify the arm, and keep its covariance file beside the arm file",
+            )
         found = [self.measurement.capture.shared.of(name) for name in args.ids]
         known = [one for one in found if one is not None]
         if len(known) < len(found):

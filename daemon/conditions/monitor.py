@@ -48,28 +48,21 @@ class ConditionMonitor:
 
     Feeders call `establish` and `doubt`; a condition that does not apply is ignored.
 
-    Args:
-        changed: called when a standing has changed.
-
     Attributes:
+        changed: called when a standing has changed.
         bits: flags of every number now.
     """
 
-    def __init__(
-        self,
-        clock: HostClock,
-        events: EventLog,
-        changed: Callable[[], None] = lambda: None,
-    ) -> None:
+    def __init__(self, clock: HostClock, events: EventLog) -> None:
         self._clock = clock
         self._events = events
-        self._changed = changed
         self._standings: dict[Key, Standing] = {}
         self._counting: frozenset[str] = frozenset()
         self._sample_rows: list[Condition] = []
         self._sample_bits = 0
         self._marked_ns: dict[Key, int] = {}
         self._open: frozenset[Key] = frozenset()
+        self.changed: Callable[[], None] = lambda: None
         self.bits = 0
 
     # -- what applies ---------------------------------------------------------
@@ -136,7 +129,7 @@ class ConditionMonitor:
         self._standings[name, subject] = Standing(name, subject, True, now_ns, "", "")
         self._end_event(before, text or before.condition.means)
         self._update_bits()
-        self._changed()
+        self.changed()
 
     def doubt(
         self,
@@ -157,7 +150,7 @@ class ConditionMonitor:
         after = Standing(name, subject, False, since_ns, cause, remedy or row.remedy)
         self._standings[name, subject] = self._reported(after, data)
         self._update_bits()
-        self._changed()
+        self.changed()
 
     def add_samples(self, flags: int) -> None:
         """Take the flags that any of the arm's newest samples carries."""

@@ -13,6 +13,7 @@ from traverse.protocol.messages.quality import QualityFlag
 SubjectKind = Literal["device", "arm", "host"]
 ARM, HOST = "arm", "host"
 CONFIRM = "confirm (`traverse confirm`, or on the operator's page)"
+HOME = "home it (`traverse home`, or on the operator's page)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,10 +66,11 @@ CONDITIONS = (
     Condition(
         "readings",
         "arm",
-        "readings of all joints are valid, complete and recent",
+        "readings of all joints are valid, complete and recent, without a warning",
         "samples in which nothing is missing",
-        "a reading that is invalid, missing, late or repeated",
+        "a reading that is invalid, missing, late or repeated, or an encoder's warning",
         QualityFlag.ENCODER_ERROR
+        | QualityFlag.ENCODER_WARNING
         | QualityFlag.LATE
         | QualityFlag.STALE
         | QualityFlag.INCOMPLETE,
@@ -78,17 +80,33 @@ CONDITIONS = (
         severity="warning",
     ),
     Condition(
+        "identity",
+        "device",
+        "the device has the serial numbers that were confirmed, in the same order",
+        "`reference`, once for a device; a device without serial numbers has none to "
+        "confirm",
+        "another device answers, or its encoders have changed places",
+        QualityFlag.IDENTITY_UNCONFIRMED,
+        "all",
+        "condition.identity",
+        f"if the devices are the right ones, touch a point that you know, then "
+        f"{CONFIRM}; else put the confirmed ones back",
+        command="reference",
+        remembered="the serial numbers that were confirmed",
+    ),
+    Condition(
         "reference",
         "device",
         "place and turns of the joints that the device reads are known",
-        "`reference` or `home`; an absolute encoder needs it once",
+        "`reference`, or `home` for incremental encoders, after each loss of power; "
+        "an absolute encoder needs it once",
         "the device has been without power, or a joint may have turned unseen",
         QualityFlag.TURNS_UNCERTAIN,
         "all",
         "device.turns_uncertain",
         f"bring the arm to its reference, touch a point that you know, then {CONFIRM}",
         command="reference",
-        remembered="the power-up that was confirmed",
+        remembered="the power-up that was confirmed, and what homing adds to readings",
     ),
     Condition(
         "device_clock",
@@ -112,6 +130,79 @@ CONDITIONS = (
         "samples",
         "condition.skew",
         "move slower, or read the devices faster",
+        severity="warning",
+    ),
+    Condition(
+        "geometry",
+        "arm",
+        "the arm's geometry has been identified, with a covariance",
+        "an arm file of an identification that has its covariance file; probes of a "
+        "library state theirs",
+        "an arm file without, or a probe whose covariance is not stated",
+        QualityFlag.GEOMETRY_UNKNOWN,
+        "all",
+        "condition.geometry",
+        "identify the arm (`traverse identify`), and keep the covariance file beside "
+        "the arm file",
+    ),
+    Condition(
+        "temperature",
+        "arm",
+        "the temperature that corrections need is known",
+        "a report of a device's sensor",
+        "no sensor reports",
+        QualityFlag.TEMPERATURE_UNKNOWN,
+        "all",
+        "device.temperature_unknown",
+        "connect the board's sensor, or take the effects that need the temperature "
+        "out of the arm file",
+    ),
+    Condition(
+        "motion",
+        "arm",
+        "speed and last sense of motion that corrections or limits need are known",
+        "joints that have moved since the start",
+        "a start, or readings that were missing",
+        QualityFlag.MOTION_UNKNOWN,
+        "samples",
+        "condition.motion",
+        "move every joint a little",
+        severity="warning",
+    ),
+    Condition(
+        "effects",
+        "arm",
+        "corrections are used within what they were measured for",
+        "samples within the time and the range of every correction",
+        "a correction bound to time is used later, or a curve beyond its knots",
+        QualityFlag.STALE_EFFECT | QualityFlag.BEYOND_KNOTS,
+        "samples",
+        "condition.effects",
+        "stay within what was measured, or identify the arm again",
+        severity="warning",
+    ),
+    Condition(
+        "temperature_band",
+        "arm",
+        "the arm's temperature, and its rate, are within [quality]",
+        "a temperature within the band",
+        "one outside, a quick change, or no temperature",
+        QualityFlag.TEMPERATURE,
+        "all",
+        "limit.temperature",
+        "wait until the temperature has settled",
+        severity="warning",
+    ),
+    Condition(
+        "identification_age",
+        "arm",
+        "the identification is not older than [quality] allows",
+        "the date in the arm file",
+        "age, or an arm file without a date",
+        QualityFlag.STALE_IDENTIFICATION,
+        "all",
+        "limit.stale_identification",
+        "check the arm, and identify it again",
         severity="warning",
     ),
     Condition(

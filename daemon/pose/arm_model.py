@@ -123,6 +123,7 @@ class ArmModel:
         joint_devices: (n_joints,) id of the device that reads each joint.
         channels: (n_joints,) the channel of each joint on its device.
         covariance: of the arm's parameters; None without a file.
+        geometry_doubt: why it is not known how far points are off; empty where it is.
     """
 
     name: str
@@ -137,6 +138,7 @@ class ArmModel:
     arm: Arm
     covariance: ArmCovariance | None = None
     identified_s: float | None = None
+    geometry_doubt: str = ""
 
     @property
     def devices(self) -> tuple[str, ...]:
@@ -252,6 +254,7 @@ def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:
         arm,
         covariance,
         _identified_s(arm),
+        _geometry_doubt(arm, covariance),
     )
 
 
@@ -281,7 +284,23 @@ def model_with_probe(model: ArmModel, chosen: LibraryProbe) -> ArmModel:
         covariance=covariance_with_probe(
             model.covariance, arm, model.effects, chosen.covariance_mm2
         ),
+        geometry_doubt=_geometry_doubt(model.arm, model.covariance)
+        or _probe_doubt(chosen),
     )
+
+
+def _geometry_doubt(arm: Arm, covariance: ArmCovariance | None) -> str:
+    if arm.identification is None:
+        return f"the arm file of {arm.name} is not the result of an identification"
+    if covariance is None or not covariance.factor.any():
+        return f"the identification of {arm.name} has no covariance"
+    return ""
+
+
+def _probe_doubt(chosen: LibraryProbe) -> str:
+    if chosen.covariance_mm2 is None:
+        return f"the library states no vector_covariance_mm2 of probe {chosen.name}"
+    return ""
 
 
 def _identified_s(arm: Arm) -> float | None:

@@ -1,19 +1,35 @@
 """Which conditions of the table apply to an arm and its devices."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 from traverse.daemon.conditions.table import ARM, CONDITIONS, HOST, Condition
+from traverse.daemon.config.schema import QualitySection
 from traverse.daemon.pose.arm_model import ArmModel
+from traverse.drivers.base.values import Identity
 
 
 def subjects_by_condition(
-    model: ArmModel, devices: Sequence[str]
+    model: ArmModel, section: QualitySection, devices: Mapping[str, Identity | None]
 ) -> dict[str, tuple[str, ...]]:
     """By name of the condition, the subjects that it applies to.
 
-    ``devices`` are all that are configured; those that read no joint are triggers.
+    Args:
+        model: the arm.
+        section: of the configuration, whose limits are conditions.
+        devices: all that are configured, with what they say that they are; None
+            before they have answered. Those that read no joint are triggers.
     """
-    return {row.name: _subjects(row, model, devices) for row in CONDITIONS}
+    absent = {
+        "temperature": not model.uses_temperature,
+        "temperature_band": section.temperature_low_c is None
+        and section.temperature_high_c is None
+        and section.temperature_change_c is None,
+        "identification_age": section.identification_days is None,
+    }
+    return {
+        row.name: () if absent.get(row.name) else _subjects(row, model, devices)
+        for row in CONDITIONS
+    }
 
 
 def counting_subjects(model: ArmModel) -> tuple[str, ...]:
@@ -22,12 +38,15 @@ def counting_subjects(model: ArmModel) -> tuple[str, ...]:
 
 
 def _subjects(
-    row: Condition, model: ArmModel, devices: Sequence[str]
+    row: Condition, model: ArmModel, devices: Mapping[str, Identity | None]
 ) -> tuple[str, ...]:
-    match row.subject:
-        case "host":
-            return (HOST,)
-        case "arm":
-            return (ARM,)
-        case "device":
-            return tuple(devices if row.name == "present" else model.devices)
+    if row.subject == "host":
+        return (HOST,)
+    if row.subject == "arm":
+        return (ARM,)
+    if row.name == "present":
+        return tuple(devices)
+    if row.name == "identity":  # not of a device that has no serial number
+        numbered = {d for d, of in devices.items() if of is None or of.serials}
+        return tuple(device for device in model.devices if device in numbered)
+    return model.devices

@@ -74,6 +74,7 @@ class Pipeline:
         self._unwrapper = Unwrapper(model.encoders)
         self._moduli: dict[str, tuple[int, ...]] = {}
         self._turn_resets: list[tuple[int, Sequence[int]]] = []
+        self._homed_rad: dict[str, float] = {}
         self._set_model(model)
 
     def use_model(self, model: ArmModel) -> None:
@@ -98,7 +99,36 @@ class Pipeline:
         self.model = model
         self._unwrapper.use_wraps(model.wraps_counts(self._moduli))
         self._per_count_rad = model.per_count_rad
+        self._follow_offsets()
         self._covariates = CovariateBuilder(model, self._clock)
+
+    def use_offsets(self, offsets_rad: Mapping[str, float]) -> None:
+        """Add what homing has set to the readings of joints, by name, from now on."""
+        self._homed_rad = dict(offsets_rad)
+        self._follow_offsets()
+        self._covariates.motion_tracker.forget()
+
+    def _follow_offsets(self) -> None:
+        names = self.model.effects.joint_names
+        self._offsets_rad = np.array([self._homed_rad.get(name, 0.0) for name in names])
+        self._unwrapper.use_zeros(self.model.encoders.zeros_rad - self._offsets_rad)
+
+    def offsets_for(self, angles_rad: Mapping[str, float]) -> dict[str, float] | None:
+        """What to add to readings so that joints, by name, are at these angles now.
+
+        None where a joint has not been read yet.
+        """
+        counts, fresh = self._unwrapper.turns
+        names = self.model.effects.joint_names
+        joints = [names.index(name) for name in angles_rad]
+        if any(fresh[joint] for joint in joints):
+            return None
+        readings_rad = np.array(counts) * self._per_count_rad
+        wanted = zip(joints, angles_rad.items(), strict=True)
+        return {
+            name: float(angle_rad - readings_rad[joint])
+            for joint, (name, angle_rad) in wanted
+        }
 
     @property
     def state(self) -> dict[str, object]:
@@ -145,7 +175,8 @@ class Pipeline:
         while self._turn_resets and self._turn_resets[0][0] <= until_ns:
             _, joints = self._turn_resets.pop(0)
             counts = self._unwrapper.with_turns_near_zero(counts, joints)
-        angles_rad = counts * self._per_count_rad  # as `counts_to_angles`
+        # As `counts_to_angles`, and from where homing has put the zero.
+        angles_rad = counts * self._per_count_rad + self._offsets_rad
         if samples.fractions is not None:
             angles_rad += samples.fractions * self._per_count_rad
         motion = self._covariates.motion(samples.sample_time_ns, angles_rad, quality)
@@ -192,7 +223,7 @@ class Pipeline:
     ) -> LatchedPose:
         """Pose at one instant; its turns are those nearest to the last timed sample."""
         counts = self._unwrapper.near(latched.counts)
-        angles_rad = counts * self._per_count_rad  # as `counts_to_angles`
+        angles_rad = counts * self._per_count_rad + self._offsets_rad
         if latched.fractions is not None:
             angles_rad += latched.fractions * self._per_count_rad
         status = int(np.bitwise_or.reduce(latched.status))

@@ -30,10 +30,11 @@ MOMENTARY = {
 }
 """Limits that a hand passes in a moment; reported when it does."""
 LASTING = {
-    QualityFlag.TEMPERATURE: "limit.temperature",
-    QualityFlag.STALE_IDENTIFICATION: "limit.stale_identification",
+    QualityFlag.TEMPERATURE: "temperature_band",
+    QualityFlag.STALE_IDENTIFICATION: "identification_age",
 }
-"""Limits that are passed for long; reported when it begins and when it ends."""
+"""Limits that are passed for long, and the condition that each is."""
+LIMITS = int(QualityFlag.TEMPERATURE | QualityFlag.STALE_IDENTIFICATION)
 REMEDIES = {
     QualityFlag.ENCODER_ERROR: "take the point again; if it stays, check the encoder",
     QualityFlag.END_STOP: "turn the joint back, or take the part from another side",
@@ -169,6 +170,7 @@ class QualityMonitor:
         self.persistent = PersistentFlags(section, model, clock)
         self._speeds = SpeedTracker()
         self._last_flags = 0
+        self._last_limits: int | None = None
         self._follow(section, model)
 
     def use(self, section: QualitySection, model: ArmModel) -> None:
@@ -178,6 +180,7 @@ class QualityMonitor:
 
     def _follow(self, section: QualitySection, model: ArmModel) -> None:
         self._section, self._model = section, model
+        self._last_limits = None
         self._limits = PoseLimits(section, model)
         self._has_pose_limits = bool(
             section.end_stops or section.singular_ratio or section.overspeed_mm_s
@@ -219,7 +222,9 @@ class QualityMonitor:
         """
         if model is not self._model:
             self.use_model(model)
-        persistent = self.persistent.bits(temperature_c) | self._conditions.bits
+        lasting = self.persistent.bits(temperature_c)
+        self._feed_limits(lasting)
+        persistent = lasting | self._conditions.bits
         flags = persistent
         if self._has_pose_limits:
             found = self._limits.flags_of_angles(poses.angles_rad)
@@ -229,7 +234,7 @@ class QualityMonitor:
                 )
             np.bitwise_or(poses.quality, found, out=poses.quality)
             flags |= int(np.bitwise_or.reduce(found))
-        self._conditions.add_samples(int(np.bitwise_or.reduce(poses.quality)))
+        self._conditions.add_samples(int(np.bitwise_or.reduce(poses.quality)) | lasting)
         if persistent:
             np.bitwise_or(poses.quality, np.uint32(persistent), out=poses.quality)
         if not is_scanning:
@@ -244,7 +249,9 @@ class QualityMonitor:
         temperature_c: float | None,
     ) -> LatchedPose:
         """A pose beside the stream, flagged; speeds are (n_joints,), None: unknown."""
-        found = self.persistent.bits(temperature_c) | self._conditions.bits
+        found = self.persistent.bits(temperature_c)
+        self._feed_limits(found)
+        found |= self._conditions.bits
         if self._has_pose_limits:
             limits, angles_rad = self._limits, pose.angles_rad
             found |= int(limits.flags_of_angles(angles_rad[np.newaxis])[0])
@@ -291,14 +298,15 @@ class QualityMonitor:
                 if flag is QualityFlag.END_STOP:
                     joints = self._limits.joints_near_stops(poses.angles_rad)
                 self._report_momentary(flag, joints)
-        for flag, code in LASTING.items():
-            if changed & flag:
-                passed = bool(flags & flag)
-                self._events.change(
-                    passed,
-                    "warning",
-                    code,
-                    FLAG_MEANINGS[flag] if passed else "within its limits again",
-                    source="quality",
-                    remedy=REMEDIES[flag] if passed else "",
-                )
+
+    def _feed_limits(self, flags: int) -> None:
+        """Feed the conditions that lasting limits are."""
+        limits = flags & LIMITS
+        if limits == self._last_limits:
+            return
+        self._last_limits = limits
+        for flag, condition in LASTING.items():
+            if limits & flag:
+                self._conditions.doubt(condition, cause=FLAG_MEANINGS[flag])
+            else:
+                self._conditions.establish(condition, text="within its limits again")

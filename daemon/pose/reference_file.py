@@ -1,4 +1,4 @@
-"""The confirmed references of one arm, on the disk."""
+"""The confirmed devices of one arm, on the disk."""
 
 import json
 import logging
@@ -6,15 +6,16 @@ from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
-from traverse.daemon.pose.references import ReferenceMemory
+from traverse.daemon.pose.reference_memory import ConfirmedDevice, ReferenceMemory
 from traverse.strict_toml.files import json_of
 from traverse.strict_toml.writing import write_atomically
 
 log = logging.getLogger("traverse.daemon.service")
+SCHEMA = "traverse/references/1"
 
 
 class ReferenceFile(ReferenceMemory):
-    """The confirmed references of one arm, written by a thread of its own.
+    """The confirmed devices of one arm, written by a thread of its own.
 
     Args:
         path: of the file; there need not be one.
@@ -23,25 +24,27 @@ class ReferenceFile(ReferenceMemory):
     def __init__(self, path: Path) -> None:
         self._path = path
         self._thread = ThreadPoolExecutor(1, "references")
+        self._writing: Future[None] | None = None
         try:
-            found = json_of(path)
-            if not isinstance(found, dict):
-                raise ValueError("it is no table")
+            super().__init__(_devices(json_of(path)))
         except FileNotFoundError:
             super().__init__()
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, TypeError, KeyError) as error:
             log.warning("%s cannot be read, confirm the positions: %s", path, error)
             super().__init__(is_lost=True)
-        else:
-            super().__init__({str(key): str(value) for key, value in found.items()})
 
-    def add(self, boots: Mapping[str, str]) -> None:
-        """These power-ups are confirmed; a crash before it is written asks again."""
-        super().add(boots)
-        text = json.dumps(self.confirmed, indent=1)
-        self._thread.submit(write_atomically, self._path, text).add_done_callback(
-            self._report
-        )
+    def add(self, devices: Mapping[str, ConfirmedDevice]) -> None:
+        """These devices are confirmed; a crash before it is written asks again."""
+        super().add(devices)
+        values = {name: device.to_values() for name, device in self.devices.items()}
+        text = json.dumps({"schema": SCHEMA, "devices": values}, indent=1)
+        self._writing = self._thread.submit(write_atomically, self._path, text)
+        self._writing.add_done_callback(self._report)
+
+    @property
+    def writing(self) -> "Future[None] | None":
+        """What is done once the last addition is durable."""
+        return self._writing
 
     def close(self) -> None:
         """Wait until all is written."""
@@ -55,3 +58,15 @@ class ReferenceFile(ReferenceMemory):
                 self._path,
                 error,
             )
+
+
+def _devices(values: object) -> dict[str, ConfirmedDevice]:
+    """The devices of the file's values.
+
+    Raises:
+        ValueError: it is damaged, or of another version; TypeError, KeyError likewise.
+    """
+    if not isinstance(values, dict) or values.get("schema") != SCHEMA:
+        raise ValueError(f"no table with the schema {SCHEMA}")
+    devices = values["devices"].items() if isinstance(values["devices"], dict) else ()
+    return {str(name): ConfirmedDevice.from_values(it) for name, it in devices}

@@ -114,7 +114,7 @@ class CovarianceInput:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StatedCovariance:
-    """The uncertainty of one point; None where the speed is not known.
+    """The uncertainty of one point; None where speed or geometry is not known.
 
     Attributes:
         own_mm2: xx, xy, xz, yy, yz, zz.
@@ -138,7 +138,8 @@ class CovarianceEvaluator:
 
     def covariance(self, model: ArmModel, reading: CovarianceInput) -> StatedCovariance:
         """State it, and what points share by the arm's parameters."""
-        if reading.speeds_rad_s is None:
+        # Without the geometry's part a number would lack the largest.
+        if reading.speeds_rad_s is None or model.geometry_doubt:
             return StatedCovariance(None, None)
         found = point_uncertainties(
             model.geometry,

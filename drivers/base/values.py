@@ -40,6 +40,9 @@ class Identity:
         absolute: whether its counts are right again after a loss of power; None: it
             depends on the encoders, which it does not know.
         boot: another text after each loss of power; empty where unknown.
+        serials: by channel, or one for all of them, the numbers that no other device
+            has; an empty text where one was not reported, no texts for a device that
+            has none.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Identity:
     jitter_ns: int = 0
     absolute: bool | None = None
     boot: str = ""
+    serials: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -150,6 +150,7 @@ def bus_identity(
         counts_per_turn=tuple(fact.counts_per_turn for fact in facts),
         jitter_ns=JITTER_NS.get(options.interface, ADAPTER_JITTER_NS),
         absolute=True,
+        serials=tuple(fact.serial for fact in facts),
     )
 
 

@@ -61,6 +61,12 @@ class NodeFacts:
         )
         return f"{self.node}:{vendor}-{product}-{serial}"
 
+    @property
+    def serial(self) -> str:
+        """The number that no other encoder has; empty where it reports none."""
+        vendor, product, _, serial = self.identity
+        return "" if serial is None else f"{vendor or 0:x}-{product or 0:x}-{serial:x}"
+
 
 def read_facts(sdo: NodeSdo, node: int) -> NodeFacts:
     """Read the identity of a node; changes nothing.

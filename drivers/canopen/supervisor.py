@@ -317,6 +317,12 @@ class NodeSupervisor:
                     f", it had {known.counts_per_turn}",
                     "if it was replaced, correct the arm file and identify anew",
                 )
+            if found.serial != known.serial:
+                raise DeviceError(
+                    f"{sdo.name} was exchanged: was {known.serial or 'unknown'}, is "
+                    f"{found.serial or 'unknown'}",
+                    "if that is right, confirm it",
+                )
             forgotten = set_up_node(sdo, found, self.options)
         except NodeError:
             return  # it stays lost; it is tried again

@@ -418,6 +418,7 @@ def board_identity(hello: wire.Hello) -> Identity:
         latches=bool(hello.channels),
         jitter_ns=JITTER_NS,
         boot=f"{hello.boot_id:x}",
+        serials=(hello.board_id.hex(),),
     )
 
 

@@ -219,6 +219,7 @@ class MicroscribeSession:
             counts_per_turn=self.arm.moduli,
             jitter_ns=self._jitter_ns,
             absolute=False,
+            serials=(self.arm.serial,),
         )
 
     def ask(self) -> TimedPacket | None:

@@ -91,6 +91,7 @@ class PolledDriver(Driver, Generic[LineT]):
         self._line: LineT | None = None
         self._unrequested_before = 0  # on lines that were lost
         self._channels: Sequence[PolledChannel] = ()
+        self._serials: tuple[str, ...] = ()  # `_open` sets those that there are
         self._reached_hz = 0.0
         self._schedule: SampleSchedule | None = None
         self._lengths_ns: deque[int] = deque(maxlen=LENGTHS)
@@ -159,6 +160,7 @@ class PolledDriver(Driver, Generic[LineT]):
             counts_per_turn=tuple(c.counts_per_turn for c in self._channels),
             jitter_ns=self._jitter_ns(),
             absolute=True,
+            serials=self._serials,
         )
         self._deliver_state(DeviceUp(self.device, identity, restarted=False))
         self._streams_begun = 0  # the requested stream is to be started again

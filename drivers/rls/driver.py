@@ -20,10 +20,11 @@ from traverse.drivers.base.values import (
 from traverse.drivers.polling.alarms import ConditionAlarms
 from traverse.drivers.polling.channel import EncoderReading, PolledChannel, ReadError
 from traverse.drivers.polling.polled_driver import PolledDriver
-from traverse.drivers.rls.line import SILENT, RlsLineGroup, TimedPosition
+from traverse.drivers.rls.line import GARBLED, SILENT, RlsLineGroup, TimedPosition
 from traverse.drivers.rls.options import CONDITIONS, RlsOptions
 from traverse.protocol import rls
 
+SERIAL_TRIES = 3  # of an encoder that does not state its number
 LISTEN_S = 0.02  # so long it must be quiet before the first request
 
 
@@ -40,6 +41,7 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
         n_ports = len(options.ports)
         self._temperature_ns = round(options.temperature_period_s * 1e9 / n_ports)
         self._in_hand: set[int] = set()
+        self._recognised: set[int] = set()  # channels that were missing, by serial
         self._status = ConditionAlarms(
             self.device, self._delivery_queue.put, CONDITIONS
         )
@@ -58,11 +60,17 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
         self._in_hand.clear()
         for number in group.discard_input(LISTEN_S):
             group.send_setting(number, rls.STOP)  # another left it continuous
-        group.exchange(dict.fromkeys(self._names, rls.SERIAL_NUMBER))
-        replies = [line.reply() for line in group.lines]
-        found = [
-            None if isinstance(r, ReadError) else rls.serial_number(r) for r in replies
-        ]
+        found: list[str | None] = [None] * len(group.lines)
+        for _ in range(SERIAL_TRIES):
+            unknown = [n for n, number in enumerate(found) if number is None]
+            if not unknown:
+                break
+            group.exchange(dict.fromkeys(unknown, rls.SERIAL_NUMBER))
+            for number in unknown:
+                reply = group.lines[number].reply()
+                if not isinstance(reply, ReadError):
+                    found[number] = rls.serial_number(reply)
+        self._serials = tuple(number or "" for number in found)
         serials = ", ".join(number or "unknown" for number in found)
         if self._continuous:
             for number in self._names:
@@ -93,6 +101,8 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
             if channel not in self._in_hand:
                 self._poll_all(group)
             self._in_hand.discard(channel)
+            if group.lines[channel].request == rls.SERIAL_NUMBER:
+                return self._recognise(channel, group.lines[channel].reply())
             answer = group.lines[channel].answer()
         return (
             answer if isinstance(answer, ReadError) else self._reading(channel, answer)
@@ -123,8 +133,27 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
             if self._next_temperature in requests:
                 requests[self._next_temperature] = rls.TEMPERATURE
         missing = frozenset(n for n, c in enumerate(self._channels) if c.missing)
+        self._recognised &= missing
+        for number in missing - self._recognised & requests.keys():
+            if self._serials[number]:
+                requests[number] = rls.SERIAL_NUMBER
         group.exchange(requests, missing)
         self._in_hand = set(due)
+
+    def _recognise(self, channel: int, reply: bytes | ReadError) -> ReadError:
+        """Believe an encoder that was missing only if it is the same as before."""
+        if isinstance(reply, ReadError):
+            return reply
+        before, now = self._serials[channel], rls.serial_number(reply)
+        if now is None:
+            return GARBLED
+        if now != before:
+            raise DeviceError(
+                f"{self._names[channel]} was exchanged: was {before}, is {now}",
+                "if that is right, confirm it",
+            )
+        self._recognised.add(channel)
+        return SILENT  # its next reply counts
 
     def _wait(self, seconds: float) -> None:
         """In the continuous mode encoders are read meanwhile."""

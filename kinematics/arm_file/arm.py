@@ -83,6 +83,13 @@ class Probe(StrictModel):
     mass_kg: float | None = Field(default=None, ge=0.0)
 
 
+class Home(StrictModel):
+    """A posture into which the arm can be put by itself, against stops or marks."""
+
+    angles_rad: Mapping[str, float]
+    origin: str | None = None
+
+
 class Reference(StrictModel):
     """Conditions under which the geometry holds."""
 
@@ -170,6 +177,7 @@ class Arm(StrictModel):
     joints: tuple[Joint, ...]
     probe: Probe
     reference: Reference = Reference()
+    home: Home | None = None
     identification: Identification | None = None
     effects: tuple[
         Annotated[SerializeAsAny[Effect], BeforeValidator(effect_from_table)], ...

@@ -110,13 +110,16 @@ class Unwrapper:
         self._offsets = np.zeros(encoders.n_joints, dtype=np.int64)
         self._offset_known = np.zeros(encoders.n_joints, dtype=np.bool_)
         # The reading zero_rad in counts; at most half a count of a turn is at stake.
-        self._zero_counts = (
-            encoders.signs
-            * encoders.zeros_rad
-            * (encoders.counts_per_turn / (2.0 * np.pi))
-        )
+        self._signs = encoders.signs
+        self.use_zeros(encoders.zeros_rad)
         self._last = np.zeros(encoders.n_joints, dtype=np.int64)
         self._fresh = np.ones(encoders.n_joints, dtype=np.bool_)
+
+    def use_zeros(self, zeros_rad: Floats) -> None:
+        """Put first samples into the turns nearest to these readings, (n_joints,)."""
+        self._zero_counts = (
+            self._signs * zeros_rad * (self._counts_per_turn / (2.0 * np.pi))
+        )
 
     def use_wraps(self, wraps_counts: Integers) -> None:
         """Counts wrap to 0 after so many (n_joints,), each a number of whole turns."""

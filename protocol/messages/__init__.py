@@ -7,6 +7,7 @@ from traverse.protocol.messages.commands import (
     Args,
     Command,
     CovarianceArgs,
+    HomeArgs,
     LabelArgs,
     PointArgs,
     ProbeArgs,

@@ -107,9 +107,11 @@ class ProbeArgs(Args):
 
 
 class ReferenceArgs(Args):
-    """Accept the present positions of the encoders as right, after a loss of power.
+    """Accept devices and the present positions of their encoders as right.
 
-    The result is `{confirmed: [...]}`, the ids of the devices that were in doubt.
+    The result is `{confirmed: [...], accepted: [...], remembered}`: ids of the devices
+    that were in doubt, what was accepted of each in words, as "was AAA111, is BBB222",
+    and whether that is on the disk.
     """
 
     command = "reference"
@@ -119,6 +121,20 @@ class ReferenceArgs(Args):
     """Where the probe is known to be, in the arm's system; refused if it is not."""
     tolerance_mm: Positive = 1.0
     """How far from there it may be."""
+
+
+class HomeArgs(Args):
+    """Set the counts: the joints are now at the home posture of the arm file.
+
+    The result is `{homed: [...], confirmed: [...], accepted: [...], remembered}`: names
+    of the joints, and the rest as that of `reference`.
+    """
+
+    command = "home"
+    joints: Annotated[tuple[Name, ...], Field(min_length=1, max_length=64)] | None = (
+        None
+    )
+    """Which; null: all of the home posture that have no absolute encoder."""
 
 
 class ReloadArgs(Args):
@@ -255,6 +271,7 @@ COMMANDS: dict[str, type[Args]] = {
         LabelArgs,
         ProbeArgs,
         ReferenceArgs,
+        HomeArgs,
         ReloadArgs,
         AlignArgs,
         SessionArgs,

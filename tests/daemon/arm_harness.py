@@ -4,6 +4,7 @@ import asyncio
 
 from tests.daemon.two_devices import BEGIN_NS, base, model_on_two, wrist
 from tests.daemon.values import SetClock, configuration, kept_at_once
+from tests.established import confirmed
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.config.schema import AssemblySection, UncertaintySection
@@ -19,8 +20,10 @@ from traverse.drivers.base.values import (
 )
 
 IDENTITIES = {
-    "base": Identity("board 1", "1", (1 << 20, 1 << 23, 1 << 16), 2, 1000.0),
-    "wrist": Identity("line 2", "", (1 << 23, 1 << 23), 0, 80.0, latches=False),
+    "base": Identity("board 1", "1", (1 << 20, 1 << 23, 1 << 16), 2, 1000.0, boot="1"),
+    "wrist": Identity(
+        "line 2", "", (1 << 23, 1 << 23), 0, 80.0, latches=False, absolute=True
+    ),
     "handle": Identity("foot pedal", "", (), 2, 0.0, latches=False),
 }
 INPUTS = {"handle/0": "button", "base/0": "switch"}
@@ -79,6 +82,7 @@ class ArmBench:
                 self.live.append,
                 self.actions.append,
                 self.change_status,
+                references=confirmed(self.model, IDENTITIES),
             ),
             self.clock,
             devices=list(self.devices.values()),

@@ -3,6 +3,7 @@
 import asyncio
 
 from tests.daemon.values import MODULI, SetClock, configuration, kept_at_once
+from tests.established import confirmed
 from traverse.daemon.acquisition.device import open_device
 from traverse.daemon.clock import FrozenClock
 from traverse.daemon.measurement import Measurement, Sinks
@@ -11,7 +12,7 @@ from traverse.daemon.monitoring.latencies import latencies_by_name
 from traverse.daemon.reports import HealthReporter
 from traverse.drivers.base.values import Identity
 
-BOARD = Identity("latch board 07", "1.2.3", MODULI, 2, 10_000.0)
+BOARD = Identity("latch board 07", "1.2.3", MODULI, 2, 10_000.0, boot="1")
 OTHER_BOARD = Identity("latch board 08", "1.2.3", MODULI[:1], 2, 10_000.0)
 INPUTS = {"base/0": "button", "base/1": "switch"}
 
@@ -40,6 +41,7 @@ class Bench:
                 self.live.append,
                 status_changed=self.count_change,
                 latencies=latencies,
+                references=confirmed(model, {"base": BOARD}),
             ),
             FrozenClock(self.clock) if frozen else self.clock,
             devices=[self.device],

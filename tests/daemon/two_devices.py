@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.daemon.values import ARM, arm_file
+from tests.daemon.values import ARM, arm_model
 from traverse.daemon.acquisition.resampler import Resampler
 from traverse.daemon.config.schema import AssemblySection
-from traverse.daemon.pose.arm_model import read_model
 from traverse.drivers.base.values import CountSamples, Identity
 
 BEGIN_NS = 10**12
@@ -23,7 +22,7 @@ def identity(jitter_ns=0):
 
 
 def model_on_two(folder):
-    return read_model(arm_file(folder, ON_TWO), {"base": None, "wrist": None})
+    return arm_model(folder, ON_TWO)
 
 
 def assembly_on_two(folder, rates_hz=(100.0, 80.0), **settings):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.arm_files import arm_text, joint_text
+from tests.established import identify
 from traverse.daemon.clock import HostClock
 from traverse.daemon.config.devices import DeviceSection
 from traverse.daemon.config.schema import (
@@ -22,6 +23,7 @@ from traverse.drivers.base.values import CountSamples, LatchedCounts
 from traverse.protocol.messages import Point
 
 UTC_OFFSET_NS = 1_700_000_000_000_000_000
+DEVICES = {"base": None, "wrist": None}
 MODULI = (1 << 32, 1 << 23, 1 << 20)
 
 # Three joints on channels 2, 0 and 1 of a board; one of them turns the other way.
@@ -92,7 +94,8 @@ def arm_file(folder: Path, text: str = ARM) -> Path:
 
 
 def arm_model(folder: Path, text: str = ARM) -> ArmModel:
-    return read_model(arm_file(folder, text), {"base": None})
+    path = arm_file(folder, text)
+    return read_model(path if "covariance_file" in text else identify(path), DEVICES)
 
 
 def count_samples(

@@ -103,7 +103,8 @@ def test_what_python_imports_is_there(page: str, text: str) -> None:
 EVENTS = (CHECKOUT / "docs" / "reference" / "events.md").read_text("utf-8")
 SUBJECTS = (
     "device command commands capture broker scan limit reload "
-    "clock watchdog realtime metrics outbox resend recording replay reference"
+    "clock watchdog realtime metrics outbox resend recording replay reference "
+    "condition home"
 )
 CODE = re.compile(rf'"((?:{"|".join(SUBJECTS.split())})\.(?!db")[a-z_]+)"')
 FAULT = re.compile(r'(?:fault|_by_node)\((?:\s*[\w.]+,)?\s*"([a-z_]+)"')

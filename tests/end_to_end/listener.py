@@ -24,6 +24,7 @@ from traverse.protocol.messages import (
     Health,
     Live,
     Point,
+    ReferenceArgs,
     Reply,
     Scan,
     ScanArgs,
@@ -98,12 +99,29 @@ class Listener:
         )
         return self.replies[command.request]
 
-    async def ready(self) -> None:
-        """Wait until the daemon is online with all its devices."""
+    async def ready(self, state: str = "ready") -> None:
+        """Wait until numbers of the arm are ok, and confirm for that as an operator.
+
+        Without an identified geometry they stay in ``state`` "doubt".
+        """
+
+        def waits_for_the_operator() -> bool:
+            return self.statuses[-1].state == "doubt" and any(
+                one.command and not one.established
+                for one in self.statuses[-1].conditions
+            )
+
         await until(
-            lambda: self.statuses and self.statuses[-1].state == "ready",
-            "a status that is ready",
+            lambda: (
+                self.statuses
+                and (self.statuses[-1].state == "ready" or waits_for_the_operator())
+            ),
+            "a status that is ready, or in doubt",
         )
+        if self.statuses[-1].state != "ready":
+            confirmed = await self.command(ReferenceArgs(action="confirm"))
+            assert confirmed.ok, confirmed
+        await until(lambda: self.statuses[-1].state == state, f"a status {state}")
 
     async def n_points(self, n: int, timeout_s: float = PATIENCE_S) -> None:
         """Wait for so many points."""

@@ -10,7 +10,7 @@ from tests.end_to_end.workbench import Workbench
 
 @contextlib.asynccontextmanager
 async def measuring(
-    bench: Workbench,
+    bench: Workbench, state: str = "ready"
 ) -> AsyncIterator[tuple[Listener, Program, Program]]:
     """Simulator and daemon as configured, and a listener.
 
@@ -21,7 +21,7 @@ async def measuring(
         with bench.simulator() as simulator:
             await simulator.says("ready base")
             with bench.daemon() as daemon:
-                await listener.ready()
+                await listener.ready(state)
                 yield listener, simulator, daemon
                 await _end(daemon)
             await _end(simulator)

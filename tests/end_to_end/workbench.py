@@ -9,8 +9,14 @@ from typing import Any
 
 import traverse.cli
 from tests.end_to_end.programs import Program
+from tests.established import identify
+from traverse.daemon.pose.arm_model import read_model
+from traverse.daemon.pose.reference_file import ReferenceFile
+from traverse.daemon.pose.reference_memory import ConfirmedDevice, encoders_text
+from traverse.daemon.state_dir import REFERENCES
 
 DEMO_ARM = Path(traverse.cli.__file__).parent / "demo_data" / "arm.toml"
+BOARD_SERIAL = (b"SIM" + bytes(5) + bytes((11, 0, 0, 0))).hex()  # of seed 11
 QUICK = (
     "move_s = 0.1\napproach_s = 0.05\ndwell_s = 0.06\npress_s = 0.03\n"
     "switch_speed_mm_s = 150.0"
@@ -55,6 +61,21 @@ class Workbench:
     def __post_init__(self) -> None:
         text = DEMO_ARM.read_text("utf-8").replace('"demo-7"', f'"{self.arm}"')
         self.arm_file.write_text(text, "utf-8")
+        # Absolute, as the simulated encoders are; see `confirm_board` for the rest.
+        text = text.replace("[joints.encoder]", "[joints.encoder]\nabsolute = true")
+        self.arm_file.write_text(text, "utf-8")
+        identify(self.arm_file)
+        self.confirm_board()
+
+    def confirm_board(self) -> None:
+        """Let the daemon know the simulated board, as an operator has confirmed it."""
+        model = read_model(self.arm_file, {"base": None})
+        base = ConfirmedDevice(encoders_text(model, "base"), (BOARD_SERIAL,))
+        state = self.folder / "state"
+        state.mkdir(exist_ok=True)
+        memory = ReferenceFile(state / REFERENCES)
+        memory.add({"base": base})
+        memory.close()
 
     @property
     def arm_file(self) -> Path:

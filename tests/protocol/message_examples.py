@@ -23,6 +23,7 @@ from traverse.protocol.messages import (
     Event,
     Expiry,
     Health,
+    HomeArgs,
     Label,
     LabelArgs,
     Latency,
@@ -278,6 +279,7 @@ ARGS = (
     LabelArgs(artefact="bar", feature="1"),
     ProbeArgs(name="ruby-6"),
     ReferenceArgs(action="confirm", at_xyz_mm=(1.0, 2.0, 3.0)),
+    HomeArgs(joints=("J1", "J2")),
     ReloadArgs(),
     AlignArgs(
         action="set",

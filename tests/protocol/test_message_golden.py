@@ -117,7 +117,9 @@ def test_no_golden_file_is_left_over():
 def test_every_message_and_command_has_an_example():
     assert {type(example) for example in EXAMPLES.values()} == set(MESSAGES)
     assert [args.command for args in ARGS] == list(COMMANDS)
-    names = "point scan undo label probe reference reload align session resend record "
+    names = (
+        "point scan undo label probe reference home reload align session resend record "
+    )
     assert " ".join(COMMANDS) == names + "covariance"
 
 

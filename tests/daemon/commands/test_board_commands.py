@@ -8,6 +8,7 @@ import pytest
 from tests.daemon.values import arm_model, configuration, kept_at_once
 from tests.drivers.latch_board import frame_bodies as bodies
 from tests.drivers.latch_board.fake_board import HELLO, START, FakeBoard
+from tests.established import confirmed
 from tests.waiting import until
 from traverse.daemon.acquisition.device import open_device
 from traverse.daemon.clock import HostClock
@@ -19,8 +20,12 @@ from traverse.daemon.inputs import REFUSED, UNREACHABLE
 from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog
 from traverse.daemon.startup_check import check_devices
+from traverse.drivers.base.values import Identity
 from traverse.protocol.messages import PointArgs, ScanArgs
 
+IDENTITY = Identity(
+    "", "", (), 0, 0.0, serials=(bodies.BOARD_ID.hex(),), boot="deadbeef"
+)
 CHANNELS = ((32, 0), (23, 1 << 23), (20, 1 << 20))
 
 
@@ -46,6 +51,7 @@ class Bench:
                 kept_at_once(self.offer),
                 lambda scan, _: not self.scans.append(scan),
                 self.live.append,
+                references=confirmed(model, {"base": IDENTITY}),
             ),
             clock,
             devices=[self.device],

@@ -76,11 +76,11 @@ def test_mistakes_of_a_library_are_reported(tmp_path, old, new, told):
 
 
 def test_an_arm_with_another_probe_is_that_of_a_file_with_it(tmp_path):
-    model = arm_model(tmp_path)
+    model = read_model(arm_file(tmp_path), {"base": None})
     chosen = read_probes(library(tmp_path)).named("long")
     found = model_with_probe(model, chosen)
     text = ARM.replace(PROBE_OF_ARM, LONG_PROBE)
-    same = arm_model(tmp_path, text)
+    same = read_model(arm_file(tmp_path, text), {"base": None})
     assert found.digest == same.digest == arm_digest(parse_arm(text))
     assert found.digest != model.digest
     assert found.probe_radius_mm == 1.5
@@ -117,7 +117,7 @@ def test_what_is_known_of_a_probe_goes_with_it(tmp_path):
     assert sorted(known[known > 0.0]) == pytest.approx([1e-4, 4e-4, 4e-4, 9e-4])
     unknown = model_with_probe(model, found.named("ball-6")).covariance.covariance
     assert sorted(np.diag(unknown)[np.diag(unknown) > 0.0]) == pytest.approx([1e-4])
-    plain = arm_model(tmp_path)
+    plain = read_model(arm_file(tmp_path), {"base": None})
     assert model_with_probe(plain, found.named("ball-6")).covariance is None
 
 

@@ -16,6 +16,7 @@ from tests.daemon.points.expected_points import (
     has_room,
 )
 from tests.daemon.values import MODULI, SetClock, arm_model, configuration
+from tests.established import confirmed
 from traverse.daemon.acquisition.device import Device
 from traverse.daemon.config.schema import InputSection
 from traverse.daemon.measurement import Measurement, Sinks
@@ -31,6 +32,7 @@ from traverse.drivers.base.values import (
     StreamStarted,
 )
 
+IDENTITY = Identity("board", "1", MODULI, 4, 10_000.0, boot="1")
 MS = 1_000_000
 MEMORY = Path("/dev/shm")
 
@@ -96,6 +98,7 @@ class CaptureBench(RuleBasedStateMachine):
                 EventLog(self.clock, self.events.append),
                 self._keep,
                 lambda scan, _: not self.scans.append(scan),
+                references=confirmed(self.models[0], {"base": IDENTITY}),
             ),
             self.clock,
             devices=[self.device],
@@ -104,7 +107,7 @@ class CaptureBench(RuleBasedStateMachine):
         self.capture = self.measurement.capture
         self.capture.undo = self._watched(self.capture.undo)
         self.sessions.append(self.capture.session.id)
-        identity = Identity("board", "1", MODULI, 4, 10_000.0)
+        identity = IDENTITY
         self.take(DeviceUp("base", identity, False), StreamStarted("base", 1, 100.0))
 
     def _watched(self, undo):

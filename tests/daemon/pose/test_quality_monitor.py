@@ -7,6 +7,7 @@ import pytest
 
 from tests.daemon.values import PoseMaker, SetClock, arm_model
 from traverse.daemon.conditions.monitor import ConditionMonitor
+from traverse.daemon.conditions.table import ARM
 from traverse.daemon.config.schema import EndStopSection, QualitySection
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.monitoring.events import EventLog
@@ -27,11 +28,14 @@ class Bench:
             QualitySection(**keys),
             EventLog(self.clock, self.events.append),
         )
+        conditions = ConditionMonitor(self.clock, events)
+        limits = ("temperature_band", "identification_age")
+        conditions.use(dict.fromkeys(limits, (ARM,)), (ARM,))
         references = ReferenceMonitor(
             section,
             model,
             self.clock,
-            ConditionMonitor(self.clock, events),
+            conditions,
             ReferenceMemory(),
         )
         self.watch = QualityMonitor(section, model, self.clock, events, references)

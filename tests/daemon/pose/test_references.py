@@ -15,11 +15,11 @@ from traverse.daemon.config.schema import EndStopSection, QualitySection
 from traverse.daemon.errors import CaptureRefusedError
 from traverse.daemon.executor import ConfirmReference
 from traverse.daemon.monitoring.events import EventLog
+from traverse.daemon.pose.joint_turns import turn_dependent_joints
 from traverse.daemon.pose.reference_file import ReferenceFile
+from traverse.daemon.pose.reference_memory import ConfirmedDevice, ReferenceMemory
 from traverse.daemon.pose.references import (
-    ReferenceMemory,
     ReferenceMonitor,
-    turn_dependent_joints,
 )
 from traverse.drivers.base.values import (
     STATUS_ERROR,
@@ -27,7 +27,7 @@ from traverse.drivers.base.values import (
     STATUS_STALE,
     DeviceUp,
 )
-from traverse.protocol.messages import ReferenceArgs
+from traverse.protocol.messages import QualityFlag, ReferenceArgs
 
 SCALED = ARM + '\n[[effects]]\nkind = "encoder_scale"\njoint = "J2"\nscale_ppm = 40.0\n'
 HARMONIC = (
@@ -37,8 +37,9 @@ HARMONIC = (
 CODE = BY_NAME["reference"].code
 
 
-def up(*, restarted=False, boot="a", absolute=None):
-    return DeviceUp("base", replace(BOARD, boot=boot, absolute=absolute), restarted)
+def up(*, restarted=False, boot="a", absolute=None, serials=()):
+    identity = replace(BOARD, boot=boot, absolute=absolute, serials=serials)
+    return DeviceUp("base", identity, restarted)
 
 
 def rest(first):
@@ -67,6 +68,11 @@ class Rig:
             memory or ReferenceMemory(),
         )
 
+    def accept(self, first):
+        """The device answers, and the operator confirms it."""
+        self.monitor.on_up(first)
+        self.monitor.confirm()
+
     @property
     def is_doubtful(self):
         alarms = [event.active for event in self.events if event.code == CODE]
@@ -90,6 +96,7 @@ def test_power_lost_while_measuring(tmp_path, of_device, of_arm_file, is_doubtfu
         text = ARM.replace("sign =", f"absolute = {of_arm_file}\nsign =")
     rig = Rig(tmp_path, text)
     rig.monitor.on_up(up(absolute=of_device))
+    assert rig.is_doubtful  # once, whatever it says of itself
     rig.monitor.confirm()
     rig.monitor.on_up(up(absolute=of_device, boot="b", restarted=True))
     assert rig.is_doubtful == is_doubtful
@@ -101,7 +108,9 @@ def test_power_lost_while_measuring(tmp_path, of_device, of_arm_file, is_doubtfu
 
 def test_power_lost_while_the_daemon_was_away(tmp_path):
     memory = ReferenceMemory()
-    Rig(tmp_path, memory=memory).monitor.on_up(up(boot="a"))
+    first = Rig(tmp_path, memory=memory)
+    first.monitor.on_up(up(boot="a"))
+    first.monitor.confirm()
     same = Rig(tmp_path, memory=memory)
     same.monitor.on_up(up(boot="a"))
     assert not same.is_doubtful
@@ -112,7 +121,7 @@ def test_power_lost_while_the_daemon_was_away(tmp_path):
     again = Rig(tmp_path, memory=memory)
     again.monitor.on_up(up(boot="b"))
     assert again.is_doubtful
-    assert again.monitor.confirm() == ["base"]
+    assert again.monitor.confirm().keys() == {"base"}
     last = Rig(tmp_path, memory=memory)
     last.monitor.on_up(up(boot="b"))
     assert not last.is_doubtful
@@ -126,7 +135,7 @@ def test_an_incremental_device_is_in_doubt_until_it_is_confirmed(tmp_path):
     assert event.severity == "error"
     assert "J1, J2, J3 may count from another place" in event.text
     assert "traverse confirm" in event.remedy
-    assert rig.monitor.confirm() == ["base"]
+    assert rig.monitor.confirm().keys() == {"base"}
     assert not rig.is_doubtful
 
 
@@ -145,7 +154,9 @@ def test_turns_matter_where_the_pose_is_another_one_a_turn_later(tmp_path):
 def test_end_stops_exclude_other_turns(tmp_path, low_rad, high_rad, is_doubtful):
     """The joint's zero is at -0.5 rad, so its nearest turn is -3.64 to 2.64 rad."""
     stop = EndStopSection(joint="J2", low_rad=low_rad, high_rad=high_rad)
-    rig = Rig(tmp_path, SCALED, end_stops=(stop,))
+    memory = ReferenceMemory()
+    Rig(tmp_path, SCALED, memory).accept(up(absolute=True))
+    rig = Rig(tmp_path, SCALED, memory, end_stops=(stop,))
     rig.monitor.on_up(up(absolute=True))
     assert rig.is_doubtful == is_doubtful
     if is_doubtful:
@@ -154,7 +165,7 @@ def test_end_stops_exclude_other_turns(tmp_path, low_rad, high_rad, is_doubtful)
 
 def test_a_reload_with_an_effect_that_depends_on_turns_is_in_doubt(tmp_path):
     rig = Rig(tmp_path, HARMONIC)
-    rig.monitor.on_up(up(absolute=True))
+    rig.accept(up(absolute=True))
     assert not rig.is_doubtful
     scaled = arm_model(tmp_path, SCALED)
     rig.monitor.use(rig.limits, scaled)
@@ -167,15 +178,30 @@ def test_a_reload_with_an_effect_that_depends_on_turns_is_in_doubt(tmp_path):
 def test_what_is_confirmed_outlives_the_daemon(tmp_path):
     path = tmp_path / "references.json"
     memory = ReferenceFile(path)
-    assert memory.confirmed == {}
-    memory.add({"base": "a"})
-    memory.add({"base": "b", "wrist": "c"})
+    assert memory.devices == {}
+    base = ConfirmedDevice("J1: channel 0", ("AAA111", ""), "b", {"J1": -1.25})
+    memory.add({"base": ConfirmedDevice("J1: channel 0", boot="a")})
+    memory.add({"base": base, "wrist": ConfirmedDevice("J2: channel 1")})
+    memory.writing.result(timeout=10.0)  # durable before it is answered
+    found = json.loads(path.read_text())
+    assert found["schema"] == "traverse/references/1"
+    assert found["devices"]["base"]["serials"] == ["AAA111", ""]
     memory.close()
-    assert ReferenceFile(path).confirmed == {"base": "b", "wrist": "c"}
-    assert json.loads(path.read_text()) == {"base": "b", "wrist": "c"}
+    read = ReferenceFile(path)
+    assert read.devices == memory.devices
+    assert read.devices["base"].offsets_rad == {"J1": -1.25}
 
 
-@pytest.mark.parametrize("content", [b"\xff", b"[]", b'{"base": ', b"[" * 3000])
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\xff",
+        b"[]",
+        b'{"base": ',
+        b"[" * 3000,
+        b'{"schema": "traverse/references/2", "devices": {}}',
+    ],
+)
 def test_a_damaged_file_puts_everything_in_doubt(tmp_path, content):
     path = tmp_path / "references.json"
     path.write_bytes(content)
@@ -186,19 +212,19 @@ def test_a_damaged_file_puts_everything_in_doubt(tmp_path, content):
 
 def test_a_full_disk_does_not_stop_measuring(tmp_path, caplog):
     memory = ReferenceFile(tmp_path / "missing" / "references.json")
-    memory.add({"base": "a"})
+    memory.add({"base": ConfirmedDevice("")})
     memory.close()
     assert "have to be confirmed again" in caplog.text
 
 
 async def test_points_and_poses_are_flagged_until_confirmed(bench):
-    bench.take(up(), rest(0))
+    bench.take(up(boot="1"), rest(0))
     bench.take(up(boot="b", restarted=True), rest(5))
     bench.take(press())
     assert bench.points[-1].quality.flags == ("turns_uncertain",)
     assert not bench.points[-1].quality.ok
     args = ReferenceArgs(action="confirm")
-    assert await ConfirmReference(args).execute(bench.measurement) == ["base"]
+    assert "base" in await ConfirmReference(args).execute(bench.measurement)
     bench.take(rest(10), press())
     assert bench.points[-1].quality.ok
     assert [e.active for e in bench.events if e.code == CODE] == [True, False]
@@ -261,7 +287,7 @@ async def test_a_turn_that_may_be_lost_while_not_read(
         assert ("turns_uncertain" in flags) == (named is not None)
         if named is not None:
             assert named in alarms[0].text
-            assert bench.measurement.quality.references.confirm() == ["base"]
+            assert bench.measurement.quality.references.confirm().keys() == {"base"}
     finally:
         bench.device.driver.close()
 
@@ -312,3 +338,101 @@ async def test_a_known_point_is_held_against_the_position(bench):
     right = ReferenceArgs(action="confirm", at_xyz_mm=off, tolerance_mm=2.1)
     await ConfirmReference(right).execute(bench.measurement)
     assert not bench.measurement.conditions.bits
+
+
+# -- identity -------------------------------------------------------------------------
+
+
+class Pair(Rig):
+    """One device of two joints with serial numbers, over restarts of the daemon."""
+
+    def __init__(self, folder, memory):
+        super().__init__(folder, memory=memory)
+        self.conditions.use(
+            dict.fromkeys(("identity", "reference"), ("base",)), ("base",)
+        )
+
+    def texts(self, name):
+        code = BY_NAME[name].code
+        return [e.text for e in self.events if e.code == code and e.active]
+
+
+NUMBERED = ("AAA111", "BBB222", "CCC333")
+SWAPPED = ("BBB222", "AAA111", "CCC333")
+
+
+@pytest.mark.parametrize("is_over_a_restart", [False, True])
+def test_encoders_that_change_places_are_in_doubt(tmp_path, is_over_a_restart):
+    memory = ReferenceMemory()
+    pair = Pair(tmp_path, memory)
+    first = up(absolute=True, serials=NUMBERED)
+    pair.monitor.on_up(first)
+    assert "AAA111, BBB222, CCC333, never confirmed" in pair.texts("identity")[0]
+    pair.monitor.confirm()
+    assert pair.conditions.bits == 0
+    if is_over_a_restart:
+        pair = Pair(tmp_path, memory)
+    pair.monitor.on_up(up(absolute=True, serials=SWAPPED))
+    assert pair.conditions.bits == (
+        QualityFlag.IDENTITY_UNCONFIRMED | QualityFlag.TURNS_UNCERTAIN
+    )
+    text = pair.texts("identity")[-1]
+    # J2 is on channel 0 of the arm file, J3 on channel 1.
+    assert "J2 was AAA111, is BBB222; J3 was BBB222, is AAA111" in text
+    accepted = pair.monitor.confirm()
+    assert "J2 was AAA111, is BBB222" in accepted["base"]
+    assert pair.conditions.bits == 0
+    assert memory.devices["base"].serials == SWAPPED
+
+
+def test_encoders_that_are_put_back_need_no_confirmation(tmp_path):
+    pair = Pair(tmp_path, ReferenceMemory())
+    pair.accept(up(absolute=True, serials=NUMBERED))
+    pair.monitor.on_up(up(absolute=True, serials=SWAPPED))
+    assert pair.conditions.bits
+    pair.monitor.on_up(up(absolute=True, serials=NUMBERED))
+    assert pair.conditions.bits == 0
+
+
+def test_a_serial_number_that_is_not_reported_is_not_the_confirmed_one(tmp_path):
+    pair = Pair(tmp_path, ReferenceMemory())
+    pair.accept(up(absolute=True, serials=NUMBERED))
+    pair.monitor.on_up(up(absolute=True, serials=("AAA111", "", "CCC333")))
+    assert pair.texts("identity")[-1].endswith("J3 was BBB222, is unknown")
+
+
+def test_a_device_that_cannot_tell_its_power_up_is_in_doubt_at_each_start(tmp_path):
+    """A text line, whose arm file says nothing of absolute encoders."""
+    memory = ReferenceMemory()
+    for _ in range(2):
+        rig = Rig(tmp_path, memory=memory)
+        rig.accept(up(boot=""))
+        assert not rig.is_doubtful
+        rig.monitor.on_up(up(boot=""))  # its line was cut, and its counts go on
+        assert not rig.is_doubtful
+    again = Rig(tmp_path, memory=memory)
+    again.monitor.on_up(up(boot=""))
+    assert again.is_doubtful
+    assert "cannot tell" in again.events[0].text
+    absolute = ARM.replace("sign =", "absolute = true\nsign =")
+    known = Rig(tmp_path, absolute, memory)
+    known.monitor.on_up(up(boot=""))
+    assert not known.is_doubtful
+
+
+def test_an_absolute_family_that_the_arm_file_calls_incremental(tmp_path):
+    """Its driver does not look for a loss of power, so each new contact may be one."""
+    incremental = ARM.replace("sign =", "absolute = false\nsign =")
+    rig = Rig(tmp_path, incremental)
+    rig.accept(up(boot="", absolute=True))
+    rig.monitor.on_up(up(boot="", absolute=True))
+    assert rig.is_doubtful
+
+
+def test_another_arm_file_needs_another_confirmation(tmp_path):
+    memory = ReferenceMemory()
+    Rig(tmp_path, memory=memory).accept(up(absolute=True))
+    other = Rig(tmp_path, ARM.replace("sign = -1", "sign = 1", 1), memory)
+    other.monitor.on_up(up(absolute=True))
+    assert other.is_doubtful
+    assert "otherwise than when confirmed" in other.events[0].text

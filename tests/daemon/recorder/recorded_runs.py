@@ -8,6 +8,7 @@ import numpy as np
 
 from tests.daemon.two_devices import BEGIN_NS, ON_TWO, TURNS, Reader, true_counts
 from tests.daemon.values import ARM, UTC_OFFSET_NS
+from tests.established import identify
 from traverse.daemon.config.schema import RecordingSection
 from traverse.daemon.executor import recorded_command
 from traverse.daemon.monitoring.events import EventLog
@@ -86,11 +87,14 @@ class RecordedRun:
     def __init__(self, folder, *, two=False, effects=EFFECTS, capture="", **section):
         self.folder, self.two = folder, two
         arm = (ON_TWO if two else ARM) + effects
-        (folder / "arm.toml").write_text(arm)
+        arm_path = folder / "arm.toml"
+        arm_path.write_text(arm)
+        covariance = identify(arm_path).with_suffix(".cov.npz")
         path = folder / "traverse.toml"
         more = WRIST if two else ""
         path.write_text(CONFIGURATION.format(more=more, capture=capture))
-        files = {"arm.toml": arm.encode(), "traverse.toml": path.read_bytes()}
+        paths = (arm_path, path, covariance)
+        files = {file.name: file.read_bytes() for file in paths}
         self.configuration, self.model = read_recorded_inputs(files, None)
         assert recorded_files(path, self.configuration) == files
         self.clock = ReplayClock()

@@ -93,16 +93,19 @@ async def test_refusals_say_what_is_wrong(resting: Workbench) -> None:
 async def test_points_are_in_doubt_after_a_loss_of_power_until_confirmed(
     resting: Workbench,
 ) -> None:
+    resting.change("arm.toml", "absolute = true", "absolute = false")
     async with measuring(resting) as (listener, simulator, _):
         status, _, errors = await told(resting, "point")
         assert (status, errors) == (0, "")
         await resting.kill_simulator(simulator)
         await listener.event("device.lost", active=True)
         with resting.simulator("simulator-again") as again:
-            doubt = await listener.event(DOUBT, active=True)
+            await until(lambda: len(listener.told(DOUBT, True)) == 2, "the doubt")
+            doubt = listener.told(DOUBT, True)[-1]  # the first was of the beginning
             assert doubt.severity == "error"
             assert "base has been without power" in doubt.text
-            await listener.ready()
+            in_doubt = "a status in doubt"
+            await until(lambda: listener.statuses[-1].state == "doubt", in_doubt)
             # Whoever connects only now learns it from the retained status.
             await until(lambda: alarms(listener) == [DOUBT], "the alarm in the status")
             status, output, _ = await told(resting, "point")
@@ -116,8 +119,10 @@ async def test_points_are_in_doubt_after_a_loss_of_power_until_confirmed(
             assert "5.000 mm from the known point" in errors
             here = f"{x_mm},{y_mm},{z_mm}"
             status, output, _ = await told(resting, "confirm", "--at", here)
-            assert (status, output) == (0, "confirmed: base")
-            await listener.event(DOUBT, active=False)
+            assert (status, output) == (
+                0,
+                "the positions of base have been confirmed",
+            )
             await until(lambda: not alarms(listener), "no alarm in the status")
             assert (await told(resting, "point"))[0] == 0
             assert await again.stop() == 0
@@ -128,10 +133,11 @@ async def test_points_are_in_doubt_after_a_loss_of_power_until_confirmed(
 async def test_power_lost_while_the_daemon_was_away_is_noticed(
     resting: Workbench,
 ) -> None:
+    resting.change("arm.toml", "absolute = true", "absolute = false")
     async with measuring(resting):
         pass  # the board's power-up is now stored in its folder
     async with measuring(resting) as (listener, _, _):
-        await until(
-            lambda: any(e.code == DOUBT for e in listener.events), "the new power-up"
-        )
-        assert await told(resting, "confirm") == (0, "confirmed: base", "")
+        doubt = await listener.event(DOUBT, active=True)
+        assert "base has been without power" in doubt.text
+        # `measuring` has confirmed it.
+        assert await told(resting, "confirm") == (0, "nothing was in doubt", "")

@@ -12,9 +12,9 @@ from tests.end_to_end.arm_matrices import MatrixArm
 from tests.end_to_end.listener import Listener, listening
 from tests.end_to_end.programs import Program
 from tests.end_to_end.workbench import Workbench
+from tests.established import identify
 from tests.mosquitto import Mosquitto
 from tests.running import invoke
-from traverse.protocol.messages import ReferenceArgs
 
 pytestmark = pytest.mark.needs("mosquitto")
 
@@ -107,6 +107,7 @@ async def measured(
             words = f"--port arm.pty --out arm.toml --name {bench.arm}"
             with Program(folder, "ask", "microscribe", "arm-file", *words.split()) as a:
                 assert await a.ended() == 0
+            identify(bench.arm_file)
             written = folder / "traverse.toml"
             text = written.read_text("utf-8").replace(
                 'host = "localhost"', f'host = "{bench.host}"\nport = {bench.port}'
@@ -114,10 +115,9 @@ async def measured(
             text = text.replace("baud_rate", f"{option}\nbaud_rate")
             written.write_text(text, "utf-8")
             with Program(folder, "daemon", "run", "--config", "traverse.toml") as d:
-                await listener.ready()
                 # Only its owner can confirm that it was in its home position.
+                await listener.ready()
                 await listener.event("device.turns_uncertain", active=True)
-                await listener.command(ReferenceArgs(action="confirm"))
                 await listener.n_points(2)
                 assert await d.stop() == 0
             assert await simulator.stop() == 0

@@ -11,6 +11,7 @@ import numpy as np
 
 from tests.daemon.values import configuration, kept_at_once
 from tests.end_to_end.measurement.virtual_time import Straight, VirtualBoard, played
+from tests.established import identify
 from tests.simulator.campaigns.arms import coupled
 from tests.simulator.effects.examples import START, heavy_arm
 from traverse.daemon.acquisition.device import Device
@@ -178,6 +179,8 @@ def measured(
     arm = coupled(fine_arm(*effects), **(couplings or {}))
     write_arm(folder / "true.toml", arm)
     write_arm(folder / "bare.toml", arm.model_copy(update={"effects": ()}))
+    identify(folder / "true.toml")
+    identify(folder / "bare.toml")
     text = SIMULATION.format(noise_rad=noise_rad)
     (folder / "simulator.toml").write_text(text, "utf-8")
     board = VirtualBoard(folder)

@@ -1,6 +1,7 @@
 """Lengths between points, asked of a running daemon by the Python client."""
 
 import hashlib
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from tests.end_to_end.agreement import covariance
 from tests.end_to_end.measuring import measuring
-from tests.end_to_end.workbench import CONE, Workbench
+from tests.end_to_end.workbench import CONE, DEMO_ARM, Workbench
 from traverse.client import Arm, CommandRefused
 from traverse.kinematics.arm_file.arm import Identification, read_arm, write_arm
 from traverse.kinematics.effects.arm_effects import effects_from_arm
@@ -74,12 +75,14 @@ async def test_a_length_between_two_points_with_what_they_share(
 
 
 async def test_without_a_covariance_of_the_arm_it_is_said(resting: Workbench) -> None:
+    shutil.copy(DEMO_ARM, resting.arm_file)
+    resting.change("arm.toml", '"demo-7"', f'"{resting.arm}"')
     async with (
-        measuring(resting),
+        measuring(resting, "doubt"),
         Arm(resting.arm, f"{resting.host}:{resting.port}") as arm,
     ):
         points = [await arm.capture() for _ in range(3)]
-        joint = await arm.covariance(points)
-    assert not joint.with_arm
-    assert joint.covariance_mm2.shape == (9, 9)
-    np.testing.assert_array_equal(joint.covariance_mm2[:3, 3:], 0.0)
+        assert {point.covariance_mm2 for point in points} == {None}
+        assert all("geometry_unknown" in point.quality.flags for point in points)
+        with pytest.raises(CommandRefused, match="not the result of an identification"):
+            await arm.covariance(points)

@@ -16,7 +16,12 @@ from tests.daemon.values import SetClock
 from tests.end_to_end.measurement.effect_loop import Daemon
 from tests.end_to_end.workbench import DEMO_ARM, SWEEP
 from traverse.daemon.config.schema import UncertaintySection
-from traverse.drivers.base.values import CountSamples, LatchedCounts
+from traverse.drivers.base.values import (
+    CountSamples,
+    DeviceUp,
+    Identity,
+    LatchedCounts,
+)
 from traverse.kinematics.arm_file.arm import Identification, read_arm, write_arm
 from traverse.kinematics.uncertainty.arm_covariance import parameter_names
 from traverse.simulator.config import SimulatorConfig, config_problems
@@ -84,6 +89,9 @@ class NoisyArm:
         )
         self.daemon = Daemon(folder / "arm.toml", self.clock, settings)
         self.model = self.daemon.model
+        moduli = tuple(map(int, self.encoders.moduli))
+        board = Identity("board", "", moduli, 2, 1000.0, boot="1")
+        self.daemon.take(None, DeviceUp("base", board, restarted=False))
 
     def counts(self, times_s):
         readings_rad = self.course.readings_rad(np.asarray(times_s))

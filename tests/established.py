@@ -1,0 +1,55 @@
+"""What tests need that a measurement is `ok`: identified arms, confirmed devices.
+
+Covariances are tiny, so that they change no figure that a test asserts.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from traverse.daemon.pose.arm_model import ArmModel
+from traverse.daemon.pose.reference_memory import (
+    ConfirmedDevice,
+    ReferenceMemory,
+    encoders_text,
+)
+from traverse.drivers.base.values import Identity
+from traverse.kinematics.arm_file.arm import Identification, read_arm, write_arm
+from traverse.kinematics.effects.arm_effects import effects_from_arm
+from traverse.kinematics.uncertainty.arm_covariance import parameter_names
+
+COVARIANCE_FILE = "arm.cov.npz"
+TINY_MM = 1e-9
+
+
+def identify(path: Path, deviation: float = TINY_MM) -> Path:
+    """Give an arm file a covariance beside it, of independent parameters."""
+    arm = read_arm(path)
+    names = parameter_names(
+        [joint.name for joint in arm.joints], effects_from_arm(arm).parameter_names
+    )
+    file = path.with_suffix(".cov.npz")
+    np.savez(
+        file,
+        names=np.array(names),
+        values=np.zeros(len(names)),
+        covariance=np.eye(len(names)) * deviation**2,
+    )
+    given = arm.identification or Identification()
+    known = given.model_copy(update={"covariance_file": file.name})
+    write_arm(path, arm.model_copy(update={"identification": known}))
+    return path
+
+
+def confirmed(model: ArmModel, devices: Mapping[str, Identity]) -> ReferenceMemory:
+    """The memory of an operator who has confirmed these devices as they are."""
+    return ReferenceMemory(
+        {
+            name: ConfirmedDevice(
+                encoders_text(model, name), identity.serials, identity.boot
+            )
+            for name, identity in devices.items()
+            if name in model.devices
+        }
+    )
