@@ -249,9 +249,10 @@ class QualityMonitor:
         temperature_c: float | None,
     ) -> LatchedPose:
         """A pose beside the stream, flagged; speeds are (n_joints,), None: unknown."""
-        found = self.persistent.bits(temperature_c)
-        self._feed_limits(found)
-        found |= self._conditions.bits
+        lasting = self.persistent.bits(temperature_c)
+        self._feed_limits(lasting)
+        self._conditions.add_samples(pose.quality | lasting)
+        found = lasting | self._conditions.bits
         if self._has_pose_limits:
             limits, angles_rad = self._limits, pose.angles_rad
             found |= int(limits.flags_of_angles(angles_rad[np.newaxis])[0])

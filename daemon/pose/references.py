@@ -299,8 +299,7 @@ class ReferenceMonitor:
             self._unhomed[device] = left
             known = self.memory.devices.get(device)
             is_other = known is not None and known.serials != identity.serials
-            if left or is_other or not joints <= homed | self._absolute_joints(device):
-                self._remember([device] if device not in self._doubts else [])
+            if left or is_other:
                 continue
             accepted[device] = f"{device} has been homed"
             if known is None and identity.serials:
@@ -372,6 +371,7 @@ class ReferenceMonitor:
             return
         self._doubts[device] = TURN
         joints = [joint for joint in self._joints_of(device) if joint in self._turning]
+        self._unhomed[device] = set(joints)
         named = named or self._named(joints)
         self.conditions.doubt(
             REFERENCE,
@@ -388,10 +388,6 @@ class ReferenceMonitor:
 
     def _joints_of(self, device: str) -> list[int]:
         return [j for j, d in enumerate(self._model.joint_devices) if d == device]
-
-    def _absolute_joints(self, device: str) -> set[int]:
-        incremental = self._incremental_joints(device, self._identities[device])
-        return {*self._joints_of(device)}.difference(incremental)
 
     def _incremental_joints(self, device: str, identity: Identity) -> list[int]:
         """Those of a device that are not known to be absolute."""
