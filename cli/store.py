@@ -99,6 +99,8 @@ def store(
                 f"another member of the group {group} is called {name}; give each a "
                 "--member of its own"
             )
+        finally:
+            work.release_name()
     counts = work.counts
     report(
         f"{counted(counts.stored, 'message')} stored, {work.n_refused} refused, "

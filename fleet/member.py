@@ -9,10 +9,11 @@ import asyncio
 import contextlib
 import logging
 import time
+import uuid
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from traverse.broker.address import BrokerAddress
 from traverse.broker.packets import Property, Version
@@ -34,6 +35,9 @@ from traverse.protocol.messages import Reply, ResendArgs, Status
 
 log = logging.getLogger(__name__)
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
 SHARED = ("point", "event", "scan")
 """Kinds of messages that members share; of all others each gets every one."""
 MOST_UNACKNOWLEDGED = 5000
@@ -44,9 +48,12 @@ SCAN_BATCH = 500
 SCAN_WAIT_S = 10.0
 FIRST_WAIT_S, LAST_WAIT_S = 0.2, 10.0
 ASK_S = 5.0
+RETRY_S = 1.0
 LOSSES, LOSSES_S = 6, 10.0
 """So many lost connections in so short a time: two members have one name."""
 LEASE_S = 30.0
+NAME_LEASE_S, RENEWAL_S = 6.0, 2.0
+"""A member that has ended without a word is known to have done so after this time."""
 
 
 class NameTakenError(Exception):
@@ -136,6 +143,9 @@ class Member:
         self._online: dict[str, bool] = {}
         self._listed_s: dict[str, float] = {}
         self._is_away = False
+        self._lease = f"name {settings.group}/{settings.member}"
+        self._process = uuid.uuid4().hex
+        self._query_lock = asyncio.Lock()
         self._stores: list[Store] = []
         self._lost_s: deque[float] = deque(maxlen=LOSSES)
         self._name_is_taken = asyncio.Event()
@@ -153,7 +163,9 @@ class Member:
             NameTakenError: another member has the same name.
             StoreRefusedError: the database refuses what is asked of it.
         """
+        await self._claim_name()
         await run_together(
+            self._keep_name(),
             self.link.run(self._take, self._link_changed),
             self._write(self._messages, BATCH, 0.0),
             self._write(self._scans, SCAN_BATCH, SCAN_WAIT_S),
@@ -161,6 +173,59 @@ class Member:
             self._end_if_name_is_taken(),
             self._report_no_connection(),
         )
+
+    async def _claim_name(self) -> None:
+        """Be the only member of this name at this database.
+
+        One that was killed has left its claim: it is waited for whether it is renewed.
+
+        Raises:
+            NameTakenError: it is, by another process.
+        """
+        loop = asyncio.get_running_loop()
+        until_s = loop.time() + NAME_LEASE_S + RENEWAL_S
+        is_reported = False
+        while not await self._renew_name():
+            if loop.time() > until_s:
+                raise NameTakenError
+            if not is_reported:
+                self._report(
+                    f"a member called {self._settings.member} is there, or has ended "
+                    f"without a word; waiting up to {NAME_LEASE_S + RENEWAL_S:g} s "
+                    "for it"
+                )
+            is_reported = True
+            await asyncio.sleep(RETRY_S)
+
+    async def _keep_name(self) -> None:
+        while True:
+            await asyncio.sleep(RENEWAL_S)
+            with contextlib.suppress(StoreAwayError):  # writing reports that
+                if not await self._renew_name():
+                    raise NameTakenError
+
+    async def _renew_name(self) -> bool:
+        lease_ns = int(NAME_LEASE_S * 1e9)
+        return await self._query(
+            take_lease, self._lease, self._process, time.time_ns(), lease_ns
+        )
+
+    def release_name(self) -> None:
+        """Let another process have the name at once; call it after `run`."""
+        with contextlib.suppress(StoreAwayError):
+            take_lease(self._database, self._lease, self._process, time.time_ns(), 0)
+
+    async def _query(
+        self,
+        function: Callable[Concatenate[Database, P], T],
+        *arguments: P.args,
+        **options: P.kwargs,
+    ) -> T:
+        """Use the database in a thread, one at a time."""
+        async with self._query_lock:
+            return await asyncio.to_thread(
+                function, self._database, *arguments, **options
+            )
 
     def _take(self, message: IncomingMessage) -> None:
         """A message was received."""
@@ -275,12 +340,12 @@ class Member:
                 continue
             try:
                 now_ns = time.time_ns()
-                if not await asyncio.to_thread(
-                    take_lease, self._database, "gaps", me, now_ns, int(LEASE_S * 1e9)
+                if not await self._query(
+                    take_lease, "gaps", me, now_ns, int(LEASE_S * 1e9)
                 ):
                     continue
                 await self._list_arms()
-                gaps = await asyncio.to_thread(find_gaps, self._database, now_ns)
+                gaps = await self._query(find_gaps, now_ns)
                 await self._ask_for(gaps, now_ns)
             except StoreAwayError as error:
                 log.info("gaps are looked for later: %s", error)
@@ -299,7 +364,7 @@ class Member:
             if isinstance(listed, CommandRefused):
                 continue
             try:
-                await asyncio.to_thread(listed_series, self._database, arm, listed)
+                await self._query(listed_series, arm, listed)
             except (MessageError, BadValueError) as error:
                 log.warning("%s lists what cannot be: %s", arm, error)
 
@@ -376,4 +441,4 @@ class Member:
         self._report(
             f"{gap.arm}, {what}: {gap.from_seq} to {gap.to_seq} are lost: {reason}"
         )
-        await asyncio.to_thread(mark_lost, self._database, gap, now_ns, reason)
+        await self._query(mark_lost, gap, now_ns, reason)

@@ -53,17 +53,6 @@ async def started(folder, broker, *words):
     return Running(process)
 
 
-async def first_ended(one, another):
-    """The one of two members that ends before the other, and the other."""
-    ends = [asyncio.create_task(each.process.wait()) for each in (one, another)]
-    done, _ = await asyncio.wait(
-        ends, timeout=PATIENCE_S, return_when=asyncio.FIRST_COMPLETED
-    )
-    await cancel_tasks(ends)
-    assert done, [one.said, another.said]
-    return (one, another) if ends[0] in done else (another, one)
-
-
 def rows(folder, statement):
     with sqlite3.connect(folder / "traverse-store.db") as connection:
         found = connection.execute(statement).fetchall()
