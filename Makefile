@@ -71,7 +71,7 @@ build/node/.ready: tests/interface/package.json tests/interface/package-lock.jso
 
 # Each worker imports all tests, and would compile them anew where nobody has.
 $(VENV)/.compiled: $(STAMP)
-	@ls -d tests/*/ | xargs -n 8 -P $$(nproc) $(BIN)/pytest --collect-only -q > /dev/null || true
+	@ls -d tests/*/ | xargs -n 12 -P 2 $(BIN)/pytest --collect-only -q > /dev/null || true
 	@touch $@
 
 test: venv system node $(VENV)/.compiled  ## all tests but the slow ones
@@ -172,8 +172,9 @@ bench-fleet: venv system  ## 50 arms at one broker read by a group, daemons besi
 audit: venv  ## known advisories of the dependencies, where their data can be reached
 	$(BIN)/python deploy/audit.py
 
-fuzz: venv  ## every decoder under atheris; takes about a minute
+fuzz: venv  ## every decoder under atheris, every property with a thousand examples; takes many minutes
 	$(BIN)/python -m tests.fuzz --seconds $(if $(TINY),1,60)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q -n $(WORKERS) -m hypothesis $(if $(TINY),tests/protocol/test_arrays.py,--hypothesis-profile=thorough --timeout=600)
 
 fuzz-files: venv  ## damaged files given to every command that reads them, 300 times each; takes an hour or two
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.fuzz.files

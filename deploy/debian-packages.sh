@@ -58,6 +58,7 @@ if [ "$(id -u)" != 0 ] || ! command -v apt-get >/dev/null; then
     exit 2
 fi
 echo "Installing Debian packages:$missing"
-apt-get update -qq
+# One list of packages serves several groups, one after the other.
+[ -n "$(find /var/lib/apt/lists -name '*_Packages*' -mmin -60 2>/dev/null)" ] || apt-get update -qq
 # A broker started by its package would hold port 1883; the tests start their own.
 DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing >/dev/null

@@ -5,10 +5,11 @@ Usage: python3 deploy/fresh_machine.py [SUITE] [--python PACKAGE] [--or-in-place
 
 The tree holds Debian's minimal base, git, make, Python and certificates, and nothing of
 this machine but where it gets packages from: its Debian mirror, its settings of pip and
-npm, and its certificate authorities. It is made once by mmdebstrap and kept in
-build/fresh; each run unpacks it anew, clones the commit that is checked out, runs the
-commands as they stand in the README, and prints what each took. Needs root. Exit
-status 2: no tree can be made here, and it says why; 1: a command failed.
+npm, its certificate authorities, and what earlier runs have downloaded. It is made once
+by mmdebstrap and kept in build/fresh; each run unpacks it anew, clones the commit that
+is checked out, runs the commands as they stand in the README, and prints what each
+took. Needs root. Exit status 2: no tree can be made here, and it says why; 1: a command
+failed.
 """
 
 import argparse
@@ -27,6 +28,8 @@ CHECKOUT = Path(__file__).resolve().parents[1]
 FOLDER = CHECKOUT / "build" / "fresh"
 BUNDLE = Path("/etc/ssl/certs/ca-certificates.crt")
 PACKAGES = ("git", "make", "ca-certificates")
+# Downloads of apt and pip, kept for the next run: name below build/fresh, and place.
+CACHES = {"apt": "/var/cache/apt/archives", "pip": f"{Path.home()}/.cache/pip"}
 # Environment variables that are settings of pip, npm and the network.
 SETTINGS = re.compile("(?i)(pip|npm_config|uv)_.*|.*_proxy|.*_ca_certs|.*_cert(_file)?")
 # Processes, terminals and devices of its own, then the command.
@@ -184,11 +187,18 @@ def unpacked(archive: Path) -> Iterator[Path]:
     # Debian's installer writes them; mmdebstrap copies the names of this machine's.
     (tree / "etc/hostname").write_text("fresh\n")
     (tree / "etc/hosts").write_text("127.0.0.1 localhost fresh\n::1 localhost\n")
+    # It is gone afterwards: nothing has to survive a power cut.
+    (tree / "etc/dpkg/dpkg.cfg.d").mkdir(parents=True, exist_ok=True)
+    (tree / "etc/dpkg/dpkg.cfg.d/fresh").write_text("force-unsafe-io\n")
     try:
         with ExitStack() as mounts:
             for path in settings_files():
                 mounts.enter_context(mounted(path, tree))
             mounts.enter_context(mounted(CHECKOUT, tree, "/mnt/checkout"))
+            for name, place in CACHES.items():
+                kept = FOLDER / "downloads" / name
+                (kept / "partial").mkdir(parents=True, exist_ok=True)  # apt wants it
+                mounts.enter_context(mounted(kept, tree, place, options="rw"))
             yield tree
     finally:
         remove(tree)
@@ -204,8 +214,10 @@ def remove(tree: Path) -> None:
 
 
 @contextmanager
-def mounted(path: Path, tree: Path, at: str | None = None) -> Iterator[None]:
-    """Show a file or folder of this machine in a tree, to be read only.
+def mounted(
+    path: Path, tree: Path, at: str | None = None, options: str = "ro"
+) -> Iterator[None]:
+    """Show a file or folder of this machine in a tree, to be read only by default.
 
     Raises:
         NotHereError: mounting is not allowed.
@@ -213,10 +225,10 @@ def mounted(path: Path, tree: Path, at: str | None = None) -> Iterator[None]:
     place = tree / (at or str(path)).lstrip("/")
     place.parent.mkdir(parents=True, exist_ok=True)
     if path.is_dir():
-        place.mkdir(exist_ok=True)
+        place.mkdir(parents=True, exist_ok=True)
     else:
         place.touch()
-    mount = ["mount", "--bind", "--options", "ro", path, place]
+    mount = ["mount", "--bind", "--options", options, path, place]
     if subprocess.run(mount, check=False).returncode:
         raise NotHereError("folders cannot be mounted here; see above")
     try:

@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 
 MAIN = ("origin/main", "main", "HEAD")
 DEPTH = 3  # imports from a test file to a changed module
-MOST_FILES = 30
+MOST_FILES = 15
 
 
 def _git(root: Path, *arguments: str) -> list[str]:
