@@ -65,8 +65,8 @@ class Postgres:
         asked = [self._programs / "pg_isready", "-q", "-h", HOST, "-p", str(self.port)]
         while subprocess.run(asked, check=False).returncode:
             if self._process.poll() is not None or time.monotonic() > until_s:
-                told = (self.folder / "log").read_text()[-2000:]
-                raise AssertionError(f"PostgreSQL did not start: {told}")
+                log_end = (self.folder / "log").read_text()[-2000:]
+                raise AssertionError(f"PostgreSQL did not start: {log_end}")
             time.sleep(0.05)
 
     def kill(self) -> None:

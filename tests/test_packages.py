@@ -188,7 +188,7 @@ HINT = "from traverse.installation import remedy; print(remedy({extra!r}))"
 
 
 @pytest.mark.parametrize(
-    ("extra", "told"),
+    ("extra", "message"),
     [
         ("lab", r"sudo apt-get install \./traverse-lab_[\d.]+_\*\.deb$"),
         ("page", r"sudo apt-get install \./traverse_[\d.]+_\*\.deb$"),
@@ -198,7 +198,7 @@ HINT = "from traverse.installation import remedy; print(remedy({extra!r}))"
     ],
 )
 def test_a_debian_package_names_debian_packages(
-    extra: str, told: str, tmp_path: Path
+    extra: str, message: str, tmp_path: Path
 ) -> None:
     """As installed: an environment of its own in /usr/lib/traverse, without pip."""
     home = tmp_path / "usr/lib/traverse"
@@ -209,7 +209,7 @@ def test_a_debian_package_names_debian_packages(
     python = home / "bin" / "python3"
     words = [python, "-c", HINT.format(extra=extra)]
     text = run_program(*words).stdout
-    assert re.search(told, text.strip())
+    assert re.search(message, text.strip())
     assert "pip" not in text
 
 

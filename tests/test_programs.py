@@ -85,10 +85,10 @@ def test_who_may_not_install_is_told_what_is_missing():
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)  # pytest's own folders are shut to others
         path = programs.search_path(frozenset(), Path(folder))
-        told = installer("aarch64", "prometheus", path=path, status=2)
+        result = installer("aarch64", "prometheus", path=path, status=2)
         unknown = installer("gramophone", path=path, status=2)
-    assert "sudo apt-get install gcc-aarch64-linux-gnu" in told.stderr
-    assert told.stderr.endswith(" prometheus\n")
+    assert "sudo apt-get install gcc-aarch64-linux-gnu" in result.stderr
+    assert result.stderr.endswith(" prometheus\n")
     assert "unknown group 'gramophone'" in unknown.stderr
 
 

@@ -37,6 +37,7 @@ N_POINTS = sized(100, 3)
 N_SCANNED = sized(1_200_000, 20_000)  # more than are drawn
 STREAM_MIN = sized(10.0, 0.05)
 SETTLED_S = 60.0
+PATIENCE_MS = 180_000  # WebGL without a graphics card, on a busy machine
 TURNING_S = sized(5.0, 0.5)
 
 
@@ -55,6 +56,7 @@ async def browser(
                 executable_path=shutil.which("chromium"), args=OPTIONS
             )
             page = await chromium.new_page(viewport={"width": 1600, "height": 900})
+            page.set_default_timeout(PATIENCE_MS)
             await page.goto(f"http://127.0.0.1:{http}/")
             await page.wait_for_function("window.traverse_scene?.probe_mm")
             yield page, server

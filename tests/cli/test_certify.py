@@ -90,27 +90,27 @@ def test_results_are_signed_and_checked_as_the_page_says(at_desk: Path) -> None:
     assert any("was not compared" in note for note in values["notes"])
     page = at_desk / "certificate" / "certificate.html"
     page.write_text(page.read_text() + " ")
-    told = run("verify --check certificate --trust laboratory.pem", 1).output
-    assert "certificate.html was altered" in told
+    printed = run("verify --check certificate --trust laboratory.pem", 1).output
+    assert "certificate.html was altered" in printed
 
 
 def test_wishes_that_do_not_go_together_are_refused(at_desk: Path) -> None:
     run("verify acceptance --standard vdi2617-9 --arm design.toml --out unlimited")
     base = "certify unlimited --laboratory laboratory.toml"
-    for more, told in (
+    for more, message in (
         ("--key laboratory.key", "--key and --certificate belong together"),
         ("--campaign campaign", "--campaign and --arm belong together"),
         ("--key laboratory.pem --certificate laboratory.pem", "is no private key"),
         ("--key laboratory.key --certificate laboratory.key", "is no X.509"),
         ("--schemas acceptance", "is no schema that can be used"),
     ):
-        assert told in run(f"{base} {more}", 2).output
-    told = run("verify --check unlimited --trust laboratory.pem", 2).output
-    assert "has no dcc.xml; `traverse certify` signs" in told
-    told = run("certify acceptance --laboratory laboratory.toml", 2).output
-    assert "is no folder of `traverse verify --out`" in told
-    told = run("certify unlimited --laboratory limits.toml", 2).output
-    assert "limits.toml" in told
+        assert message in run(f"{base} {more}", 2).output
+    message = run("verify --check unlimited --trust laboratory.pem", 2).output
+    assert "has no dcc.xml; `traverse certify` signs" in message
+    message = run("certify acceptance --laboratory laboratory.toml", 2).output
+    assert "is no folder of `traverse verify --out`" in message
+    message = run("certify unlimited --laboratory limits.toml", 2).output
+    assert "limits.toml" in message
     words = ["certify", *shlex.split(base)[1:], "--json"]
     values = json.loads(invoke(*words).output)
     assert (values["signed"], values["certificate"]) == (False, "unlimited/dcc.xml")

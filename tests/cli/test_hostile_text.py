@@ -102,11 +102,11 @@ def test_an_entry_of_the_log_cannot_begin_another(text, form):
 
 
 def test_an_event_is_printable_where_it_is_made(text):
-    told = []
-    events = EventLog(HostClock(), told.append)
+    occurrences = []
+    events = EventLog(HostClock(), occurrences.append)
     events.report("error", "a.b", text, source="s", remedy=text)
     events.change(True, "error", "a.c", text, source="s", remedy=text)
-    assert [(o.text.isprintable(), o.remedy.isprintable()) for o in told] == [
+    assert [(o.text.isprintable(), o.remedy.isprintable()) for o in occurrences] == [
         (True, True)
     ] * 2
 

@@ -98,7 +98,7 @@ def test_what_was_found_goes_into_the_library_and_comments_stay(bench, tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         ([], "name one with --cone"),
         (["--cone", "cone-7"], "no cone 'cone-7'; it has: cone-0, cone-1"),
@@ -106,9 +106,9 @@ def test_what_was_found_goes_into_the_library_and_comments_stay(bench, tmp_path)
         (["--write"], "--write needs"),
     ],
 )
-def test_what_cannot_be_done_is_refused(bench, options, told):
+def test_what_cannot_be_done_is_refused(bench, options, message):
     done = run(bench, *options, status=2)
-    assert told in done.stderr
+    assert message in done.stderr
 
 
 def test_a_probe_that_is_not_in_the_library_is_refused(bench, tmp_path):

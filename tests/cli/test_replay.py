@@ -46,17 +46,17 @@ def made_result(
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "message"),
     [
         (None, "No such file or directory; check the path"),
         (b"not a recording", "no MCAP file"),
     ],
 )
-def test_a_file_that_is_none_is_refused(tmp_path, content, told):
+def test_a_file_that_is_none_is_refused(tmp_path, content, message):
     path = tmp_path / "a.mcap"
     if content is not None:
         path.write_bytes(content)
-    assert told in invoke("replay", path, status=2).output
+    assert message in invoke("replay", path, status=2).output
 
 
 def test_a_recording_without_steps_is_refused(tmp_path):

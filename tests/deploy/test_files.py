@@ -54,8 +54,8 @@ def test_a_unit_is_shut_as_tightly_as_it_shall_be(tmp_path: Path, file: Path) ->
     analyze = program("systemd-analyze")
     shutil.copy(file, tmp_path)
     unit = tmp_path / file.name
-    told = said(analyze, "security", "--no-pager", "--offline=true", unit)
-    figure = re.search(r"exposure level for .*: ([\d.]+)", told)
+    output = said(analyze, "security", "--no-pager", "--offline=true", unit)
+    figure = re.search(r"exposure level for .*: ([\d.]+)", output)
     assert figure is not None
     assert float(figure[1]) <= MOST_EXPOSURE
 
@@ -133,8 +133,8 @@ def test_man_prints_it_without_a_warning(tmp_path: Path) -> None:
     page = tmp_path / "traverse.1"
     page.write_text(written(), "utf-8")
     groff = program("groff")
-    told = said(groff, "-man", "-Tutf8", "-ww", "-b", "-z", page)
-    assert told == ""
+    output = said(groff, "-man", "-Tutf8", "-ww", "-b", "-z", page)
+    assert output == ""
 
 
 RULES = DEPLOY / "udev/70-traverse.rules"

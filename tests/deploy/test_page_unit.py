@@ -115,7 +115,7 @@ async def test_the_example_of_the_environment_is_for_other_computers(
 
 
 @pytest.mark.parametrize(
-    ("options", "token", "told"),
+    ("options", "token", "refusal"),
     [
         ("", "short", "a token of 5 characters, expected at least 16"),
         ("--host=0.0.0.0", TOKEN, "give --token-file, --certificate and --key"),
@@ -128,11 +128,11 @@ async def test_the_example_of_the_environment_is_for_other_computers(
     ],
 )
 async def test_what_is_refused_is_said_and_not_tried_again(
-    credentials: Path, tmp_path: Path, options: str, token: str, told: str
+    credentials: Path, tmp_path: Path, options: str, token: str, refusal: str
 ) -> None:
     (credentials / "page.token").write_text(token)
     with started(tmp_path, options) as server:
         assert await server.ended() == 2
-    assert told in re.sub(r"[\s│]+", " ", server.log)
+    assert refusal in re.sub(r"[\s│]+", " ", server.log)
     assert "Traceback" not in server.log
     assert "\nRestartPreventExitStatus=2\n" in UNIT.read_text()

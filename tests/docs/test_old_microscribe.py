@@ -22,7 +22,7 @@ def blocks(language: str) -> list[str]:
     return [match["text"] for match in found if match["language"] == language]
 
 
-def told() -> list[tuple[list[str], list[str]]]:
+def shown_commands() -> list[tuple[list[str], list[str]]]:
     """Words of each command behind `traverse`, and the lines shown below it."""
     shown = []
     for block in blocks("console"):
@@ -38,7 +38,7 @@ async def test_the_two_commands_bring_points_on_the_ball(tmp_path: Path):
     (tmp_path / "table.csv").write_text(table, "utf-8")
     (tmp_path / "simulator.toml").write_text(simulator, "utf-8")
     port = str(free_port())
-    from_dh, simulate, arm_file, run, confirm, watch = told()
+    from_dh, simulate, arm_file, run, confirm, watch = shown_commands()
 
     async def does(name: str, words: list[str], lines: list[str]) -> None:
         with Program(tmp_path, name, *words) as program:

@@ -186,8 +186,8 @@ class StreamContract:
                 await taken.until(
                     lambda: (
                         sum(
-                            told.values.get(name, 0)
-                            for told in taken.of(DeviceCounters)[-1:]
+                            counters.values.get(name, 0)
+                            for counters in taken.of(DeviceCounters)[-1:]
                             for name in self.dropped
                         )
                         >= missing

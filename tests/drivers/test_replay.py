@@ -94,7 +94,7 @@ def test_deliveries_come_back_from_their_bytes(delivery):
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "message"),
     [
         ({"kind": "sample"}, "expected samples, latch"),
         ({"kind": ["samples"]}, "expected samples, latch"),
@@ -105,8 +105,8 @@ def test_deliveries_come_back_from_their_bytes(delivery):
         ({"received_ns": "now"}, "received_ns is 'now'"),
     ],
 )
-def test_maps_that_tell_of_no_delivery_are_refused(changes, told):
-    with pytest.raises(ValueError, match=told):
+def test_maps_that_tell_of_no_delivery_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
         delivery_from_map({**delivery_to_map(samples(0)), **changes})
     with pytest.raises(ValueError, match="that is none"):
         delivery_from_map({"kind": "latch", "device": "base"})
@@ -180,10 +180,10 @@ async def test_it_begins_anew_where_it_is_requested(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "message"),
     [(None, "cannot be read: No such file"), (b"no recording", "no MCAP file")],
 )
-async def test_a_file_that_cannot_be_played_is_reported(tmp_path, content, told):
+async def test_a_file_that_cannot_be_played_is_reported(tmp_path, content, message):
     path = tmp_path / "a.mcap"
     if content is not None:
         path.write_bytes(content)
@@ -193,4 +193,4 @@ async def test_a_file_that_cannot_be_played_is_reported(tmp_path, content, told)
         delivery_queue,
         1,
     )
-    assert told in lost.reason
+    assert message in lost.reason

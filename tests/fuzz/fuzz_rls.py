@@ -31,13 +31,13 @@ def check(data: bytes) -> None:
     if request == rls.SHORT:
         return
     cut, whole = rls.Replies(request, layout), rls.Replies(request, layout)
-    told = [reply for chunk in chunks(data[1:]) for reply in cut.feed(chunk)]
-    assert whole.feed(heard) == told
+    replies = [reply for chunk in chunks(data[1:]) for reply in cut.feed(chunk)]
+    assert whole.feed(heard) == replies
     assert cut.skipped == whole.skipped
     assert len(cut._kept) <= 2 * size
-    assert len(told) * size + cut.skipped + len(cut._kept) == len(heard)
-    assert len(told) <= heard.count(request)
-    for reply in told:
+    assert len(replies) * size + cut.skipped + len(cut._kept) == len(heard)
+    assert len(replies) <= heard.count(request)
+    for reply in replies:
         check_values(reply, layout)
 
 

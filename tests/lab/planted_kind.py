@@ -119,7 +119,7 @@ WALKS = {
 }
 
 
-def told(walk):
+def result_of(walk):
     """What became of a walk."""
     try:
         walk()
@@ -130,4 +130,4 @@ def told(walk):
 
 if __name__ == "__main__":
     wanted = sys.argv[1:] or WALKS
-    json.dump({name: told(WALKS[name]) for name in wanted}, sys.stdout)
+    json.dump({name: result_of(WALKS[name]) for name in wanted}, sys.stdout)

@@ -100,10 +100,10 @@ def test_noise_gives_at_most_one_sound_value_and_never_grows(chunks, echoed):
     assert reply.missing == max(0, wanted - len(data))
     assert reply.surplus == max(0, len(data) - wanted)
     assert len(reply._heard) <= wanted
-    told = read(b"\x54", data, echoed=echoed)
-    assert reply.value == told  # however it was cut
-    if told is not None:
-        assert data[:wanted].endswith(word_by_definition(told))
+    decoded = read(b"\x54", data, echoed=echoed)
+    assert reply.value == decoded  # however it was cut
+    if decoded is not None:
+        assert data[:wanted].endswith(word_by_definition(decoded))
 
 
 def test_an_echo_that_is_not_the_request_spoils_the_reply():

@@ -133,10 +133,12 @@ def test_every_field_is_signed(name: str, at: int) -> None:
 
 def test_what_is_missing_is_numbered() -> None:
     points = list(CHAIN)
-    (told,) = problems([*points[:3], *points[6:]])
-    assert told == "point 6 of session s: 3 to 5 before it is missing, or comes later"
-    (told,) = problems(points[1:])
-    assert told == "point 1 of session s: 0 before it is missing, or comes later"
+    (reported,) = problems([*points[:3], *points[6:]])
+    assert (
+        reported == "point 6 of session s: 3 to 5 before it is missing, or comes later"
+    )
+    (reported,) = problems(points[1:])
+    assert reported == "point 1 of session s: 0 before it is missing, or comes later"
     assert problems(points[:-2]) == []  # no chain knows its end
     assert "is not signed" in problems([point(0)])[0]
 
@@ -147,10 +149,10 @@ def test_a_session_signed_anew_behind_another_point_does_not_follow() -> None:
     branch = [
         signer.signed(point(n, label=POINT.label, samples=n + 1)) for n in range(6)
     ]
-    told = problems([*CHAIN[:3], *branch[3:]])
-    assert told == ["point 3 of session s does not follow from the one before it"]
-    (told,) = problems([*CHAIN[:6], branch[2], *CHAIN[6:]])
-    assert "another than the one read before" in told
+    reported = problems([*CHAIN[:3], *branch[3:]])
+    assert reported == ["point 3 of session s does not follow from the one before it"]
+    (reported,) = problems([*CHAIN[:6], branch[2], *CHAIN[6:]])
+    assert "another than the one read before" in reported
 
 
 def test_points_that_were_not_stored_leave_no_gap() -> None:
@@ -171,8 +173,8 @@ def test_lines_that_are_no_points_are_named() -> None:
     lines = [encode(one, "json").decode() for one in CHAIN[:3]]
     found = checked_points(points_of_lines([lines[0], "{", *lines[1:]]), PUBLIC)
     assert found.n_points == 3
-    (told,) = found.problems
-    assert told.startswith("line 2 is no point: ")
+    (reported,) = found.problems
+    assert reported.startswith("line 2 is no point: ")
 
 
 def test_keys_that_cannot_be_used(tmp_path) -> None:

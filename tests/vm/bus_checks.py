@@ -94,18 +94,18 @@ def periodic() -> str:
     end_s = time.monotonic() + SYNC_S
     while time.monotonic() < end_s:
         frames += bus.receive(0.1)
-    told = can_interface.periodic_frames()
+    n_sent = can_interface.periodic_frames()
     task.stop()
     drained(bus)
     after = drained(bus)
     bus.close()
     steps_ms = np.diff([at for _, _, at in frames]) * 1e-6
-    assert told >= len(frames) > 0, f"{told} sent, {len(frames)} came"
+    assert n_sent >= len(frames) > 0, f"{n_sent} sent, {len(frames)} came"
     assert not after, f"{len(after)} after the end"
     usual_ms = float(np.median(steps_ms))  # a busy host stops the guest now and then
     assert abs(usual_ms - 1e3 / SYNC_HZ) < 0.5, f"{usual_ms:.3f} ms"
     return (
-        f"{len(frames)} in {SYNC_S:g} s, {told} by its own count; the usual step "
+        f"{len(frames)} in {SYNC_S:g} s, {n_sent} by its own count; the usual step "
         f"{usual_ms:.3f} ms, the longest {steps_ms.max():.1f} ms"
     )
 

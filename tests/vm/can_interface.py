@@ -55,5 +55,7 @@ def exact_receivers() -> set[int]:
 def periodic_frames() -> int:
     """How many frames the kernel's broadcast manager has sent, as it says itself."""
     folder = PROC / "can-bcm"
-    told = "\n".join(path.read_text() for path in folder.iterdir())
-    return sum(int(n) for n in re.findall(r"^tx_op: .* sent (\d+)", told, re.MULTILINE))
+    texts = "\n".join(path.read_text() for path in folder.iterdir())
+    return sum(
+        int(n) for n in re.findall(r"^tx_op: .* sent (\d+)", texts, re.MULTILINE)
+    )

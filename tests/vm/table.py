@@ -31,12 +31,12 @@ class Table:
         """Make a check: it says what it saw, or raises where that is not good."""
         try:
             seen = check()
-            told, good = seen if isinstance(seen, str) else await seen, True
+            result, good = seen if isinstance(seen, str) else await seen, True
         except Exception as error:  # noqa: BLE001 - the other checks shall be made too
             traceback.print_exc()
-            told, good = f"{type(error).__name__}: {error}".splitlines()[0], False
+            result, good = f"{type(error).__name__}: {error}".splitlines()[0], False
         self.n_failed += not good
-        line = f"{'ok' if good else 'FAILED':6s}  {what:44s}  {told}"
+        line = f"{'ok' if good else 'FAILED':6s}  {what:44s}  {result}"
         self._lines.append(line)
         print(line, flush=True)  # noqa: T201 - this is the report
         if self._kept is not None:

@@ -23,7 +23,7 @@ def run_round(*arguments: str) -> Result:
 
 
 @pytest.fixture(scope="module")
-def told():
+def single_round():
     """One round as run from the command line."""
     return subprocess.run(
         [*PROGRAM, "--seed", "3"],
@@ -36,16 +36,16 @@ def told():
     )
 
 
-def test_it_tells_what_was_hidden_last_of_all(told):
-    assert told.returncode == 0, told.stderr
-    *found, hidden, score = told.stdout.splitlines()
+def test_it_tells_what_was_hidden_last_of_all(single_round):
+    assert single_round.returncode == 0, single_round.stderr
+    *found, hidden, score = single_round.stdout.splitlines()
     assert found
     assert hidden.startswith("hidden: ")
     assert score.startswith("score: ")
 
 
-def test_nothing_but_the_answer_is_said_when_piped(told):
-    assert told.stderr == ""
+def test_nothing_but_the_answer_is_said_when_piped(single_round):
+    assert single_round.stderr == ""
 
 
 def test_json_is_scored_too():

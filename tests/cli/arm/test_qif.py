@@ -150,7 +150,7 @@ def test_folder_of_schemas_is_used_or_refused(name, tmp_path):
     words = ("--out", tmp_path / "out.qif", "--force", "--schemas", tmp_path)
     assert NOT_CHECKED in run(*command, *words[:-2]).output
     (tmp_path / "out.qif").unlink()
-    for schema, status, told in (
+    for schema, status, message in (
         (None, 2, "schema that can be used"),
         ("<not xml", 2, "schema that can be used"),
         ("Another", 2, "schema: line 2"),
@@ -163,7 +163,7 @@ def test_folder_of_schemas_is_used_or_refused(name, tmp_path):
                 'targetNamespace="http://qifstandards.org/xsd/qif3">'
                 f'<xs:element name="{schema}"/></xs:schema>'
             )
-        assert told in run(*command, *words, status=status).output
+        assert message in run(*command, *words, status=status).output
 
 
 @pytest.mark.skipif(

@@ -20,7 +20,7 @@ def nodes(caplog: pytest.LogCaptureFixture) -> Iterator[FakeNodes]:
         yield made
 
 
-def told(
+def run_can(
     nodes: FakeNodes, *arguments: str, answer: str = "", status: int = 0
 ) -> Result:
     where = ["--interface", "virtual", "--channel", nodes.channel]
@@ -31,7 +31,7 @@ def told(
 
 def test_scan_lists_what_is_there(nodes: FakeNodes) -> None:
     nodes.nodes[9].objects |= {(0x6503, 0): u16(1), (0x6505, 0): u16(16)}
-    result = told(nodes, "scan")
+    result = run_can(nodes, "scan")
     first, second, last = result.output.splitlines()
     assert first == (
         "node   5: multi-turn encoder, 65536 counts per turn, 4096 turns, position "
@@ -44,7 +44,7 @@ def test_scan_lists_what_is_there(nodes: FakeNodes) -> None:
 def test_scan_reports_as_json(nodes: FakeNodes) -> None:
     nodes.nodes[5].objects[(0x1000, 0)] = u32(0x0001_0191)
     nodes.nodes[9].doubles = True
-    result = told(nodes, "scan", "--json")
+    result = run_can(nodes, "scan", "--json")
     first, second = json.loads(result.output)["nodes"]
     assert (first["node"], first["profile"], first["vendor"]) == (5, 0x191, None)
     assert "expected an encoder" in first["problem"]
@@ -58,7 +58,7 @@ def test_scan_reports_as_json(nodes: FakeNodes) -> None:
 def test_scan_of_an_empty_bus_cannot_reach_anything(nodes: FakeNodes) -> None:
     for node in nodes.nodes.values():
         node.mute = True
-    result = told(nodes, "scan", status=3)
+    result = run_can(nodes, "scan", status=3)
     assert f"no node answers on virtual:{nodes.channel}" in result.output
 
 
@@ -73,7 +73,7 @@ def test_a_preset_is_requested_written_and_stored(nodes: FakeNodes) -> None:
     node = nodes.nodes[5]
     node.objects |= {(0x6003, 0): u32(0), (0x1010, 1): u32(1)}
     wanted = ("--node", "5", "--value", "4711", "--store")
-    result = told(nodes, "preset", *wanted, "--yes", "--json")
+    result = run_can(nodes, "preset", *wanted, "--yes", "--json")
     assert "node 5 is at 1000 of 268435456" in result.stderr
     report = json.loads(result.stdout)
     assert (report["node"], report["before"], report["stored"]) == (5, 1000, True)
@@ -84,17 +84,17 @@ def test_a_preset_is_requested_written_and_stored(nodes: FakeNodes) -> None:
 def test_a_preset_that_is_not_requested_is_not_written(nodes: FakeNodes) -> None:
     node = nodes.nodes[5]
     node.objects[(0x6003, 0)] = u32(7)
-    told(nodes, "preset", "--node", "5", "--value", "0", answer="n\n", status=1)
+    run_can(nodes, "preset", "--node", "5", "--value", "0", answer="n\n", status=1)
     assert node.objects[(0x6003, 0)] == u32(7)
 
 
 def test_a_preset_beyond_the_range_is_refused(nodes: FakeNodes) -> None:
-    result = told(
+    result = run_can(
         nodes, "preset", "--node", "5", "--value", str(2**28), "--yes", status=2
     )
     assert "expected 0 to 268435455" in result.output
 
 
 def test_a_preset_that_the_encoder_refuses_is_reported(nodes: FakeNodes) -> None:
-    result = told(nodes, "preset", "--node", "5", "--value", "1", "--yes", status=3)
+    result = run_can(nodes, "preset", "--node", "5", "--value", "1", "--yes", status=3)
     assert "refused to write object 6003:00: 06020000, no such object" in result.output

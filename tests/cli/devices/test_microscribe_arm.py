@@ -25,7 +25,7 @@ words = st.integers(-32768, 32767)
 tables = st.lists(words, min_size=18, max_size=18)
 
 
-def told(
+def description(
     kinematics: Kinematics, n: int = 6, home: tuple[int, ...] = ()
 ) -> MicroscribeDescription:
     maxes = (*MAXES[:n], *[0] * (6 - n))
@@ -77,7 +77,7 @@ def test_points_of_the_arm_file_are_those_of_the_arms_own_table(
     assert kinematics.beta_rad == pytest.approx(math.pi * beta / 32768)
     counts = [c % (MAXES[k] + 1) if k < n else 0 for k, c in enumerate(counts)]
     home = tuple(c % (MAXES[k] + 1) for k, c in enumerate(home))
-    arm = arm_from_microscribe(told(kinematics, n, home), "ms", 0.0)
+    arm = arm_from_microscribe(description(kinematics, n, home), "ms", 0.0)
     assert [joint.encoder.counts_per_turn for joint in arm.joints] == [
         MAXES[k] + 1 for k in range(n)
     ]
@@ -100,7 +100,7 @@ def example() -> Kinematics:
 
 def test_the_base_posture_is_the_home_position():
     arm = arm_from_microscribe(
-        told(example(), home=(2000, 4096, 0, 0, 1000, 0)), "ms", 0.0
+        description(example(), home=(2000, 4096, 0, 0, 1000, 0)), "ms", 0.0
     )
     assert arm.joints[0].zero_rad == pytest.approx(math.pi / 2)
     assert arm.joints[1].zero_rad == pytest.approx(math.pi / 2)
@@ -111,7 +111,7 @@ def test_the_base_posture_is_the_home_position():
 
 
 def test_the_file_holds_what_was_made(tmp_path: Path):
-    arm = arm_from_microscribe(told(example()), "ms", 1.5)
+    arm = arm_from_microscribe(description(example()), "ms", 1.5)
     write_arm(tmp_path / "arm.toml", arm)
     assert read_arm(tmp_path / "arm.toml") == arm
     assert arm.probe.radius_mm == 1.5
@@ -127,6 +127,6 @@ def test_the_file_holds_what_was_made(tmp_path: Path):
     ],
 )
 def test_an_arm_that_its_table_cannot_describe_is_refused(maxes, what):
-    odd = replace(told(example()), maxes=maxes, home=(0,) * 8)
+    odd = replace(description(example()), maxes=maxes, home=(0,) * 8)
     with pytest.raises(FileError, match=what):
         arm_from_microscribe(odd, "ms", 0.0)

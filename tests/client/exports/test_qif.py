@@ -139,8 +139,8 @@ def test_schemas_in_two_folders_are_read_once_each(tmp_path):
         (beside / "B.xsd", [], kind),
     ):
         file.parent.mkdir(exist_ok=True)
-        told = "".join(f'<xs:include schemaLocation="{name}"/>' for name in names)
-        file.write_text(f"{head}{told}{body}</xs:schema>")
+        includes = "".join(f'<xs:include schemaLocation="{name}"/>' for name in names)
+        file.write_text(f"{head}{includes}{body}</xs:schema>")
     check_schema(written(TWO), tmp_path / "points.qif", inside)
 
 

@@ -85,10 +85,12 @@ async def home(mosquitto: Mosquitto) -> AsyncIterator[HomeAssistant]:
             await client.publish(topic, b"", retain=True)
 
 
-def gateway_of(arm: str, mosquitto: Mosquitto, told: list[str]) -> HomeAssistantGateway:
+def gateway_of(
+    arm: str, mosquitto: Mosquitto, reports: list[str]
+) -> HomeAssistantGateway:
     address = BrokerAddress(mosquitto.host, mosquitto.port)
     return HomeAssistantGateway(
-        arm, address, "homeassistant", told.append, lambda: CHECKED
+        arm, address, "homeassistant", reports.append, lambda: CHECKED
     )
 
 
@@ -104,8 +106,8 @@ async def running(gateway: HomeAssistantGateway) -> AsyncIterator[None]:
 async def test_an_arm_is_announced_followed_and_taken_out(
     home: HomeAssistant, virtual: VirtualDaemon, mosquitto: Mosquitto
 ) -> None:
-    arm, told = virtual.arm, list[str]()
-    gateway = gateway_of(arm, mosquitto, told)
+    arm, reports = virtual.arm, list[str]()
+    gateway = gateway_of(arm, mosquitto, reports)
     async with running(gateway):
         async with virtual.running():
             alarmed = STATUS.model_copy(update={"arm": arm, "online": True})
@@ -134,9 +136,9 @@ async def test_an_arm_is_announced_followed_and_taken_out(
         assert home.shown()["points"] == home.shown()["temperature_c"] == "None"
         assert home.of("/availability") == "online"
     await until(lambda: home.of("/availability") == "offline")
-    await gateway_of(arm, mosquitto, told).remove()
+    await gateway_of(arm, mosquitto, reports).remove()
     await until(lambda: not any(home.retained.values()))
-    assert told[-1] == f"{arm} is taken out of homeassistant/device/traverse_{arm}"
+    assert reports[-1] == f"{arm} is taken out of homeassistant/device/traverse_{arm}"
 
 
 def check_announcement(config: dict[str, Any], known: dict[str, str]) -> None:

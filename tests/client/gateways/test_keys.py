@@ -42,7 +42,7 @@ class Typing:
     def __init__(self, virtual: VirtualDaemon, arm: Arm) -> None:
         self._virtual = virtual
         self.arm = arm
-        self.told: list[str] = []
+        self.reports: list[str] = []
         self._seq = 0
 
     async def take(self, **values: Any) -> None:
@@ -61,9 +61,11 @@ class Typing:
                 await asyncio.sleep(0.01)
 
 
-def gateway(arm: Arm, told: list[str], template: str, decimal: str) -> LineGateway:
+def gateway(arm: Arm, reports: list[str], template: str, decimal: str) -> LineGateway:
     form = LineForm(template, None, "centre", "mm", decimal, sends_doubtful=False)
-    return LineGateway(form, KeysOutlet(arm, "desktop", "f9", told.append), told.append)
+    return LineGateway(
+        form, KeysOutlet(arm, "desktop", "f9", reports.append), reports.append
+    )
 
 
 ALARM = STATUS.alarms[0] if STATUS.alarms else None
@@ -76,8 +78,8 @@ async def test_points_are_typed_unless_arm_or_operator_forbid_it(
     assert ALARM is not None
     async with virtual.running(), Arm(virtual.arm, broker) as arm:
         typing = Typing(virtual, arm)
-        told = typing.told
-        sender = gateway(arm, told, keys_template("tab", "enter"), ",")
+        reports = typing.reports
+        sender = gateway(arm, reports, keys_template("tab", "enter"), ",")
         async with sender.outlet:
             assert sender.outlet.name == "the desktop's keyboard (f9 stops it)"
             task = asyncio.create_task(sender.send_points(arm))
@@ -88,13 +90,15 @@ async def test_points_are_typed_unless_arm_or_operator_forbid_it(
 
             await typing.take(quality=Quality.from_bits(1))
             await until(lambda: sender.counts.held_back == 1)
-            assert told[-1] == "1 point not sent: point 1 is in doubt (encoder_error)"
+            assert (
+                reports[-1] == "1 point not sent: point 1 is in doubt (encoder_error)"
+            )
 
             alarm = ALARM.model_copy(update={"severity": "warning"})
             await typing.say(alarms=(alarm,))
             await typing.take()
             await until(lambda: sender.counts.held_back == 2)
-            assert f"point 2: alarm {alarm.code}: {alarm.text}" in told[-1]
+            assert f"point 2: alarm {alarm.code}: {alarm.text}" in reports[-1]
             await typing.say(alarms=(alarm.model_copy(update={"severity": "info"}),))
             await typing.take()
             await until(lambda: shown.typed == 2 * line)
@@ -104,17 +108,17 @@ async def test_points_are_typed_unless_arm_or_operator_forbid_it(
             await typing.say(alarms=(), online=True, state="ready")
 
             shown.press("F9")
-            await until(lambda: told[-1].startswith("typing is stopped"))
+            await until(lambda: reports[-1].startswith("typing is stopped"))
             await typing.take()
             await until(lambda: sender.counts.held_back == 4)
             shown.press("F9")
-            await until(lambda: told[-1].startswith("typing goes on"))
+            await until(lambda: reports[-1].startswith("typing goes on"))
             monkeypatch.setattr(keys, "KEY_S", 0.2)  # the key is pressed in between
             await typing.take()
             await until(lambda: len(shown.typed) > 2 * len(line) + 2)
             shown.press("F9")
             await until(lambda: sender.counts.held_back == 5)
-            assert re.search(r"stopped by f9; \d+ of 27 keys are typed", told[-1])
+            assert re.search(r"stopped by f9; \d+ of 27 keys are typed", reports[-1])
             await cancel_tasks([task])
         assert sender.counts.sent == 2
         assert 2 * line == shown.typed[: 2 * len(line)]
@@ -127,7 +131,7 @@ async def test_a_desktop_that_ends_ends_the_gateway_in_a_sentence(
 ) -> None:
     async with virtual.running(), Arm(virtual.arm, broker) as arm:
         typing = Typing(virtual, arm)
-        sender = gateway(arm, typing.told, keys_template("space", "tab"), ".")
+        sender = gateway(arm, typing.reports, keys_template("space", "tab"), ".")
         async with sender.outlet:
             task = asyncio.create_task(sender.send_points(arm))
             await typing.say(alarms=(), online=True, state="ready")

@@ -36,13 +36,13 @@ class Sending:
         self._virtual = virtual
         self._arm = Arm(virtual.arm, broker)
         self._path = path
-        self.told: list[str] = []
+        self.reports: list[str] = []
         self._n = itertools.count()
 
     async def send(self, points: list[Point], lines: LineForm) -> LineGateway:
         """Publish points, and wait until all of them are dealt with."""
         gateway = LineGateway(
-            lines, FileOutlet(self._path, self.told.append), self.told.append
+            lines, FileOutlet(self._path, self.reports.append), self.reports.append
         )
         async with self._virtual.running(), self._arm:
             task = asyncio.create_task(gateway.send_points(self._arm))
@@ -104,7 +104,7 @@ async def test_a_point_in_doubt_is_sent_where_its_line_says_so_or_it_is_requeste
     assert sending.lines == "1\n"
     assert gateway.counts.held_back == 1
     flags = ", ".join(POINT.quality.flags)
-    assert sending.told == [f"1 point not sent: point 0 is in doubt ({flags})"]
+    assert sending.reports == [f"1 point not sent: point 0 is in doubt ({flags})"]
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ async def test_a_point_in_doubt_is_sent_where_its_line_says_so_or_it_is_requeste
 )
 async def test_a_point_in_doubt_that_is_sent(lines: LineForm, sending: Sending) -> None:
     await sending.send([POINT], lines)
-    assert (sending.lines, sending.told) == ("0 0\n", [])
+    assert (sending.lines, sending.reports) == ("0 0\n", [])
 
 
 async def test_a_point_without_the_chosen_coordinates_is_held_back(
@@ -120,7 +120,7 @@ async def test_a_point_without_the_chosen_coordinates_is_held_back(
 ) -> None:
     gateway = await sending.send([good("a")], form(coordinates="part"))
     assert (sending.lines, gateway.counts.held_back) == ("", 1)
-    assert "taken without an alignment" in sending.told[0]
+    assert "taken without an alignment" in sending.reports[0]
 
 
 def retraction(of: str, point_id: str) -> Point:
@@ -134,13 +134,13 @@ async def test_a_point_that_was_taken_back_has_a_line_of_its_own_or_is_reported(
     gateway = await sending.send(points, form("{seq}\\n", undo="undo {retracts}\\n"))
     assert sending.lines == "0\nundo a\n"  # of what was held back nothing is undone
     assert gateway.counts.undone == 1
-    assert sending.told[1] == f"{POINT.id} was taken back; it was not sent by now"
+    assert sending.reports[1] == f"{POINT.id} was taken back; it was not sent by now"
 
 
 async def test_without_such_a_line_people_are_told(sending: Sending) -> None:
     await sending.send([good("a"), retraction("a", "b")], form("{seq}\\n"))
     assert sending.lines == "0\n"
-    assert sending.told == ["a was taken back after it was sent"]
+    assert sending.reports == ["a was taken back after it was sent"]
 
 
 async def test_names_from_outside_make_no_lines_of_their_own(sending: Sending) -> None:
@@ -153,10 +153,10 @@ async def test_names_from_outside_make_no_lines_of_their_own(sending: Sending) -
 async def test_a_scan_is_a_line_a_point_and_gaps_are_reported(
     virtual: VirtualDaemon, broker: str, tmp_path: Path
 ) -> None:
-    told: list[str] = []
+    reports: list[str] = []
     path = tmp_path / "lines.txt"
     gateway = LineGateway(
-        form("{seq} {x:.2f}\\n"), FileOutlet(path, told.append), told.append
+        form("{seq} {x:.2f}\\n"), FileOutlet(path, reports.append), reports.append
     )
     block = SCAN.model_copy(update={"arm": virtual.arm, "last": False, "total": None})
     late = block.model_copy(update={"seq": 1004, "quality": np.zeros(2, np.uint32)})
@@ -171,8 +171,8 @@ async def test_a_scan_is_a_line_a_point_and_gaps_are_reported(
         await cancel_tasks([task])
     assert path.read_text().splitlines()[-2:] == ["1004 612.25", "1005 612.50"]
     assert "1001" not in path.read_text()  # in doubt
-    assert "scan scan-3: 2 points lost" in told
-    assert any("1 point not sent: scan scan-3 is in doubt there" in t for t in told)
+    assert "scan scan-3: 2 points lost" in reports
+    assert any("1 point not sent: scan scan-3 is in doubt there" in t for t in reports)
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ class Bench:
 
     def __init__(self, virtual: VirtualDaemon, server: LiveServer) -> None:
         self.virtual, self.server = virtual, server
-        self.told: list[str] = []
+        self.reports: list[str] = []
 
     async def take(self, seq: int, **values: Any) -> Point:
         named = {"session": self.virtual.session, "arm": self.virtual.arm, "seq": seq}

@@ -44,8 +44,8 @@ async def sent(outlet: Outlet, data: bytes) -> None:
 
 
 async def test_a_line_waits_for_a_receiver_and_goes_to_all_of_them() -> None:
-    told: list[str] = []
-    async with TcpOutlet("127.0.0.1", 0, told.append) as outlet:
+    reports: list[str] = []
+    async with TcpOutlet("127.0.0.1", 0, reports.append) as outlet:
         waiting = asyncio.create_task(outlet.send(b"1\n"))
         await asyncio.sleep(0)
         assert not waiting.done()
@@ -53,15 +53,15 @@ async def test_a_line_waits_for_a_receiver_and_goes_to_all_of_them() -> None:
             assert await read_line(first) == b"1\n"
             await waiting
             async with receiver(outlet.port) as second:
-                await until(lambda: len(told) == 2)
+                await until(lambda: len(reports) == 2)
                 await sent(outlet, b"2\n")
                 assert await read_line(first) == await read_line(second) == b"2\n"
-            await until(lambda: len(told) == 3)
-            assert told[-1].endswith("has disconnected; 1 other receiver")
+            await until(lambda: len(reports) == 3)
+            assert reports[-1].endswith("has disconnected; 1 other receiver")
             await sent(outlet, b"3\n")
             assert await read_line(first) == b"3\n"
-        await until(lambda: len(told) == 4)
-        assert told[-1].endswith("has disconnected; points wait at the arm")
+        await until(lambda: len(reports) == 4)
+        assert reports[-1].endswith("has disconnected; points wait at the arm")
 
 
 async def test_what_a_receiver_sends_is_ignored() -> None:
@@ -77,18 +77,20 @@ async def test_a_receiver_that_does_not_read_is_disconnected_and_others_continue
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(outlets, "WRITE_S", 0.5)
-    told: list[str] = []
+    reports: list[str] = []
     line = b"x" * 9999 + b"\n"
-    async with TcpOutlet("127.0.0.1", 0, told.append) as outlet:
+    async with TcpOutlet("127.0.0.1", 0, reports.append) as outlet:
         with socket.socket() as deaf:
             deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             deaf.connect(("127.0.0.1", outlet.port))
             async with receiver(outlet.port) as reader:
-                await until(lambda: len(told) == 2)
+                await until(lambda: len(reports) == 2)
                 for _ in range(20):
                     await sent(outlet, line)
                     assert await read_line(reader) == line
-    assert any("has taken nothing for 0.5 s: disconnected; 1 other" in t for t in told)
+    assert any(
+        "has taken nothing for 0.5 s: disconnected; 1 other" in t for t in reports
+    )
 
 
 async def test_receivers_that_come_and_leave_between_lines_disturb_nobody() -> None:
@@ -113,15 +115,15 @@ async def test_receivers_that_come_and_leave_between_lines_disturb_nobody() -> N
 
 
 async def test_more_receivers_than_allowed_are_refused() -> None:
-    told: list[str] = []
-    async with TcpOutlet("127.0.0.1", 0, told.append) as outlet:
+    reports: list[str] = []
+    async with TcpOutlet("127.0.0.1", 0, reports.append) as outlet:
         async with contextlib.AsyncExitStack() as stack:
             for _ in range(MAX_RECEIVERS):
                 await stack.enter_async_context(receiver(outlet.port))
-            await until(lambda: len(told) == MAX_RECEIVERS)
+            await until(lambda: len(reports) == MAX_RECEIVERS)
             async with receiver(outlet.port) as refused:
                 assert await read_line(refused) == b""
-        assert f"is refused: {MAX_RECEIVERS} receivers" in "".join(told)
+        assert f"is refused: {MAX_RECEIVERS} receivers" in "".join(reports)
 
 
 async def test_lines_continue_into_a_file_that_was_moved_away(tmp_path: Path) -> None:
@@ -156,53 +158,53 @@ def folder_lost_then_there(folder: Path) -> tuple[Path, Callable[[], None]]:
 async def test_a_file_that_takes_nothing_is_tried_again(
     broken: Callable[[Path], tuple[Path, Callable[[], None]]], tmp_path: Path
 ) -> None:
-    told: list[str] = []
+    reports: list[str] = []
     path, mend = broken(tmp_path)
-    outlet = FileOutlet(path, told.append)
+    outlet = FileOutlet(path, reports.append)
     sending = asyncio.create_task(outlet.send(b"1\n"))
-    await until(lambda: bool(told))
-    assert "tried again every 1 s, points wait at the arm" in told[0]
+    await until(lambda: bool(reports))
+    assert "tried again every 1 s, points wait at the arm" in reports[0]
     mend()
     async with asyncio.timeout(PATIENCE_S):
         await sending
     assert path.read_bytes() == b"1\n"
-    assert told[1:] == [f"{path}: takes lines again"]
+    assert reports[1:] == [f"{path}: takes lines again"]
 
 
 async def test_a_serial_port_that_was_lost_is_opened_again(tmp_path: Path) -> None:
-    told: list[str] = []
+    reports: list[str] = []
     port = tmp_path / "port"
     ours, theirs = pty.openpty()
     port.symlink_to(os.ttyname(theirs))
-    async with SerialOutlet(str(port), 19200, told.append) as outlet:
+    async with SerialOutlet(str(port), 19200, reports.append) as outlet:
         await sent(outlet, b"1\r\n")
         assert os.read(ours, 100) == b"1\r\n"
         os.close(theirs)
         os.close(ours)
         sending = asyncio.create_task(outlet.send(b"2\r\n"))
-        await until(lambda: bool(told))
+        await until(lambda: bool(reports))
         ours, theirs = pty.openpty()
         port.unlink()
         port.symlink_to(os.ttyname(theirs))
         async with asyncio.timeout(PATIENCE_S):
             await sending
         assert os.read(ours, 100) == b"2\r\n"
-    assert told[-1] == f"{port}: takes lines again"
+    assert reports[-1] == f"{port}: takes lines again"
     os.close(theirs)
     os.close(ours)
 
 
 async def test_a_datagram_a_line_and_a_word_where_nobody_listens() -> None:
-    told: list[str] = []
+    reports: list[str] = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taker:
         taker.bind(("127.0.0.1", 0))
         taker.settimeout(PATIENCE_S)
         port = taker.getsockname()[1]
-        async with UdpOutlet("127.0.0.1", port, told.append) as outlet:
+        async with UdpOutlet("127.0.0.1", port, reports.append) as outlet:
             await sent(outlet, b"1\n2\n")
             assert [taker.recv(100), taker.recv(100)] == [b"1\n", b"2\n"]
-    async with UdpOutlet("127.0.0.1", port, told.append) as outlet:
+    async with UdpOutlet("127.0.0.1", port, reports.append) as outlet:
         sending = asyncio.create_task(outlet.send(b"3\n"))
-        await until(lambda: bool(told))
-        assert "Connection refused; tried again" in told[0]
+        await until(lambda: bool(reports))
+        assert "Connection refused; tried again" in reports[0]
         sending.cancel()

@@ -293,7 +293,7 @@ def test_counts_that_are_not_valid_are_left_out_and_told(tmp_path):
     counts[20, 1] ^= 0x400000  # half a turn
     assembly.add(replace(samples, counts=counts, status=status), AT_ONCE)
     assembly.add(base().samples(range(60)), AT_ONCE)
-    _, times_ns, found, told, _ = joined(assembly.resampled(AT_ONCE))
+    _, times_ns, found, combined, _ = joined(assembly.resampled(AT_ONCE))
     good = [k for k in range(60) if k not in (20, 30, 31)]
     expected = interpolated(wrist(), good, 2, times_ns)
     off = off_counts(found[:, 2], expected, 2)
@@ -301,9 +301,9 @@ def test_counts_that_are_not_valid_are_left_out_and_told(tmp_path):
     t = wrist().times_ns
     error = (times_ns > t(19)) & (times_ns < t(21))
     missing = (times_ns > t(29)) & (times_ns < t(32))
-    assert (told[error, 2] & (STATUS_ERROR | STATUS_MISSING) == 17).all()
-    assert (told[missing, 2] & (STATUS_ERROR | STATUS_MISSING) == 16).all()
-    assert (told[~error & ~missing, 2] == STATUS_INTERPOLATED).sum() > 40
+    assert (combined[error, 2] & (STATUS_ERROR | STATUS_MISSING) == 17).all()
+    assert (combined[missing, 2] & (STATUS_ERROR | STATUS_MISSING) == 16).all()
+    assert (combined[~error & ~missing, 2] == STATUS_INTERPOLATED).sum() > 40
 
 
 def test_an_encoder_that_is_dead_from_some_time_on_keeps_its_last_count(tmp_path):
@@ -313,9 +313,9 @@ def test_an_encoder_that_is_dead_from_some_time_on_keeps_its_last_count(tmp_path
     status[20:, 1] = STATUS_MISSING
     assembly.add(replace(samples, status=status), AT_ONCE)
     assembly.add(base().samples(range(100)), AT_ONCE)
-    _, times_ns, counts, told, _ = joined(assembly.resampled(MUCH_LATER))
+    _, times_ns, counts, combined, _ = joined(assembly.resampled(MUCH_LATER))
     dead = times_ns > wrist().times_ns(19)
-    assert (told[dead, 2] == STATUS_MISSING).all()
+    assert (combined[dead, 2] == STATUS_MISSING).all()
     last = np.rint(true_counts(wrist().times_ns([19]))[0, 2])
     assert (off_counts(counts[dead, 2], last, 2) == 0).all()
 

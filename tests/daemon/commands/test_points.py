@@ -113,11 +113,11 @@ async def test_undo_takes_back_point_after_point_and_deletes_none(bench):
     for at in (30.5, 31.5, 32.5):
         press(bench, at)
     first, second, third = bench.points
-    told = await bench.point_requests.undo(UndoArgs())
+    reply = await bench.point_requests.undo(UndoArgs())
     again = await bench.point_requests.undo(UndoArgs(id=second.id))
-    assert (told["retracts"], again["retracts"]) == (third.id, second.id)
+    assert (reply["retracts"], again["retracts"]) == (third.id, second.id)
     retraction = bench.points[3]
-    assert (retraction.seq, retraction.id) == (3, told["id"])
+    assert (retraction.seq, retraction.id) == (3, reply["id"])
     own = {"seq", "id", "retracts", "time_ns", "trigger"}
     assert retraction.model_dump(exclude=own) == third.model_dump(exclude=own)
     press(bench, 33.5)
@@ -147,8 +147,8 @@ async def test_undo_concerns_a_point_that_was_requested_and_still_waits(bench):
     undoing = await asked(bench.point_requests.undo(UndoArgs()))
     assert not undoing.done()
     bench.stream(40, 50)
-    told = await undoing
-    assert told["retracts"] == bench.points[1].id
+    reply = await undoing
+    assert reply["retracts"] == bench.points[1].id
     assert [p.retracts for p in bench.points] == [None, None, bench.points[1].id]
 
 

@@ -190,9 +190,9 @@ async def test_refusals_without_a_line_are_counted_in_the_log(bench, caplog):
     bench.clock.go_on_s(1.0)
     bench.desk.check_flood_end()
     assert last_line() == "3 more commands refused"
-    told = len(caplog.records)
+    n_logged = len(caplog.records)
     bench.desk.check_flood_end()
-    assert len(caplog.records) == told
+    assert len(caplog.records) == n_logged
 
 
 async def test_a_payload_that_announces_more_than_it_holds_costs_no_memory(bench):

@@ -125,9 +125,9 @@ def test_the_keys_of_a_device_are_those_of_its_driver(tmp_path):
     text = GOOD.replace(
         'port = "/dev/ttyACM0"', 'baud_rate = 5\nchanel = "can0"\ndebounce_us = 1.5'
     )
-    told = problems(tmp_path, text)
+    reported = problems(tmp_path, text)
     for where in ("port", "baud_rate", "chanel", "debounce_us"):
-        assert f"device[0].{where}: " in told
+        assert f"device[0].{where}: " in reported
     (device,) = read(tmp_path, GOOD).device
     assert device.where == "/dev/ttyACM0"
     assert device.options == LatchBoardOptions(
@@ -138,27 +138,27 @@ def test_the_keys_of_a_device_are_those_of_its_driver(tmp_path):
 def test_a_driver_whose_library_is_missing_says_which_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(DRIVERS, "canopen", "no_such_library.canopen:CanOpenDriver")
     section_class.cache_clear()
-    told = problems(tmp_path, GOOD.replace('"latch-board"', '"canopen"'))
+    reported = problems(tmp_path, GOOD.replace('"latch-board"', '"canopen"'))
     section_class.cache_clear()
-    assert "needs no_such_library, which is not installed" in told
-    assert remedy("can") in told
+    assert "needs no_such_library, which is not installed" in reported
+    assert remedy("can") in reported
 
 
 @pytest.mark.parametrize(
-    ("keys", "told"),
+    ("keys", "problem"),
     [
         ('trigger = "button"\nhold = "scan"\nlong = "undo"', "use one"),
         ('trigger = "switch"\ndouble = "undo"', "gesture of a hand"),
         ('trigger = "button"\nclick = "fly"', "click"),
     ],
 )
-def test_gestures_that_make_no_sense_are_refused(tmp_path, keys, told):
+def test_gestures_that_make_no_sense_are_refused(tmp_path, keys, problem):
     path = tmp_path / "daemon.toml"
     path.write_text(
         '[arm]\nfile = "arm.toml"\n[[device]]\nid = "base"\ndriver = "latch-board"\n'
         f'port = "/dev/null"\n[[capture.inputs]]\nsource = "base/0"\n{keys}\n'
     )
-    with pytest.raises(FileError, match=told):
+    with pytest.raises(FileError, match=problem):
         read_configuration(path)
 
 

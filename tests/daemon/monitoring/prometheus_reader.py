@@ -25,17 +25,17 @@ def read(text: str) -> dict[str, Family]:
     """All families; an AssertionError where the specification is broken."""
     assert text.endswith("\n")
     families: dict[str, Family] = {}
-    told, current = {}, ""
+    explanations, current = {}, ""
     for line in text.splitlines():
         if line.startswith("# HELP "):
             _, _, name, words = line.split(" ", 3)
-            assert name not in told, f"{name} is explained twice"
-            told[name] = words
+            assert name not in explanations, f"{name} is explained twice"
+            explanations[name] = words
         elif line.startswith("# TYPE "):
             _, _, current, kind = line.split(" ")
             assert kind in ("counter", "gauge", "histogram")
             assert current not in families, f"{current} is in two places"
-            families[current] = Family(kind, told[current])
+            families[current] = Family(kind, explanations[current])
         else:
             _take(line, current, families[current])
     for name, family in families.items():

@@ -18,8 +18,8 @@ def test_percentiles_are_those_of_the_definition():
     for k in range(1, 102):
         latencies.add(k * 1000)
     figures = latencies.figures()
-    told = (figures.p50_us, figures.p99_us, figures.max_us, figures.n)
-    assert told == (51.0, 100.0, 101.0, 101)
+    values = (figures.p50_us, figures.p99_us, figures.max_us, figures.n)
+    assert values == (51.0, 100.0, 101.0, 101)
     latencies.clear()
     assert latencies.figures() is None
 

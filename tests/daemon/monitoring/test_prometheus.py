@@ -85,8 +85,10 @@ def test_every_metric_is_explained_and_no_other():
     unsent = HEALTH.outbox.model_copy(update={"oldest_unsent_ns": HEALTH.time_ns - 1})
     families = read(figures(HEALTH.model_copy(update={"outbox": unsent})))
     of_counters = {f"traverse_{name}_total" for name in HEALTH.counters}
-    told = {name: one.kind for name, one in families.items() if name not in of_counters}
-    assert dict(rows) == told
+    kinds = {
+        name: one.kind for name, one in families.items() if name not in of_counters
+    }
+    assert dict(rows) == kinds
 
 
 def test_what_is_not_known_is_left_out():
@@ -104,12 +106,12 @@ def test_promtool_finds_nothing_to_complain_of():
 
 @pytest.fixture
 async def port():
-    port, told = free_port(), []
+    port, occurrences = free_port(), []
     section = MetricsSection(port=port)
-    events = EventLog(SetClock(), told.append)
+    events = EventLog(SetClock(), occurrences.append)
     async with metrics_endpoint(section, figures, events):
         yield port
-    assert told == []
+    assert occurrences == []
 
 
 async def answer(port: int, request: bytes) -> bytes:
@@ -230,14 +232,16 @@ async def test_figures_are_made_anew_when_they_are_old_only(monkeypatch):
 
 
 async def test_a_port_that_is_taken_is_reported_and_does_not_stop_the_daemon():
-    told = []
+    occurrences = []
     with socket.create_server((HOST, 0)) as other:
         port = other.getsockname()[1]
-        events = EventLog(SetClock(), told.append)
+        events = EventLog(SetClock(), occurrences.append)
         async with metrics_endpoint(MetricsSection(port=port), figures, events):
             pass
-    assert [(e.severity, e.code) for e in told] == [("warning", "metrics.refused")]
-    assert str(port) in told[0].text
+    assert [(e.severity, e.code) for e in occurrences] == [
+        ("warning", "metrics.refused")
+    ]
+    assert str(port) in occurrences[0].text
 
 
 async def test_without_a_port_nothing_listens():

@@ -193,7 +193,7 @@ async def test_an_undo_without_points_is_refused_and_acknowledged(make_hand):
 
 
 async def test_scans_of_buttons_come_one_after_the_other_and_tell_refusals():
-    told, done, gate = [], [], asyncio.Event()
+    refusals, done, gate = [], [], asyncio.Event()
 
     async def change_scan(args):
         await gate.wait()
@@ -202,7 +202,7 @@ async def test_scans_of_buttons_come_one_after_the_other_and_tell_refusals():
             raise RequestRefusedError("scan.rate", "too fast", "go slower")
         return {}
 
-    events = EventLog(SetClock(), told.append)
+    events = EventLog(SetClock(), refusals.append)
     actions = ButtonScans(events)
     running = asyncio.create_task(actions.run(change_scan))
     for _ in range(2):
@@ -213,4 +213,4 @@ async def test_scans_of_buttons_come_one_after_the_other_and_tell_refusals():
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)
     assert done == ["start", "stop"] * 2
-    assert {event.code for event in told} == {"scan.refused"}
+    assert {event.code for event in refusals} == {"scan.refused"}

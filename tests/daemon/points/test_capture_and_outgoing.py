@@ -113,16 +113,16 @@ async def test_what_matters_most_is_sent_first():
 
 
 async def test_a_message_stays_until_it_is_done():
-    told = []
+    sent_messages = []
     queue = OutgoingQueue()
-    queue.offer("point", message("a", sent=lambda: told.append("a")))
+    queue.offer("point", message("a", sent=lambda: sent_messages.append("a")))
     first = queue.next()
     assert queue.next() is None
     queue.take_back()  # the connection broke meanwhile
     assert queue.next() == first
-    assert (told, queue.waiting("point")) == ([], 1)
+    assert (sent_messages, queue.waiting("point")) == ([], 1)
     queue.done(*first)
-    assert (told, queue.waiting("point")) == (["a"], 0)
+    assert (sent_messages, queue.waiting("point")) == (["a"], 0)
     assert queue.sent["point"] == 1
 
 

@@ -81,8 +81,8 @@ async def test_edges_keep_their_order_and_none_is_acknowledged_early(bench):
     assert [p.seq for p in bench.points] == [0, 1]
     assert bench.acknowledged("handle") == [0, 1, 2]
     assert bench.acknowledged("base") == [0]
-    told = [c for c in bench.codes() if c.startswith(("button", "switch"))]
-    assert told == ["button.pressed", "button.released", "switch.pressed"]
+    input_codes = [c for c in bench.codes() if c.startswith(("button", "switch"))]
+    assert input_codes == ["button.pressed", "button.released", "switch.pressed"]
 
 
 async def test_a_point_whose_readings_do_not_come_is_refused_with_the_reason(bench):

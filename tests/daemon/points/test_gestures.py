@@ -126,9 +126,9 @@ def test_every_press_is_decided_once_and_as_defined(meant, gaps, looks):
     edges_ms = [sum(gaps[: i + 1]) for i in range(len(gaps))]
     end = (edges_ms or [0])[-1] + 5000
     button, found = GestureDetector(meant, TIMES), []
-    told = sorted([(at, 1, n) for n, at in enumerate(edges_ms)])
-    told += [(at, 0, -1) for at in looks if at not in edges_ms]
-    for at, is_edge, number in sorted(told):
+    edges = sorted([(at, 1, n) for n, at in enumerate(edges_ms)])
+    edges += [(at, 0, -1) for at in looks if at not in edges_ms]
+    for at, is_edge, number in sorted(edges):
         if is_edge:
             found += button.edge(number % 2 == 0, at * MS)
         else:

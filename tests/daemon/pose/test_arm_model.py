@@ -44,14 +44,14 @@ def test_effects_of_what_a_daemon_never_knows_are_refused_all_together(tmp_path)
     effects = empirical("J1_rad") + empirical("time_s") + empirical("force_n")
     text = refused(tmp_path, ARM + effects)
     assert "effects[0]" not in text
-    for told in (
+    for parts in (
         "effects[1]",
         "J2.empirical.time_s depends on the time since the start of a campaign",
         "effects[2]",
         "J2.empirical.force_n depends on the force of a contact",
         "Take it out of the arm file",
     ):
-        assert told in text
+        assert parts in text
 
 
 def test_an_effect_that_does_not_fit_the_arm_is_refused_with_the_rest(tmp_path):
@@ -132,8 +132,10 @@ def test_what_a_device_says_of_its_turns_must_be_what_the_file_says(tmp_path):
     fits = device(MODULI, (1 << 20, None, 1 << 16))
     assert model.mismatches_with("base", fits) == []
     # Whole turns of the file fit into its modulus, and yet it is another resolution.
-    (told,) = model.mismatches_with("base", device(MODULI, (1 << 19, 1 << 23, 1 << 16)))
-    assert told == (
+    (mismatches,) = model.mismatches_with(
+        "base", device(MODULI, (1 << 19, 1 << 23, 1 << 16))
+    )
+    assert mismatches == (
         "joint 2 has 1048576 counts per turn in the arm file, but channel 0 of base "
         "reports 524288"
     )

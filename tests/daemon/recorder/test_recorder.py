@@ -37,7 +37,7 @@ def fault(run, code="alarm.encoder_error", severity="error"):
     run.steps.published(now_ns, event)
 
 
-def told(run, code):
+def events_of(run, code):
     return [event for event in run.events if event.code == code]
 
 
@@ -57,10 +57,10 @@ async def test_the_last_seconds_before_a_fault_are_kept_and_can_be_replayed(tmp_
         run.later(1.0)
         fault(run)
         run.later(1.5)
-        await until(lambda: told(run, "recording.kept"))
+        await until(lambda: events_of(run, "recording.kept"))
     (path,) = kept(run)
     assert path.name.endswith("Z-alarm.encoder_error.mcap")
-    assert str(path) in told(run, "recording.kept")[0].text
+    assert str(path) in events_of(run, "recording.kept")[0].text
     with RunReader(path) as reader:
         topics = {entry.topic for entry in reader}
         assert reader.about["cause"] == "alarm.encoder_error"
@@ -117,7 +117,7 @@ async def test_what_a_dead_daemon_left_is_kept_and_what_an_orderly_one_left_is_n
         old.unlink()
     torn.rename(segment)
     async with RecordedRun(tmp_path) as run:
-        await until(lambda: told(run, "recording.kept"))
+        await until(lambda: events_of(run, "recording.kept"))
     (path,) = kept(run)
     assert path.name.endswith("-crash.mcap")
     with RunReader(path) as reader:
@@ -130,7 +130,7 @@ async def test_the_oldest_kept_file_goes(tmp_path):
         for n in range(3):
             fault(run, f"alarm.a{n}")
             run.later(33.0, every_s=0.5)
-            await until(lambda n=n: len(told(run, "recording.kept")) == n + 1)
+            await until(lambda n=n: len(events_of(run, "recording.kept")) == n + 1)
         health = run.recorder.health()
     assert [path.name.rpartition("-")[2] for path in kept(run)] == [
         "alarm.a1.mcap",
@@ -160,7 +160,7 @@ async def test_without_a_flight_recorder_only_what_is_requested_is_written(tmp_p
 async def test_a_recording_without_room_is_refused_and_measuring_continues(tmp_path):
     async with RecordedRun(tmp_path, min_free_mb=1_000_000) as run:
         run.later(1.0)
-        await until(lambda: told(run, "recording.failed"))
+        await until(lambda: events_of(run, "recording.failed"))
         run.click()
         with pytest.raises(
             RequestRefusedError, match=r"only [0-9]+ MB are free"
@@ -169,7 +169,7 @@ async def test_a_recording_without_room_is_refused_and_measuring_continues(tmp_p
         assert run.recorder.health().state == "failed"
         run.later(0.5)
     assert refusal.value.code == "recording.failed"
-    (event,) = told(run, "recording.failed")
+    (event,) = events_of(run, "recording.failed")
     assert (event.severity, event.active) == ("error", True)
     assert "min_free_mb" in event.text
     assert len(run.points) == 1
@@ -183,7 +183,7 @@ async def test_a_disk_that_fails_stops_the_recording_alone(tmp_path):
             path = await run.recorder.begin("asked", "")
             resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))
             run.later(20.0)
-            await until(lambda: told(run, "recording.stopped"))
+            await until(lambda: events_of(run, "recording.stopped"))
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
             run.click()
             run.later(0.1)
@@ -192,7 +192,7 @@ async def test_a_disk_that_fails_stops_the_recording_alone(tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, ignored)
-    (event,) = told(run, "recording.stopped")
+    (event,) = events_of(run, "recording.stopped")
     assert event.severity == "error"
     assert "File too large" in event.text
     assert len(run.points) == 1
@@ -244,7 +244,7 @@ async def test_a_flood_leaves_a_gap_that_is_reported_and_a_replay_continues_afte
         dropped = run.recorder.health().dropped
     assert dropped >= 1
     assert recorded.gaps == 1
-    assert told(run, "recording.overflow")
+    assert events_of(run, "recording.overflow")
     result, _ = await asyncio.to_thread(replayed, path)
     assert result.gaps == 1
     assert result.points.sure.same == result.points.sure.n == 2

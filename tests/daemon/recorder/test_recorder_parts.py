@@ -85,9 +85,9 @@ def test_the_last_told_deliveries_say_how_devices_are():
 
 
 def test_time_stands_within_a_step_and_utc_moves_only_when_it_has_changed():
-    host, told = SetClock(), []
+    host, reported_offsets = SetClock(), []
     clock = FrozenClock(
-        host, lambda now_ns, offset_ns: told.append((now_ns, offset_ns))
+        host, lambda now_ns, offset_ns: reported_offsets.append((now_ns, offset_ns))
     )
     begun_ns, offset_ns = host.now_ns, host.offset_ns
     host.now_ns += 5
@@ -103,4 +103,4 @@ def test_time_stands_within_a_step_and_utc_moves_only_when_it_has_changed():
     host.now_ns += LOOK_NS
     host.offset_ns += JITTER_NS // 2
     clock.step()
-    assert told == [(now_ns, offset_ns + 2 * JITTER_NS)]
+    assert reported_offsets == [(now_ns, offset_ns + 2 * JITTER_NS)]

@@ -73,7 +73,7 @@ def recorded(folder, **options):
     return asyncio.run(both())
 
 
-def told(point):
+def lasting_values(point):
     """All that a point says, but for names that are new in every session."""
     return point.model_dump(exclude={"session", "id", "retracts"})
 
@@ -99,7 +99,9 @@ def test_points_and_scans_are_the_same(tmp_path, two, method):
         )
         assert result.tear is None
         if block is None:
-            assert [told(p) for p in points] == [told(p) for p in run.points[:n]]
+            assert [lasting_values(p) for p in points] == [
+                lasting_values(p) for p in run.points[:n]
+            ]
     for block in (None,) if two else BLOCKS:
         result, points = replayed(second, block)
         assert result.holds
@@ -154,7 +156,9 @@ def test_a_new_command_is_replayed_without_a_branch_for_it(tmp_path, planted):
     path, points = with_planted(tmp_path, planted)
     result, again = replayed(path)
     assert [point.seq for point in points] == [0, 1, 40]
-    assert [told(point) for point in again] == [told(point) for point in points]
+    assert [lasting_values(point) for point in again] == [
+        lasting_values(point) for point in points
+    ]
     assert result.holds
 
 

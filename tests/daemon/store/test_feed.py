@@ -42,8 +42,8 @@ class Steps:
         self.taken = 0
         self.marks_fail = False
 
-    def query(self, work, told):
-        self.jobs.append((work, told))
+    def query(self, work, deliver):
+        self.jobs.append((work, deliver))
 
     def mark_sent(self, ranges):
         if self.marks_fail:
@@ -63,13 +63,13 @@ class Steps:
 
     def thread(self, n):
         for _ in range(min(n, len(self.jobs))):
-            work, told = self.jobs.popleft()
-            self.results.append((told, work(self)))
+            work, deliver = self.jobs.popleft()
+            self.results.append((deliver, work(self)))
 
     def loop(self, n):
         for _ in range(min(n, len(self.results))):
-            told, result = self.results.popleft()
-            told(result)
+            deliver, result = self.results.popleft()
+            deliver(result)
 
     def write(self, n):
         while n and (taken := self.queue.next()) is not None:

@@ -45,13 +45,17 @@ async def test_points_in_flight_share_commits_and_keep_their_order(bench):
 
 async def test_points_are_offered_to_the_broker_before_anybody_else_hears(bench):
     keepings = [bench.take() for _ in range(20)]
-    offered, told = [], []
+    offered, waiting_when_settled = [], []
     for keeping in keepings:
-        keeping.on_settled(lambda: told.append(bench.queue.waiting("point")))
+        keeping.on_settled(
+            lambda: waiting_when_settled.append(bench.queue.waiting("point"))
+        )
     with bench.queue.notifying(lambda: offered.append(bench.queue.waiting("point"))):
-        await until(lambda: len(told) == 20, "all are settled")
+        await until(lambda: len(waiting_when_settled) == 20, "all are settled")
     assert offered[-1] == 20
-    assert all(waiting >= place + 1 for place, waiting in enumerate(told))
+    assert all(
+        waiting >= place + 1 for place, waiting in enumerate(waiting_when_settled)
+    )
 
 
 async def test_beyond_what_may_be_in_flight_no_point_is_taken(tmp_path):

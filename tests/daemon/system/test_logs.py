@@ -194,9 +194,9 @@ def test_the_journal_is_taken_where_standard_error_goes_there(
             env={**os.environ, "JOURNAL_STREAM": "0:0"},
         )
         heard.setblocking(False)
-        told = [heard.recv(65536) for _ in range(in_journal)]
+        datagrams = [heard.recv(65536) for _ in range(in_journal)]
         with pytest.raises(BlockingIOError):
             heard.recv(100)
-    texts = [read_entry(data)["MESSAGE"] for data in told]
+    texts = [read_entry(data)["MESSAGE"] for data in datagrams]
     assert texts == ["hello", "careful"][:in_journal]
     assert len(done.stderr.splitlines()) == on_stderr

@@ -44,9 +44,9 @@ def report(how):
     return run_program(*run).stdout
 
 
-def n_mapped(told):
+def n_mapped(statistics):
     """How many blocks are mapped by themselves."""
-    return int(re.search(r'<total type="mmap" count="(\d+)"', told)[1])
+    return int(re.search(r'<total type="mmap" count="(\d+)"', statistics)[1])
 
 
 def test_all_threads_share_one_arena_and_large_blocks_are_mapped():

@@ -23,10 +23,10 @@ from traverse.drivers.base.values import (
 
 
 @pytest.mark.parametrize("echo", [False, True])
-@pytest.mark.parametrize("option", ["auto", "told"])
+@pytest.mark.parametrize("option", ["auto", "setting"])
 def test_every_encoder_is_read_whether_the_adapter_echoes_or_not(echo, option):
-    told = {"auto": "auto", "told": "yes" if echo else "no"}[option]
-    run = Played(line(echo=echo), echo=told)
+    setting = {"auto": "auto", "setting": "yes" if echo else "no"}[option]
+    run = Played(line(echo=echo), echo=setting)
     (up,) = run.of(DeviceUp)
     assert up.identity.moduli_counts == (16384,) * 3
     assert up.identity.counts_per_turn == (16384,) * 3

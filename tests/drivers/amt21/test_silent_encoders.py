@@ -37,8 +37,8 @@ def test_a_missed_reading_repeats_the_last_count_and_says_so():
     counters = run.counters()
     assert (counters["silent"], counters["garbled"]) == (1, 1)
     assert (counters["missed_1"], counters["missed_2"]) == (1, 1)
-    told = [f for f in run.of(DeviceFault) if f.code == "readings_missing"]
-    assert sum(fault.count for fault in told) == 2
+    faults = [f for f in run.of(DeviceFault) if f.code == "readings_missing"]
+    assert sum(fault.count for fault in faults) == 2
     assert run.alarms() == []
 
 
@@ -234,8 +234,8 @@ def line_fault(kind, probability=0.01, **more):
 )
 def test_what_is_believed_was_true_when_it_was_read(tmp_path, faults):
     arm = moving(tmp_path, CASE, SECONDS, faults)
-    told, first_ns = read_virtually(arm, CASE, SECONDS)
-    blocks = [one for one in told if isinstance(one, CountSamples)]
+    result, first_ns = read_virtually(arm, CASE, SECONDS)
+    blocks = [one for one in result if isinstance(one, CountSamples)]
     counts = np.concatenate([b.counts for b in blocks]).astype(np.int64)
     missing = np.concatenate([b.status for b in blocks]) & STATUS_MISSING != 0
     seq = np.concatenate([b.seq for b in blocks])
@@ -251,8 +251,10 @@ def test_what_is_believed_was_true_when_it_was_read(tmp_path, faults):
         # At 1 rad/s half of 5 ms, the longest exchange that is believed, is 7 counts.
         assert np.abs(off[good]).max() <= 7
         assert good.any()
-    lost = [f for f in told if isinstance(f, DeviceFault) and f.code == "samples_lost"]
+    lost = [
+        f for f in result if isinstance(f, DeviceFault) and f.code == "samples_lost"
+    ]
     assert seq[-1] + 1 - len(seq) == sum(fault.count for fault in lost)
-    assert not any(isinstance(one, DeviceLost) for one in told)
-    alarms = [one.channel for one in told if isinstance(one, DeviceAlarm)]
+    assert not any(isinstance(one, DeviceLost) for one in result)
+    alarms = [one.channel for one in result if isinstance(one, DeviceAlarm)]
     assert set(alarms) <= ({3, 5} if faults == (SILENT, RESET) else set())

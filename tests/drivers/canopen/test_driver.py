@@ -26,8 +26,8 @@ async def test_nodes_are_set_up_in_the_portable_way(rig: CanRig):
         await up(rig)
         # The nodes live in a thread of their own, which may be behind.
         await until(lambda: (0x000, b"\x01\x09") in rig.nodes.heard, "both are started")
-        told = [frame for frame in rig.nodes.heard if frame[0] in (0x000, 0x605)]
-    lines = [data.hex(" ") for _, data in told if len(data) == 2 or data[0] & 0x20]
+        frames = [frame for frame in rig.nodes.heard if frame[0] in (0x000, 0x605)]
+    lines = [data.hex(" ") for _, data in frames if len(data) == 2 or data[0] & 0x20]
     written = [line for line, _ in itertools.groupby(lines)]  # some twice, if slow
     # Bytes by hand: PDO off, at every SYNC, one object 6004:00 of 32 bits, TPDO2 off,
     # heartbeat 100 ms, NMT.

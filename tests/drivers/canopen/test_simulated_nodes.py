@@ -84,10 +84,10 @@ async def test_a_node_that_resets_and_an_emergency_are_reported(tmp_path):
         await taken.until(lambda: ended(taken, "node_lost"), "the node is back")
         await taken.until(lambda: ended(taken, "emergency"), "the error is over")
         await taken.until(lambda: last_status(taken) == [0, 0], "all is well")
-    told = [(a.code, a.channel) for a in taken.of(DeviceAlarm) if a.raised]
-    assert ("node_lost", 1) in told
-    assert ("emergency", 0) in told
-    assert ("encoder_alarm", 0) in told  # its object 6503 was read
+    alarms = [(a.code, a.channel) for a in taken.of(DeviceAlarm) if a.raised]
+    assert ("node_lost", 1) in alarms
+    assert ("emergency", 0) in alarms
+    assert ("encoder_alarm", 0) in alarms  # its object 6503 was read
     codes = [fault.code for fault in taken.of(DeviceFault)]
     assert codes.count("node_restarted") == 1
     states = {
@@ -110,8 +110,8 @@ async def test_an_encoder_that_says_another_resolution_is_seen(tmp_path):
     keys = {"told_counts_per_turn": (65536, 4096)}
     async with played(tmp_path, **keys) as rig:
         taken = await up(rig)
-    (told,) = taken.of(DeviceUp)
-    assert told.identity.counts_per_turn == (65536, 4096)
+    (ups,) = taken.of(DeviceUp)
+    assert ups.identity.counts_per_turn == (65536, 4096)
 
 
 def lost_samples(taken):

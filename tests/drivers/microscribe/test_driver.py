@@ -57,8 +57,8 @@ async def test_it_is_found_by_its_name():
 async def test_what_the_arm_says_of_itself_is_reported(rig):
     with rig.driver:
         taken = await up(rig)
-    (told,) = taken.of(DeviceUp)
-    identity = told.identity
+    (ups,) = taken.of(DeviceUp)
+    identity = ups.identity
     assert identity.name == "MicroScribe 3D 3DX 12345"
     assert identity.firmware == "HCI 2.0a"
     assert identity.moduli_counts == identity.counts_per_turn == (8000,) * 6
@@ -105,7 +105,7 @@ async def test_an_arm_that_lost_power_is_reported_as_restarted(rig):
         rig.arm.power_cycle()
         await taken.until(lambda: taken.of(DeviceLost), "the loss")
         await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "it is back")
-    assert [told.restarted for told in taken.of(DeviceUp)] == [False, True]
+    assert [ups.restarted for ups in taken.of(DeviceUp)] == [False, True]
     assert "does not answer" in taken.of(DeviceLost)[0].reason
 
 
@@ -151,8 +151,8 @@ async def test_a_slow_stream_is_counted_by_its_own_schedule(rig):
     per_number_ns = (times_ns[-1] - times_ns[0]) / (seqs[-1] - seqs[0])
     assert per_number_ns == pytest.approx(25e6, rel=0.2)
     # A busy machine may miss an instant: that is a gap, and reported.
-    told = sum(f.count for f in taken.of(DeviceFault) if f.code == "samples_lost")
-    assert told >= seqs[-1] + 1 - len(seqs)
+    n_lost = sum(f.count for f in taken.of(DeviceFault) if f.code == "samples_lost")
+    assert n_lost >= seqs[-1] + 1 - len(seqs)
 
 
 async def test_a_count_that_cannot_be_is_missing_and_told(rig):
@@ -223,9 +223,9 @@ async def test_a_timer_that_runs_off_its_rate_loses_no_connection(tmp_path, rate
 def is_learned(taken: Taken, rate_hz: float) -> bool:
     """The rate is within 1 %, and hardly a packet is taken for an old one."""
     return any(
-        told.values["timer_hz"] == pytest.approx(rate_hz, rel=0.01)
-        and told.values["packets_old"] < 0.05 * told.values["packets_received"]
-        for told in taken.of(DeviceCounters)[-1:]
+        counters.values["timer_hz"] == pytest.approx(rate_hz, rel=0.01)
+        and counters.values["packets_old"] < 0.05 * counters.values["packets_received"]
+        for counters in taken.of(DeviceCounters)[-1:]
     )
 
 

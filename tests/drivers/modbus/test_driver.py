@@ -28,7 +28,7 @@ MASKS = {"error_mask": 1, "warning_mask": 2}
 BOTH = tuple({"address": a, **ENCODER, **MASKS} for a in (1, 2))
 
 
-def told(folder, *faults, table=None, encoders=BOTH, **options):
+def entries_of(folder, *faults, table=None, encoders=BOTH, **options):
     line = ModbusTable(
         kind="modbus", id="m", port="p", addresses=(1, 2), **FIELD, **(table or {})
     )
@@ -59,7 +59,7 @@ def told(folder, *faults, table=None, encoders=BOTH, **options):
 )
 def test_every_map_of_registers_is_read(tmp_path, table, keys):
     encoders = tuple({**encoder, **keys} for encoder in BOTH)
-    run = told(tmp_path, table=table, encoders=encoders)
+    run = entries_of(tmp_path, table=table, encoders=encoders)
     (up,) = run.of(DeviceUp)
     modulus = 65536 * keys.get("turns", 1)
     assert up.identity.moduli_counts == (modulus,) * 2
@@ -73,7 +73,7 @@ def test_every_map_of_registers_is_read(tmp_path, table, keys):
 
 
 def test_a_reading_is_stamped_in_the_middle_of_its_exchange(tmp_path):
-    run = told(tmp_path, status_period_s=0.0)
+    run = entries_of(tmp_path, status_period_s=0.0)
     latched = np.array([reading[2] for reading in run.notes.readings]) * 1e9
     nearest = latched[:, np.newaxis] - run.read_ns().ravel()
     # 8 bytes there and 9 back, 11 bits each, and 0.2 ms in the adapter each way:
@@ -84,7 +84,7 @@ def test_a_reading_is_stamped_in_the_middle_of_its_exchange(tmp_path):
 
 
 def test_the_rate_that_the_line_reaches_is_reported(tmp_path):
-    run = told(tmp_path, rate_hz=400.0)
+    run = entries_of(tmp_path, rate_hz=400.0)
     (started,) = run.of(StreamStarted)
     # two exchanges of 2.023 ms and two silences of 1.75 ms
     assert started.rate_hz == pytest.approx(0.8 / (2 * 3.773e-3), rel=0.01)
@@ -96,7 +96,7 @@ def test_status_registers_mark_samples_and_are_alarms_that_end(tmp_path):
         {"kind": "status", "channel": 1, "at_s": 1.0, "duration_s": 1.0},
         {"kind": "status", "channel": 0, "at_s": 1.0, "duration_s": 1.0, "bits": 2},
     )
-    run = told(tmp_path, *faults, seconds=4.0, status_period_s=0.2)
+    run = entries_of(tmp_path, *faults, seconds=4.0, status_period_s=0.2)
     assert sorted(run.alarms()) == [
         (0, "encoder_warning", False),
         (0, "encoder_warning", True),
@@ -113,7 +113,7 @@ def test_status_registers_mark_samples_and_are_alarms_that_end(tmp_path):
 
 def test_a_silent_encoder_is_an_alarm_that_ends_and_does_not_stop_the_others(tmp_path):
     silent = {"kind": "silent", "channel": 1, "at_s": 1.0, "duration_s": 1.0}
-    run = told(tmp_path, silent, seconds=4.0, answer_timeout_s=0.03)
+    run = entries_of(tmp_path, silent, seconds=4.0, answer_timeout_s=0.03)
     assert run.alarms() == [(1, "encoder_missing", True), (1, "encoder_missing", False)]
     assert "encoder 2" in run.of(DeviceAlarm)[0].text
     assert not run.missing()[:, 0].any()
@@ -126,7 +126,7 @@ def test_late_replies_never_pass_for_the_next(tmp_path):
     faults = [
         {**late, "at_s": 0.5 + 0.2 * k, "delay_s": 0.02 + 0.002 * k} for k in range(30)
     ]
-    run = told(tmp_path, *faults, seconds=7.0, answer_timeout_s=0.03)
+    run = entries_of(tmp_path, *faults, seconds=7.0, answer_timeout_s=0.03)
     good = ~run.missing()
     off = run.joined("counts") - run.counts_at(run.read_ns()) % 65536
     assert np.abs(off[good]).max() <= 16.0  # half of an exchange that was nearly late
@@ -137,7 +137,7 @@ def test_late_replies_never_pass_for_the_next(tmp_path):
 def test_whatever_the_line_does_to_frames_no_wrong_count_comes_of_it(tmp_path):
     kinds = ("lost", "corrupted", "garbage", "repeated", "check")
     faults = [{"kind": k, "probability": 0.02, "seed": n} for n, k in enumerate(kinds)]
-    run = told(tmp_path, *faults, seconds=8.0, answer_timeout_s=0.03)
+    run = entries_of(tmp_path, *faults, seconds=8.0, answer_timeout_s=0.03)
     good = ~run.missing()
     off = run.joined("counts") - run.counts_at(run.read_ns()) % 65536
     assert np.abs(off[good]).max() <= 1.0
@@ -146,14 +146,14 @@ def test_whatever_the_line_does_to_frames_no_wrong_count_comes_of_it(tmp_path):
 
 def test_registers_that_are_not_there_are_reported_with_a_remedy(tmp_path):
     wrong = {**BOTH[0], "position_register": 77}
-    run = told(tmp_path, encoders=(wrong, BOTH[1]), answer_timeout_s=0.03)
+    run = entries_of(tmp_path, encoders=(wrong, BOTH[1]), answer_timeout_s=0.03)
     assert run.alarms() == [(0, "encoder_missing", True)]
     assert "position_register" in run.of(DeviceAlarm)[0].remedy
     assert run.counters()["refused"] >= 3
 
 
 def test_an_echo_is_skipped(tmp_path):
-    run = told(tmp_path, table={"echo": True}, echo=True)
+    run = entries_of(tmp_path, table={"echo": True}, echo=True)
     assert not run.missing().any()
 
 

@@ -84,8 +84,10 @@ def test_three_misses_in_a_row_make_it_missing_and_two_readings_bring_it_back():
 def test_readings_that_do_not_agree_do_not_bring_it_back():
     one = PolledChannel("encoder 1", TURN, TURN, SPEED_RAD_S)
     counts = [0, 8000, 3000, 12000]
-    told = [one.accept(EncoderReading(c, k * MS), k * MS) for k, c in enumerate(counts)]
-    assert told == [UNCONFIRMED, IMPLAUSIBLE, IMPLAUSIBLE, IMPLAUSIBLE]
+    accepted = [
+        one.accept(EncoderReading(c, k * MS), k * MS) for k, c in enumerate(counts)
+    ]
+    assert accepted == [UNCONFIRMED, IMPLAUSIBLE, IMPLAUSIBLE, IMPLAUSIBLE]
     assert one.missing
     assert one.time_ns is None
 

@@ -26,7 +26,7 @@ PORTS = ("a", "b")
 FIELD = {"baud_rate": 115_200, "request_delay_s": 2e-4, "reply_delay_s": 2e-4}
 
 
-def told(folder, *faults, bits=14, many=False, line=None, **options):
+def entries_of(folder, *faults, bits=14, many=False, line=None, **options):
     table = RlsTable(
         kind="rls",
         id="wrist",
@@ -52,7 +52,7 @@ def told(folder, *faults, bits=14, many=False, line=None, **options):
 @pytest.mark.parametrize("bits", [14, 17, 18, 20])
 @pytest.mark.parametrize("mode", ["asked", "continuous"])
 def test_every_resolution_is_read_in_both_modes(tmp_path, bits, mode):
-    run = told(tmp_path, bits=bits, mode=mode)
+    run = entries_of(tmp_path, bits=bits, mode=mode)
     (up,) = run.of(DeviceUp)
     assert up.identity.counts_per_turn == (1 << bits,) * 2
     assert up.identity.moduli_counts == (1 << bits,) * 2
@@ -68,7 +68,7 @@ def test_every_resolution_is_read_in_both_modes(tmp_path, bits, mode):
 
 @pytest.mark.parametrize("bits", [14, 17])
 def test_turns_make_one_count(tmp_path, bits):
-    run = told(tmp_path, bits=bits, many=True, seconds=1.0)
+    run = entries_of(tmp_path, bits=bits, many=True, seconds=1.0)
     modulus = min(2**32, 2 ** (bits + 16))
     assert run.of(DeviceUp)[0].identity.moduli_counts == (modulus,) * 2
     off = run.joined("counts") - run.counts_at(run.read_ns())
@@ -77,7 +77,7 @@ def test_turns_make_one_count(tmp_path, bits):
 
 def test_all_are_asked_at_once_and_stamped_in_the_middle_of_the_exchange(tmp_path):
     line = {"baud_rate": 10_000, "request_delay_s": 1e-3, "reply_delay_s": 1e-3}
-    run = told(tmp_path, line=line, baud_rate=10_000, answer_timeout_s=0.05)
+    run = entries_of(tmp_path, line=line, baud_rate=10_000, answer_timeout_s=0.05)
     skews = run.joined("skew_ns")
     # 1 ms there, 1 byte, 4 bytes, 1 ms back: 7 ms; for the temperature 5 bytes
     assert np.isin(skews, [3_500_000, 4_000_000]).all()
@@ -90,7 +90,7 @@ def test_all_are_asked_at_once_and_stamped_in_the_middle_of_the_exchange(tmp_pat
 
 def test_in_continuous_mode_a_reading_is_stamped_with_its_latch(tmp_path):
     line = {"baud_rate": 115_200}
-    run = told(tmp_path, line=line, mode="continuous", period_us=500)
+    run = entries_of(tmp_path, line=line, mode="continuous", period_us=500)
     latched_ns = np.array([round(1e9 * reading[2]) for reading in run.notes.readings])
     read_ns = run.read_ns().ravel()
     assert np.abs(latched_ns[:, np.newaxis] - read_ns).min(axis=0).max() < 100
@@ -101,7 +101,7 @@ def test_status_bits_mark_samples_and_are_alarms_that_end(tmp_path):
         {"kind": "status", "channel": 1, "at_s": 1.0, "duration_s": 1.0, "value": 0x40},
         {"kind": "status", "channel": 0, "at_s": 1.0, "duration_s": 1.0, "bits": 2},
     )
-    run = told(tmp_path, *faults, seconds=3.0)
+    run = entries_of(tmp_path, *faults, seconds=3.0)
     assert set(run.alarms()) == {
         (1, "encoder_error", True),
         (1, "signal_too_low", True),
@@ -120,7 +120,7 @@ def test_status_bits_mark_samples_and_are_alarms_that_end(tmp_path):
 
 
 def test_temperatures_come_in_turn_and_cost_no_sample(tmp_path):
-    run = told(tmp_path, temperature_period_s=0.2, seconds=1.0)
+    run = entries_of(tmp_path, temperature_period_s=0.2, seconds=1.0)
     temperatures = run.of(DeviceTemperatures)
     assert 8 <= len(temperatures) <= 12
     assert temperatures[-1].values_c == (30.0, 30.0)
@@ -128,7 +128,7 @@ def test_temperatures_come_in_turn_and_cost_no_sample(tmp_path):
 
 
 def test_without_detail_and_temperature_the_short_way_is_taken(tmp_path):
-    run = told(tmp_path, detailed=False, temperature_period_s=0.0)
+    run = entries_of(tmp_path, detailed=False, temperature_period_s=0.0)
     assert run.of(DeviceTemperatures) == []
     assert not run.missing().any()
 
@@ -138,7 +138,7 @@ def test_a_silent_encoder_is_an_alarm_that_ends_and_does_not_stop_the_others(
     tmp_path, mode
 ):
     reset = {"kind": "reset", "channel": 1, "at_s": 1.0, "duration_s": 1.0}
-    run = told(tmp_path, reset, seconds=4.0, mode=mode)
+    run = entries_of(tmp_path, reset, seconds=4.0, mode=mode)
     assert run.alarms() == [
         (1, "encoder_missing", True),
         (1, "encoder_missing", False),
@@ -159,7 +159,7 @@ def test_late_replies_never_pass_for_the_next(tmp_path):
         {**late, "at_s": 0.5 + 0.1 * k, "delay_s": 0.008 + 0.0007 * k}
         for k in range(40)
     ]
-    run = told(tmp_path, *faults, seconds=5.0)
+    run = entries_of(tmp_path, *faults, seconds=5.0)
     good = ~run.missing()
     off = run.joined("counts") - run.counts_at(run.read_ns()) % 16384
     assert np.abs(off[good]).max() <= 6.0  # half of an exchange that was nearly late
@@ -174,7 +174,7 @@ def test_lost_and_corrupted_replies_leave_no_wrong_counts(tmp_path):
         {"kind": "garbage", "probability": 0.02, "seed": 1},
         {"kind": "repeated", "probability": 0.02, "seed": 2},
     )
-    run = told(tmp_path, *faults, seconds=5.0)
+    run = entries_of(tmp_path, *faults, seconds=5.0)
     good = ~run.missing()
     off = run.joined("counts") - run.counts_at(run.read_ns()) % 16384
     assert np.abs(off[good]).max() <= 2.0
@@ -192,7 +192,7 @@ class LeftRunning(SimulatedRls):
 
 
 def test_an_encoder_left_in_continuous_mode_is_stopped_first(tmp_path):
-    run = told(tmp_path, device_class=LeftRunning)
+    run = entries_of(tmp_path, device_class=LeftRunning)
     assert not run.missing().any()
     assert run.counters()["stray_bytes"] == 0
 

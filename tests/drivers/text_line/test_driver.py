@@ -160,7 +160,7 @@ async def test_a_board_that_begins_anew_is_a_restart(rig):
         with rig.board.lock:
             rig.board.reset = True
         await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "it is back")
-    assert [told.restarted for told in taken.of(DeviceUp)] == [False, True]
+    assert [ups.restarted for ups in taken.of(DeviceUp)] == [False, True]
     assert "reset" in taken.of(DeviceLost)[0].reason
 
 

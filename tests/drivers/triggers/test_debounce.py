@@ -10,9 +10,9 @@ MS = 1_000_000
 def played(changes, hold_ns=HOLD_NS, active=False):
     """Edges reported for changes (level, ms), long after the last of them."""
     debounce = Debounce(hold_ns, active=active)
-    told = [debounce.change(level, round(ms * MS)) for level, ms in changes]
-    told.append(debounce.settle(10**15))
-    return [edge for edge in told if edge is not None]
+    results = [debounce.change(level, round(ms * MS)) for level, ms in changes]
+    results.append(debounce.settle(10**15))
+    return [edge for edge in results if edge is not None]
 
 
 def test_a_bouncing_contact_is_one_edge_at_its_first_touch():

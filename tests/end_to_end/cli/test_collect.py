@@ -175,7 +175,7 @@ ANOTHER = CONE.replace("600.0", "653.0")  # 53 mm beside
 
 
 @pytest.mark.parametrize(
-    ("key", "told", "left"),
+    ("key", "message", "left"),
     [
         (b"y", "on seat: 3 of 4", 3),  # it was the right one
         (b"b", "on seat: 1 of 4", 1),  # the others were not
@@ -183,7 +183,7 @@ ANOTHER = CONE.replace("600.0", "653.0")  # 53 mm beside
     ],
 )
 async def test_a_touch_of_another_seat_is_questioned(
-    campaign: Workbench, key: bytes, told: str, left: int
+    campaign: Workbench, key: bytes, message: str, left: int
 ) -> None:
     bench = campaign
     bench.write_simulator(
@@ -197,7 +197,7 @@ async def test_a_touch_of_another_seat_is_questioned(
             await at.shows("is 53.0 mm off the others on seat and does not count")
             assert b"3 of 4" not in at.shown
             at.type(key)
-            await at.shows(told)
+            await at.shows(message)
             assert await at.quit() == 1
     lines = (bench.folder / "poses.csv").read_text().splitlines()
     assert len(lines) == 1 + left
@@ -212,7 +212,7 @@ async def test_a_broker_that_is_not_there_is_told(campaign: Workbench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("more", "files", "told"),
+    ("more", "files", "message"),
     [
         (["--allow", "shaky"], {}, "no quality flag shaky"),
         ([], {"poses.csv": "time_s\n"}, "was not written by `traverse collect`"),
@@ -225,14 +225,14 @@ async def test_a_broker_that_is_not_there_is_told(campaign: Workbench) -> None:
     ],
 )
 async def test_what_would_spoil_files_is_refused(
-    campaign: Workbench, more: list[str], files: dict[str, str], told: str
+    campaign: Workbench, more: list[str], files: dict[str, str], message: str
 ) -> None:
     for name, text in files.items():
         (campaign.folder / name).write_text(text)
     arguments = options(campaign, *more)
     with Program(campaign.folder, "collect", *arguments) as collecting:
         assert await collecting.ended() == 2
-        assert told in collecting.log
+        assert message in collecting.log
         assert "Traceback" not in collecting.log
     for name, text in files.items():
         assert (campaign.folder / name).read_text() == text

@@ -64,14 +64,14 @@ async def test_points_are_signed_and_checked_wherever_they_are(
     run("trace", file, "--in", bench.folder, "--key", public)
     lines = file.read_text().splitlines(keepends=True)
     file.write_text("".join([*lines[:2], *lines[3:]]))
-    told = run("points", "verify", file, "--key", public, status=1)
-    assert "2 before it is missing" in told
-    told = run("trace", file, "--in", bench.folder, "--key", public, status=1)
-    assert "2 before it is missing" in told
+    result = run("points", "verify", file, "--key", public, status=1)
+    assert "2 before it is missing" in result
+    result = run("trace", file, "--in", bench.folder, "--key", public, status=1)
+    assert "2 before it is missing" in result
     run("points", "key", "--out", bench.folder / "strangers.key")
     stranger = bench.folder / "strangers.key.pub"
-    told = run("points", "verify", file, "--key", stranger, status=1)
-    assert "was altered, or signed by another key" in told
+    result = run("points", "verify", file, "--key", stranger, status=1)
+    assert "was altered, or signed by another key" in result
 
 
 async def test_a_daemon_with_a_key_that_cannot_be_used_does_not_start(
@@ -79,14 +79,14 @@ async def test_a_daemon_with_a_key_that_cannot_be_used_does_not_start(
 ) -> None:
     write_signing(bench)
     key = bench.folder / "arm.key"
-    for spoil, told in (
+    for spoil, message in (
         (lambda: key.chmod(0o644), "signing.key: .* can be read by others"),
         (key.unlink, "signing.key: .* does not exist|No such file"),
     ):
         spoil()
         with bench.daemon() as daemon:
             assert await daemon.ended() == 2
-        assert re.search(told, daemon.log), daemon.log
+        assert re.search(message, daemon.log), daemon.log
     key.touch(0o600)
-    told = run("points", "key", "--out", key, status=2)
-    assert "exists" in told
+    message = run("points", "key", "--out", key, status=2)
+    assert "exists" in message

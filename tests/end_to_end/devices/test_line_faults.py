@@ -37,8 +37,8 @@ async def scan_and_probe(
         blocks = await listener.stop_scan(scan)
         assert await simulator.stop() == 0
         await listener.event("device.lost", active=True)
-        told = len(listener.healths)
-        await until(lambda: len(listener.healths) > told + 1, "last figures")
+        n_healths = len(listener.healths)
+        await until(lambda: len(listener.healths) > n_healths + 1, "last figures")
     seq = numbers(blocks)
     assert (np.diff(seq) > 0).all()  # in order, none twice
     missing = (blocks[-1].total or 0) - len(seq)
@@ -48,11 +48,13 @@ async def scan_and_probe(
 
 
 async def test_a_healthy_line_loses_and_reports_nothing(bench: Workbench) -> None:
-    listener, seq, told = await scan_and_probe(bench, "")
+    listener, seq, outcome = await scan_and_probe(bench, "")
     assert (np.diff(seq) == 1).all()
     counters = listener.healths[-1].counters
     assert (counters["samples_lost"], counters["frames_rejected"]) == (0, 0)
-    assert counters["edges_lost"] == told["tx_dropped"] == told["rx_rejected"] == 0
+    assert (
+        counters["edges_lost"] == outcome["tx_dropped"] == outcome["rx_rejected"] == 0
+    )
     expected = {"button.pressed", "button.released", "device.lost", "broker.lost"}
     assert {e.code for e in listener.events} <= expected
 
@@ -62,8 +64,8 @@ async def test_a_healthy_line_loses_and_reports_nothing(bench: Workbench) -> Non
 async def test_only_touched_samples_are_missing_and_no_edge(
     bench: Workbench, kind: str
 ) -> None:
-    listener, seq, told = await scan_and_probe(bench, line_fault(kind))
-    faults = told["faults"][kind]
+    listener, seq, outcome = await scan_and_probe(bench, line_fault(kind))
+    faults = outcome["faults"][kind]
     missing = int(np.sum(np.diff(seq) - 1))
     counters = listener.healths[-1].counters
     assert faults > 30

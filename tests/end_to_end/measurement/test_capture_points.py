@@ -61,11 +61,11 @@ async def test_a_list_with_means_labels_undos_and_a_new_session(
         await listener.event("capture.session")
     points = listener.points
     online = [s for s in statuses if s.online]
-    told = [(s.label and s.label.artefact, s.probe, s.probes) for s in online]
-    assert told[0] == (None, None, ("long",))
-    assert ("bar", None, ("long",)) in told
-    assert ("bar", "long", ("long",)) in told
-    assert told[-1] == (None, "long", ("long",))
+    shown_labels = [(s.label and s.label.artefact, s.probe, s.probes) for s in online]
+    assert shown_labels[0] == (None, None, ("long",))
+    assert ("bar", None, ("long",)) in shown_labels
+    assert ("bar", "long", ("long",)) in shown_labels
+    assert shown_labels[-1] == (None, "long", ("long",))
     assert [p.seq for p in points] == [0, 1, 2, 3, 4, 0]
     assert [p.retracts for p in points] == [None, None, None, dwelt["id"], None, None]
     assert undone["retracts"] == dwelt["id"]

@@ -52,17 +52,17 @@ def assert_the_same(published: list[Point], points: list[Point]) -> None:
     now = [p for p in points if p.retracts is None]
     assert len(now) >= 14
     for point in now:
-        told = then[point.time_ns]
+        original = then[point.time_ns]
         assert (point.xyz_mm, point.ijk, point.angles_rad) == (
-            told.xyz_mm,
-            told.ijk,
-            told.angles_rad,
+            original.xyz_mm,
+            original.ijk,
+            original.angles_rad,
         )
-        assert point.covariance_mm2 == told.covariance_mm2
-        assert point.surface_mm == told.surface_mm
-        assert point.quality == told.quality
-        assert point.label == told.label
-        assert point.model == told.model
+        assert point.covariance_mm2 == original.covariance_mm2
+        assert point.surface_mm == original.surface_mm
+        assert point.quality == original.quality
+        assert point.label == original.label
+        assert point.model == original.model
     assert {p.label for p in now} == {Label(), Label(artefact="ball")}
     assert len({p.model for p in now}) == 2
 

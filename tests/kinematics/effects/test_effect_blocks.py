@@ -114,8 +114,8 @@ def test_every_kind_of_the_arm_file_can_be_built():
 def test_all_that_is_missing_is_reported_at_once():
     with pytest.raises(ValueError, match="cannot be applied") as caught:
         corrected_pose(GEOMETRY, ALL, Block(random_readings(1)))
-    told = str(caught.value).splitlines()[1:]
-    assert told[0] == (
+    problems = str(caught.value).splitlines()[1:]
+    assert problems[0] == (
         "J4.encoder_temperature needs the temperature of J4: the block has no "
         "temperature"
     )

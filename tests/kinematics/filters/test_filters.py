@@ -205,7 +205,7 @@ def test_a_chain_applies_all_and_counts_what_each_holds_back():
 
 
 @pytest.mark.parametrize(
-    ("make", "told"),
+    ("make", "reason"),
     [
         (lambda: Box((0, 0, 1), (1, 1, 0)), "exchange them"),
         (lambda: Ball((0, 0, 0), 0.0), "radius_mm is 0"),
@@ -219,6 +219,6 @@ def test_a_chain_applies_all_and_counts_what_each_holds_back():
         (lambda: Sections((0, 0, math.nan), 1.0), "normal is"),
     ],
 )
-def test_impossible_settings_are_refused_by_name(make, told):
-    with pytest.raises(ValueError, match=told):
+def test_impossible_settings_are_refused_by_name(make, reason):
+    with pytest.raises(ValueError, match=reason):
         make()

@@ -238,9 +238,9 @@ def test_a_covariance_about_another_centre_gives_places_the_same_errors():
     covariance, place = root @ root.T, drawn(rng, 1)
     old, new = drawn(rng, 1)[0], drawn(rng, 1)[0]
     designs = [motions(place - centre, 7)[0] for centre in (old, new)]
-    told = moved_centre(covariance, old, new)
+    moved = moved_centre(covariance, old, new)
     np.testing.assert_allclose(
-        designs[1] @ told @ designs[1].T, designs[0] @ covariance @ designs[0].T
+        designs[1] @ moved @ designs[1].T, designs[0] @ covariance @ designs[0].T
     )
 
 

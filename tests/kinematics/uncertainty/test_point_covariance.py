@@ -230,14 +230,14 @@ class TestFile:
         chosen = rng.permutation(len(names))[:12]
         path = tmp_path / "arm.cov.npz"
         digest = self.write(path, [names[i] for i in chosen], factor @ factor.T)
-        for told in (digest, f"sha256:{digest}", None):
-            found = read_arm_covariance(path, names, told).covariance
+        for stated in (digest, f"sha256:{digest}", None):
+            found = read_arm_covariance(path, names, stated).covariance
             expected = np.zeros((len(names), len(names)))
             expected[np.ix_(chosen, chosen)] = factor @ factor.T
             np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-18)
 
     @pytest.mark.parametrize(
-        ("spoil", "told"),
+        ("spoil", "reason"),
         [
             (lambda p, n: p.unlink(), "remove covariance_file"),
             (lambda p, n: p.write_bytes(b"no zip"), "no covariance of an arm"),
@@ -266,12 +266,12 @@ class TestFile:
         ],
     )
     def test_a_wrong_file_is_refused_with_its_reason(
-        self, tmp_path, names, spoil, told
+        self, tmp_path, names, spoil, reason
     ):
         path = tmp_path / "arm.cov.npz"
         self.write(path, names[:3], np.eye(3))
         spoil(path, list(names))
-        with pytest.raises(ValueError, match=told) as refusal:
+        with pytest.raises(ValueError, match=reason) as refusal:
             read_arm_covariance(path, names, None)
         assert str(path) in str(refusal.value)
 

@@ -229,8 +229,10 @@ def test_mistakes_of_a_list_of_points_are_named(folder, grid, what):
 def test_a_missing_file_is_named(folder, name):
     (folder / name).unlink()
     # No poses yet is how every campaign begins.
-    told = "no poses yet" if name == "poses.csv" else rf"{name}: 1 problem\n.*cannot be"
-    with pytest.raises(FileError, match=told):
+    expected = (
+        "no poses yet" if name == "poses.csv" else rf"{name}: 1 problem\n.*cannot be"
+    )
+    with pytest.raises(FileError, match=expected):
         read_campaign(folder, ["J1", "J2"])
 
 

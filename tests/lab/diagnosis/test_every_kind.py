@@ -25,12 +25,12 @@ def test_an_effect_is_found_under_its_name_or_an_alias(kind):
     keys = wrong.keys
     component = keys["component"] if kind == "axis_runout" else None
     true = (kind, wrong.joint, keys.get("order"), component, keys.get("artefact"))
-    told = {term.candidate.identity}
-    told |= {one.candidate.identity for one in term.alternatives}
+    names_found = {term.candidate.identity}
+    names_found |= {one.candidate.identity for one in term.alternatives}
     aliases = measure(kind == "artefact_length").names_like(wrong)
-    assert told & (aliases | {true})
-    if term.status == "named" and len(told) == 1:
-        assert told <= aliases | {true}
+    assert names_found & (aliases | {true})
+    if term.status == "named" and len(names_found) == 1:
+        assert names_found <= aliases | {true}
     assert term.log10_p < -20.0
     if found.gap.closed is not None:
         assert found.gap.closed > 0.8

@@ -259,8 +259,8 @@ def test_the_only_length_of_a_campaign_cannot_be_wrong():
     found = freed(campaign, design(guess), "artefact_length.*")
     # The arm has grown instead; what is held is near the guess, not near the truth.
     assert found.arm.effects[0].values["error_ppm"] == pytest.approx(7.0, abs=20.0)
-    told = [name for one in found.undetermined for name in one.direction]
-    assert any(name.startswith("artefact_length") for name in told)
+    names = [name for one in found.undetermined for name in one.direction]
+    assert any(name.startswith("artefact_length") for name in names)
 
 
 def test_what_the_campaign_does_not_tell_is_refused_all_at_once():
@@ -275,11 +275,11 @@ def test_what_the_campaign_does_not_tell_is_refused_all_at_once():
     ]
     with pytest.raises(IdentificationError) as refused:
         identify(blind, design(*tables), OPTIONS)
-    told = str(refused.value)
-    assert "J1.encoder_temperature needs the temperature" in told
-    assert "encoder_latency needs the speed" in told
-    assert "encoder_scale" not in told
-    assert "add the columns or take the effects out of the arm file" in told
+    refusal = str(refused.value)
+    assert "J1.encoder_temperature needs the temperature" in refusal
+    assert "encoder_latency needs the speed" in refusal
+    assert "encoder_scale" not in refusal
+    assert "add the columns or take the effects out of the arm file" in refusal
 
 
 def test_times_before_the_start_are_times_of_the_campaign():

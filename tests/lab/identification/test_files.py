@@ -138,13 +138,13 @@ def test_readings_are_corrected_by_about_their_noise(folders):
 
 def test_iterations_are_reported_as_they_happen():
     campaign = simulate(built(1), [*cones(2), bar()], 30, 5)
-    told = []
-    result = identify(campaign, DESIGN_ARM, Options(), told.append)
-    assert tuple(told) == result.iterations
-    assert told[0].number == 1
-    assert told[-1].step < 1e-6
-    assert told[0].rms_mm == pytest.approx(result.rms_before_mm, rel=1e-9)
-    assert told[-1].rms_mm == pytest.approx(result.rms_after_mm, rel=1e-3)
+    iterations = []
+    result = identify(campaign, DESIGN_ARM, Options(), iterations.append)
+    assert tuple(iterations) == result.iterations
+    assert iterations[0].number == 1
+    assert iterations[-1].step < 1e-6
+    assert iterations[0].rms_mm == pytest.approx(result.rms_before_mm, rel=1e-9)
+    assert iterations[-1].rms_mm == pytest.approx(result.rms_after_mm, rel=1e-3)
 
 
 def test_an_own_certificate_is_left_out_of_what_the_arm_measures():

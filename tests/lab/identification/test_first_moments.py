@@ -64,9 +64,9 @@ def test_one_distribution_serves_both_as_well_as_the_true_masses(campaign, found
 def test_what_was_estimated_of_masses_is_reported(tmp_path, found):
     lines = " ".join(summary_lines(found, result_map(found)))
     assert "The arm file states no masses" in lines
-    told = identification_json(found)["mass_distribution"]
-    assert told["combinations"] == 18
-    assert 5 <= len(told["determined"]) < 18
+    distribution = identification_json(found)["mass_distribution"]
+    assert distribution["combinations"] == 18
+    assert 5 <= len(distribution["determined"]) < 18
     free = [p.name for p in found.parameters]
     assert "J2.first_moment.moment_kg_m.x" in free
     arm = write_result(found, tmp_path)

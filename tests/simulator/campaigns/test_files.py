@@ -179,10 +179,10 @@ def test_the_truth_lies_beside(simulated, written):
     assert [entry["id"] for entry in table["artefacts"]] == [a.id for a in ARTEFACTS]
     lines = (written / "poses.csv").read_text().splitlines()
     assert len(table["blunders"]) == len(truth.blunders) == 7
-    for told, blunder in zip(table["blunders"], truth.blunders, strict=True):
-        cells = lines[told["line"] - 1].split(",")
+    for written_blunder, blunder in zip(table["blunders"], truth.blunders, strict=True):
+        cells = lines[written_blunder["line"] - 1].split(",")
         assert float(cells[0]) == simulated.campaign.time_s[blunder.row]
-        assert told["kind"] == blunder.kind
+        assert written_blunder["kind"] == blunder.kind
     with np.load(written / "truth" / "noise.npz") as noise:
         np.testing.assert_array_equal(noise["turns_rad"], truth.turns_rad)
         np.testing.assert_array_equal(

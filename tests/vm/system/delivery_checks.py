@@ -40,12 +40,12 @@ class Delivery:
         await asyncio.to_thread(unit.systemctl, "stop", "mosquitto")
         n = self._by("button")
         await self._press_until(lambda: _waiting() >= N_POINTS)
-        told = unit.shown("StatusText")
+        status_text = unit.shown("StatusText")
         await asyncio.to_thread(unit.systemctl, "start", "mosquitto")
         await until(self._is_connected, "the broker again", SOON_S)
         whole = await self._asked_for_all()
         assert self._by("button") >= n + N_POINTS
-        return f"{whole}; meanwhile: {told}"
+        return f"{whole}; meanwhile: {status_text}"
 
     async def lose_broker(self) -> str:
         """mosquitto forgets when it is killed; the outbox does not."""

@@ -28,9 +28,9 @@ class Life:
         took_s = time.monotonic() - begun_s
         assert unit.shown("ActiveState") == "active"
         assert unit.shown("Type") == "notify"
-        told = unit.shown("StatusText")
-        assert told, "no STATUS line"
-        return f"READY after {took_s:.1f} s: {told}"
+        status_text = unit.shown("StatusText")
+        assert status_text, "no STATUS line"
+        return f"READY after {took_s:.1f} s: {status_text}"
 
     async def be_ready(self) -> str:
         """Encoders and pedal are there."""
@@ -77,13 +77,13 @@ class Life:
         unit.run("ip", "link", "set", "vcan0", "down")
         await self._listener.event("device.lost", True, SOON_S)
         await unit.until(lambda: "lost" in unit.shown("StatusText"), "STATUS", SOON_S)
-        told = unit.shown("StatusText")
+        status_text = unit.shown("StatusText")
         n = len(self._listener.statuses)
         unit.run("ip", "link", "set", "vcan0", "up")
         await self._listener.event("device.lost", False, SOON_S)
         await self._ready_since(n - 1)
         assert unit.main_pid() == pid, "another process"
-        return f"lost and back, same process; meanwhile: {told}"
+        return f"lost and back, same process; meanwhile: {status_text}"
 
     async def be_killed(self) -> str:
         """A daemon that is killed is restarted."""
@@ -91,9 +91,9 @@ class Life:
 
     async def be_stopped(self) -> str:
         """A daemon that is stuck is detected by the watchdog."""
-        told = await self._restarted(signal.SIGSTOP)
+        result = await self._restarted(signal.SIGSTOP)
         assert "Watchdog timeout" in unit.journal(), "not by the watchdog"
-        return f"{told}; WatchdogSec={unit.shown('WatchdogUSec')}"
+        return f"{result}; WatchdogSec={unit.shown('WatchdogUSec')}"
 
     async def be_upgraded(self) -> str:
         """The package is installed over itself: what ran runs again."""
@@ -132,10 +132,10 @@ class Life:
     async def _ready_since(self, n: int) -> None:
         """Wait for a status after the first ``n`` that is ready."""
 
-        def told() -> list[Status]:
+        def ready_statuses() -> list[Status]:
             return [s for s in self._listener.statuses[n:] if s.state == "ready"]
 
-        await until(told, "a status that is ready", SOON_S)
+        await until(ready_statuses, "a status that is ready", SOON_S)
 
 
 def _is_active() -> bool:

@@ -56,9 +56,9 @@ def answer(token: str | None = None) -> int:
 
 def be_shut() -> str:
     """Its exposure; then it is off again."""
-    told = guard_checks.be_shut(NAME)
+    result = guard_checks.be_shut(NAME)
     unit.systemctl("stop", NAME)
-    return told
+    return result
 
 
 def add_lab() -> str:

@@ -77,8 +77,8 @@ async def run(folder: Path) -> int:
     table = Table(folder / "table.jsonl")
     await table.check("dpkg --remove", remove)
     await table.check("dpkg --purge", purge)
-    told = f"{table}\n{uptime_s():.0f} s in the guest\n"
-    (folder / "table.txt").write_text(told, "utf-8")
+    report = f"{table}\n{uptime_s():.0f} s in the guest\n"
+    (folder / "table.txt").write_text(report, "utf-8")
     return table.n_failed
 
 

@@ -40,11 +40,11 @@ class Bench:
     def __init__(self) -> None:
         self.now_s, self._n = 100.0, 0
         self.replies: list[str] = []
-        self.told: list[str] = []
+        self.reports: list[str] = []
         self.session = Session(
             Options(radii_mm={"star": 1.5}, keys={"base/1": "Done"}),
             self.replies.append,
-            self.told.append,
+            self.reports.append,
             lambda _: None,
             lambda: self.now_s,
         )
@@ -155,7 +155,7 @@ def test_what_is_not_sent_is_said_to_people() -> None:
     bench.happens("point 1 2 3")
     bench.session.take_line(b"00002 EnableUser()\r\n")
     bench.happens("point 1 2 3 flags=singular")
-    assert bench.told == [
+    assert bench.reports == [
         "point 1 not sent: there is no session",
         "point 2 not sent: the client has not enabled the user",
         "E0000 PtMeas: 1001 Illegal touch: point 3 is in doubt (singular)",

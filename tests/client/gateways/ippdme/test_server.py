@@ -28,7 +28,7 @@ class Serving:
 
     def __init__(self, virtual: VirtualDaemon) -> None:
         self.virtual = virtual
-        self.told: list[str] = []
+        self.reports: list[str] = []
         self.port = 0
 
     async def speak(self) -> None:
@@ -40,7 +40,7 @@ class Serving:
 
     async def says(self, text: str) -> None:
         """Wait until it has reported something."""
-        await until(lambda: any(text in told for told in self.told))
+        await until(lambda: any(text in reports for reports in self.reports))
 
     async def touch(self, *, quality: Quality = GOOD) -> None:
         """A point at (612.25, -80.5, 301.125) mm."""
@@ -57,7 +57,7 @@ async def serving(virtual: VirtualDaemon, broker: str) -> AsyncIterator[Serving]
     virtual.probes = ("ball", "star")
     ready = asyncio.Event()
     async with virtual.running(), Arm(virtual.arm, broker) as arm:
-        server = IppServer(arm, "127.0.0.1", 0, serving.told.append, Options())
+        server = IppServer(arm, "127.0.0.1", 0, serving.reports.append, Options())
         tasks = [
             asyncio.create_task(server.serve(ready.set)),
             asyncio.create_task(serving.speak()),
@@ -145,5 +145,5 @@ async def test_hostile_bytes_end_in_an_error_or_the_end(serving: Serving) -> Non
         writer.close()
         with contextlib.suppress(OSError):
             await writer.wait_closed()
-        await until(lambda: serving.told[-1].endswith("its session is over"))
-    assert any("its line has no end" in told for told in serving.told)
+        await until(lambda: serving.reports[-1].endswith("its session is over"))
+    assert any("its line has no end" in reports for reports in serving.reports)

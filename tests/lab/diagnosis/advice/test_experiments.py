@@ -195,10 +195,10 @@ def test_a_finding_with_an_alias_is_reported_so_without_a_number_of_poses():
     decision = decide(of.campaign, of.arm, everyone, DiagnosisOptions(n_draws=200))
     naming = decision.names[0]
     search = decision.search
-    told = separate_by(naming, search.stage.rows, search.fit.arm)
-    assert "aliases by structure" in told
-    assert "second stylus" in told
-    assert "more pose" not in told
+    advice = separate_by(naming, search.stage.rows, search.fit.arm)
+    assert "aliases by structure" in advice
+    assert "second stylus" in advice
+    assert "more pose" not in advice
     alone = replace(naming, alternatives=())
     assert not separate_by(alone, search.stage.rows, search.fit.arm)
 
@@ -243,6 +243,6 @@ def test_a_curve_is_no_alias_by_structure():
         naming, alternatives=(Alternative(curve, 1.0, correlation=1.0, alias=True),)
     )
     search = decision.search
-    told = separate_by(naming, search.stage.rows, search.fit.arm)
-    assert "structure" not in told
-    assert "whole range of J3_rad" in told
+    advice = separate_by(naming, search.stage.rows, search.fit.arm)
+    assert "structure" not in advice
+    assert "whole range of J3_rad" in advice

@@ -149,10 +149,10 @@ def test_the_place_is_reported_in_words_and_files():
     low, high = np.degrees([place.low, place.high])
     (said,) = WORDS.lines("missing", found)
     assert f"where the reading of J2 is {low:.4g} to {high:.4g} degrees" in said
-    (told,) = diagnosis_json(found)["terms"]
-    assert (told["kind"], told["joint"]) == ("empirical", "J2")
-    assert told["covariate"] == "J2_rad"
-    assert told["poses"] == {
+    (terms,) = diagnosis_json(found)["terms"]
+    assert (terms["kind"], terms["joint"]) == ("empirical", "J2")
+    assert terms["covariate"] == "J2_rad"
+    assert terms["poses"] == {
         "low": place.low,
         "high": place.high,
         "excluded": place.n_excluded,

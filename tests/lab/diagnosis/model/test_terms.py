@@ -133,8 +133,8 @@ def test_standard_deviations_are_those_of_the_adjustment(table):
     inverse = adjustment.split.inverse[-directions.shape[1] :]
     stds = adjustment.sigma0 * np.linalg.norm(directions @ inverse, axis=1)
     found = estimates_of(equations_of(adjustment), 0)
-    told = np.concatenate([np.atleast_1d(one.std) for one in found.values()])
-    np.testing.assert_allclose(told, stds, rtol=0.02, atol=1e-3 * stds.max())
+    reported_stds = np.concatenate([np.atleast_1d(one.std) for one in found.values()])
+    np.testing.assert_allclose(reported_stds, stds, rtol=0.02, atol=1e-3 * stds.max())
 
 
 def test_without_any_length_misclosures_say_nothing_of_it():

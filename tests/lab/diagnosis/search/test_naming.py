@@ -54,10 +54,10 @@ def test_a_curve_over_time_belies_a_drift():
 
 def test_hardly_anything_belies_a_name_where_nothing_is_left():
     stage = stage_with()
-    told = [
+    answers = [
         leaves_a_curve(stage, candidate(kind, f"J{joint}"))
         for kind in ("encoder_harmonic", "encoder_drift", "axis_wobble", "axis_runout")
         for joint in range(1, 8)
     ]
     # Each is reported falsely with a probability of a few percent.
-    assert sum(told) <= 4
+    assert sum(answers) <= 4
