@@ -7,6 +7,7 @@ OUTBOX = "outbox.db"
 SCANS = "scans.db"
 RECORDINGS = "recordings"
 REFERENCES = "references.json"
+UTC = "utc.json"
 OWNER_ONLY = 0o700
 
 

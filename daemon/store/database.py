@@ -35,6 +35,7 @@ LOG_BYTES = 16 << 20  # the log shrinks to this when it begins anew
 ROOM_BYTES = 65_536  # what a few points take, with their part of every index
 VACUUM_PAGES = 128
 DAY_NS = 86_400 * 10**9
+NOTE_BELIEVED_NS = 3_600 * 10**9
 NOTE_S = 0.02  # at most so often, since it takes as long as to store a point
 ROWS = 100  # of one statement
 
@@ -70,6 +71,12 @@ CREATE INDEX unsent ON messages (number) WHERE sent = 0;
 {REQUESTED};
 CREATE TABLE room (only INTEGER PRIMARY KEY, filler BLOB NOT NULL);
 """
+
+
+BELIEVED = (
+    "CREATE TABLE IF NOT EXISTS believed "
+    "(only INTEGER PRIMARY KEY, utc_ns INTEGER NOT NULL)"
+)
 
 
 def read_as_text(value: bytes) -> str:
@@ -214,6 +221,8 @@ class MessageDatabase:
         for path in (self._path, self._log_path):
             with contextlib.suppress(OSError):  # of an earlier version, and not ours
                 path.chmod(OWNER_ONLY)
+        self._believed_ns: int | None = None
+        self._believed_noted_ns = 0
         self._session = "", 0, ""  # one that is in the table
         self._noted_s = -NOTE_S
         self._note_files()
@@ -366,6 +375,27 @@ class MessageDatabase:
             self._points -= len(oldest)
             self._session = "", 0, ""
         return len(oldest)
+
+    def believed_ns(self, advanced: Callable[[int], int]) -> int:
+        """The latest UTC that was believed, moved on; 0 while none is to be used.
+
+        Args:
+            advanced: gives it from that of before, which is 0 at first.
+        """
+        execute = self.connection.execute
+        if self._believed_ns is None:
+            with self._unsynced(), self._transaction():
+                execute(BELIEVED)
+            row = execute("SELECT utc_ns FROM believed").fetchone()
+            self._believed_ns = self._believed_noted_ns = int(row[0]) if row else 0
+        if not (now_ns := advanced(self._believed_ns)):
+            return 0
+        self._believed_ns = now_ns
+        if now_ns - self._believed_noted_ns >= NOTE_BELIEVED_NS:
+            self._believed_noted_ns = now_ns
+            with self._unsynced(), self._transaction():
+                execute("INSERT OR REPLACE INTO believed VALUES (1, ?)", (now_ns,))
+        return now_ns
 
     def trim_file(self) -> None:
         """Return some free pages to the file system, and empty the log."""

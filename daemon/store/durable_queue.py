@@ -33,6 +33,7 @@ from traverse.daemon.store.records import (
     NewMessage,
     Notification,
     PendingWrite,
+    Removed,
     Replaced,
     RetentionRules,
     SetAside,
@@ -43,6 +44,7 @@ from traverse.daemon.store.records import (
 )
 from traverse.daemon.store.writer import StoreWriter
 from traverse.drivers.base.heartbeat import Heartbeat
+from traverse.plurals import counted
 
 T = TypeVar("T")
 
@@ -54,6 +56,7 @@ class QueueProfile:
     Attributes:
         kind: under which new messages wait in the outgoing queue.
         failed, replaced, damaged: codes of the events.
+        removed: code of that of removals; empty where they are not reported.
         failed_text: of that event; "{}" is why the disk refuses.
         restored_text: of that event when it is over.
         replaced_remedy: of the others.
@@ -70,6 +73,7 @@ class QueueProfile:
     replaced: str
     damaged: str
     replaced_remedy: str = ""
+    removed: str = ""
     batch: int = BATCH
     resend_batch: int = RESEND_BATCH
 
@@ -155,6 +159,10 @@ class DurableQueue:
         self._starting = asyncio.create_task(self._writer.start())
         self.refill()
         return self._starting
+
+    def trust_clock(self, is_believed: bool) -> None:
+        """Say whether the computer's UTC can be believed, by which messages are old."""
+        self._writer.retention_clock.is_believed = is_believed
 
     @property
     def heartbeats(self) -> tuple[Heartbeat, ...]:
@@ -258,6 +266,15 @@ class DurableQueue:
                 self._set_status(what)
             case SetAside(text, count):
                 self._report(self._profile.damaged, text, count)
+            case Removed(count, why) if self._profile.removed:
+                self._events.report(
+                    "info",
+                    self._profile.removed,
+                    f"{counted(count, 'delivered point')} removed ({why})",
+                    source=self._profile.source,
+                    remedy="raise keep_days or keep_mb of [outbox] to keep more",
+                    data={"points": count},
+                )
             case Replaced(text):
                 self._report(self._profile.replaced, text)
                 self._feeder.has_backlog = True  # messages that were taken over

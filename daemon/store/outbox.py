@@ -36,6 +36,7 @@ PROFILE = QueueProfile(
     restored_text="points are kept again",
     replaced="outbox.replaced",
     damaged="outbox.damaged",
+    removed="outbox.removed",
     replaced_remedy="check the disk; points that only an old file has can be taken out "
     "of it with `traverse points export --db`, as far as it can be read",
 )

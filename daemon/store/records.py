@@ -174,6 +174,14 @@ class SetAside:
 
 
 @dataclass(frozen=True, slots=True)
+class Removed:
+    """Delivered messages were removed; why, in words."""
+
+    count: int
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
 class StoreStatus:
     """How the store is, as its thread sees it; reported whenever it changes."""
 
@@ -181,7 +189,9 @@ class StoreStatus:
     statistics: StoreStatistics = StoreStatistics()
 
 
-Notification = Committed | WriteFailed | Replaced | SetAside | StoreStatus
+Notification = (
+    Committed | WriteFailed | Replaced | SetAside | Removed | StoreStatus
+)
 
 
 # -- what waits for the thread ------------------------------------------------

@@ -26,12 +26,15 @@ from traverse.daemon.store.records import (
     DatabaseRefusedError,
     NewMessage,
     Notification,
+    Removed,
     RetentionRules,
     StorageError,
     StoreStatus,
     WriteFailed,
 )
 from traverse.daemon.store.recovery import ResilientDatabase
+from traverse.daemon.store.retention_clock import RetentionClock
+from traverse.daemon.utc import as_text
 from traverse.drivers.base.heartbeat import Heartbeat
 
 log = logging.getLogger("traverse.daemon.outbox")
@@ -39,6 +42,7 @@ log = logging.getLogger("traverse.daemon.outbox")
 POLL_S = 0.5
 STATUS_S = 0.2
 DELETE_S = 0.3
+REMOVED_S = 60.0  # from one report of what was removed to the next
 MAX_BATCH = 500
 COMMIT_INTERVAL_S = 0.002  # from the beginning of one transaction to the next
 DELETE_BATCH = 50
@@ -58,6 +62,7 @@ class StoreWriter:
 
     Attributes:
         retention: other rules may be set at any time.
+        retention_clock: by which age is counted.
     """
 
     path: InitVar[Path]
@@ -79,6 +84,8 @@ class StoreWriter:
         self._running = ""  # the session of the latest message
         self._opened: concurrent.futures.Future[None] = concurrent.futures.Future()
         self.heartbeat = Heartbeat(f"thread of the {name}")
+        self.retention_clock = RetentionClock(self.clock)
+        self._removed, self._removed_s = 0, -REMOVED_S
         self._thread = threading.Thread(target=self._run, name=name)
 
     async def start(self) -> None:
@@ -195,12 +202,14 @@ class StoreWriter:
         """Delete what need not be kept any longer, in small steps between jobs."""
         if self._database.trouble is not None:
             return
-        rules = self.retention
-        now_ns = self.clock.to_utc_ns(self.clock.monotonic_ns())
+        rules, before_ns = self.retention, 0
 
         def step(store: MessageDatabase) -> int:
+            nonlocal before_ns
+            believed_ns = store.believed_ns(self.retention_clock.advanced)
+            before_ns = max(0, believed_ns - int(rules.keep_days * DAY_NS))
             n = store.delete_old(
-                before_ns=now_ns - int(rules.keep_days * DAY_NS),
+                before_ns=before_ns,
                 keep_bytes=int(rules.keep_mb * 1e6),
                 running=self._running,
                 at_most=DELETE_BATCH,
@@ -210,11 +219,24 @@ class StoreWriter:
 
         try:
             end_s = time.monotonic() + DELETE_S
-            while self._database.run(step) and self._jobs.empty():
+            while (n := self._database.run(step)) and self._jobs.empty():
+                self._removed += n
                 if time.monotonic() > end_s:
                     return
+            self._removed += n
+            self._report_removed(before_ns)
         except Exception as error:  # noqa: BLE001 - it has been reported
             log.debug("nothing deleted: %s", error)
+
+    def _report_removed(self, before_ns: int) -> None:
+        """Report what was removed, now and then."""
+        now_s = time.monotonic()
+        if self._removed and now_s - self._removed_s >= REMOVED_S:
+            why = f"beyond {self.retention.keep_mb:g} MB"
+            if before_ns:
+                why = f"older than {as_text(before_ns)}, or {why}"
+            self._post(self.notify, Removed(self._removed, why))
+            self._removed, self._removed_s = 0, now_s
 
     def _report_status(self) -> None:
         """Report troubles at once, statistics regularly."""

@@ -1,0 +1,179 @@
+"""Whether the computer's UTC can be believed.
+
+A computer without a clock battery starts in 1970, one with a wrong one years ahead; NTP
+sets it right later, or never. The kernel knows whether a program keeps the clock
+synchronised; in a laboratory without a network nothing does, and the clock is right all
+the same. So that is no doubt, as long as the time is possible: not before this version
+was made, not years after it, and neither before the latest time that was believed here
+nor much later. Nobody but the operator can tell more.
+"""
+
+import ctypes
+import json
+import logging
+import os
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from traverse.strict_toml.files import json_of
+from traverse.strict_toml.writing import write_atomically
+
+log = logging.getLogger("traverse.daemon.service")
+
+MADE = datetime(2026, 11, 1, tzinfo=UTC)
+"""No measurement with this version is older."""
+YEARS_IN_USE = 5
+DAY_NS = 86_400 * 10**9
+MADE_NS = int(MADE.timestamp()) * 10**9
+LATEST_NS = MADE_NS + YEARS_IN_USE * 366 * DAY_NS
+MAX_BACK_NS = 60 * 10**9  # a clock that nothing keeps is set by hand now and then
+MAX_AWAY_NS = 400 * DAY_NS  # switched off for longer
+MAX_ERROR_US = 1_000_000  # of a synchronised clock
+REMEMBER_NS = 600 * 10**9
+REMEDY = (
+    "set the computer's clock and let it be synchronised (chrony, systemd-timesyncd); "
+    "where it is right, confirm it: `traverse confirm --utc`"
+)
+_STA_UNSYNC = 0x40
+
+
+class _Timex(ctypes.Structure):
+    """The beginning of `struct timex` of adjtimex(2), with room for its rest."""
+
+    _fields_ = (
+        ("modes", ctypes.c_uint),
+        ("offset", ctypes.c_long),
+        ("frequency", ctypes.c_long),
+        ("max_error_us", ctypes.c_long),
+        ("estimated_error_us", ctypes.c_long),
+        ("status", ctypes.c_int),
+        ("rest", ctypes.c_byte * 512),
+    )
+
+
+def is_synchronised() -> bool:
+    """Whether the kernel says that a program keeps its clock; False also: unknown."""
+    try:
+        adjtimex = ctypes.CDLL(None, use_errno=True).adjtimex
+    except (OSError, AttributeError):
+        return False
+    timex = _Timex()
+    if adjtimex(ctypes.byref(timex)) < 0:
+        return False
+    return not timex.status & _STA_UNSYNC and timex.max_error_us < MAX_ERROR_US
+
+
+def as_text(utc_ns: int) -> str:
+    """A UTC time for people, to the minute; a computer may show any."""
+    try:
+        return f"{datetime.fromtimestamp(utc_ns * 1e-9, UTC):%Y-%m-%d %H:%M} UTC"
+    except (ValueError, OverflowError, OSError):
+        return f"{utc_ns * 1e-9:.0f} s after 1970"
+
+
+@dataclass
+class UtcMemory:
+    """What outlives the daemon.
+
+    Attributes:
+        good_ns: the latest time that was believed; 0 for none.
+        confirmed_ns: the latest that the operator confirmed.
+    """
+
+    good_ns: int = 0
+    confirmed_ns: int = 0
+
+
+class UtcJudge:
+    """Judges the computer's UTC.
+
+    Args:
+        memory: of before.
+        synchronised: whether the kernel says so.
+    """
+
+    def __init__(
+        self,
+        memory: UtcMemory,
+        synchronised: Callable[[], bool] = is_synchronised,
+    ) -> None:
+        self.memory = memory
+        self._synchronised = synchronised
+
+    def doubt(self, utc_ns: int) -> str:
+        """Why a time of now cannot be believed; empty where it can, and is remembered."""
+        text = self._doubt(utc_ns)
+        if not text:
+            self.memory.good_ns = utc_ns
+        return text
+
+    def confirm(self, utc_ns: int) -> None:
+        """The operator says that a time of now is right."""
+        self.memory.good_ns = self.memory.confirmed_ns = utc_ns
+
+    def _doubt(self, utc_ns: int) -> str:
+        good_ns, is_confirmed = self.memory.good_ns, False
+        if confirmed_ns := self.memory.confirmed_ns:
+            is_confirmed = -MAX_BACK_NS <= utc_ns - confirmed_ns <= MAX_AWAY_NS
+        now = f"the computer's clock shows {as_text(utc_ns)}"
+        if utc_ns < MADE_NS and not is_confirmed:
+            return f"{now}, before this version was made ({as_text(MADE_NS)})"
+        if utc_ns > LATEST_NS and not is_confirmed:
+            return f"{now}, more than {YEARS_IN_USE} years after this version was made"
+        if not good_ns or self._synchronised():
+            return ""
+        if utc_ns < good_ns - MAX_BACK_NS:
+            return f"{now}, and has shown {as_text(good_ns)} before"
+        if utc_ns > good_ns + MAX_AWAY_NS:
+            return (
+                f"{now}, {(utc_ns - good_ns) / DAY_NS:.0f} days after it was last right"
+            )
+        return ""
+
+
+class UtcFile:
+    """The memory of one arm's daemon on the disk, written by a thread of its own."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._thread = ThreadPoolExecutor(1, "utc")
+        self._written = UtcMemory()
+        self.memory = UtcMemory()
+        try:
+            found = json_of(path)
+            if isinstance(found, dict):
+                self.memory = UtcMemory(
+                    int(found.get("good_ns", 0)), int(found.get("confirmed_ns", 0))
+                )
+        except FileNotFoundError:
+            pass
+        except (OSError, ValueError, TypeError) as error:
+            log.warning("%s cannot be read, and is begun anew: %s", path, error)
+
+    def keep(self) -> None:
+        """Write the memory where it is new by more than some minutes."""
+        good_ns, confirmed_ns = self.memory.good_ns, self.memory.confirmed_ns
+        written = self._written
+        if (
+            abs(good_ns - written.good_ns) < REMEMBER_NS
+            and confirmed_ns == written.confirmed_ns
+        ):
+            return
+        self._written = UtcMemory(good_ns, confirmed_ns)
+        text = json.dumps(vars(self._written), indent=1)
+        self._thread.submit(self._write, text).add_done_callback(self._report)
+
+    def close(self) -> None:
+        """Wait until all is written."""
+        self._thread.shutdown()
+
+    def _write(self, text: str) -> None:
+        if os.path.isdir(self._path.parent):  # else there is no state yet to go with it
+            write_atomically(self._path, text)
+
+    def _report(self, done: "Future[None]") -> None:
+        if (error := done.exception()) is not None:
+            log.warning("%s cannot be written: %s", self._path, error)
