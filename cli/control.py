@@ -153,6 +153,7 @@ def confirm(
     arm: ArmName = None,
     at: str | None = None,
     tolerance_mm: Annotated[float, typer.Option(min=1e-6)] = 1.0,
+    utc: Annotated[bool, typer.Option("--utc")] = False,
     as_json: Json = False,
     broker: BrokerOptions,
 ) -> None:
@@ -164,10 +165,11 @@ def confirm(
     Args:
         at: x,y,z [mm] where the probe is now, refused if it is not.
         tolerance_mm: How far from there it may be [mm].
+        utc: Accept the UTC of the daemon's computer as right, and no positions.
     """
     known_mm = None if at is None else _place(at)
     accepted = send_command(
-        arm, broker, lambda it: it.confirm_reference(known_mm, tolerance_mm)
+        arm, broker, lambda it: it.confirm_reference(known_mm, tolerance_mm, utc=utc)
     )
     text = "\n".join(accepted) if accepted else "nothing was in doubt"
     _show({"confirmed": accepted}, text, as_json=as_json)

@@ -150,7 +150,11 @@ class ArmCommands:
         return str((await self.execute(ProbeArgs(name=name)))["model"])
 
     async def confirm_reference(
-        self, at_xyz_mm: Vector | None = None, tolerance_mm: float = 1.0
+        self,
+        at_xyz_mm: Vector | None = None,
+        tolerance_mm: float = 1.0,
+        *,
+        utc: bool = False,
     ) -> list[str]:
         """Accept the positions of the encoders as right, after a loss of power.
 
@@ -158,12 +162,13 @@ class ArmCommands:
             at_xyz_mm: the probe's known position, in the arm's system; refused if
                 it is farther away than
             tolerance_mm: this.
+            utc: accept the UTC of the daemon's computer as right, and no positions.
 
         Returns:
             What was accepted, in words, for each device that was in doubt.
         """
         args = ReferenceArgs(
-            action="confirm", at_xyz_mm=at_xyz_mm, tolerance_mm=tolerance_mm
+            action="confirm", at_xyz_mm=at_xyz_mm, tolerance_mm=tolerance_mm, utc=utc
         )
         return list((await self.execute(args))["accepted"])
 

@@ -282,6 +282,18 @@ class SetProbe(OrderedCommand, recorded_name="probe"):
 
 
 @dataclass(frozen=True)
+class JudgeUtc(MeasurementCommand[None], recorded_name="utc"):
+    """Doubt the computer's UTC for a reason, or, without one, believe it."""
+
+    doubt: str
+    remedy: str
+
+    def _apply(self, measurement: Measurement, now_ns: int) -> None:
+        del now_ns
+        measurement.judge_utc(self.doubt, self.remedy)
+
+
+@dataclass(frozen=True)
 class ConfirmReference(OrderedCommand, recorded_name="reference"):
     """Accept devices and the positions of their encoders; gives what was in doubt."""
 

@@ -136,6 +136,7 @@ class Measurement(MeasurementContext):
         self.resampler = Resampler(model, settings)
         parts = self.joint_devices, self.pipeline, self.resampler
         changed = sinks.status_changed
+        self._utc_doubt = "", ""
         self.conditions = ConditionMonitor(clock, events)
         self._use_conditions()
         self.conditions.changed = changed
@@ -309,6 +310,7 @@ class Measurement(MeasurementContext):
             "pipeline": self.pipeline.state,
             "references": self.quality.references.state,
             "conditions": self.conditions.state,
+            "utc_doubt": list(self._utc_doubt),
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -340,6 +342,8 @@ class Measurement(MeasurementContext):
             self.points.evaluator.tip.air_mm = np.array(state["air_mm"])
         self.quality.persistent.resume(state["temperatures"])
         self.conditions.resume(state["conditions"])
+        doubt, remedy = state.get("utc_doubt", ("", ""))
+        self._utc_doubt = doubt, remedy
 
     # -- deliveries and time --------------------------------------------------
 
@@ -360,10 +364,18 @@ class Measurement(MeasurementContext):
     def _check_host_clock(self) -> None:
         self.quality.check_clock()
         now_ns = self.clock.monotonic_ns()
-        if now_ns + self.clock.utc_offset_ns() >= EARLIEST_UTC_NS:
+        doubt, remedy = self._utc_doubt
+        if doubt:
+            self.conditions.doubt("utc", HOST, doubt, remedy=remedy)
+        elif now_ns + self.clock.utc_offset_ns() >= EARLIEST_UTC_NS:
             self.conditions.establish("utc", HOST)
         else:
             self.conditions.doubt("utc", HOST, "the computer's clock is years behind")
+
+    def judge_utc(self, doubt: str, remedy: str) -> None:
+        """Doubt the computer's UTC from now on for a reason; believe it without one."""
+        self._utc_doubt = doubt, remedy
+        self._check_host_clock()
 
     def dispatch(
         self, device: Device, delivery: Delivery, *, is_before_edge: bool = False

@@ -24,7 +24,7 @@ from traverse.daemon.commands.resend import ResendCommands
 from traverse.daemon.commands.scans import ButtonScans, ScanCommands
 from traverse.daemon.config.schema import Action, BrokerSection
 from traverse.daemon.errors import RequestRefusedError
-from traverse.daemon.executor import stop_scan
+from traverse.daemon.executor import JudgeUtc, stop_scan
 from traverse.daemon.inputs import REFUSED, Inputs, StartupError, address_of
 from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog
@@ -47,12 +47,20 @@ from traverse.daemon.reports import (
     status_message,
 )
 from traverse.daemon.startup_check import check_startup, startup_limit_s
-from traverse.daemon.state_dir import OUTBOX, RECORDINGS, REFERENCES, SCANS, state_path
+from traverse.daemon.state_dir import (
+    OUTBOX,
+    RECORDINGS,
+    REFERENCES,
+    SCANS,
+    UTC,
+    state_path,
+)
 from traverse.daemon.store.outbox import Outbox
 from traverse.daemon.store.scan_store import ScanStore
 from traverse.daemon.system.memory import trim_memory_periodically
 from traverse.daemon.system.realtime import freeze_objects, prepare
 from traverse.daemon.system.systemd import Notifier, StatusLine, Watchdog
+from traverse.daemon.utc_watch import UtcWatch
 from traverse.drivers.base.driver import CLOSE_S
 from traverse.drivers.base.heartbeat import Heartbeat
 from traverse.drivers.base.values import LatchedCounts
@@ -211,6 +219,8 @@ class Service:
         points = PointCommands(
             measurement, None if library is None else path.parent / library
         )
+        self.utc = UtcWatch(clock, state_path(path) / UTC, self._judge_utc)
+        points.confirm_utc = self.utc.confirm
         self.commands = CommandDispatcher(
             arm=arm,
             encoding=encoding,
@@ -265,6 +275,11 @@ class Service:
             online=online,
         )
         return self.others.sending(message)
+
+    def _judge_utc(self, doubt: str, remedy: str) -> None:
+        JudgeUtc(doubt, remedy).execute(self.measurement)
+        self.outbox.trust_clock(not doubt)
+        self.spool.trust_clock(not doubt)
 
     def _on_action(self, action: Action) -> None:
         if action == "session":
@@ -365,6 +380,7 @@ async def run(service: Service, *, keep_trying: bool) -> None:
             _in_background(watchdog.run(), trim_memory_periodically()),
             asyncio.TaskGroup() as tasks,
         ):
+            service.utc.check()
             running = [tasks.create_task(_consume(service, d)) for d in devices]
             try:
                 service.update_status_line()
@@ -391,6 +407,7 @@ async def run(service: Service, *, keep_trying: bool) -> None:
                 failure = error  # raised outside the group, which would wrap it
             finally:
                 await service.commands.close()
+                service.utc.close()
                 for task in running:
                     task.cancel()
     if failure is not None:
@@ -496,6 +513,7 @@ async def _poll_periodically(service: Service) -> None:
         period_s = service.measurement.configuration.health.period_s
         service.measurement.conditions.check_overdue()
         service.events.flush()
+        service.utc.check()
         service.outbox.poll()
         service.spool.poll()
         service.recorder.poll()

@@ -1,6 +1,7 @@
 """The commands on points, and on the alignment and the probe that they depend on."""
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -51,10 +52,12 @@ class PointCommands:
 
     Args:
         probe_library: the file of probes; None where the configuration names none.
+        confirm_utc: accepts the computer's UTC.
     """
 
     measurement: Measurement
     probe_library: Path | None = None
+    confirm_utc: Callable[[], None] = lambda: None
 
     def __post_init__(self) -> None:
         self._devices = self.measurement.joint_devices
@@ -93,6 +96,14 @@ class PointCommands:
 
     async def confirm_reference(self, args: ReferenceArgs) -> Result:
         """Accept devices and present positions; gives what was in doubt."""
+        if args.utc:
+            self.confirm_utc()
+            accepted_utc = "the computer's UTC"
+            return {
+                "confirmed": ["utc"],
+                "accepted": [accepted_utc],
+                "remembered": True,
+            }
         check_ready(self._devices)
         accepted = await ConfirmReference(args).execute(self.measurement)
         remembered = await self._is_remembered()

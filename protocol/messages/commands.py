@@ -121,6 +121,8 @@ class ReferenceArgs(Args):
     """Where the probe is known to be, in the arm's system; refused if it is not."""
     tolerance_mm: Positive = 1.0
     """How far from there it may be."""
+    utc: bool = False
+    """Accept the computer's UTC as right, and no positions; confirmed is `["utc"]`."""
 
 
 class HomeArgs(Args):

@@ -11,6 +11,7 @@ from traverse.daemon.monitoring.latencies import latencies_by_name
 from traverse.daemon.mqtt.message_publisher import MessagePublisher
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.points.capture import Session
+from traverse.daemon.store.retention_clock import FIRST_NS
 from traverse.daemon.store.outbox import Outbox
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Point, ResendArgs
@@ -36,6 +37,11 @@ class OutboxOnLoop:
             latencies=self.latencies,
             ready_changed=lambda: self.statuses.append(self.outbox.is_ready),
         )
+
+    def run_for_minutes(self):
+        """Let the first minutes of a run pass, with a clock that is believed."""
+        self.outbox.trust_clock(True)
+        self.clock.now_ns += FIRST_NS
 
     def take(self):
         """A point as `Capture` hands it on; None where there is no room."""

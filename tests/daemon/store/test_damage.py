@@ -143,8 +143,9 @@ async def test_a_damaged_row_is_deleted_in_its_time_though_no_index_has_it(tmp_p
     bench.path.write_bytes(content[:place] + b"\xff" + content[place + 1 :])
     bench.clock.offset_ns = message(0).time_ns + 10 * DAY_NS
     async with bench.outbox.running():
+        bench.run_for_minutes()
         await until(lambda: not rows(bench.path), "old points are deleted")
-        assert bench.codes() == []
+        assert set(bench.codes()) <= {"outbox.removed"}
 
 
 # -- files --------------------------------------------------------------------

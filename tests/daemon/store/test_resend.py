@@ -87,7 +87,9 @@ async def test_old_points_go_by_themselves_and_the_unsent_stay(tmp_path):
         bench.outbox._writer.query(
             lambda store: store.mark_sent([(1, 3)]), lambda _: None
         )
+        bench.run_for_minutes()
         await until(
             lambda: [row[0] for row in rows(bench.path)] == ["left", "left"],
             "they are gone",
         )
+        await until(lambda: "outbox.removed" in bench.codes(), "the event")

@@ -1,0 +1,51 @@
+"""Watch the computer's UTC for the service: doubt it, believe it, remember it."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from traverse.daemon.clock import HostClock
+from traverse.daemon.utc import REMEDY, UtcFile, UtcJudge
+
+LOOK_NS = 1_000_000_000
+
+
+class UtcWatch:
+    """Judges the time of now again and again.
+
+    Args:
+        path: of the file with what is remembered.
+        judged: called with the reason for doubt and its remedy, when that changes; both
+            are empty for none.
+    """
+
+    def __init__(
+        self, clock: HostClock, path: Path, judged: Callable[[str, str], None]
+    ) -> None:
+        self._clock = clock
+        self._file = UtcFile(path)
+        self._judge = UtcJudge(self._file.memory)
+        self._judged = judged
+        self._is_doubted: bool | None = None
+        self._looked_ns = -LOOK_NS
+
+    def check(self) -> None:
+        """Judge the time; call it often."""
+        now_ns = self._clock.monotonic_ns()
+        if now_ns - self._looked_ns < LOOK_NS:
+            return
+        self._looked_ns = now_ns
+        doubt = self._judge.doubt(self._clock.to_utc_ns(now_ns))
+        if bool(doubt) != self._is_doubted:
+            self._is_doubted = bool(doubt)
+            self._judged(doubt, REMEDY if doubt else "")
+        self._file.keep()
+
+    def confirm(self) -> None:
+        """The operator says that the computer's UTC is right."""
+        self._judge.confirm(self._clock.to_utc_ns(self._clock.monotonic_ns()))
+        self._looked_ns = -LOOK_NS
+        self.check()
+
+    def close(self) -> None:
+        """Wait until all is on the disk."""
+        self._file.close()
