@@ -22,7 +22,7 @@ from traverse.daemon.commands.points import PointCommands, point_result
 from traverse.daemon.commands.reload import ConfigurationReloader
 from traverse.daemon.commands.resend import ResendCommands
 from traverse.daemon.commands.scans import ButtonScans, ScanCommands
-from traverse.daemon.config.schema import Action, BrokerSection
+from traverse.daemon.config.schema import Action, BrokerSection, Configuration
 from traverse.daemon.errors import RequestRefusedError
 from traverse.daemon.executor import JudgeUtc, stop_scan
 from traverse.daemon.inputs import REFUSED, Inputs, StartupError, address_of
@@ -215,12 +215,12 @@ class Service:
             events=events,
             notifier=notifier,
         )
-        library = configuration.arm.probes
-        points = PointCommands(
-            measurement, None if library is None else path.parent / library
-        )
         self.utc = UtcWatch(clock, state_path(path) / UTC, self._judge_utc)
-        points.confirm_utc = self.utc.confirm
+        points = PointCommands(
+            measurement,
+            _probe_library(path, configuration),
+            self.utc.confirm,
+        )
         self.commands = CommandDispatcher(
             arm=arm,
             encoding=encoding,
@@ -350,6 +350,11 @@ class Service:
         self.notifier.status(
             self.status_line.text(self.phase, states, self.connection.state, unsent)
         )
+
+
+def _probe_library(path: Path, configuration: Configuration) -> Path | None:
+    library = configuration.arm.probes
+    return None if library is None else path.parent / library
 
 
 async def run(service: Service, *, keep_trying: bool) -> None:

@@ -104,7 +104,7 @@ class UtcJudge:
         self._synchronised = synchronised
 
     def doubt(self, utc_ns: int) -> str:
-        """Why a time of now cannot be believed; empty where it can, and is remembered."""
+        """Why a time of now cannot be believed; empty where it can: remembered."""
         text = self._doubt(utc_ns)
         if not text:
             self.memory.good_ns = utc_ns

@@ -183,10 +183,16 @@ class DeviceEnd:
 
 
 class HostEnd:
-    """An open port of the host, a `BytePort`."""
+    """An open port of the host, a `BytePort`.
+
+    Attributes:
+        latency_ns: what the smallest delay is, which no line that only sends shows.
+        byte_ns: bytes take no time of their own.
+    """
 
     def __init__(self, cable: Cable, path: str) -> None:
         self._cable, self.path = cable, path
+        self.latency_ns, self.byte_ns = round(cable.down.least_s * 1e9), 0
         self._generation = cable.generation
         cable.held = cable.touched = True
         cable.to_host.clear()

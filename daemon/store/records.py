@@ -189,9 +189,7 @@ class StoreStatus:
     statistics: StoreStatistics = StoreStatistics()
 
 
-Notification = (
-    Committed | WriteFailed | Replaced | SetAside | Removed | StoreStatus
-)
+Notification = Committed | WriteFailed | Replaced | SetAside | Removed | StoreStatus
 
 
 # -- what waits for the thread ------------------------------------------------

@@ -8,6 +8,7 @@ from traverse.drivers.timing.device_clock import DeviceClock
 RATE_CHANGE = 1e-4
 BOUND_RATIO = 3.0
 LEAST_NS = 1_000_000_000  # between two reports, unless certainty changes
+LASTING_NS = 200_000_000  # a doubt that is shorter marks what it concerns, no more
 
 
 class ClockReporter:
@@ -20,7 +21,7 @@ class ClockReporter:
     def __init__(self, device: str, put: Callable[[DeviceClockState], bool]) -> None:
         self._device, self._put = device, put
         self._said: DeviceClockState | None = None
-        self._said_ns = 0
+        self._said_ns = self._certain_ns = 0
 
     def forget(self) -> None:
         """The device is another, or was away: report anew."""
@@ -30,6 +31,10 @@ class ClockReporter:
         """Report the clock, if there is something new."""
         said = self._said
         is_certain = clock.running and not clock.is_uncertain
+        if is_certain:
+            self._certain_ns = now_ns
+        elif said and said.is_certain and now_ns - self._certain_ns < LASTING_NS:
+            return
         if said is not None and said.is_certain == is_certain:
             if now_ns - self._said_ns < LEAST_NS or not is_certain:
                 return

@@ -38,10 +38,10 @@ MAX_BOUND_NS = 20_000_000  # of what has to be learned; beyond, no time is certa
 MAX_TIED_NS = 1_000_000  # of an answer that ties the clock
 MAX_RATE_ERROR = 0.025  # as long as the rate is not known
 GENERATION_NS = 16_000_000_000  # for two of these the usual delays are remembered
-LATE_MARGIN, LATE_SLACK_NS = 2.0, 1_000_000
+LATE_MARGIN, LATE_SLACK_NS = 2.0, 3_000_000
 PROOF_SLACK_NS = 500_000  # 0.1 mm of a hand that moves at 200 mm/s
 UNDERCUT = 4.0  # bounds below the line: no luck with the delays explains it
-LEAST_RUN, RUN_MARGIN = 4, 3
+LEAST_RUN, RUN_MARGIN = 6, 3
 REMEMBERED_READS = 4096  # until the line is known
 
 

@@ -11,8 +11,8 @@ from traverse.daemon.monitoring.latencies import latencies_by_name
 from traverse.daemon.mqtt.message_publisher import MessagePublisher
 from traverse.daemon.mqtt.outgoing_queue import OutgoingQueue
 from traverse.daemon.points.capture import Session
-from traverse.daemon.store.retention_clock import FIRST_NS
 from traverse.daemon.store.outbox import Outbox
+from traverse.daemon.store.retention_clock import FIRST_NS
 from traverse.protocol.encoding import decode
 from traverse.protocol.messages import Point, ResendArgs
 
