@@ -98,12 +98,8 @@ class PointCommands:
         """Accept devices and present positions; gives what was in doubt."""
         if args.utc:
             self.confirm_utc()
-            accepted_utc = "the computer's UTC"
-            return {
-                "confirmed": ["utc"],
-                "accepted": [accepted_utc],
-                "remembered": True,
-            }
+            accepted = ["the computer's UTC"]
+            return {"confirmed": ["utc"], "accepted": accepted, "remembered": True}
         check_ready(self._devices)
         accepted = await ConfirmReference(args).execute(self.measurement)
         remembered = await self._is_remembered()
