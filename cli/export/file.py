@@ -13,7 +13,12 @@ from traverse.cli.common.qif_check import check_schema, schema_words
 from traverse.cli.export.options import ExportOptions
 from traverse.cli.export.sources import PIECE, points_of, scans_of, tear_of
 from traverse.client.exports.formats import FORMATS
-from traverse.client.exports.point_table import PointTable, Sink, table_of
+from traverse.client.exports.point_table import (
+    PointTable,
+    Sink,
+    scan_table,
+    table_of,
+)
 from traverse.daemon.config.filters import AnyFilter, filter_chain
 from traverse.kinematics.filters import FilterChain, PointBlock
 from traverse.plurals import counted
@@ -63,6 +68,8 @@ def write_file(source: Path, path: Path, wanted: ExportOptions) -> dict[str, Any
         "file": str(path),
         "kind": wanted.kind,
         "points": sink.n,
+        "in_doubt": sink.in_doubt,
+        "lacks": _lacks(sink, wanted),
         "held_back": [
             {"filter": one.kind, "points": removed}
             for one, removed in passed
@@ -73,10 +80,21 @@ def write_file(source: Path, path: Path, wanted: ExportOptions) -> dict[str, Any
     }
 
 
+def _lacks(sink: Sink, wanted: Wanted) -> str:
+    """What the file does not say, though it is known."""
+    of_part = ""
+    if wanted.coordinates == "part" and wanted.to not in ("csv", "jsonl", "xyz"):
+        of_part = "uncertainties, which are of the arm's system"
+    return "; ".join(filter(None, (sink.lacks, of_part)))
+
+
 def file_words(source: Path, report: dict[str, Any]) -> list[str]:
     """Summary of `write_file`."""
     what = " of scans" if report["kind"] == "scans" else ""
-    said = [f"{report['file']}: {counted(report['points'], 'point')}{what}"]
+    doubt = f", {report['in_doubt']} in doubt" if report["in_doubt"] else ""
+    said = [f"{report['file']}: {counted(report['points'], 'point')}{what}{doubt}"]
+    if report["lacks"]:
+        said.append(f"not in this file: {report['lacks']}")
     said += [
         f"filter {one['filter']}: {one['points']} held back"
         for one in report["held_back"]
@@ -136,11 +154,10 @@ def _write_scans(
 ) -> None:
     if wanted.coordinates != "centre":
         raise ValueError("scans of a recording have --coordinates centre only")
-    for _, table in scans_of(source):
-        sink.table(table if chain is None else _filtered(table, chain))
+    for scan, table in scans_of(source):
+        sink.table(table if chain is None else _filtered(scan, table, chain))
 
 
-def _filtered(table: PointTable, chain: FilterChain) -> PointTable:
+def _filtered(scan: str, table: PointTable, chain: FilterChain) -> PointTable:
     passed = _applied(chain, table)
-    columns = {name: getattr(passed, name) for name in FILTERED}
-    return PointTable(**columns, std_mm=np.full((len(passed), 3), np.nan))
+    return scan_table(scan, **{name: getattr(passed, name) for name in FILTERED})

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from traverse.cli.points.command import LAST
 from traverse.cli.points.outbox import opened_outbox
-from traverse.client.exports.point_table import PointTable
+from traverse.client.exports.point_table import PointTable, scan_table
 from traverse.daemon.store.queries import iter_messages, read_sessions
 from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
@@ -58,7 +58,7 @@ def scans_of(source: Path) -> Iterator[tuple[str, PointTable]]:
         for entry in run:
             if entry.topic == "cloud":
                 scan, time_ns, cloud = bytes_to_timed_cloud(entry.content)
-                yield scan, _table(time_ns, cloud)
+                yield scan, _table(scan, time_ns, cloud)
 
 
 def tear_of(source: Path) -> str | None:
@@ -72,15 +72,15 @@ def tear_of(source: Path) -> str | None:
         return run.tear
 
 
-def _table(time_ns: int, cloud: NDArray[np.void]) -> PointTable:
+def _table(scan: str, time_ns: int, cloud: NDArray[np.void]) -> PointTable:
     after_ns = np.rint(cloud["after_s"] * 1e9).astype(np.int64)
-    return PointTable(
-        cloud["number"].astype(np.int64),
-        time_ns + after_ns,
-        np.stack([cloud[f"{axis}_mm"] for axis in "xyz"], axis=1),
-        np.stack([cloud[axis] for axis in "ijk"], axis=1),
-        np.full((len(cloud), 3), np.nan),
-        cloud["quality"].astype(np.uint32),
+    return scan_table(
+        scan,
+        seq=cloud["number"].astype(np.int64),
+        time_ns=time_ns + after_ns,
+        xyz_mm=np.stack([cloud[f"{axis}_mm"] for axis in "xyz"], axis=1),
+        ijk=np.stack([cloud[axis] for axis in "ijk"], axis=1),
+        quality=cloud["quality"].astype(np.uint32),
     )
 
 

@@ -1,59 +1,109 @@
 """Binary formats: PLY, NumPy, Parquet."""
 
+import tempfile
+from collections.abc import Iterable
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from traverse.client.exports.point_table import Coordinates, PointTable, Sink
+from traverse.client.exports.point_table import (
+    WORDS,
+    Coordinates,
+    PointTable,
+    Sink,
+    table_of,
+)
+from traverse.client.exports.text import TENSOR
 
 PLY_ROW = np.dtype(
     [
         *((axis, "<f8") for axis in "xyz"),
         *((f"n{axis}", "<f4") for axis in "xyz"),
         *((f"std_{axis}", "<f4") for axis in "xyz"),
+        *((f"cov_{axes}", "<f4") for axes in TENSOR),
+        ("series", "<i4"),
         ("seq", "<i4"),
+        ("label", "<i4"),
         ("quality", "<u4"),
+        ("ok", "u1"),
     ]
 )
 """One vertex: normals point from the material along the shank, back to the wrist."""
 _PLY_TYPES = {"<f8": "double", "<f4": "float", "<i4": "int", "<u4": "uint"}
-_COUNT_WIDTH = 12
+_PLY_TYPES["|u1"] = "uchar"
+_IN_MEMORY_BYTES = 64_000_000
 
 
 class Ply(Sink):
-    """Binary little-endian PLY; lengths in millimetres."""
+    """Binary little-endian PLY; lengths in millimetres.
+
+    A vertex has numbers alone: sessions, scans and labels are numbered, and the head
+    says what they are called.
+    """
+
+    lacks = "ids and times of points"
 
     def __init__(self, file: IO[bytes], coordinates: Coordinates = "centre") -> None:
         super().__init__(file, coordinates)
-        self._file.write(
-            b"ply\nformat binary_little_endian 1.0\n"
-            b"comment Traverse: x y z std in mm, " + coordinates.encode() + b"\n"
-            b"comment quality: bits of the table of quality flags, 0 is good\n"
-            b"element vertex "
-        )
-        self._count_at = self._file.tell()
-        lines = [b"0".rjust(_COUNT_WIDTH)]  # corrected at the end
-        for name in PLY_ROW.names or ():
-            kind = _PLY_TYPES[PLY_ROW[name].str]
-            lines.append(f"property {kind} {name}".encode())
-        self._file.write(b"\n".join([*lines, b"end_header\n"]))
+        self._rows = tempfile.SpooledTemporaryFile(_IN_MEMORY_BYTES)  # noqa: SIM115 - closed in __exit__
+        self._series: dict[str, int] = {}
+        self._labels: dict[str, int] = {}
 
     def table(self, table: PointTable) -> None:
-        """Write rows."""
+        """Keep rows: their names belong into the head."""
         rows = np.zeros(len(table), PLY_ROW)
         for column, axis in enumerate("xyz"):
             rows[axis] = table.xyz_mm[:, column]
             rows[f"n{axis}"] = -table.ijk[:, column]
             rows[f"std_{axis}"] = table.std_mm[:, column]
-        rows["seq"], rows["quality"] = table.seq, table.quality
-        self._file.write(rows.tobytes())
-        self.n += len(table)
+        for column, axes in enumerate(TENSOR):
+            rows[f"cov_{axes}"] = table.covariance_mm2[:, column]
+        for name in ("seq", "quality", "ok"):
+            rows[name] = getattr(table, name)
+        both = zip(table.session.tolist(), table.scan.tolist(), strict=True)
+        names = (f"scan {scan}" if scan else f"session {one}" for one, scan in both)
+        rows["series"] = _numbered(names, self._series)
+        labels = zip(table.artefact, table.feature, strict=True)
+        rows["label"] = _numbered(
+            (" ".join(filter(None, label)) for label in labels), self._labels
+        )
+        self._rows.write(rows.tobytes())
+        self._count(table)
 
     def end(self) -> None:
-        """Write how many there are into the head."""
-        self._file.seek(self._count_at)
-        self._file.write(str(self.n).encode().rjust(_COUNT_WIDTH))
+        """Write head and rows."""
+        lines = [
+            "ply",
+            "format binary_little_endian 1.0",
+            f"comment Traverse: x y z std in mm, cov in mm2, {self._coordinates}",
+            "comment quality: bits of the table of quality flags; ok 0: in doubt",
+            "comment series and seq are the key of a point",
+            f"comment not in this file: {self.lacks}",
+            *(f"comment series {n}: {name}" for name, n in self._series.items()),
+            *(f"comment label {n}: {name}" for name, n in self._labels.items()),
+            f"element vertex {self.n}",
+            *(
+                f"property {_PLY_TYPES[PLY_ROW[name].str]} {name}"
+                for name in PLY_ROW.names or ()
+            ),
+            "end_header",
+        ]
+        # The head is ASCII, and a name must not break a line.
+        text = "\n".join(ascii(line)[1:-1] for line in lines)
+        self._file.write(text.encode() + b"\n")
+        self._rows.seek(0)
+        while piece := self._rows.read(1 << 20):
+            self._file.write(piece)
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        with self._rows:
+            super().__exit__(kind, error, trace)
+
+
+def _numbered(names: Iterable[str], numbers: dict[str, int]) -> list[int]:
+    """The number of each name; a new one gets the next."""
+    return [numbers.setdefault(name, len(numbers)) for name in names]
 
 
 class Numpy(Sink):
@@ -66,18 +116,14 @@ class Numpy(Sink):
     def table(self, table: PointTable) -> None:
         """Keep rows."""
         self._tables.append(table)
-        self.n += len(table)
+        self._count(table)
 
     def end(self) -> None:
         """Write all columns."""
-        names = PointTable.__slots__
-        columns: dict[str, NDArray[Any]] = {}
-        for name in names:
-            parts = [getattr(table, name) for table in self._tables]
-            if not parts:
-                wide = name in ("xyz_mm", "ijk", "std_mm")
-                parts = [np.empty((0, 3) if wide else 0)]
-            columns[name] = np.concatenate(parts)
+        columns: dict[str, NDArray[Any]] = {"coordinates": np.array(self._coordinates)}
+        tables = self._tables or [table_of([], self._coordinates)]
+        for name in PointTable.__slots__:
+            columns[name] = np.concatenate([getattr(table, name) for table in tables])
         np.savez_compressed(self._file, allow_pickle=False, **columns)
 
 
@@ -98,9 +144,16 @@ class Parquet(Sink):
                 *((f"{axis}_mm", number) for axis in "xyz"),
                 *((axis, number) for axis in "ijk"),
                 *((f"std_{axis}_mm", number) for axis in "xyz"),
+                *((f"covariance_{axes}_mm2", number) for axes in TENSOR),
                 ("quality", pyarrow.uint32()),
+                ("ok", pyarrow.bool_()),
+                *((name, pyarrow.string()) for name in WORDS),
             ],
-            metadata={"coordinates": coordinates, "made_by": "traverse"},
+            metadata={
+                "coordinates": coordinates,
+                "made_by": "traverse",
+                "key": "session and seq; of scans scan and seq",
+            },
         )
         self._writer = parquet.ParquetWriter(file, self._schema)
 
@@ -116,13 +169,30 @@ class Parquet(Sink):
                 self._arrow.array(table.std_mm[:, i], from_pandas=True)
                 for i in range(3)
             ),
+            *(
+                self._arrow.array(table.covariance_mm2[:, i], from_pandas=True)
+                for i in range(6)
+            ),
             self._arrow.array(table.quality),
+            self._arrow.array(table.ok),
+            # An empty text is a null, too, but for the flags: there are none.
+            *(
+                self._arrow.array(
+                    [text or (text if name == "flags" else None) for text in texts],
+                    self._arrow.string(),
+                )
+                for name in WORDS
+                for texts in (getattr(table, name).tolist(),)
+            ),
         ]
         self._writer.write_table(
             self._arrow.Table.from_arrays(columns, schema=self._schema)
         )
-        self.n += len(table)
+        self._count(table)
 
     def end(self) -> None:
         """Write the foot."""
         self._writer.close()
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        self.end()  # after an error, too: else it is closed when the file is

@@ -3,15 +3,18 @@
 import io
 import re
 from collections.abc import Sequence
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from traverse.client.exports.point_table import Coordinates, PointTable, Sink, place_of
-from traverse.protocol.messages import Point, Quality
+from traverse.protocol.messages import Point
+from traverse.protocol.printable import printable
 
 IN_DOUBT = "in doubt"
+APPLICATION = "TRAVERSE"
+_TEXT, _MAX_TEXT = 1000, 255
 _NOT_IN_LAYER = re.compile(r'[<>/\\":;?*|=`,\x00-\x1f\x7f]')
 _RED, _CROSS = 1, 2
 
@@ -21,8 +24,11 @@ class Dxf(Sink):
 
     A point is a POINT on the layer of its session and label. A scan is a 3D POLYLINE on
     a layer of its own; numbers that begin again begin the next scan. What is in doubt
-    is a POINT on a red layer, and ends a polyline. Needs the extra `lab`.
+    is a POINT on a red layer, and ends a polyline. Session or scan, seq, id, label,
+    flags and covariance are extended data (XDATA of TRAVERSE). Needs the extra `lab`.
     """
+
+    lacks = "times, and numbers within the lines of scans"
 
     def __init__(self, file: IO[bytes], coordinates: Coordinates = "centre") -> None:
         super().__init__(file, coordinates)
@@ -32,35 +38,55 @@ class Dxf(Sink):
         self._drawing = new("R2010", units=units.MM)
         self._drawing.header["$PDMODE"] = _CROSS
         self._drawing.layers.add(IN_DOUBT, color=_RED)
+        self._drawing.appids.add(APPLICATION)
         self._space = self._drawing.modelspace()
         self._ends_mm = np.empty((0, 3))
         self._way_mm: list[tuple[float, float, float]] = []
-        self._scans, self._last_seq = 0, 0
+        self._scans, self._last_seq, self._scan = 0, 0, ""
 
     def points(self, points: Sequence[Point]) -> None:
         """Add points."""
+        self._check(points)
         places_mm = [place_of(point, self._coordinates) for point in points]
         for point, place_mm in zip(points, places_mm, strict=True):
             names = (point.session, point.label.artefact, point.label.feature)
             layer = _NOT_IN_LAYER.sub("_", " ".join(filter(None, names)))
             layer = layer if point.quality.ok else IN_DOUBT
-            self._space.add_point(place_mm, {"layer": layer})
-        self._count(places_mm, len(points))
+            added = self._space.add_point(place_mm, {"layer": layer})
+            tensor = point.covariance_mm2 if self._coordinates != "part" else None
+            added.set_xdata(
+                APPLICATION,
+                _data(
+                    session=point.session,
+                    seq=point.seq,
+                    id=point.id,
+                    artefact=point.label.artefact,
+                    feature=point.label.feature,
+                    ok=str(point.quality.ok).lower(),
+                    flags=" ".join(point.quality.flags),
+                    covariance_mm2=tensor and " ".join(map(repr, tensor)),
+                ),
+            )
+        self._extend(places_mm, len(points))
 
     def table(self, table: PointTable) -> None:
         """Add rows of a scan."""
-        columns = (table.seq, table.xyz_mm, table.quality)
-        for seq, xyz_mm, bits in zip(*(c.tolist() for c in columns), strict=True):
+        names = ("seq", "xyz_mm", "ok", "flags", "scan")
+        columns = (getattr(table, name).tolist() for name in names)
+        for seq, xyz_mm, ok, flags, self._scan in zip(*columns, strict=True):
             if self._scans == 0 or seq <= self._last_seq:
                 self._end_way()
                 self._scans += 1
             self._last_seq = seq
-            if Quality.from_bits(bits).ok:
+            if ok:
                 self._way_mm.append(tuple(xyz_mm))
             else:
                 self._end_way()
-                self._space.add_point(xyz_mm, {"layer": IN_DOUBT})
-        self._count(table.xyz_mm, len(table))
+                added = self._space.add_point(xyz_mm, {"layer": IN_DOUBT})
+                told = _data(scan=self._scan, seq=seq, ok="false", flags=flags)
+                added.set_xdata(APPLICATION, told)
+        self._extend(table.xyz_mm, len(table))
+        self.in_doubt += int(np.count_nonzero(~table.ok))
 
     def end(self) -> None:
         """Write the drawing."""
@@ -83,15 +109,27 @@ class Dxf(Sink):
 
     def _end_way(self) -> None:
         layer = {"layer": f"scan {self._scans}"}
-        if len(self._way_mm) > 1:
-            self._space.add_polyline3d(self._way_mm, dxfattribs=layer)
-        elif self._way_mm:
-            self._space.add_point(self._way_mm[0], layer)
+        if self._way_mm:
+            added: Any = (
+                self._space.add_polyline3d(self._way_mm, dxfattribs=layer)
+                if len(self._way_mm) > 1
+                else self._space.add_point(self._way_mm[0], layer)
+            )
+            added.set_xdata(APPLICATION, _data(scan=self._scan))
         self._way_mm = []
 
-    def _count(self, places_mm: ArrayLike, n: int) -> None:
+    def _extend(self, places_mm: ArrayLike, n: int) -> None:
         """Note how many there are, and the corners of what they fill."""
         if n:
             all_mm = np.vstack([self._ends_mm, np.reshape(places_mm, (-1, 3))])
             self._ends_mm = np.vstack([all_mm.min(axis=0), all_mm.max(axis=0)])
         self.n += n
+
+
+def _data(**values: str | int | None) -> list[tuple[int, str]]:
+    """Extended data: a text for each value that there is."""
+    return [
+        (_TEXT, printable(f"{name}={value}")[:_MAX_TEXT])
+        for name, value in values.items()
+        if value not in (None, "")
+    ]

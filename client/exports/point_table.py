@@ -1,15 +1,15 @@
 """Points as columns, and the interface of the files that hold them."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import IO, Literal, Self
+from typing import IO, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from traverse.arrays import Floats, Integers
-from traverse.protocol.messages import Point, QualityFlag
+from traverse.protocol.messages import Point, Quality, QualityFlag
 
 Coordinates = Literal["centre", "surface", "part"]
 
@@ -17,9 +17,13 @@ DIAGONAL = (0, 3, 5)  # of xx, xy, xz, yy, yz, zz
 BITS = {flag.name.lower(): flag.value for flag in QualityFlag if flag.name}
 
 
+WORDS = ("session", "scan", "id", "artefact", "feature", "flags")
+"""Columns of a table that are texts."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PointTable:
-    """n points.
+    """n points; `session` and `seq`, or `scan` and `seq`, are their key.
 
     Attributes:
         seq: numbers, (n,).
@@ -28,6 +32,10 @@ class PointTable:
         ijk: the shank, (n, 3).
         std_mm: standard deviations of xyz_mm, (n, 3); NaN if unknown.
         quality: bits of the table of quality flags, (n,).
+        ok: whether each is not in doubt, (n,).
+        flags: names of the quality flags, with spaces between, (n,).
+        covariance_mm2: of xyz_mm: xx, xy, xz, yy, yz, zz, (n, 6); NaN if unknown.
+        session, scan, id, artefact, feature: texts, (n,); empty where there is none.
     """
 
     seq: Integers
@@ -36,9 +44,48 @@ class PointTable:
     ijk: Floats
     std_mm: Floats
     quality: NDArray[np.uint32]
+    ok: NDArray[np.bool_]
+    flags: NDArray[np.str_]
+    covariance_mm2: Floats
+    session: NDArray[np.str_]
+    scan: NDArray[np.str_]
+    id: NDArray[np.str_]
+    artefact: NDArray[np.str_]
+    feature: NDArray[np.str_]
 
     def __len__(self) -> int:
         return len(self.seq)
+
+
+def scan_table(
+    scan: str,
+    *,
+    seq: Integers,
+    time_ns: Integers,
+    xyz_mm: Floats,
+    ijk: Floats,
+    quality: NDArray[np.uint32],
+) -> PointTable:
+    """Points of a scan, which have neither uncertainty, nor label, nor id."""
+    n = len(seq)
+    qualities = [Quality.from_bits(bits) for bits in quality.tolist()]
+    none = np.full(n, "")
+    return PointTable(
+        seq,
+        time_ns,
+        xyz_mm,
+        ijk,
+        np.full((n, 3), np.nan),
+        quality,
+        np.array([one.ok for one in qualities], dtype=np.bool_),
+        np.array([" ".join(one.flags) for one in qualities], dtype=np.str_),
+        np.full((n, 6), np.nan),
+        session=none,
+        scan=np.full(n, scan),
+        id=none,
+        artefact=none,
+        feature=none,
+    )
 
 
 def standing(points: Sequence[Point]) -> list[Point]:
@@ -60,19 +107,27 @@ def table_of(points: Sequence[Point], coordinates: Coordinates) -> PointTable:
     """
     places = [place_of(point, coordinates) for point in points]
     n = len(points)
-    std_mm = np.full((n, 3), np.nan)
+    covariance_mm2 = np.full((n, 6), np.nan)
     for row, point in enumerate(points):
-        # What a correction for the ball adds is not stated: the centre's is.
+        # What a correction for the ball adds is not stated: the centre's is. Part
+        # coordinates have none: it is of the arm's system.
         if point.covariance_mm2 is not None and coordinates != "part":
-            variances = [max(point.covariance_mm2[i], 0.0) for i in DIAGONAL]
-            std_mm[row] = np.sqrt(variances)
+            covariance_mm2[row] = point.covariance_mm2
     return PointTable(
         np.array([p.seq for p in points], dtype=np.int64),
         np.array([p.time_ns for p in points], dtype=np.int64),
         np.array(places, dtype=np.float64).reshape(n, 3),
         np.array([p.ijk for p in points], dtype=np.float64).reshape(n, 3),
-        std_mm,
+        np.sqrt(np.maximum(covariance_mm2[:, DIAGONAL], 0.0)),
         np.array([_bits(p) for p in points], dtype=np.uint32),
+        np.array([p.quality.ok for p in points], dtype=np.bool_),
+        _texts(" ".join(p.quality.flags) for p in points),
+        covariance_mm2,
+        session=_texts(p.session for p in points),
+        scan=np.full(n, ""),
+        id=_texts(p.id for p in points),
+        artefact=_texts(p.label.artefact for p in points),
+        feature=_texts(p.label.feature for p in points),
     )
 
 
@@ -88,14 +143,28 @@ def place_of(point: Point, coordinates: Coordinates) -> tuple[float, float, floa
     if place is None:
         lacks = {
             "surface": "was taken without compensation, so it has no touched point",
-            "part": "was taken without an alignment, so it has no part coordinates",
+            "part": "was taken without an alignment, so it has no part coordinates; "
+            "align the arm before you measure, or export the ball's centre",
         }[coordinates]
         raise ValueError(f"point {point.seq} of session {point.session} {lacks}")
     return place
 
 
+def _texts(values: Iterable[str | None]) -> NDArray[np.str_]:
+    return np.array([value or "" for value in values], dtype=np.str_)
+
+
 def _bits(point: Point) -> int:
-    return sum(BITS.get(name, 0) for name in point.quality.flags)
+    """Bits of the flags; of a later version's only those that are called by number."""
+    return sum(_bit(name) for name in set(point.quality.flags))
+
+
+def _bit(name: str) -> int:
+    if name in BITS:
+        return BITS[name]
+    number = name.removeprefix("bit_")
+    is_bit = name != number and number.isdecimal() and int(number) < 32
+    return 1 << int(number) if is_bit else 0
 
 
 class Sink(ABC):
@@ -104,12 +173,20 @@ class Sink(ABC):
     Args:
         file: open for writing, seekable.
         coordinates: which ones of points.
+
+    Attributes:
+        n: how many were written.
+        in_doubt: how many of them are in doubt.
+        lacks: what the format cannot carry, for people; empty where it carries all.
     """
+
+    lacks: ClassVar[str] = ""
 
     def __init__(self, file: IO[bytes], coordinates: Coordinates = "centre") -> None:
         self._file = file
         self._coordinates = coordinates
         self.n = 0
+        self.in_doubt = 0
 
     def points(self, points: Sequence[Point]) -> None:
         """Write points.
@@ -118,6 +195,21 @@ class Sink(ABC):
             ValueError: they lack what the format requires.
         """
         self.table(table_of(points, self._coordinates))
+
+    def _check(self, points: Sequence[Point]) -> None:
+        """See that all have the chosen coordinates, and count what is in doubt.
+
+        Raises:
+            ValueError: one has none.
+        """
+        for point in points:
+            place_of(point, self._coordinates)
+            self.in_doubt += not point.quality.ok
+
+    def _count(self, table: PointTable) -> None:
+        """Count rows that are written."""
+        self.n += len(table)
+        self.in_doubt += int(np.count_nonzero(~table.ok))
 
     @abstractmethod
     def table(self, table: PointTable) -> None:

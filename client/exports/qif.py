@@ -109,7 +109,7 @@ class Qif(Sink):
         check: Callable[[bytes], None] | None = None,
     ) -> None:
         super().__init__(file, coordinates)
-        self._check = check
+        self._check_content = check
         self._points: list[Point] = []
 
     def points(self, points: Sequence[Point]) -> None:
@@ -121,7 +121,7 @@ class Qif(Sink):
         for point in points:
             if point.retracts is not None:
                 raise ValueError("QIF holds no retractions; leave out --retracted")
-            place_of(point, self._coordinates)
+        self._check(points)
         self._points += points
         self.n = len(self._points)
 
@@ -146,8 +146,8 @@ class Qif(Sink):
         for points in sessions:
             _add_session(document, every, points, self._coordinates)
         content = document.content()
-        if self._check is not None:
-            self._check(content)
+        if self._check_content is not None:
+            self._check_content(content)
         self._file.write(content)
 
 

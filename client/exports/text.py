@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from traverse.client.exports.line_template import LineTemplate
 from traverse.client.exports.point_table import Coordinates, PointTable, Sink, place_of
 from traverse.protocol.encoding import encode
-from traverse.protocol.messages import Point, Quality
+from traverse.protocol.messages import Point
 from traverse.protocol.printable import spreadsheet_cell
 
 TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -30,7 +30,7 @@ COLUMNS = (
 )
 """Of a point in CSV, and the names of a template."""
 SCAN_COLUMNS = (
-    *("seq", "time_ns", "time_utc", "x_mm", "y_mm", "z_mm", "i", "j", "k"),
+    *("scan", "seq", "time_ns", "time_utc", "x_mm", "y_mm", "z_mm", "i", "j", "k"),
     *("std_x_mm", "std_y_mm", "std_z_mm", "ok", "flags"),
 )
 """Of a point of a scan."""
@@ -93,20 +93,21 @@ def _in_unit(place_mm: Iterable[float], unit_mm: float) -> dict[str, float]:
 def scan_rows(table: PointTable) -> Iterable[list[Any]]:
     """Rows of a scan in the order of `SCAN_COLUMNS`."""
     columns = zip(
+        table.scan.tolist(),
         table.seq.tolist(),
         table.time_ns.tolist(),
         iso_times(table.time_ns),
         table.xyz_mm.tolist(),
         table.ijk.tolist(),
         table.std_mm.tolist(),
-        table.quality.tolist(),
+        table.ok.tolist(),
+        table.flags.tolist(),
         strict=True,
     )
-    for seq, time_ns, time_utc, xyz_mm, ijk, std_mm, bits in columns:
-        quality = Quality.from_bits(bits)
+    for scan, seq, time_ns, time_utc, xyz_mm, ijk, std_mm, ok, flags in columns:
         known = [None if math.isnan(std) else std for std in std_mm]
-        said = (int(quality.ok), " ".join(quality.flags))
-        yield [seq, time_ns, time_utc, *xyz_mm, *ijk, *known, *said]
+        said = (int(ok), flags)
+        yield [scan, seq, time_ns, time_utc, *xyz_mm, *ijk, *known, *said]
 
 
 def iso_times(time_ns: ArrayLike) -> list[str]:
@@ -125,6 +126,7 @@ class Csv(Sink):
 
     def points(self, points: Sequence[Point]) -> None:
         """Write points with all their fields."""
+        self._check(points)
         rows = [row_of(point) for point in points]
         for row in rows:
             row[LABEL] = [name and spreadsheet_cell(name) for name in row[LABEL]]
@@ -133,6 +135,7 @@ class Csv(Sink):
     def table(self, table: PointTable) -> None:
         """Write rows of a scan."""
         self._write(SCAN_COLUMNS, list(scan_rows(table)))
+        self.in_doubt += int(np.count_nonzero(~table.ok))
 
     def _write(self, columns: Sequence[str], rows: Sequence[list[Any]]) -> None:
         text = io.StringIO()
@@ -150,6 +153,7 @@ class JsonLines(Sink):
 
     def points(self, points: Sequence[Point]) -> None:
         """Write messages as they were published, in JSON."""
+        self._check(points)
         for point in points:
             self._file.write(encode(point, "json") + b"\n")
         self.n += len(points)
@@ -159,17 +163,22 @@ class JsonLines(Sink):
         for row in scan_rows(table):
             named = dict(zip(SCAN_COLUMNS, row, strict=True))
             self._file.write(json.dumps(named).encode() + b"\n")
-        self.n += len(table)
+        self._count(table)
 
 
 class Xyz(Sink):
     """Three columns of numbers, as most software for point clouds reads them."""
 
+    lacks = (
+        "sessions, numbers, ids, labels, times, quality and uncertainty: what is in "
+        "doubt is not marked"
+    )
+
     def table(self, table: PointTable) -> None:
         """Write coordinates, with digits to a nanometre."""
         lines = [f"{x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in table.xyz_mm.tolist()]
         self._file.write("".join(lines).encode())
-        self.n += len(table)
+        self._count(table)
 
 
 class Template(Sink):
@@ -192,6 +201,7 @@ class Template(Sink):
 
     def points(self, points: Sequence[Point]) -> None:
         """Write points by the template."""
+        self._check(points)
         for point in points:
             self._write(values_of(point, self._coordinates))
 
@@ -199,6 +209,7 @@ class Template(Sink):
         """Write rows of a scan by the template."""
         for values in scan_values(table):
             self._write(values)
+        self.in_doubt += int(np.count_nonzero(~table.ok))
 
     def _write(self, values: dict[str, Any]) -> None:
         self._file.write(self._template.filled(values).encode())

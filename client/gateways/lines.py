@@ -6,7 +6,7 @@ import numpy as np
 
 from traverse.client.arm import Arm
 from traverse.client.exports.line_template import LineTemplate
-from traverse.client.exports.point_table import Coordinates, PointTable
+from traverse.client.exports.point_table import Coordinates, scan_table
 from traverse.client.exports.text import SPECIMEN, scan_values, values_of
 from traverse.client.gateways.outlets import NotTakenError, Outlet, Report
 from traverse.client.points.session_order import Lost
@@ -154,13 +154,13 @@ class LineGateway:
         if xyz_mm is None:
             self._held_back(n, f"scan {block.scan} was made without an alignment")
             return []
-        table = PointTable(
-            np.arange(block.seq, block.seq + n),
-            block.time_ns + block.dtime_ns,
-            xyz_mm,
-            block.ijk,
-            np.full((n, 3), np.nan),
-            block.quality,
+        table = scan_table(
+            block.scan,
+            seq=np.arange(block.seq, block.seq + n),
+            time_ns=block.time_ns + block.dtime_ns,
+            xyz_mm=xyz_mm,
+            ijk=block.ijk,
+            quality=block.quality,
         )
         rows = [
             values

@@ -13,6 +13,7 @@ import subprocess
 import sys
 from collections.abc import AsyncIterator
 from importlib.util import find_spec
+from typing import Any
 
 from traverse.installation import missing
 
@@ -96,10 +97,29 @@ async def _log_complaints(process: asyncio.subprocess.Process) -> None:
         log.warning("embedded broker: %s", text.decode(errors="replace").strip())
 
 
-async def _serve(port: int) -> None:
+def _broker_class() -> type[Any]:
+    """Return a broker of amqtt that sends retained messages to their subscribers alone.
+
+    amqtt 0.12.1 sends each new connection the retained messages of all topics that
+    anybody subscribes to.
+    """
     from amqtt.broker import Broker  # noqa: PLC0415 - only in this process
 
-    broker = Broker(
+    class RetainingBroker(Broker):  # type: ignore[misc]  # amqtt is not typed
+        async def _publish_retained_messages_for_subscription(
+            self, subscription: tuple[str, int], session: object
+        ) -> None:
+            subscribers = self.subscriptions.get(subscription[0], ())
+            if any(subscriber is session for subscriber, _ in subscribers):
+                await super()._publish_retained_messages_for_subscription(
+                    subscription, session
+                )
+
+    return RetainingBroker
+
+
+async def _serve(port: int) -> None:
+    broker = _broker_class()(
         {
             "listeners": {"default": {"type": "tcp", "bind": f"{HOST}:{port}"}},
             "plugins": {

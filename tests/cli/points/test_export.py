@@ -80,7 +80,7 @@ def test_points_that_stand_come_out_of_every_source(
     path = request.getfixturevalue(source)
     out = tmp_path / "out.csv"
     said = export(path, "--out", out)
-    assert said.stderr == f"{out}: 3 points\n"
+    assert said.stderr == f"{out}: 3 points, 3 in doubt\n"
     rows = list(csv.DictReader(out.read_text().splitlines()))
     assert [row["x_mm"] for row in rows] == ["0.0", "10.0", "20.0"]
     export(path, "--out", out, "--retracted", "--force")
@@ -172,3 +172,44 @@ def test_a_damaged_line_is_named(lines: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "o.csv").exists()
     lines.write_text("hello")
     assert "is no recording" in export(lines, status=2).stderr
+
+
+@pytest.mark.parametrize(
+    ("to", "lacks"),
+    [
+        ("xyz", "what is in doubt is not marked"),
+        ("ply", "ids and times"),
+        ("dxf", "times, and numbers"),
+        ("npz", ""),
+        ("parquet", ""),
+        ("qif", ""),
+        ("csv", ""),
+        ("jsonl", ""),
+    ],
+)
+def test_what_a_format_cannot_carry_is_said(
+    to: str, lacks: str, lines: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / f"out.{to}"
+    said = export(lines, "--to", to, "--out", out)
+    assert "3 points, 3 in doubt" in said.stderr
+    assert ("not in this file" in said.stderr) == bool(lacks)
+    assert lacks in said.stderr
+    report = json.loads(
+        export(lines, "--to", to, "--out", out, "--force", "--json").stdout
+    )
+    assert report["in_doubt"] == 3
+    assert lacks in report["lacks"]
+
+
+@pytest.mark.parametrize("to", ["csv", "jsonl", "npz", "parquet", "ply", "xyz"])
+def test_part_coordinates_without_an_alignment_are_refused(
+    to: str, lines: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / f"out.{to}"
+    words = ("--to", to, "--coordinates", "part", "--out", out)
+    said = export(lines, *words, status=2)
+    assert "was taken without an alignment" in said.stderr
+    assert "align the arm before you measure" in said.stderr
+    assert "Exception" not in said.stderr
+    assert not out.exists()

@@ -16,10 +16,10 @@ import trimesh
 from tests.client.display.values import point, retraction
 from traverse.client.exports.binary import PLY_ROW
 from traverse.client.exports.formats import FORMATS, points_as
-from traverse.client.exports.point_table import PointTable, standing, table_of
+from traverse.client.exports.point_table import scan_table, standing, table_of
 from traverse.client.exports.text import Template
 from traverse.protocol.encoding import decode
-from traverse.protocol.messages import Label, Point
+from traverse.protocol.messages import Label, Point, Quality
 
 PLACES = [(1.25, -2.5, 3.0), (0.1, 0.2, 0.3), (1234.56789, -9.0, 1e-4)]
 POINTS = [
@@ -32,14 +32,22 @@ POINTS = [
     )
     for seq, place in enumerate(PLACES)
 ]
-SCAN = PointTable(
-    np.arange(10, 14),
-    1_795_251_247_000_000_000 + np.arange(4) * 1_000_000,
-    np.arange(12.0).reshape(4, 3) / 7.0,
-    np.tile([0.0, 0.6, -0.8], (4, 1)),
-    np.full((4, 3), np.nan),
-    np.array([0, 1 << 6, 0, 1 << 14], dtype=np.uint32),
+SCAN = scan_table(
+    "scan-3",
+    seq=np.arange(10, 14),
+    time_ns=1_795_251_247_000_000_000 + np.arange(4) * 1_000_000,
+    xyz_mm=np.arange(12.0).reshape(4, 3) / 7.0,
+    ijk=np.tile([0.0, 0.6, -0.8], (4, 1)),
+    quality=np.array([0, 1 << 6, 0, 1 << 14], dtype=np.uint32),
 )
+# Another session of the same outbox begins again with the same numbers.
+SESSIONS = [POINTS[0].session, "night-shift"]
+TWO = [
+    p.model_copy(update={"session": s, "id": f"{s}-{p.seq}"})
+    for s in SESSIONS
+    for p in POINTS
+]
+KEYS = [(p.session, p.seq) for p in TWO]
 
 
 def written(kind: str, tmp_path: Path, **options: str) -> Path:
@@ -165,7 +173,8 @@ def test_scans_in_a_drawing(tmp_path: Path) -> None:
     with path.open("wb") as file, FORMATS["dxf"](file) as sink:
         sink.table(SCAN)
         sink.table(replace(SCAN, seq=SCAN.seq + 4))
-        sink.table(replace(SCAN, quality=np.zeros(4, dtype=np.uint32)))
+        fine = np.zeros(4, dtype=np.uint32)
+        sink.table(replace(SCAN, quality=fine, ok=fine == 0))
     drawing = drawn(path)
     first, doubtful, *kept = [tuple(row) for row in SCAN.xyz_mm.tolist()]
     lines = [
@@ -242,4 +251,116 @@ def test_nothing_is_a_good_file_too(kind: str, tmp_path: Path) -> None:
         sink.points([])
     assert sink.n == 0
     if kind == "ply":
-        assert b"element vertex            0\n" in path.read_bytes()
+        assert b"element vertex 0\n" in path.read_bytes()
+
+
+def two_sessions(kind: str, tmp_path: Path) -> Path:
+    """Points of two sessions, whose numbers are the same."""
+    path = tmp_path / f"two.{kind}"
+    with path.open("wb") as file, FORMATS[kind](file) as sink:
+        sink.points(TWO)
+    assert (sink.n, sink.in_doubt) == (6, 2)
+    return path
+
+
+def test_npz_has_the_whole_identity_and_quality(tmp_path: Path) -> None:
+    with np.load(two_sessions("npz", tmp_path)) as columns:
+        keys = zip(columns["session"].tolist(), columns["seq"].tolist(), strict=True)
+        assert list(keys) == KEYS
+        assert columns["id"].tolist() == [p.id for p in TWO]
+        assert columns["ok"].tolist() == [True, False, True] * 2
+        assert columns["flags"].tolist() == ["", "end_stop", ""] * 2
+        assert columns["artefact"].tolist() == ["bar"] * 6
+        assert columns["feature"].tolist() == ["1"] * 6
+        assert columns["coordinates"] == "centre"
+        covariance = columns["covariance_mm2"]
+        assert np.isnan(covariance[0]).all()
+        assert covariance[1].tolist() == [4e-6, 0, 0, 9e-6, 0, 1.6e-5]
+
+
+def test_parquet_has_the_whole_identity_and_quality(tmp_path: Path) -> None:
+    table = pyarrow.parquet.read_table(two_sessions("parquet", tmp_path))
+    rows = table.to_pylist()
+    assert [(row["session"], row["seq"]) for row in rows] == KEYS
+    assert [row["id"] for row in rows] == [p.id for p in TWO]
+    assert [row["ok"] for row in rows] == [True, False, True] * 2
+    assert [row["flags"] for row in rows] == ["", "end_stop", ""] * 2
+    assert {(row["artefact"], row["feature"], row["scan"]) for row in rows} == {
+        ("bar", "1", None)
+    }
+    assert rows[0]["covariance_yy_mm2"] is None
+    assert rows[1]["covariance_yy_mm2"] == 9e-6
+    assert b"session and seq" in table.schema.metadata[b"key"]
+    scan = pyarrow.parquet.read_table(scanned("parquet", tmp_path)).to_pylist()
+    assert [(row["scan"], row["seq"]) for row in scan] == [
+        ("scan-3", seq) for seq in (10, 11, 12, 13)
+    ]
+    assert [row["ok"] for row in scan] == [True, False, True, True]
+
+
+def test_ply_numbers_what_it_cannot_name_and_says_what_it_lacks(tmp_path: Path) -> None:
+    path = two_sessions("ply", tmp_path)
+    rows = trimesh.load(path).metadata["_ply_raw"]["vertex"]["data"]
+    assert rows["series"].ravel().tolist() == [0, 0, 0, 1, 1, 1]
+    assert rows["seq"].ravel().tolist() == [0, 1, 2] * 2
+    assert rows["ok"].ravel().tolist() == [1, 0, 1] * 2
+    np.testing.assert_allclose(rows["cov_zz"].ravel()[1:3], 1.6e-5, rtol=1e-6)
+    head = path.read_bytes().partition(b"end_header")[0].decode("ascii").splitlines()
+    for number, session in enumerate(SESSIONS):
+        assert f"comment series {number}: session {session}" in head
+    assert "comment label 0: bar 1" in head
+    assert "comment not in this file: ids and times of points" in head
+    scan = scanned("ply", tmp_path).read_bytes()
+    assert b"comment series 0: scan scan-3\n" in scan
+
+
+def test_a_label_cannot_break_the_head_of_a_ply(tmp_path: Path) -> None:
+    label = Label(artefact="Pl\u00e4tte\nend_header\n", feature=None)
+    path = tmp_path / "label.ply"
+    with path.open("wb") as file, FORMATS["ply"](file) as sink:
+        sink.points([POINTS[0].model_copy(update={"label": label})])
+    np.testing.assert_array_equal(trimesh.load(path).vertices, PLACES[:1])
+
+
+def test_a_drawing_says_of_each_point_which_it_is(tmp_path: Path) -> None:
+    drawing = drawn(two_sessions("dxf", tmp_path))
+    told = [
+        dict(text.split("=", 1) for _, text in one.get_xdata("TRAVERSE"))
+        for one in drawing.query("POINT")
+    ]
+    assert [(one["session"], int(one["seq"])) for one in told] == KEYS
+    assert [one["ok"] for one in told] == ["true", "false", "true"] * 2
+    assert told[1]["flags"] == "end_stop"
+    assert told[1]["covariance_mm2"].split()[3] == "9e-06"
+    assert (told[0]["artefact"], "covariance_mm2" in told[0]) == ("bar", False)
+    scans = drawn(scanned("dxf", tmp_path))
+    assert {
+        dict(text.split("=", 1) for _, text in one.get_xdata("TRAVERSE"))["scan"]
+        for one in scans.modelspace()
+    } == {"scan-3"}
+
+
+def test_a_flag_of_a_later_version_marks_as_well(tmp_path: Path) -> None:
+    later = POINTS[0].model_copy(
+        update={"quality": Quality(ok=False, flags=("bit_31", "never_heard_of"))}
+    )
+    table = table_of([later], "centre")
+    assert table.quality.tolist() == [1 << 31]
+    assert (table.ok.tolist(), table.flags.tolist()) == (
+        [False],
+        ["bit_31 never_heard_of"],
+    )
+
+
+@pytest.mark.parametrize("kind", sorted(set(FORMATS) - {"text"}))
+def test_part_coordinates_without_an_alignment_are_refused_by_each(
+    kind: str, tmp_path: Path
+) -> None:
+    aligned = POINTS[0].model_copy(update={"part_xyz_mm": (1.0, 2.0, 3.0)})
+    path = tmp_path / "part"
+    with (
+        pytest.raises(ValueError, match=r"point 7 of session .* alignment"),
+        path.open("wb") as file,
+        FORMATS[kind](file, "part") as sink,
+    ):
+        sink.points([aligned, point(7, part_xyz_mm=None)])
