@@ -23,7 +23,7 @@ class IncomingCommand:
     """A received command: topic, payload, and topic of the answer.
 
     Attributes:
-        subscribed_ns: when this connection subscribed, by `HostClock.elapsed_ns`;
+        subscribed_ns: when this connection subscribed first, by `HostClock.elapsed_ns`;
             a broker sends nothing that it had before, but what is retained.
         expiry_s: what the broker left of the sender's message expiry interval (MQTT
             5); None: the sender stated none.
@@ -63,6 +63,8 @@ class CommandSubscriber:
     async def subscribe(self, client: MqttClient) -> None:
         """Subscribe a new connection to commands, unless they are a flood."""
         self._client = client
+        # Not at a later one: what waits for this connection then is older.
+        self._subscribed_ns = self._clock.elapsed_ns()
         if self._backoff_s() <= 0.0:
             await self._subscribe(client)
 
@@ -80,7 +82,6 @@ class CommandSubscriber:
                 await self._flooded.wait()
 
     async def _subscribe(self, client: MqttClient) -> None:
-        self._subscribed_ns = self._clock.elapsed_ns()
         codes = await client.subscribe(*self._subscriptions)
         for (topic, _), code in zip(self._subscriptions, codes, strict=True):
             if code >= REFUSAL:
