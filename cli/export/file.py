@@ -80,7 +80,7 @@ def write_file(source: Path, path: Path, wanted: ExportOptions) -> dict[str, Any
     }
 
 
-def _lacks(sink: Sink, wanted: Wanted) -> str:
+def _lacks(sink: Sink, wanted: ExportOptions) -> str:
     """What the file does not say, though it is known."""
     of_part = ""
     if wanted.coordinates == "part" and wanted.to not in ("csv", "jsonl", "xyz"):
