@@ -26,6 +26,8 @@ from traverse.plurals import counted
 MOST_MISCLOSURE = 0.005
 # Factors between the design's length and the identified one that no arm is off by.
 LEAST_SIZE, MOST_SIZE = 0.8, 1.25
+# Plausible deviations from its design that a parameter of such an arm may have.
+MOST_DEVIATION = 8.0
 # sigma0 beyond which stated noise is exceeded several times, instead of by a part.
 MOST_SIGMA0 = 2.0
 # Probability by chance below which residuals that are too large are a finding.
@@ -120,6 +122,8 @@ class IdentificationEvidence:
     Attributes:
         reach_mm: Sum of the lengths of the links, as identified.
         size: That divided by the design's.
+        changed: The parameter that is farthest from the design, and by how many of its
+            plausible deviations.
         moving: What the last step would have changed, in words.
         samples_per_square: Of a stream, how many say as much as one.
         scale_touches: Which touches would determine the scale.
@@ -136,6 +140,7 @@ class IdentificationEvidence:
     rms_mm: float
     reach_mm: float
     size: float
+    changed: tuple[str, float]
     travel_deg: float
     moving: str
     n_free: int
@@ -209,6 +214,19 @@ def _same_size(one: IdentificationEvidence) -> Finding:
         "built so far off, and an arm that shrinks fits everything."
     )
     return _bad(text, _CHECK_FILE, size=one.size)
+
+
+def _like_design(one: IdentificationEvidence) -> Finding:
+    name, deviations = one.changed
+    values = {"parameter": name, "deviations": deviations}
+    if deviations <= MOST_DEVIATION:
+        return Established(values)
+    text = (
+        f"The identified arm is not like its design: {name} is off by {deviations:.0f} "
+        "times what is plausible. The arm file may be another arm's, or the arm was "
+        "rebuilt."
+    )
+    return [Shortfall(text, "Compare the identified links with the arm.", values)]
 
 
 def _redundant(one: IdentificationEvidence) -> Finding:
@@ -456,6 +474,7 @@ CONDITIONS: tuple[Condition[IdentificationEvidence], ...] = (
     Condition("converged", "the adjustment converged", _converged),
     Condition("fit", "the model explains the measurements", _explained),
     Condition("size", "the arm is as large as its design", _same_size),
+    Condition("design", "no parameter is far from the design", _like_design),
     Condition("redundancy", "there are equations that check the result", _redundant),
     Condition("scale", "the scale of the arm is known", _scaled),
     Condition("certificates", "no certificate is contradicted", _certificates_agree),

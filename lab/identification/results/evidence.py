@@ -49,6 +49,7 @@ def evidence_of(result: Identification) -> IdentificationEvidence:
         samples_per_square=1.0 if serial is None else serial.samples_per_square,
         rms_mm=_misclosure_mm(result),
         reach_mm=reach_mm,
+        changed=_largest_change(result),
         size=reach_mm / max(lengths_mm[1], 1e-9),
         travel_deg=float(np.degrees(np.max(travel_rad))),
         moving="" if result.converged else combination(result.moving),
@@ -100,6 +101,22 @@ def _misclosure_mm(result: Identification) -> float:
     """
     sizes_mm = np.sqrt(np.nansum(result.statistics.misclosures_mm**2, axis=1))
     return max(result.rms_after_mm, float(np.median(sizes_mm)))
+
+
+def _largest_change(result: Identification) -> tuple[str, float]:
+    """Name the parameter that is farthest from the design, in plausible deviations.
+
+    Zeros and tools are not the design's, nor are effects.
+    """
+    parameters = result.adjustment.network.parameters
+    changes = [
+        (entry.name, abs(entry.value) / tolerance)
+        for entry, tolerance in zip(
+            result.parameters, parameters.free_tolerances.tolist(), strict=True
+        )
+        if ".axis." in entry.name or ".link." in entry.name
+    ]
+    return max(changes, key=lambda change: change[1], default=("", 0.0))
 
 
 def _undetermined(result: Identification) -> list[Direction]:

@@ -147,3 +147,16 @@ def test_lengths_say_how_little_an_undetermined_scale_tells():
         # It was stated to some micrometres.
         assert std_mm > 1e-4 * length_mm
     assert np.max(np.abs(offs)) < 2.0
+
+
+def test_an_arm_that_is_far_from_its_design_is_in_doubt():
+    """All fits, but a link of the file is 60 mm off: perhaps another arm's."""
+    true = built(3)
+    links_mm = true.links_mm.copy()
+    links_mm[3] += [0.0, 0.0, 60.0]
+    campaign = simulate(replace(true, links_mm=links_mm), TABLES, 30, 7)
+    judged = outcome_of(identify(campaign, DESIGN_ARM, QUICK))
+    assert "design" in judged.outcome.codes
+    (reason,) = [one for one in judged.outcome.reasons if one.code == "design"]
+    assert reason.values["parameter"].startswith("J4.link")
+    assert reason.values["deviations"] == pytest.approx(12.0, abs=1.0)
