@@ -19,6 +19,7 @@ from pydantic import Field
 from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.serial_device import SerialDevice
 from traverse.simulator.devices.serial_table import SerialTable
+from traverse.simulator.devices.wrong_clock import ClockTable, WrongClock
 
 
 class TextLineTable(SerialTable):
@@ -33,6 +34,7 @@ class TextLineTable(SerialTable):
     port: str = Field(min_length=1)
     form: Literal["toy-department", "bl-shopwork", "sketch"] = "sketch"
     rate_hz: float = Field(default=100.0, ge=1.0, le=2000.0)
+    clock: ClockTable = ClockTable()
     buttons: tuple[Literal["button", "switch"], ...] = Field(
         default=("button", "switch"), max_length=8
     )
@@ -44,6 +46,7 @@ class SimulatedTextLine(SerialDevice):
     def __init__(self, table: TextLineTable, mounting: DeviceContext) -> None:
         self._form = table.form
         self._period_s = 1.0 / table.rate_hz
+        self._clock = WrongClock(table.clock)
         self._per_turn = mounting.encoders.moduli
         super().__init__(table, mounting, [table.port], table.buttons)
 
@@ -92,7 +95,7 @@ class SimulatedTextLine(SerialDevice):
         self.mounting.clock.begin(at_s)
         latched, status = self.wiring.latch(np.array([at_s]), edge=False)
         self.n_readings += 1
-        ms = int((at_s - self._power_up_s) * 1000.0)
+        ms = int(self._clock.shown_s(at_s - self._power_up_s) * 1000.0 + 1e-6)
         self.report_edges(at_s, ms, latched[0], status[0])
         counts: Sequence[int] = latched[0].tolist()
         for channel, count in enumerate(counts):
@@ -101,7 +104,6 @@ class SimulatedTextLine(SerialDevice):
             f"{360.0 * count / per_turn:.2f}"
             for count, per_turn in zip(counts, self._per_turn, strict=True)
         ]
-        ms = int((at_s - self._power_up_s) * 1000.0 + 1e-6)
         self._n_lines += 1
         if self._form == "toy-department":
             line = ",".join(["POS", str(ms), "0.000", "0.000", "0.000", *degrees])

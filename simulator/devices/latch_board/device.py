@@ -15,6 +15,7 @@ from traverse.simulator.devices.latch_board.sampler import TickCounter
 from traverse.simulator.devices.pty_port import PtyPort
 from traverse.simulator.devices.serial_table import SerialTable
 from traverse.simulator.devices.table import DeviceTable
+from traverse.simulator.devices.wrong_clock import ClockTable, WrongClock
 from traverse.simulator.scenario.signals import OutgoingFrame
 from traverse.simulator.scenario.truth_log import TruthLog
 
@@ -60,7 +61,8 @@ class LatchBoardTable(DeviceTable):
     port: str = Field(min_length=1)
     tick_rate_hz: int = Field(default=1_000_000, ge=100_000, le=100_000_000)
     max_rate_hz: float = Field(default=10_000.0, gt=0.0, le=10_000.0)
-    clock_error_ppm: float = Field(default=0.0, ge=-1000.0, le=1000.0)
+    clock_error_ppm: float = Field(default=0.0, ge=-100_000.0, le=100_000.0)
+    clock: ClockTable = ClockTable()
     first_ticks: int = Field(default=0, ge=0, le=2**32 - 1)
     inputs: tuple[Literal["button", "switch"], ...] = ("button", "switch")
     temperatures_c: tuple[float, ...] = Field(default=(20.0,), max_length=16)
@@ -195,7 +197,10 @@ class SimulatedLatchBoard(SimulatedDevice):
             moduli=tuple(int(m) for m in moduli),
         )
         ticks = TickCounter(
-            table.tick_rate_hz, table.clock_error_ppm, table.first_ticks, now_s
+            table.tick_rate_hz,
+            WrongClock(table.clock, table.clock_error_ppm),
+            table.first_ticks,
+            now_s,
         )
         self.board = Board(
             identity,

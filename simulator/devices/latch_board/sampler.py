@@ -7,6 +7,7 @@ import numpy as np
 
 from traverse.arrays import Floats, Integers
 from traverse.simulator.devices.latch_board import wire
+from traverse.simulator.devices.wrong_clock import WrongClock
 from traverse.simulator.scenario.signals import (
     InputChange,
     LatchedEdge,
@@ -26,35 +27,32 @@ class TickCounter:
 
     Attributes:
         rate_hz: What the board believes.
-        error_ppm: By how much its quartz runs fast.
+        clock: What counts them, right or wrong.
         first_ticks: What the counter shows at power-up.
         power_up_s: True time of power-up.
     """
 
     rate_hz: int
-    error_ppm: float
+    clock: WrongClock
     first_ticks: int
     power_up_s: float
 
     def at(self, time_s: float) -> int:
         """Ticks that have passed at a time."""
-        return math.floor((time_s - self.power_up_s) * self._true_rate_hz + ROUNDING)
+        shown_s = self.clock.shown_s(time_s - self.power_up_s)
+        return math.floor(shown_s * self.rate_hz + ROUNDING)
 
     def time_s(self, ticks: int) -> float:
         """True time of a tick."""
-        return self.power_up_s + ticks / self._true_rate_hz
+        return self.power_up_s + self.clock.true_s(ticks / self.rate_hz)
 
     def times_s(self, ticks: Integers) -> Floats:
         """True times (n,) of ticks (n,)."""
-        return self.power_up_s + ticks / self._true_rate_hz
+        return self.power_up_s + self.clock.true_times_s(ticks / self.rate_hz)
 
     def shown(self, ticks: int) -> int:
         """Value of the 32-bit counter."""
         return (self.first_ticks + ticks) & 0xFFFFFFFF
-
-    @property
-    def _true_rate_hz(self) -> float:
-        return self.rate_hz * (1.0 + 1e-6 * self.error_ppm)
 
 
 class InputLevels:

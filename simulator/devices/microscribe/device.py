@@ -19,6 +19,7 @@ from traverse.simulator.devices.device import DeviceContext
 from traverse.simulator.devices.microscribe import box as wire
 from traverse.simulator.devices.serial_device import SerialDevice
 from traverse.simulator.devices.serial_table import SerialTable
+from traverse.simulator.devices.wrong_clock import ClockTable, WrongClock
 from traverse.strict_toml.reader import StrictModel
 
 MOST_COUNTS = 16384
@@ -89,7 +90,8 @@ class MicroscribeTable(SerialTable):
         default=("button", "switch"), max_length=7
     )
     timer_rate_hz: float = Field(default=1000.0, gt=0.0, le=100_000.0)
-    clock_error_ppm: float = Field(default=0.0, ge=-10_000.0, le=10_000.0)
+    clock_error_ppm: float = Field(default=0.0, ge=-300_000.0, le=300_000.0)
+    clock: ClockTable = ClockTable()
     first_ticks: int = Field(default=0, ge=0, lt=MOST_COUNTS)
 
     def plate(self, moduli: Integers) -> wire.Nameplate:
@@ -137,7 +139,8 @@ class SimulatedMicroscribe(SerialDevice):
     def __init__(self, table: MicroscribeTable, mounting: DeviceContext) -> None:
         self._moduli = mounting.encoders.moduli
         self._plate = table.plate(self._moduli)
-        self._tick_rate_hz = table.timer_rate_hz * (1.0 + 1e-6 * table.clock_error_ppm)
+        self._timer_rate_hz = table.timer_rate_hz
+        self._clock = WrongClock(table.clock, table.clock_error_ppm)
         self._first_ticks = table.first_ticks
         super().__init__(table, mounting, [table.port], table.pedals)
 
@@ -212,8 +215,8 @@ class SimulatedMicroscribe(SerialDevice):
         self.n_readings += 1
         for channel, count in enumerate(counts.tolist()):
             self.mounting.notes.reading(self.id, channel, at_s, count, 0)
-        seconds = at_s - self._power_up_s
-        ticks = self._first_ticks + int(seconds * self._tick_rate_hz)
+        shown_s = self._clock.shown_s(at_s - self._power_up_s)
+        ticks = self._first_ticks + int(shown_s * self._timer_rate_hz)
         self.report_edges(at_s, ticks, counts.astype(np.uint32), status[0])
         ticks %= wire.GREATEST_TIMER + 1
         return wire.State(self.levels, ticks, tuple(counts.tolist()))

@@ -10,6 +10,7 @@ import pytest
 from traverse.simulator.devices.latch_board.board import Board
 from traverse.simulator.devices.latch_board.sampler import TickCounter
 from traverse.simulator.devices.latch_board.wire import Identity
+from traverse.simulator.devices.wrong_clock import WrongClock
 from traverse.simulator.scenario.signals import AlarmChange, InputChange
 
 IDENTITY = Identity(bytes(12), (1, 0, 0), 2, 1, 1_000_000, 10_000_000, 77, (24,), (9,))
@@ -41,7 +42,7 @@ class Talk:
         self.edges = []
         self.board = Board(
             IDENTITY,
-            TickCounter(1_000_000, ppm, first_ticks, 0.0),
+            TickCounter(1_000_000, WrongClock(error_ppm=ppm), first_ticks, 0.0),
             Bench(sorted(changes, key=lambda change: change.time_s)),
             temperatures_c=[21.5],
             power_up_s=0.0,
