@@ -100,11 +100,14 @@ def wanted_commands(sight: ArmSight) -> dict[str, list[str]]:
     """Commands by which the operator establishes what is lost, with the causes."""
     wanted: dict[str, list[str]] = {}
     for one in lost_conditions(sight):
-        if one.command:
-            wanted.setdefault(one.command, []).append(f"{one.source}: {one.cause}")
+        # Encoders that count from where they are can be homed instead.
+        names = {one.command, "home" if one.name == "reference" else ""} - {""}
+        for name in names:
+            wanted.setdefault(name, []).append(f"{one.source}: {one.cause}")
     flags = sight.live.quality.flags if sight.live and not sight.is_stale else ()
     if "turns_uncertain" in flags:
         wanted.setdefault("reference", [])
+        wanted.setdefault("home", [])
     return wanted
 
 

@@ -44,6 +44,9 @@ class SetupBar:
             )
             self._confirm.classes("confirm")
             self._confirm.set_text("Confirm the arm's position")
+            self._home = _button(presses.guard(self._set_home), "unelevated")
+            self._home.classes("confirm")
+            self._home.set_text("The arm is in its home posture")
             self._probe = _button(presses.guard(self._change_probe))
             self._label = _button(presses.guard(self.change_label))
             self._unit = _button(presses.guard(self._turn_unit))
@@ -53,7 +56,9 @@ class SetupBar:
     def show(self, sight: ArmSight) -> None:
         """Show what is set now."""
         choices, unit = self._choices, self._choices.unit
-        self._confirm.set_visibility("reference" in wanted_commands(sight))
+        wanted = wanted_commands(sight)
+        self._confirm.set_visibility("reference" in wanted)
+        self._home.set_visibility("home" in wanted)
         radius = unit.with_name(sight.live.probe_radius_mm) if sight.live else "-"
         self._probe.set_text(f"Probe {sight.probe}".strip() + f": radius {radius}")
         label = sight.known_label
@@ -93,6 +98,15 @@ class SetupBar:
         )
         if action:
             await self._follower.do(lambda arm: arm.confirm_reference())
+
+    async def _set_home(self) -> None:
+        action, _ = await self._dialogs.ask(
+            "Is the arm in its home posture, and still?",
+            ("It is in its home posture",),
+            more="Counts of incremental encoders are set to [home] of the arm file.",
+        )
+        if action:
+            await self._follower.do(lambda arm: arm.home())
 
     async def _change_probe(self) -> None:
         sight, field = self._follower.sight, "Name in the probe library"

@@ -9,7 +9,7 @@ from playwright.async_api import Page, expect
 from tests.browser.conftest import OpenPage, PosedDaemon, Scene
 from tests.client.display.values import event, health
 from tests.protocol.message_examples import SCAN
-from traverse.protocol.messages import QualityFlag, ReferenceArgs, Scan
+from traverse.protocol.messages import HomeArgs, QualityFlag, ReferenceArgs, Scan
 
 pytestmark = [
     pytest.mark.needs("mosquitto", "chromium"),
@@ -78,6 +78,10 @@ async def test_doubts_and_alarms_and_scans_have_states_of_their_own(
         await page.get_by_role("button", name="It is right").click()
         await expect(page.get_by_role("dialog")).to_have_count(0)
         assert posed.commands[-1] == ReferenceArgs(action="confirm")
+        await page.get_by_role("button", name="The arm is in its home posture").click()
+        await page.get_by_role("button", name="It is in its home posture").click()
+        await expect(page.get_by_role("dialog")).to_have_count(0)
+        assert posed.commands[-1] == HomeArgs()
         posed.pose["quality"] = {"ok": False, "flags": ["geometry_unknown"]}
         await expect(page.locator("header")).to_contain_text("geometry unknown")
         await expect(page.locator(".figures")).to_contain_text("U: geometry unknown")

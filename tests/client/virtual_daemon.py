@@ -20,6 +20,7 @@ from traverse.protocol.encoding import decode, encode, parse_args
 from traverse.protocol.messages import (
     Args,
     Command,
+    HomeArgs,
     Message,
     Point,
     PointArgs,
@@ -215,8 +216,10 @@ class VirtualDaemon:
                 self.probe = args.name
                 await self._say_status(online=True)
                 result = {"probe": args.name, "model": POINT.model}
+            case HomeArgs():
+                result = {"homed": ["J1"]}
             case ReferenceArgs():
-                result = {"confirmed": ["base"]}
+                result = {"confirmed": ["base"], "accepted": ["base"]}
             case _:
                 result = {"model": POINT.model}
         return Reply(request=request, ok=True, result=result)

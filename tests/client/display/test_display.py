@@ -340,6 +340,10 @@ def test_a_condition_that_is_not_established_is_no_green(sight: ArmSight) -> Non
     assert said.sentence == "base: identity: was AAA111, is BBB222"
     assert said.remedy == "look"
     assert wanted_commands(sight) == {"reference": ["base: was AAA111, is BBB222"]}
+    lost_place = condition("reference", command="reference", **lost)
+    sight.take_status(status(state="doubt", conditions=[lost_place]))
+    assert set(wanted_commands(sight)) == {"reference", "home"}
+    sight.take_status(status(state="doubt", conditions=conditions))
     told = condition_list(sight)
     assert "1 of 2 conditions of a good number established" in told
     assert "was AAA111, is BBB222" in told
