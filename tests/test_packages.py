@@ -161,8 +161,13 @@ def test_what_people_import_is_there_without_the_service() -> None:
     [
         ("mcap", "daemon", ("run", "--config", "daemon.toml")),
         ("serial", "daemon", ("check", "daemon.toml")),
-        ("serial", "daemon", ("amt21", "scan", "--port", "/dev/null")),
-        ("mcap", "daemon", ("export", "points.jsonl")),
+        pytest.param(
+            *("serial", "daemon", ("amt21", "scan", "--port", "/dev/null")),
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            *("mcap", "daemon", ("export", "points.jsonl")), marks=pytest.mark.slow
+        ),
         ("ezdxf", "lab", ("export", "points.jsonl", "--to", "dxf")),
         ("mcap", "lab", ("align", "points.csv", "--nominal", "nominal.toml")),
     ],

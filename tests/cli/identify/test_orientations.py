@@ -27,12 +27,13 @@ blunder_kinds = ["orientation"]
 [[artefacts]]
 id = "tracker"
 kind = "points"
-n_poses = 140
-n_points = 140
+n_poses = 100
+n_points = 100
 size_mm = 450.0
 orientations = true
 """
-N_WRONG = round(0.02 * 140)
+N_POSES = 100
+N_WRONG = round(0.02 * N_POSES)
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +140,7 @@ def test_held_out_orientations_are_predicted(folder: Path) -> None:
     arguments = ("campaign", "--arm", "out/arm.toml", "--out", "poses.csv")
     said = said_json(run_traverse(folder, "predict", *arguments, "--json"))
     orientation = said["distance_mm"]["orientation"]
-    assert orientation["n"] == 140
+    assert orientation["n"] == N_POSES
     assert orientation["rms_deg"] == pytest.approx(np.degrees(orientation["rms_rad"]))
     rows = read_poses(folder / "poses.csv")
     sizes_rad = [

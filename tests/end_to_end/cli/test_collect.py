@@ -177,9 +177,11 @@ ANOTHER = CONE.replace("600.0", "653.0")  # 53 mm beside
 @pytest.mark.parametrize(
     ("key", "message", "left"),
     [
-        (b"y", "on seat: 3 of 4", 3),  # it was the right one
+        pytest.param(
+            b"y", "on seat: 3 of 4", 3, marks=pytest.mark.slow
+        ),  # the right one
         (b"b", "on seat: 1 of 4", 1),  # the others were not
-        (b"u", "is left out", 2),
+        pytest.param(b"u", "is left out", 2, marks=pytest.mark.slow),
     ],
 )
 async def test_a_touch_of_another_seat_is_questioned(

@@ -258,10 +258,8 @@ def test_another_sphere_is_in_doubt():
 
 
 def test_pictures_are_made_of_short_and_long_histories(tmp_path):
-    for n in (1, 70):
-        checks = [check(day) for day in range(n - 1)] + [check(n, factor=9.0)]
-        report = report_of(checks)
-        assert chart_png(report).startswith(b"\x89PNG")
+    assert chart_png(report_of([check(1, factor=9.0)])).startswith(b"\x89PNG")
+    report = report_of([check(day) for day in range(69)] + [check(70, factor=9.0)])
     assert write_charts(report, tmp_path) == ["chart.png", "chart.html"]
     page = Page((tmp_path / "chart.html").read_text())
     assert "Computed 2" in page.text
