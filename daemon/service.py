@@ -341,15 +341,26 @@ class Service:
         """The figures as Prometheus reads them."""
         health = self.health_message(anew=False)
         cpu_s = time.process_time()
-        return exposition(health, self.latencies, cpu_s, version("traverse-cmm"))
+        conditions = {
+            (standing.name, standing.subject): standing.established
+            for standing in self.measurement.conditions.standings
+        }
+        about = version("traverse-cmm")
+        return exposition(health, self.latencies, cpu_s, about, conditions)
 
     def update_status_line(self) -> None:
         """Send the line that `systemctl status` shows, if it has changed."""
         states = {device.section.id: device.state for device in self.devices}
         unsent = self.outbox.health().unsent
-        self.notifier.status(
-            self.status_line.text(self.phase, states, self.connection.state, unsent)
+        line = self.status_line.text(self.phase, states, self.connection.state, unsent)
+        in_doubt = dict.fromkeys(
+            standing.name
+            for standing in self.measurement.conditions.standings
+            if not standing.established
         )
+        if in_doubt and self.phase == "measuring":
+            line += f", in doubt: {', '.join(in_doubt)}"
+        self.notifier.status(line)
 
 
 def _probe_library(path: Path, configuration: Configuration) -> Path | None:

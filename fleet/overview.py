@@ -170,6 +170,7 @@ def _concerns(
     elif state == "never heard":
         found.append(Concern("doubt", "has never been heard by a member of the store"))
     elif state != "ready":
+        state = {"doubt": "in doubt"}.get(state, state)
         found.append(Concern("doubt", f"is {state}"))
     found += [Concern("bad", alarm) for alarm in values["alarms"]]
     if values["numbers_lost"]:

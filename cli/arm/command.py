@@ -241,6 +241,14 @@ def _write(file: Path, made: "Arm", *, as_json: bool) -> None:
     from traverse.kinematics.arm_file.arm import write_arm
 
     write_arm(file, made)
+    encoders = [joint.encoder for joint in made.joints if joint.encoder is not None]
+    if any(encoder.absolute is None for encoder in encoders):
+        typer.echo(
+            "whether the encoders count right again after a loss of power is not "
+            "known: say --absolute or --incremental, or write absolute = ... in each "
+            "[joints.encoder]; until then the daemon asks for a confirmation",
+            err=True,
+        )
     names = [joint.name for joint in made.joints]
     report = {"file": str(file), "arm": made.name, "joints": names}
     print_report(report, [_made(file, made)], as_json=as_json)

@@ -159,6 +159,7 @@ def _joints(
             source=sources[k] or f"{wishes.device}/{k}",
             body=bodies[k] if bodies else None,
             mimic=mimics[k] if mimics else None,
+            absolute=wishes.absolute,
         )
         for k in range(n)
     ]

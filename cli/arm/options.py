@@ -16,6 +16,7 @@ class ArmOptions:
         base_posture_deg: The same in degrees.
         counts_per_turn: Of the encoders: one number, or one a joint: 1,2,...
         signs: Sense of the encoders: 1 or -1 for each joint: 1,-1,...
+        absolute: Whether the encoders count right again after a loss of power.
         device: Device of the encoders, channels counted from 0.
         tool_xyz_mm: The ball's centre in the last frame: x,y,z.
         tool_rpy_rad: Turns the last frame's z axis into the shank: roll,pitch,yaw.
@@ -28,6 +29,7 @@ class ArmOptions:
     base_posture_deg: str | None = None
     counts_per_turn: str | None = None
     signs: str | None = None
+    absolute: Annotated[bool | None, typer.Option("--absolute/--incremental")] = None
     device: str = "base"
     tool_xyz_mm: str | None = None
     tool_rpy_rad: str | None = None

@@ -49,6 +49,11 @@ def _content(message: Message) -> str:
             text = f"{_time(message.time_ns)} status {message.state}; {drivers}".rstrip(
                 "; "
             )
+            text += "".join(
+                f"; {one.name} of {one.source} in doubt: {one.cause}"
+                for one in message.conditions
+                if not one.established
+            )
         case Health():
             rate = message.rates_hz.get("samples_received", 0.0)
             text = (

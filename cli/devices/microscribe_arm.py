@@ -130,7 +130,10 @@ def arm_from_microscribe(
             for home, count in zip(told.home[:n], counts, strict=True)
         ]
     )
-    joints = [JointParts(f"J{k + 1}", counts[k], 1, f"{device}/{k}") for k in range(n)]
+    joints = [
+        JointParts(f"J{k + 1}", counts[k], 1, f"{device}/{k}", absolute=False)
+        for k in range(n)
+    ]
     geometry = geometry_of(told.kinematics, home_rad)
     return assemble_arm(told.name, geometry, joints, told.source, radius_mm=radius_mm)
 

@@ -43,6 +43,8 @@ HELP = {
     "recording_state": "1 for the state that the recorder is in",
     "recording_queued": "items that wait to be recorded",
     "recording_dropped_total": "items not recorded because the queue was full",
+    "condition_established": "1 while a condition that numbers rest on is "
+    "established, 0 while numbers are in doubt for the lack of it",
     "device_state": "1 for the state that the device is in",
     "device_silence_seconds": "time since the device last sent anything",
     "device_samples_queued": "samples that wait between the reader thread and the "
@@ -62,10 +64,21 @@ Values = dict[str, float | Samples | None]
 
 
 def exposition(
-    health: Health, latencies: Mapping[str, Latencies], cpu_s: float, version: str
+    health: Health,
+    latencies: Mapping[str, Latencies],
+    cpu_s: float,
+    version: str,
+    conditions: Mapping[tuple[str, str], bool],
 ) -> str:
-    """Format the page that a scrape gets; latencies are those since the start."""
+    """Format the page that a scrape gets; latencies are those since the start.
+
+    ``conditions`` says by name and source which are established.
+    """
     values = _process(health, cpu_s, version) | _queues(health) | _devices(health)
+    values["condition_established"] = [
+        ({"condition": name, "source": source}, int(established))
+        for (name, source), established in conditions.items()
+    ]
     families = [
         family(f"traverse_{name}", HELP.get(name, HELP_OF_FILTERS), value)
         for name, value in values.items()

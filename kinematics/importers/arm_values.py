@@ -24,6 +24,8 @@ class JointParts:
         counts_per_turn: Of its encoder; without it the joint has no encoder.
         sign: +1 or -1: which way the encoder counts.
         source: "<device id>/<channel>".
+        absolute: Whether its count is right again after a loss of power; None: not
+            known, so that the daemon asks for a confirmation after each start.
         body: Mass and its centre from the joint's origin in the base posture.
         mimic: What it follows, without an encoder.
     """
@@ -34,6 +36,7 @@ class JointParts:
     source: str
     body: Body | None = None
     mimic: Mimic | None = None
+    absolute: bool | None = None
 
 
 def assemble_arm(
@@ -86,6 +89,8 @@ def _joint(geometry: Geometry, k: int, parts: JointParts) -> dict[str, Any]:
             "sign": parts.sign,
             "source": parts.source,
         }
+        if parts.absolute is not None:
+            joint["encoder"]["absolute"] = parts.absolute
     return joint
 
 

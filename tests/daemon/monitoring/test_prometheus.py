@@ -33,7 +33,8 @@ def figures(health=HEALTH) -> str:
     for duration_ns in (5_000, 20_000, 3_000_000, 60_000_000_000):
         handling.add(duration_ns)
     latencies = {"handling": handling, "collection": Latencies()}
-    return exposition(health, latencies, 12.5, '0.1 "beta"\\\n')
+    conditions = {("reference", "base"): True, ("utc", "host"): False}
+    return exposition(health, latencies, 12.5, '0.1 "beta"\\\n', conditions)
 
 
 def test_every_figure_is_there_in_base_units():

@@ -189,7 +189,7 @@ async def test_a_touch_of_another_seat_is_questioned(
 ) -> None:
     bench = campaign
     bench.write_simulator(
-        rest(1.0),
+        rest(3.0),
         *(CONE.format(postures=2), ANOTHER.format(postures=1), REST),
     )
     bench.write_daemon()
