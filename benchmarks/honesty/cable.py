@@ -18,7 +18,8 @@ from traverse.simulator.scenario.signals import OutgoingFrame
 if TYPE_CHECKING:
     from benchmarks.honesty.hub import Hub
 
-HOST_BUFFER_BYTES = 65_536
+USB_LATENCY_S = 1e-3  # that a port states at least, as those of USB do
+BITS_PER_BYTE = 10
 NEVER_S = float("inf")
 
 
@@ -186,13 +187,15 @@ class HostEnd:
     """An open port of the host, a `BytePort`.
 
     Attributes:
-        latency_ns: what the smallest delay is, which no line that only sends shows.
-        byte_ns: bytes take no time of their own.
+        latency_ns: How long it may hold bytes back, as its kind of port states: an
+            adapter that bunches them has a timer that the kernel shows.
+        byte_ns: What a byte takes on the line.
     """
 
-    def __init__(self, cable: Cable, path: str) -> None:
+    def __init__(self, cable: Cable, path: str, baud_rate: int) -> None:
         self._cable, self.path = cable, path
-        self.latency_ns, self.byte_ns = round(cable.down.least_s * 1e9), 0
+        self.latency_ns = round(1e9 * max(USB_LATENCY_S, cable.down.bunch_s))
+        self.byte_ns = round(1e9 * BITS_PER_BYTE / baud_rate)
         self._generation = cable.generation
         cable.held = cable.touched = True
         cable.to_host.clear()
@@ -259,4 +262,4 @@ def open_host_end(hub: "Hub", path: str, baud_rate: int) -> HostEnd:
     if cable is None or not cable.is_there:
         raise DeviceNotFoundError(f"cannot open {path}: there is no such port", "plug")
     cable.speed = getattr(termios, f"B{baud_rate}", termios.B115200)
-    return HostEnd(cable, path)
+    return HostEnd(cable, path, baud_rate)

@@ -134,6 +134,7 @@ FROM_START = (
     "utc_ahead",
     "utc_1970",
 )
+ONE_WAY_S = 5e-4
 OF_LINE = ("lost", "corrupted", "cut", "garbage")
 
 
@@ -207,6 +208,15 @@ def _with_fault(plan: Plan, kind: str, rng: np.random.Generator) -> Plan:
     return _from_start(replace(plan, faults=(*plan.faults, fault)), fault, rng)
 
 
+def least_delay_s(plan: Plan, fault: PlannedFault) -> float:
+    """The smallest delay that a fault of delays leaves.
+
+    Of a device that nobody asks it cannot be known: it is what the port states.
+    """
+    spec = FAMILIES[plan.family].devices[fault.device]
+    return min(fault.size, ONE_WAY_S) if spec.id == "text" else fault.size
+
+
 def _from_start(plan: Plan, fault: PlannedFault, rng: np.random.Generator) -> Plan:
     """Apply what is so from the beginning."""
     kind, device = fault.kind, fault.device
@@ -218,6 +228,7 @@ def _from_start(plan: Plan, fault: PlannedFault, rng: np.random.Generator) -> Pl
         drifts[device] = fault.size
     elif kind == "delays" and not fault.at_s:
         usual_s = float(10 ** rng.uniform(-4, -1.6))
+        fault = replace(fault, size=least_delay_s(plan, fault))
         delays[device] = fault.size, usual_s, float(rng.choice([0.0, 0.004, 0.016]))
     return replace(
         plan,

@@ -20,6 +20,7 @@ def verdict(lines: Sequence[Line]) -> Verdict:
         for line in sound
         if line["kinds"] == [FAULTLESS] and _sum([line], "settled_doubt")
     ]
+    silent = [line for line in sound if not _sum([line], "ok") + _sum([line], "doubt")]
     n_lies, n_faultless = _sum(sound, "lies"), 0
     for line in sound:
         n_faultless += line["kinds"] == [FAULTLESS]
@@ -44,6 +45,7 @@ def verdict(lines: Sequence[Line]) -> Verdict:
             f"{_sum([line], 'settled_doubt')} in doubt; {what}\n"
             f"    python -m benchmarks.honesty --seed {line['world']} -v"
         )
+    parts += [f"world {line['world']}: nothing was measured" for line in silent]
     left = len(liars) + len(doubters) - MOST_LIARS
     if left > 0:
         parts.append(f"and {left} more worlds")
@@ -52,7 +54,7 @@ def verdict(lines: Sequence[Line]) -> Verdict:
         f"{n_lies} lies in {len(liars)} worlds; in {n_faultless} worlds without a "
         f"fault {_sum(doubters, 'settled_doubt')} in doubt after the first 5 s"
     )
-    return Verdict("\n\n".join(parts), not liars and not doubters)
+    return Verdict("\n\n".join(parts), not (liars or doubters or silent))
 
 
 def _by(lines: Iterable[Line], key: str) -> dict[str, list[Line]]:

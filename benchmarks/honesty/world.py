@@ -23,7 +23,14 @@ from benchmarks.honesty.families import FAMILIES
 from benchmarks.honesty.hub import Housed, Hub
 from benchmarks.honesty.judge import Judge, Tally
 from benchmarks.honesty.loop import VirtualLoop
-from benchmarks.honesty.plan import OF_LINE, Action, Plan, PlannedFault, draw_plan
+from benchmarks.honesty.plan import (
+    OF_LINE,
+    Action,
+    Plan,
+    PlannedFault,
+    draw_plan,
+    least_delay_s,
+)
 from benchmarks.honesty.timeline import ClockFault, Timeline
 from benchmarks.trials.lines import Line
 from traverse.daemon.config.devices import DeviceSection
@@ -239,7 +246,7 @@ class World:
                 least_s, usual_s = 2e-4, 1e-4
             else:
                 rng = np.random.default_rng([self.plan.seed, number, 7])
-                least_s = fault.size
+                least_s = least_delay_s(self.plan, fault)
                 usual_s = float(10 ** rng.uniform(-4, -1.6))
             for delay in (cable.down, cable.up):
                 delay.least_s, delay.usual_s = least_s, usual_s
@@ -330,6 +337,8 @@ class World:
 
         def take_event(event: Occurrence) -> None:
             events[event.code] += 1
+            if "fault in the driver" in event.text:
+                raise RuntimeError(event.text)
             self._note(
                 f"{self.hub.now_s:9.4f} event {event.code} {event.source} "
                 f"{'' if event.active is None else event.active} {event.text}"
