@@ -29,6 +29,7 @@ LINK_STD_MM, AXIS_STD_RAD = 0.004, 4e-6  # of an arm that was identified
 UNKNOWN_LINK_MM, UNKNOWN_AXIS_RAD = 1.0, 2e-3  # of one that never was
 REACH_RAD = 0.9  # of every joint to both sides
 PRESS_S = 0.12
+HOME_S, LEAVE_S, HURRY_S = 4.0, 2.5, 0.5  # in the home posture; on the way to it
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +60,9 @@ def write_arm(
     zeros_rad = rng.uniform(-2.0, 2.0, len(sources))
     names = [f"J{k + 1}" for k in range(len(sources))]
     provenance = ""
+    home = ", ".join(
+        f"{n} = {z!r}" for n, z in zip(names, zeros_rad.tolist(), strict=True)
+    )
     if is_identified:
         parts = {"axis": AXIS_STD_RAD, "link": LINK_STD_MM}
         stds = {
@@ -91,7 +95,8 @@ def write_arm(
         )
         for name, axis, link, zero_rad, source in tables
     ]
-    (folder / "arm.toml").write_text(_arm_text(tables) + provenance)
+    text = f"{_arm_text(tables)}[home]\nangles_rad = {{ {home} }}\n"
+    (folder / "arm.toml").write_text(text + provenance)
     (folder / "true.toml").write_text(_arm_text(true))
 
 
@@ -140,14 +145,35 @@ PACES = {
 }
 
 
-def play(pace: Pace, duration_s: float, rng: np.random.Generator) -> Script:
-    """Lead the arm for a time; press the button now and then, wherever it is."""
+def play(
+    pace: Pace,
+    duration_s: float,
+    rng: np.random.Generator,
+    homes_s: Sequence[float] = (),
+) -> Script:
+    """Lead the arm for a time; press the button now and then, wherever it is.
+
+    At ``homes_s`` it rests in its home posture, which is the base posture, for
+    `HOME_S`.
+    """
     n_joints = len(AXES)
     here = np.zeros(n_joints)
     time_s, ends_s, pieces = 0.0, [], []
+    homes = list(homes_s)
     while time_s < duration_s:
+        if homes and time_s >= homes[0] - LEAVE_S:
+            if at_s := homes.pop(0):
+                time_s = max(time_s + HURRY_S, at_s)
+                ends_s.append(time_s)
+                pieces.append(move_pieces(here, np.zeros(n_joints)))
+            here = np.zeros(n_joints)
+            time_s += HOME_S
+            ends_s.append(time_s)
+            pieces.append(rest_pieces(here))
         if pace.rest_s:
-            time_s += min(float(rng.uniform(0.2, 1.0)) * pace.rest_s, duration_s)
+            rest_s = float(rng.uniform(0.2, 1.0)) * pace.rest_s
+            left_s = homes[0] - LEAVE_S - time_s if homes else duration_s
+            time_s += max(0.05, min(rest_s, left_s))
             ends_s.append(time_s)
             pieces.append(rest_pieces(here))
         if not pace.reach:

@@ -65,6 +65,14 @@ class Plan:
     actions: tuple[Action, ...] = field(default=(), repr=False)
 
     @property
+    def homes_s(self) -> tuple[float, ...]:
+        """When the arm is put into its home posture, if it has to be."""
+        if not self.is_incremental:
+            return ()
+        ends_s = [f.at_s + f.lasts_s + 3.0 for f in self.faults if f.kind in OF_POWER]
+        return (0.0, *sorted(ends_s))
+
+    @property
     def kinds(self) -> tuple[str, ...]:
         """The kinds of its faults, each once; ("none",) without any."""
         return tuple(sorted({fault.kind for fault in self.faults})) or ("none",)
@@ -135,6 +143,7 @@ FROM_START = (
     "utc_1970",
 )
 ONE_WAY_S = 5e-4
+OF_POWER = ("board_restart", "exchange", "incremental")
 OF_LINE = ("lost", "corrupted", "cut", "garbage")
 
 
@@ -243,14 +252,16 @@ def _from_start(plan: Plan, fault: PlannedFault, rng: np.random.Generator) -> Pl
 
 def _actions(plan: Plan, rng: np.random.Generator) -> tuple[Action, ...]:
     """What the operator does: confirm first, then points, means and scans."""
-    actions = [Action(2.5, "confirm")] if plan.is_confirmed else []
+    confirm = "home" if plan.is_incremental else "confirm"
+    actions = [Action(2.5, confirm)] if plan.is_confirmed else []
+    actions += [Action(at_s + 2.5, "home") for at_s in plan.homes_s[1:]]
     at_s = 3.0
     while at_s < plan.duration_s - 3.0:
         kind = str(
             rng.choice(["point", "mean", "scan", "confirm"], p=[0.5, 0.2, 0.2, 0.1])
         )
         size = float(rng.uniform(0.5, 3.0)) if kind == "scan" else 0.0
-        if kind != "confirm" or plan.is_confirmed:
+        if kind != "confirm" or (plan.is_confirmed and not plan.is_incremental):
             actions.append(Action(at_s, kind, size))
         at_s += size + float(rng.exponential(1.5)) + 0.3
-    return tuple(actions)
+    return tuple(sorted(actions, key=lambda action: action.at_s))

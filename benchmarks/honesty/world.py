@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.honesty.arm import PACES, arm_truth, play, write_arm
 from benchmarks.honesty.cable import Cable, Delay, DeviceEnd, open_host_end
 from benchmarks.honesty.can import HostBus, MemoryLine
-from benchmarks.honesty.daemon import DaemonRun, WorldClock
+from benchmarks.honesty.daemon import AtOnce, DaemonRun, WorldClock
 from benchmarks.honesty.devices import MountedDevice, mount
 from benchmarks.honesty.families import FAMILIES
 from benchmarks.honesty.hub import Housed, Hub
@@ -25,6 +25,7 @@ from benchmarks.honesty.judge import Judge, Tally
 from benchmarks.honesty.loop import VirtualLoop
 from benchmarks.honesty.plan import (
     OF_LINE,
+    OF_POWER,
     Action,
     Plan,
     PlannedFault,
@@ -42,13 +43,12 @@ from traverse.daemon.config.schema import (
 )
 from traverse.daemon.errors import CaptureRefusedError, RequestRefusedError
 from traverse.daemon.monitoring.events import Occurrence
-from traverse.protocol.messages import PointArgs, ReferenceArgs, ScanArgs
+from traverse.protocol.messages import HomeArgs, PointArgs, ReferenceArgs, ScanArgs
 from traverse.simulator.devices.table import DeviceTable
 from traverse.simulator.scenario.faults import Fault
 from traverse.simulator.scenario.wiring import ScriptClock
 
 UTC_S = 1_798_761_600.0  # true UTC at the true time 0: the beginning of 2027
-OF_POWER = ("board_restart", "exchange", "incremental")
 SERIAL_DRIVERS = ("latch_board", "text_line", "microscribe")
 ANSWER_S = 4.0  # that the operator waits
 
@@ -80,7 +80,7 @@ class World:
         self._cables: dict[str, Cable] = {}
         sources = self._family.sources(is_incremental=plan.is_incremental)
         write_arm(folder, sources, self._rng, is_identified=plan.is_identified)
-        script = play(PACES[plan.pace], plan.duration_s, self._rng)
+        script = play(PACES[plan.pace], plan.duration_s, self._rng, plan.homes_s)
         self._script, self._script_clock = script, ScriptClock(0.0)
         self.truth = arm_truth(folder, script, UTC_S, plan.seed)
         self.judge = Judge(
@@ -141,6 +141,10 @@ class World:
                     (f"traverse.drivers.{name}.driver.SerialPort", serial_port)
                     for name in SERIAL_DRIVERS
                 ),
+                (
+                    "traverse.daemon.pose.reference_file.ThreadPoolExecutor",
+                    AtOnce,
+                ),
                 ("time.sleep", hub.sleep),
             ):
                 stack.enter_context(patch(place, stand_in))
@@ -173,6 +177,8 @@ class World:
                 seed=(plan.seed % 60_000, number),
                 clock=self._script_clock,
             )
+            if plan.is_incremental:
+                mounted.source.count_from_zero(0.0)
             self._mounted.append(mounted)
             self.hub.devices.append(Housed(mounted.device, cables))
 
@@ -405,6 +411,9 @@ class World:
             await daemon.scans.change_scan(ScanArgs(action="start", rate_hz=rate_hz))
             await asyncio.sleep(action.size)
             await daemon.scans.change_scan(ScanArgs(action="stop"))
+        elif action.kind == "home":
+            if not self._swapped:
+                await daemon.points.home(HomeArgs())
         elif self._may_confirm():
             await daemon.points.confirm_reference(ReferenceArgs(action="confirm"))
 
