@@ -510,13 +510,19 @@ class Measurement(MeasurementContext):
         session = self.capture.session.id
         live = self.live.message(model, poses, session, samples.device)
         if live is not None:
+            # The place is that of an instant, which the device's clock leaves open.
+            bound_ns = max(samples.time_bound_ns, self.resampler.time_bound_ns)
             self.sinks.offer_live(
-                self._with_covariance(live, poses, error_bounds_counts)
+                self._with_covariance(live, poses, error_bounds_counts, bound_ns)
             )
         self.temperatures.check(model, self.joint_devices)
 
     def _with_covariance(
-        self, live: Live, poses: PoseBlock, error_bounds_counts: Floats | None
+        self,
+        live: Live,
+        poses: PoseBlock,
+        error_bounds_counts: Floats | None,
+        time_bound_ns: int,
     ) -> Live:
         """The live pose of a block's last pose, with its covariance."""
         time_ns, angles_rad = int(poses.sample_time_ns[-1]), poses.angles_rad[-1]
@@ -527,6 +533,7 @@ class Measurement(MeasurementContext):
             block,
             self.trajectory.speeds_rad_s(time_ns, angles_rad),
             None if error_bounds_counts is None else error_bounds_counts[-1],
+            time_bound_ns,
         )
         found = self.uncertainty.covariance(self.pipeline.model, reading)
         return live.model_copy(update={"covariance_mm2": found.own_mm2})

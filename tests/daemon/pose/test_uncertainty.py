@@ -105,6 +105,20 @@ async def test_points_and_live_poses_carry_it(bench):
     assert np.linalg.eigvalsh(full(shown[-1].covariance_mm2)).min() > 0.0
 
 
+@pytest.mark.parametrize("bound_ns", [0, 3_000_000])
+async def test_live_poses_carry_what_the_clock_leaves_open(bench, bound_ns):
+    for seq in (range(30), range(30, 60)):
+        blocks = (reader.samples(seq) for reader in (wrist(), base()))
+        bench.take(*(replace(block, time_bound_ns=bound_ns) for block in blocks))
+        bench.clock.now_ns += 300_000_000
+    shown = [live for live in bench.live if live.covariance_mm2 is not None]
+    way_mm = shown[-1].speed_mm_s * bound_ns * 1e-9 / np.sqrt(3.0)
+    variance_mm2 = np.linalg.eigvalsh(full(shown[-1].covariance_mm2)).max()
+    assert shown[-1].speed_mm_s > 100.0
+    # Of two devices also what each leaves open against the other.
+    assert way_mm <= np.sqrt(variance_mm2) < 0.1 + 2.5 * way_mm
+
+
 async def test_without_a_speed_nothing_is_stated(bench):
     bench.take(wrist().samples(range(30)), base().samples(range(30)))
     bench.take(DeviceUp("base", IDENTITIES["base"], True))
