@@ -259,17 +259,21 @@ def _volume_mm(model: Adjustment) -> float:
     return float(np.sqrt(np.sum(np.var(centres_mm, axis=0))))
 
 
+# Part of a misfit: models that differ by less predict alike.
+_SAME = 0.999
+
+
 def is_better(one: HoldoutResult, other: HoldoutResult) -> bool:
     """Return whether poses are predicted nearer than by another model, blunders aside.
 
     Both by their rms and in units of the uncertainty.
     """
     first, second = one.without_blunders or one, other.without_blunders or other
-    return first.rms_mm < second.rms_mm and first.chi2 < second.chi2
+    return first.rms_mm < _SAME * second.rms_mm and first.chi2 < _SAME * second.chi2
 
 
 # Times the mean square of the stated noise: what a campaign may be beyond it at most.
-_SEVERAL_TIMES = 2.0
+_SEVERAL_TIMES = 3.0
 
 
 def noise_exceeded(
@@ -284,7 +288,7 @@ def noise_exceeded(
     whatever has no pattern noise. A stated level contradicts that: a probe of 4 um does
     not miss by 12. What is beyond is noise that was stated too small or a fault that no
     candidate describes, and neither is clean. Stated noise is often a guess and may be
-    1.4 times too small (a mean square of 2); three standard deviations of the mean
+    1.7 times too small (a mean square of 3); three standard deviations of the mean
     square must lie above that.
     """
     if campaign.encoder_rad is None or campaign.contact_mm is None:
