@@ -67,7 +67,7 @@ def adaptation(
     decision: Decision,
     fits: tuple[Fit, ...],
     compared: Compared,
-    held_out: Booleans,
+    choosing: Booleans,
     options: DiagnosisOptions,
 ) -> Adaptation:
     """Choose the terms that enter the arm file.
@@ -91,7 +91,7 @@ def adaptation(
     if vetoed:
         writable, unhelpful = set(), writable
     written, gap = _with_terms(search, fits, compared, writable)
-    while writable and np.any(held_out):
+    while writable and gap.after.n:
         trials = [
             (at, *_with_terms(search, fits, compared, writable - {at}))
             for at in sorted(writable)
@@ -102,7 +102,7 @@ def adaptation(
         unhelpful.add(worst)
         writable.remove(worst)
         written, gap = fit, without
-    reference = as_identified(decision.start, ~held_out)
+    reference = as_identified(decision.start, choosing)
     identified = compared(reference)
     is_identified_anew = is_better(identified.after, gap.after)
     if is_identified_anew:

@@ -18,7 +18,7 @@ from traverse.lab.diagnosis.holdout.comparison import (
     held_out_blunders,
     noise_exceeded,
 )
-from traverse.lab.diagnosis.holdout.holdout import SPLITS
+from traverse.lab.diagnosis.holdout.holdout import SPLITS, at_most
 from traverse.lab.diagnosis.model.candidate import BankName
 from traverse.lab.diagnosis.model.fit import (
     Fit,
@@ -80,6 +80,7 @@ def diagnose(
             f"no artefact of {len(campaign.artefacts)} can be kept aside; measure at "
             "several, or keep groups of poses aside (--holdout-by time)"
         )
+    choosing = at_most(campaign, choosing, options.seed)
     # Before the search, which would explain what is another arm's by effects.
     while campaign.prior is not None:
         fit = fitted(campaign, arm, choosing)
@@ -108,7 +109,7 @@ def diagnose(
         )
 
     gaps = [compared(fit) for fit in fits]
-    adapted = adaptation(decision, fits, compared, held_out, options)
+    adapted = adaptation(decision, fits, compared, choosing, options)
     lap("held-out poses")
     estimates = final_estimates(campaign, search, adapted.accepted, options)
     lap("final estimates")

@@ -117,13 +117,16 @@ def project(rows: ObservationEquations, bank: Bank) -> tuple[ProjectedCandidate,
     """Project the columns of a bank and find what is visible of them."""
     if not bank.candidates:
         return ()
-    columns = rows.project(bank.columns)
     slices = bank.slices
     sizes = np.array([candidate.size for candidate in bank.candidates])
+    n = bank.columns.shape[1]
     found: dict[int, ProjectedCandidate] = {}
     for size in np.unique(sizes):
         members = np.flatnonzero(sizes == size)
-        blocks = np.stack([columns[:, slices[at]].T for at in members])
+        # A size at a time: all projected columns of a large campaign fill the memory.
+        where = np.concatenate([np.arange(*slices[at].indices(n)) for at in members])
+        columns = rows.project(bank.columns[:, where])
+        blocks = columns.T.reshape(len(members), size, len(columns))
         values, vectors = np.linalg.eigh(blocks @ blocks.swapaxes(1, 2))
         for at, squares, turns, block in zip(
             members, values, vectors, blocks, strict=True

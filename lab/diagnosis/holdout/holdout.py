@@ -62,6 +62,29 @@ def split_artefacts(
     return ~held_out, held_out
 
 
+MOST_CHOOSING = 2000
+"""Poses that choose, at most: time and memory of a search grow with them."""
+
+
+def at_most(campaign: Campaign, choosing: Booleans, seed: int) -> Booleans:
+    """Choose so many of the choosing poses, of all artefacts alike, (n_poses,).
+
+    At random, so that any covariate is sampled as it was; the others take part in the
+    last estimates only.
+    """
+    n = int(np.count_nonzero(choosing))
+    if n <= MOST_CHOOSING:
+        return choosing
+    rng = np.random.default_rng(seed)
+    found = np.zeros_like(choosing)
+    artefacts = campaign.poses.artefacts
+    for index in np.unique(artefacts[choosing]):
+        mine = np.flatnonzero(choosing & (artefacts == index))
+        wanted = max(len(mine) * MOST_CHOOSING // n, min(len(mine), _LARGEST_SIZE))
+        found[rng.permutation(mine)[:wanted]] = True
+    return found
+
+
 SPLITS = {"time": split, "artefact": split_artefacts}
 """How poses are held out, by the name of the way."""
 

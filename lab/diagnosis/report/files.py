@@ -169,8 +169,9 @@ def detectable_json(detectable: Sequence[Detectable]) -> list[dict[str, Any]]:
 
 
 def pose_parts(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return what became of each pose: choosing, held_out or excluded."""
-    found = np.where(diagnosis.held_out, "held_out", "choosing")
+    """Return what became of each pose: choosing, held_out, excluded or final."""
+    found = np.where(diagnosis.choosing, "choosing", "final")
+    found = np.where(diagnosis.held_out, "held_out", found)
     found = np.where(diagnosis.excluded, "excluded", found)
     return tuple(found.tolist())
 
