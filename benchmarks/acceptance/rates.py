@@ -71,11 +71,9 @@ def agreement(found: Sequence[Tested], key: str) -> dict[str, Any]:
     return {
         "figure": key,
         "true_mm": [float(np.quantile(true, q)) for q in (0.05, 0.5, 0.95)],
-        "mean_off_mm": float(off.mean()),
         "rms_off_mm": float(np.sqrt(np.mean(off**2))),
         "rms_off_u": float(np.sqrt(np.mean((off / u_mm) ** 2))),
         "within_2u": float(np.mean(np.abs(off) <= 2.0 * u_mm)),
-        "correlation": float(np.corrcoef(true, measured)[0, 1]),
     }
 
 

@@ -37,10 +37,12 @@ def series(_asked: argparse.Namespace) -> list[Series[Any]]:
 def judge(lines: Sequence[Line]) -> Verdict:
     """Make the tables."""
     found = _outcomes(lines)
-    kinds = degenerate(N_DEGENERATE)
-    of_classes, correlations = ratios(found), order(found)
-    text = _shown(of_classes, correlations, kinds)
-    return Verdict("\n".join(text), _is_kept(of_classes, correlations, kinds))
+    report = {
+        "ratios": ratios(found),
+        "order": order(found),
+        "degenerate": degenerate(N_DEGENERATE),
+    }
+    return Verdict("\n".join(_shown(report)), _is_kept(report))
 
 
 def _outcomes(lines: Sequence[Line]) -> list[Outcome]:
@@ -108,16 +110,13 @@ def rank_correlation(x: Floats, y: Floats) -> float:
     return float(np.corrcoef(of_x, of_y)[0, 1])
 
 
-def _shown(
-    of_classes: dict[str, dict[str, float]],
-    correlations: dict[str, float],
-    kinds: dict[str, Any],
-) -> Iterator[str]:
+def _shown(report: dict[str, Any]) -> Iterator[str]:
+    correlations = report["order"]
     yield (
         "| class | n | observed / predicted | largest | predicted [mm], median | "
         "residuals [mm], median |\n|---|---|---|---|---|---|"
     )
-    for name, row in of_classes.items():
+    for name, row in report["ratios"].items():
         yield (
             f"| {name} | {row['n']} | {row['ratio']:.3f} ± {row['ratio_std']:.3f} | "
             f"{row['largest']:.1f} | {row['predicted_mm']:.4f} | "
@@ -133,21 +132,18 @@ def _shown(
         f"{correlations['residual_single']:.4f}"
     )
     yield "\n| points | said, of 200 | for example |\n|---|---|---|"
-    for kind, row in kinds.items():
+    for kind, row in report["degenerate"].items():
         said = ", ".join(f"{code} {n}" for code, n in row["said"].items())
         yield f"| {kind} | {said} | {row['example']} |"
 
 
-def _is_kept(
-    of_classes: dict[str, dict[str, float]],
-    correlations: dict[str, float],
-    kinds: dict[str, Any],
-) -> bool:
+def _is_kept(report: dict[str, Any]) -> bool:
     """Return whether every promise is kept."""
+    kinds = report["degenerate"]
     silent = [k for k, row in kinds.items() if k != "wide" and NO_FLAG in row["said"]]
     refused = all(kinds[kind]["said"] == {REFUSED: N_DEGENERATE} for kind in _WEAK)
-    ordered = correlations["index"] >= LEAST_CORRELATION
-    in_limits = LOW <= of_classes["all"]["ratio"] <= HIGH
+    ordered = report["order"]["index"] >= LEAST_CORRELATION
+    in_limits = LOW <= report["ratios"]["all"]["ratio"] <= HIGH
     return in_limits and ordered and refused and not silent
 
 

@@ -45,25 +45,21 @@ class Outcome:
         flags: Their codes.
         predicted_mm: Root mean square error in the volume as predicted.
         observed_mm: As it was.
-        sigma0: Of the adjustment.
         residual_mm: Root mean square length of the residuals.
         index: Of the disposition.
         true_mm: Root mean square error in the volume over many drawn measurements with
             equal errors, fitted by singular values.
         fit_mm: Root mean square residual of one of these.
-        straightness: How near to a line the points are.
     """
 
     refused: str
     flags: tuple[str, ...]
     predicted_mm: float
     observed_mm: float
-    sigma0: float
     residual_mm: float
     index: float
     true_mm: float
     fit_mm: float
-    straightness: float
 
 
 def drawn_disposition(rng: np.random.Generator) -> Disposition:
@@ -133,9 +129,6 @@ def _outcome(case: Case) -> Outcome:
     drawn = case.disposition
     index = disposition_index(drawn.to_mm, drawn.volume, with_scale=drawn.with_scale)
     true_mm, fit_mm = error_of_many(drawn, case.rng)
-    centred = drawn.to_mm - drawn.to_mm.mean(axis=0)
-    sizes = np.linalg.svd(centred, compute_uv=False)
-    straightness = float(np.hypot(sizes[1], sizes[2]) / sizes[0])
     try:
         aligned = best_fit_alignment(
             case.common,
@@ -144,10 +137,8 @@ def _outcome(case: Case) -> Outcome:
             with_scale=drawn.with_scale,
         )
     except HelmertError as error:
-        nothing = (float("nan"),) * 4
-        return Outcome(
-            str(error), (), *nothing, index.rms_mm, true_mm, fit_mm, straightness
-        )
+        nothing = (float("nan"),) * 3
+        return Outcome(str(error), (), *nothing, index.rms_mm, true_mm, fit_mm)
     # The prediction is compared before any test influences it.
     test, covariance = aligned.test, aligned.covariance
     if test is None or covariance is None:
@@ -160,12 +151,10 @@ def _outcome(case: Case) -> Outcome:
         flags=tuple(flag.code for flag in aligned.flags),
         predicted_mm=predicted.rms_mm / factor,
         observed_mm=error_in_volume(aligned.transformation, drawn),
-        sigma0=test.sigma0,
         residual_mm=float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)))),
         index=index.rms_mm,
         true_mm=true_mm,
         fit_mm=fit_mm,
-        straightness=straightness,
     )
 
 

@@ -7,13 +7,14 @@ import tracemalloc
 
 import numpy as np
 
+from benchmarks.tools.sizes import sized
 from traverse.protocol.latch_board.messages import Decoder, SampleBlock
 from traverse.simulator.devices.latch_board import wire
 
 READ = 4096
 
 
-def noise(n_bytes: int = 10_000_000) -> str:
+def noise(n_bytes: int = sized(10_000_000, 100_000)) -> str:
     """Random bytes: no exception, nothing kept."""
     data = random.Random(1).randbytes(n_bytes)
     decoder = Decoder()
@@ -32,7 +33,9 @@ def noise(n_bytes: int = 10_000_000) -> str:
     )
 
 
-def corrupted(seconds: int = 600, rate_hz: int = 1000, share: float = 0.01) -> str:
+def corrupted(
+    seconds: int = sized(600, 10), rate_hz: int = 1000, share: float = 0.01
+) -> str:
     """A valid stream with a share of its bytes changed: only touched frames go."""
     rng = np.random.default_rng(2)
     decoder = Decoder()
@@ -87,7 +90,7 @@ def corrupted(seconds: int = 600, rate_hz: int = 1000, share: float = 0.01) -> s
     )
 
 
-def speed(n_frames: int = 200_000) -> str:
+def speed(n_frames: int = sized(200_000, 2_000)) -> str:
     """Whole reads beside a plain loop that decodes one frame after the other."""
     seqs = np.arange(n_frames, dtype=np.uint32)
     counts = np.random.default_rng(3).integers(0, 2**23, (n_frames, 7), dtype=np.uint32)

@@ -291,11 +291,8 @@ class Outcome:
         degrees: Of that.
         mean_square_mm2: Of the distances' errors.
         n_determined: Directions of the arm's parameters.
-        tells_no_length: Among what is undetermined there is the scale.
-        n_undetermined: Directions held at the design.
         n_blunders: Spoilt poses.
         n_kept: Spoilt poses that were not removed.
-        kept_w: Largest |w| of those against the others, 0 without any.
         n_lost: Good poses that were removed.
     """
 
@@ -310,11 +307,8 @@ class Outcome:
     degrees: int
     mean_square_mm2: float
     n_determined: int
-    tells_no_length: bool
-    n_undetermined: int
     n_blunders: int
     n_kept: int
-    kept_w: float
     n_lost: int
 
 
@@ -361,11 +355,8 @@ def run(case: Case) -> Line:
         degrees=errors.degrees,
         mean_square_mm2=float(np.mean(errors.errors_mm**2)),
         n_determined=result.adjustment.split.n_determined,
-        tells_no_length=any("length" in u.why for u in result.undetermined),
-        n_undetermined=len(result.undetermined),
         n_blunders=int(np.count_nonzero(spoilt)),
         n_kept=int(np.count_nonzero(kept)),
-        kept_w=float(np.max(result.statistics.w[kept], initial=0.0)),
         n_lost=int(np.count_nonzero(~result.included & ~spoilt)),
     )
     return {"outcome": asdict(outcome)}
