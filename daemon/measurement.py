@@ -468,11 +468,11 @@ class Measurement(MeasurementContext):
         """Feed the condition of the device's clock by what its driver says."""
         condition = "device_clock", samples.device
         if (samples.status & STATUS_TIME_UNCERTAIN).any():
-            known = self.devices[samples.device].clock_text
-            cause = known or FLAG_MEANINGS[QualityFlag.TIME_UNCERTAIN]
+            doubt = self.devices[samples.device].clock_doubt
+            cause = doubt or FLAG_MEANINGS[QualityFlag.TIME_UNCERTAIN]
             self.conditions.mark(*condition, cause)
         else:
-            self.conditions.settle(*condition)
+            self.conditions.settle(*condition, self.devices[samples.device].clock_text)
 
     def _take_assembled(self, now_ns: int | None = None) -> None:
         for samples, error_bounds_counts in self.resampler.resampled(now_ns):

@@ -30,6 +30,7 @@ from traverse.simulator.devices.microscribe.device import (
 )
 from traverse.simulator.devices.table import DeviceTable
 from traverse.simulator.devices.text_line import SimulatedTextLine
+from traverse.simulator.devices.wrong_clock import WrongClock
 from traverse.simulator.scenario.course import ClimateTable, Course
 from traverse.simulator.scenario.faults import Fault
 from traverse.simulator.scenario.script import Script
@@ -88,7 +89,7 @@ class WorldTicks(TickCounter):
     timeline: Timeline
 
     def __init__(self, rate_hz: int, power_up_s: float, timeline: Timeline) -> None:
-        super().__init__(rate_hz, 0.0, 0, power_up_s)
+        super().__init__(rate_hz, WrongClock(), 0, power_up_s)
         object.__setattr__(self, "timeline", timeline)
         object.__setattr__(self, "_begin_s", timeline.at(power_up_s))
 

@@ -28,6 +28,7 @@ class Device:
         max_speed_rad_s: no joint turns faster; None where its options do not say.
         temperatures_c: of its sensors; empty until the first report.
         clock_text: how its clock runs, in words; empty until the first report.
+        clock_doubt: the same when it was in doubt last.
     """
 
     section: DeviceSection
@@ -44,6 +45,7 @@ class Device:
     counters: Counter[str] = field(default_factory=Counter)
     temperatures_c: tuple[float | None, ...] = ()
     clock_text: str = ""
+    clock_doubt: str = ""
     samples: int = 0
     reconnects: int = 0
 

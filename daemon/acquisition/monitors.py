@@ -114,9 +114,8 @@ class DeviceStateTracker:
         """The device's clock is tied, or in doubt; its rate may be far off."""
         name = device.section.id
         device.clock_text = text = clock_text(name, clock)
-        if clock.is_certain:
-            self.conditions.establish("device_clock", name, text)
-        else:
+        if not clock.is_certain:  # else once its samples are no longer marked
+            device.clock_doubt = text
             self.conditions.mark("device_clock", name, text)
         is_off = abs(clock.rate_error) > USUAL_RATE_ERROR
         if is_off and not clock.is_certain:

@@ -174,14 +174,17 @@ class ConditionMonitor:
         elif before.cause != cause:  # since its begin: reported if it stays
             self._standings[key] = replace(before, cause=cause)
 
-    def settle(self, name: str, subject: str) -> None:
-        """A sample is not marked: establish the condition once none was for a while."""
+    def settle(self, name: str, subject: str, text: str = "") -> None:
+        """A sample is not marked: establish the condition once none was for a while.
+
+        The text is said by the event that ends.
+        """
         key = name, subject
         if key not in self._open:
             return
         now_ns = self._clock.monotonic_ns()
         if now_ns - self._marked_ns.get(key, now_ns - CALM_NS) >= CALM_NS:
-            self.establish(name, subject)
+            self.establish(name, subject, text)
 
     def check_overdue(self) -> None:
         """Report what was not established for long; call it now and then."""

@@ -139,7 +139,7 @@ class SimulatedMicroscribe(SerialDevice):
     def __init__(self, table: MicroscribeTable, mounting: DeviceContext) -> None:
         self._moduli = mounting.encoders.moduli
         self._plate = table.plate(self._moduli)
-        self._timer_rate_hz = table.timer_rate_hz
+        self._tick_rate_hz = table.timer_rate_hz
         self._clock = WrongClock(table.clock, table.clock_error_ppm)
         self._first_ticks = table.first_ticks
         super().__init__(table, mounting, [table.port], table.pedals)
@@ -216,7 +216,7 @@ class SimulatedMicroscribe(SerialDevice):
         for channel, count in enumerate(counts.tolist()):
             self.mounting.notes.reading(self.id, channel, at_s, count, 0)
         shown_s = self._clock.shown_s(at_s - self._power_up_s)
-        ticks = self._first_ticks + int(shown_s * self._timer_rate_hz)
+        ticks = self._first_ticks + int(shown_s * self._tick_rate_hz)
         self.report_edges(at_s, ticks, counts.astype(np.uint32), status[0])
         ticks %= wire.GREATEST_TIMER + 1
         return wire.State(self.levels, ticks, tuple(counts.tolist()))
