@@ -20,6 +20,7 @@ from traverse.daemon.clock import FrozenClock, HostClock
 from traverse.daemon.commands.points import PointCommands
 from traverse.daemon.commands.scans import ScanCommands
 from traverse.daemon.config.schema import Configuration
+from traverse.daemon.executor import JudgeUtc
 from traverse.daemon.measurement import Measurement, Sinks
 from traverse.daemon.monitoring.events import EventLog, Occurrence
 from traverse.daemon.pose.arm_model import read_model
@@ -27,6 +28,7 @@ from traverse.daemon.pose.reference_file import ReferenceFile
 from traverse.daemon.service import _consume, _process_timeouts
 from traverse.daemon.startup_check import check_devices
 from traverse.daemon.store.records import PendingPoint
+from traverse.daemon.utc_watch import UtcWatch
 from traverse.drivers.base.delivery_queue import DeliveryQueue
 from traverse.drivers.base.registry import driver_class
 from traverse.drivers.io.ports import BytePort, PortAccess
@@ -76,6 +78,7 @@ class DaemonRun:
     Args:
         take_point, take_scan, take_live: Called with what is published.
         take_event: Called with events.
+        is_synchronised: Whether the kernel says that a program keeps UTC.
     """
 
     def __init__(
@@ -89,6 +92,7 @@ class DaemonRun:
         take_scan: Callable[["DaemonRun", Scan], object],
         take_live: Callable[["DaemonRun", Live], object],
         take_event: Callable[[Occurrence], None],
+        is_synchronised: Callable[[], bool],
     ) -> None:
         self._hub, self._configuration = hub, configuration
         step_clock = FrozenClock(clock)
@@ -132,6 +136,11 @@ class DaemonRun:
             outbox=SimpleNamespace(together=contextlib.nullcontext),
         )
         self._tasks: list[asyncio.Task[Any]] = []
+        self._utc = UtcWatch(clock, folder / "utc.json", self._judge_utc)
+        self._utc._judge._synchronised = is_synchronised
+
+    def _judge_utc(self, doubt: str, remedy: str) -> None:
+        JudgeUtc(doubt, remedy).execute(self.measurement)
 
     def _open(self, section: Any, loop: asyncio.AbstractEventLoop) -> Device:  # noqa: ANN401 - of any driver
         hub = self._hub
@@ -160,6 +169,7 @@ class DaemonRun:
 
     async def start(self) -> None:
         """Begin as the service does: devices answer, the stream is requested."""
+        self._utc.check()
         self._readers = [self._hub.start(d.driver) for d in self._devices]
         self._tasks = [
             asyncio.create_task(_consume(self._service, d))  # type: ignore[arg-type]
@@ -175,6 +185,8 @@ class DaemonRun:
 
     async def _flush(self) -> None:
         while True:
+            self._utc.check()
+            self.measurement.conditions.check_overdue()
             self.events.flush()
             await asyncio.sleep(FLUSH_S)
 
@@ -192,3 +204,4 @@ class DaemonRun:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         self._memory.close()
+        self._utc.close()

@@ -2,7 +2,9 @@
 
 A number is a lie if it is unmarked and farther off, at the instant that it claims,
 than four times its stated standard deviation plus `SLACK_MM`; or if it is unmarked and
-the computer's UTC is off by more than `UTC_TOLERANCE_S`. The stated standard deviation
+the computer's UTC is off by more than is stated: a second where the kernel says that a
+program keeps it; else it may be from just before the latest time that was believed here
+until 400 days after it. The stated standard deviation
 of a place is the root of the trace of its covariance. Where none is stated, as in a
 block of a scan, that of the last live pose is taken.
 """
@@ -21,7 +23,7 @@ from traverse.protocol.messages.point import Covariance
 from traverse.protocol.messages.quality import flag_names
 
 SIGMAS, SLACK_MM = 4.0, 0.02
-UTC_TOLERANCE_S = 1.0
+LEAST_UTC_S = 1.0  # that is shown as wrong
 SETTLED_S = 5.0
 LEAST_STD_MM = 0.01  # of the arms here, before any is stated
 MOST_EXAMPLES = 20
@@ -43,7 +45,7 @@ class Lie:
             f"{self.what} at {self.at_s:.3f} s: {self.off_mm:.3f} mm off, "
             f"{self.allowed_mm:.3f} allowed"
         )
-        if abs(self.utc_off_s) > UTC_TOLERANCE_S:
+        if abs(self.utc_off_s) > LEAST_UTC_S:
             text += f"; UTC {self.utc_off_s:.3g} s off"
         return text
 
@@ -93,6 +95,7 @@ class Judge:
 
     Args:
         utc_s: True UTC at a true time.
+        utc_tolerance_s: How far UTC may be back and ahead now.
         note: Called with each judged point, for people.
     """
 
@@ -101,10 +104,12 @@ class Judge:
         hub: Hub,
         truth: ArmTruth,
         utc_s: Callable[[float], float],
+        utc_tolerance_s: Callable[[], tuple[float, float]],
         note: Callable[[str], object] = lambda text: None,
     ) -> None:
         self._hub, self._truth, self._utc_s, self._note = hub, truth, utc_s, note
         self.tally = Tally()
+        self._utc_tolerance_s = utc_tolerance_s
         self._last_std_mm = LEAST_STD_MM
         self._offsets_ns: list[int] = []
 
@@ -150,7 +155,8 @@ class Judge:
                 off_mm = np.where(better, others[0], off_mm)
                 at_s = np.where(better, others[1], at_s)
         allowed_mm = SLACK_MM + SIGMAS * std_mm
-        wrong = (off_mm > allowed_mm) | (np.abs(utc_off_s) > UTC_TOLERANCE_S)
+        back_s, ahead_s = self._utc_tolerance_s()
+        wrong = (off_mm > allowed_mm) | (utc_off_s < -back_s) | (utc_off_s > ahead_s)
         tally = self.tally
         tally.ok[what] += int(ok.sum())
         tally.doubt[what] += int((~ok).sum())

@@ -50,6 +50,9 @@ from traverse.simulator.scenario.wiring import ScriptClock
 
 UTC_S = 1_798_761_600.0  # true UTC at the true time 0: the beginning of 2027
 SERIAL_DRIVERS = ("latch_board", "text_line", "microscribe")
+DAY_S = 86_400.0
+# How far an unmarked UTC may be back and ahead: as the daemon states it.
+SYNCHRONISED_S, ALONE_S = (1.0, 1.0), (60.0 + DAY_S + 60.0, 400.0 * DAY_S)
 ANSWER_S = 4.0  # that the operator waits
 
 
@@ -84,8 +87,15 @@ class World:
         self._script, self._script_clock = script, ScriptClock(0.0)
         self.truth = arm_truth(folder, script, UTC_S, plan.seed)
         self.judge = Judge(
-            self.hub, self.truth, lambda true_s: UTC_S + true_s, self._note
+            self.hub,
+            self.truth,
+            lambda true_s: UTC_S + true_s,
+            lambda: SYNCHRONISED_S if self._is_synchronised() else ALONE_S,
+            self._note,
         )
+        # The arm was measured with yesterday.
+        good_ns = round(1e9 * (UTC_S - DAY_S))
+        (folder / "utc.json").write_text(f'{{"good_ns": {good_ns}, "confirmed_ns": 0}}')
         self._configuration = self._configured()
         self._clock = WorldClock(self.hub, self._utc_s)
         self.outcome = Outcome(plan, self.judge.tally)
@@ -145,6 +155,7 @@ class World:
                     "traverse.daemon.pose.reference_file.ThreadPoolExecutor",
                     AtOnce,
                 ),
+                ("traverse.daemon.utc.ThreadPoolExecutor", AtOnce),
                 ("time.sleep", hub.sleep),
             ):
                 stack.enter_context(patch(place, stand_in))
@@ -294,6 +305,15 @@ class World:
                 believed_s = now_s + 20.0
         return believed_s
 
+    def _is_synchronised(self) -> bool:
+        """Whether the kernel says that a program keeps UTC."""
+        now_s = self.hub.now_s
+        return not any(
+            (fault.kind == "utc_step" and now_s >= fault.at_s)
+            or (fault.kind in ("utc_ahead", "utc_1970") and now_s < fault.lasts_s)
+            for fault in self.plan.faults
+        )
+
     # -- running -------------------------------------------------------------------
 
     def run(self) -> Outcome:
@@ -359,6 +379,7 @@ class World:
             take_scan=lambda run, scan: judge.scan(scan, offset_ns(run)),
             take_live=lambda run, live: judge.live(live, offset_ns(run)),
             take_event=take_event,
+            is_synchronised=self._is_synchronised,
         )
         try:
             starting = asyncio.ensure_future(daemon.start())
