@@ -187,8 +187,17 @@ class ConditionMonitor:
             self.establish(name, subject, text)
 
     def check_overdue(self) -> None:
-        """Report what was not established for long; call it now and then."""
+        """Report what was not established for long; call it now and then.
+
+        While a device is not there, its event says why nothing else is established.
+        """
         now_ns = self._clock.monotonic_ns()
+        if any(
+            not standing.established
+            for standing in self._standings.values()
+            if standing.name == "present" and standing.subject in self._counting
+        ):
+            return
         for key, standing in self._standings.items():
             if standing.established or standing.is_reported:
                 continue

@@ -16,7 +16,7 @@ from traverse.lab.daily_check.history import checks_of
 
 pytestmark = pytest.mark.needs("mosquitto")
 
-LEAD_IN = rest(1.0)
+LEAD_IN = rest(4.0)
 
 
 WITHOUT_SCIPY = (
