@@ -37,7 +37,6 @@ def _turn_degrees(rotation: list[list[float]]) -> float:
 
 _FILTERS: Filters = {
     "turn_degrees": _turn_degrees,
-    "sentence": lambda text: f"{text[0].upper()}{text[1:]}.",
     # Adding zero takes the sign from what is rounded to nothing.
     "unsigned_zero": lambda value, digits: round(value, digits) + 0.0,
 }
