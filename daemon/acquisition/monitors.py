@@ -117,7 +117,9 @@ class DeviceStateTracker:
         if not clock.is_certain:  # else once its samples are no longer marked
             device.clock_doubt = text
             self.conditions.mark("device_clock", name, text)
-        is_off = abs(clock.rate_error) > USUAL_RATE_ERROR
+        # Of a line that was laid below 1.5 s the slope is known no better than that.
+        known = abs(clock.rate_error) - clock.bound_ns * 1e-9 / SHORTEST_S
+        is_off = known > 0.0 and abs(clock.rate_error) > USUAL_RATE_ERROR
         if is_off and not clock.is_certain:
             return  # it may still be learned wrong
         self.events.change(
@@ -148,6 +150,7 @@ class DeviceStateTracker:
         )
 
 
+SHORTEST_S = 1.5
 USUAL_RATE_ERROR = 5e-4  # five times that of a crystal
 
 

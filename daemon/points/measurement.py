@@ -210,11 +210,12 @@ class PointEvaluator:
 
     def _evaluate(self, request: PointRequest) -> PointMeasurement | None:
         """The arm at the instant of a request; None while that is not known."""
-        stage, jitter_ns = self._stage, 0
+        stage = self._stage
         temperature_c = stage.joint_devices.temperature_c
         pose = self._pose(request, temperature_c)
         if pose is None:
             return None
+        jitter_ns = request.latch.time_bound_ns if request.latch else 0
         if pose.error_bounds_counts is not None:
             # An instant by another clock than that of the readings: what both leave
             # open moves all joints together.
