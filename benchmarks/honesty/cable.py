@@ -6,21 +6,33 @@ drivers' `SerialPort`.
 
 import termios
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from traverse.drivers.base.values import DeviceError, DeviceNotFoundError
 from traverse.simulator.scenario.signals import OutgoingFrame
 
-if TYPE_CHECKING:
-    from benchmarks.honesty.hub import Hub
-
 USB_LATENCY_S = 1e-3  # that a port states at least, as those of USB do
 BITS_PER_BYTE = 10
 NEVER_S = float("inf")
+
+
+class Timekeeper(Protocol):
+    """What ends of a cable know of the world: `Hub` is one.
+
+    Attributes:
+        now_s: True time.
+        ports: What the host finds, by path.
+    """
+
+    now_s: float
+    ports: "dict[str, Cable]"
+
+    def wait(self, seconds: float, ready: Callable[[], bool] = bool) -> bool:
+        """Wait within a reader, until something is ready, a wake-up or the end."""
 
 
 @dataclass(slots=True)
@@ -62,7 +74,7 @@ class Cable:
         generation: Changes whenever the port appears anew.
     """
 
-    hub: "Hub"
+    hub: Timekeeper
     down: Delay
     up: Delay
     to_host: deque[tuple[float, Any]] = field(default_factory=deque)
@@ -252,7 +264,7 @@ class HostEnd:
             raise DeviceError(f"port {self.path} has gone away", "check the cable")
 
 
-def open_host_end(hub: "Hub", path: str, baud_rate: int) -> HostEnd:
+def open_host_end(hub: Timekeeper, path: str, baud_rate: int) -> HostEnd:
     """Open a port of the host by its path.
 
     Raises:
