@@ -88,7 +88,8 @@ async def stale_picture(
 async def main(folder: Path, out: Path) -> None:
     """Start everything, and bring it into one state after the other."""
     port = rig.free_port()
-    shutil.copy(DEMO / "arm.toml", folder)
+    shutil.copy(DEMO / "identified.toml", folder / "arm.toml")
+    shutil.copy(DEMO / "arm.cov.npz", folder)
     with (
         rig.mosquitto(folder, port) as broker,
         contextlib.ExitStack() as simulator,
@@ -96,6 +97,8 @@ async def main(folder: Path, out: Path) -> None:
         simulator.enter_context(simulated(folder))
         with rig.daemon(folder, port):
             async with browser(folder, port) as (page, server):
+                await page.get_by_role("button", name="Confirm the arm's").click()
+                await page.get_by_role("button", name="It is right").click()
                 await page.keyboard.press("l")
                 await page.get_by_label("Artefact").fill("bar")
                 await page.get_by_role("button", name="Set").click()

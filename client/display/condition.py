@@ -96,6 +96,12 @@ def lost_conditions(sight: ArmSight) -> list[ConditionStanding]:
     return [one for one in status.conditions if not one.established]
 
 
+def condition_words(lost: ConditionStanding) -> str:
+    """What is in doubt, of what, and why."""
+    cause = lost.cause.removeprefix(f"{lost.source}: ")
+    return f"{lost.source}: {lost.name.replace('_', ' ')}: {cause}"
+
+
 def wanted_commands(sight: ArmSight) -> dict[str, list[str]]:
     """Commands by which the operator establishes what is lost, with the causes."""
     wanted: dict[str, list[str]] = {}
@@ -123,8 +129,7 @@ def _conditions(sight: ArmSight) -> Iterator[Verdict]:
     shown = {(alarm.source, alarm.text) for alarm in sight.alarms.values()}
     for lost in lost_conditions(sight):
         if (lost.source, lost.cause) not in shown:
-            text = f"{lost.source}: {lost.name.replace('_', ' ')}: {lost.cause}"
-            yield Verdict("warning", "In doubt", text, lost.remedy)
+            yield Verdict("warning", "In doubt", condition_words(lost), lost.remedy)
     if not alarms and status.state == "degraded":
         off = ", ".join(d.id for d in status.drivers if d.state != "ready")
         yield Verdict(
@@ -199,8 +204,9 @@ def _of_pose(live: Live) -> Verdict:
 
 
 def _of_alarm(alarm: Event | Alarm) -> Verdict:
-    # Measuring continues with a warning until the operator confirms.
-    is_grave = alarm.severity == "error" and alarm.code != TURNS_UNCERTAIN
+    # Without a condition of good numbers measuring goes on, and points are marked.
+    is_doubt = alarm.code == TURNS_UNCERTAIN or alarm.code.startswith("condition.")
+    is_grave = alarm.severity == "error" and not is_doubt
     return Verdict(
         "bad" if is_grave else "warning",
         "Alarm" if is_grave else "In doubt",

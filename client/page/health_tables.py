@@ -6,7 +6,7 @@ from html import escape
 import numpy as np
 
 from traverse.client.display.arm_state import SECTORS, ArmSight
-from traverse.client.display.condition import lost_conditions
+from traverse.client.display.condition import condition_words, lost_conditions
 from traverse.plurals import counted
 
 WORDS = {"ready": "good", "connected": "good", "starting": "warning"}
@@ -73,8 +73,7 @@ def condition_list(sight: ArmSight) -> str:
     if status is None or not sight.is_online or not status.conditions:
         return ""
     items = [
-        f'<p class="state warning">{escape(lost.source)}: '
-        f"{escape(lost.name.replace('_', ' '))}: {escape(lost.cause)}<br>"
+        f'<p class="state warning">{escape(condition_words(lost))}<br>'
         f"<small>{escape(lost.remedy)}</small></p>"
         for lost in lost_conditions(sight)
     ]

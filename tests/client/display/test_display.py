@@ -354,6 +354,10 @@ def test_a_condition_that_is_not_established_is_no_green(sight: ArmSight) -> Non
     assert (verdict(sight).word, verdict(sight).others) == ("Alarm", 0)
     sight.take_status(status(conditions=[condition("readings")], alarms=[]))
     assert verdict(sight).word == "Ready"
+    lost = {"severity": "error", "source": "arm", "text": "never identified"}
+    sight.take_event(event("condition.geometry", True, **lost))
+    said = verdict(sight)  # points can be taken, and are marked
+    assert (said.level, said.word) == ("warning", "In doubt")
 
 
 def test_a_daemon_that_falls_silent_is_stale(sight: ArmSight, clock: Clock) -> None:
