@@ -120,10 +120,7 @@ async def test_outages_are_unmistakable_and_pass(scene: Scene) -> None:
     with scene.bench.simulator("simulator-again"):
         await sounds(scene, "cleared")
 
-        # It was without power: it measures with a warning until confirmed.
-        await expect(page.locator(".word")).to_have_text("In doubt")
-        await page.get_by_role("button", name="Confirm the arm's position").click()
-        await page.get_by_role("button", name="It is right").click()
+        # Its encoders are absolute, and it is the board that was confirmed.
         await expect(banner).to_contain_text("Ready to measure.")
 
         # The broker is killed, and restarted.
