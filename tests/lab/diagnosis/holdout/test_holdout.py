@@ -7,7 +7,12 @@ import pytest
 
 from tests.lab.diagnosis.fitted_rows import measured
 from tests.lab.simulated import bar, cones, seven_joints, simulate
-from traverse.lab.diagnosis.holdout.holdout import split, split_artefacts
+from traverse.lab.diagnosis.holdout.holdout import (
+    MOST_CHOOSING,
+    at_most,
+    split,
+    split_artefacts,
+)
 
 
 def test_three_poses_in_ten_of_every_artefact_are_held_out():
@@ -95,3 +100,21 @@ def test_whole_artefacts_are_held_out_and_one_is_kept(seed):
     assert np.any(split_artefacts(campaign, seed, 0.9)[0])
     alone = campaign.part(touched == 0)
     assert not np.any(split_artefacts(alone, seed, 0.3)[1])
+
+
+def test_of_many_poses_so_many_choose_of_all_artefacts_alike():
+    given = measured().campaign
+    n_times = 20
+    poses = given.poses.part(np.tile(np.arange(len(given.poses)), n_times))
+    campaign = replace(given, poses=poses)
+    choosing, held_out = split(campaign, seed=1)
+    chosen = at_most(campaign, choosing, seed=1)
+    assert np.count_nonzero(choosing) > MOST_CHOOSING
+    assert not np.any(chosen & ~choosing)
+    assert not np.any(chosen & held_out)
+    assert np.count_nonzero(chosen) == pytest.approx(MOST_CHOOSING, rel=0.01)
+    part = np.bincount(poses.artefacts[chosen]) / np.bincount(poses.artefacts[choosing])
+    assert part == pytest.approx(part.mean(), rel=0.02)
+    np.testing.assert_array_equal(chosen, at_most(campaign, choosing, seed=1))
+    few, _ = split(given, seed=1)
+    np.testing.assert_array_equal(few, at_most(given, few, seed=1))
