@@ -9,6 +9,12 @@ from tests.docs.pages import CHECKOUT
 from tests.docs.telling import assert_printed, blocks, output_of, told
 
 PAGE = "docs/tutorial/a-detective-story.md"
+# Their results are bad, as the page says.
+BAD = (
+    "traverse identify monday --arm design.toml",
+    "traverse identify tuesday --arm identified/arm.toml",
+    "traverse diagnose untold",
+)
 
 
 @pytest.mark.slow
@@ -22,6 +28,7 @@ def test_detective_story_happens_as_told(tmp_path: Path) -> None:
     (tmp_path / "monday.toml").write_text(monday, "utf-8")
     (tmp_path / "tuesday.toml").write_text(tuesday, "utf-8")
     for command, shown in told(PAGE):
-        assert_printed(output_of(command, tmp_path), shown, command)
+        printed = output_of(command, tmp_path, int(command.startswith(BAD)))
+        assert_printed(printed, shown, command)
     for name in ("conditions", "joints", "term-1", "term-2", "ledger"):
         assert (tmp_path / "found" / f"{name}.png").exists()
