@@ -28,7 +28,7 @@ WRAP = 1 << 32
 BIN_S = 0.25
 EACH_BIN, LATER_BINS = 24, 4  # so long the line is laid anew with each bin; then less
 BLEND_S = 0.25  # in which a new line is adopted
-STEP_S = 1.0
+STEP_S = 1.5
 STEP_READS = 8
 FIRST_BINS = 3  # for a first line, of which nothing is certain
 UNKNOWN_NS = 1e9
@@ -120,6 +120,8 @@ class DeviceClock:
     @property
     def is_uncertain(self) -> bool:
         """Whether times may be off by more than can be stated."""
+        if self._line_bound_ns <= MAX_BOUND_NS and not self._run and not self._jump_ns:
+            return False  # nearly always
         return self.is_late or self._bound_ns() > MAX_BOUND_NS
 
     @property
@@ -176,7 +178,9 @@ class DeviceClock:
             self.running = True
         self._last = ticks
         late_ns = float(received_ns - self.to_ns(ticks))
-        bound_ns = self._bound_ns() + self._ns_per_tick
+        bound_ns = self._line_bound_ns + self._ns_per_tick
+        if self._tie is not None or self._jump_ns:
+            bound_ns = self._bound_ns() + self._ns_per_tick
         if late_ns < -UNDERCUT * bound_ns or (
             sent_ns is not None and late_ns - (received_ns - sent_ns) > bound_ns
         ):
@@ -189,8 +193,10 @@ class DeviceClock:
         elapsed = ticks - self._anchor_ticks
         elapsed_ns = elapsed * self._ns_per_tick
         offset_ns = received_ns - self._anchor_ns - elapsed_ns
+        if self._jump_ns and elapsed >= self._fit_ticks + self._blend_ticks:
+            self._jump_ns = 0.0
         # Reads of a host that stood still are not how delays usually are.
-        if not self.is_late and self._floor.add(elapsed_ns, offset_ns):
+        if not (self._run and self.is_late) and self._floor.add(elapsed_ns, offset_ns):
             self._lay_line(ticks)
         if self._line_bound_ns >= UNKNOWN_NS:
             if len(self._reads) < REMEMBERED_READS:
