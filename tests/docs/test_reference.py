@@ -170,8 +170,8 @@ def test_bounds_on_their_page_hold() -> None:
             value = getattr(import_module(named[1]), named[2])
             if isinstance(value, Limit):
                 value = value.rate_hz
-            said = re.match(r"[\d ]+", bound)
+            said = re.match(r"[\d. ]+", bound)
             assert said is not None
-            assert int(said[0].replace(" ", "")) == value, where
+            assert float(said[0].replace(" ", "")) == value, where
             checked += 1
     assert checked > 8
