@@ -93,6 +93,8 @@ class DeviceClock:
         self._ns_per_tick = 1e9 / tick_rate_hz
         self._blend_ticks = max(1, round(BLEND_S * tick_rate_hz))
         self.latency_ns = float(latency_ns)
+        # A bus of frames holds bytes back by more and more of one, then by none again.
+        self._grain_ns = float(latency_ns)
         self._wrap = wrap
         self._last: int | None = None
         self.running = False
@@ -181,7 +183,7 @@ class DeviceClock:
         bound_ns = self._line_bound_ns + self._ns_per_tick
         if self._tie is not None or self._jump_ns:
             bound_ns = self._bound_ns() + self._ns_per_tick
-        if late_ns < -UNDERCUT * bound_ns or (
+        if late_ns < -UNDERCUT * bound_ns - self._grain_ns or (
             sent_ns is not None and late_ns - (received_ns - sent_ns) > bound_ns
         ):
             self._step(ticks, received_ns)
@@ -235,7 +237,8 @@ class DeviceClock:
             self._run = self._run or 1
             lates_ns[-1] = late_ns
         self._read_ns, self._read_ticks = received_ns, ticks
-        if late_ns <= self._line_bound_ns + self._ns_per_tick + PROOF_SLACK_NS:
+        slack_ns = max(PROOF_SLACK_NS, self._grain_ns)
+        if late_ns <= self._line_bound_ns + self._ns_per_tick + slack_ns:
             if self._run > 1:
                 self._usual.add(self._run_late_ns, self._run - 1, received_ns)
             self._proven_ns, self._run, self._run_late_ns = received_ns, 0, 0.0

@@ -194,3 +194,22 @@ def test_edges_that_are_sent_again_are_not_newer():
     clock.update(1000, 10**9)
     assert not clock.is_newer(1000)
     assert clock.is_newer(1001)
+
+
+@pytest.mark.parametrize("ppm", [38.0, -61.0])
+def test_a_bus_of_frames_is_no_step(ppm):
+    """Bytes arrive with the bus's frames: the delay grows to 1 ms and falls to 0."""
+    frame_ns = 1_000_000
+    clock = DeviceClock(1_000_000, latency_ns=frame_ns)
+    sampled_ns = 10**12 + np.rint(np.arange(6000) * 1e7 / (1.0 + 1e-6 * ppm))
+    certain, errors_ns, bounds_ns = [], [], []
+    for number, instant_ns in enumerate(sampled_ns.astype(np.int64).tolist()):
+        received_ns = -(-(instant_ns + 20_000) // frame_ns) * frame_ns
+        tick = number * 10_000
+        clock.update(tick, received_ns)
+        certain.append(not clock.is_uncertain)
+        errors_ns.append(abs(clock.to_ns(tick) - instant_ns))
+        bounds_ns.append(clock.error_bound_ns)
+    assert all(certain[500:])
+    assert clock.steps == 0
+    assert (np.array(errors_ns) <= np.array(bounds_ns))[500:].all()
