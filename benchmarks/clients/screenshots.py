@@ -20,6 +20,7 @@ from playwright.async_api import Page
 from benchmarks.clients.page import browser
 from benchmarks.tools import rig
 from benchmarks.tools.sizes import sized
+from traverse.kinematics.arm_file.arm import read_arm
 
 DEMO = Path(__file__).parent.parent.parent / "cli" / "demo_data"
 DESK, TABLET, PHONE = (1440, 900), (820, 1180), (390, 844)
@@ -88,14 +89,15 @@ async def stale_picture(
 async def main(folder: Path, out: Path) -> None:
     """Start everything, and bring it into one state after the other."""
     port = rig.free_port()
-    shutil.copy(DEMO / "identified.toml", folder / "arm.toml")
+    shutil.copy(DEMO / "arm.toml", folder)
     shutil.copy(DEMO / "arm.cov.npz", folder)
     with (
         rig.mosquitto(folder, port) as broker,
         contextlib.ExitStack() as simulator,
     ):
         simulator.enter_context(simulated(folder))
-        with rig.daemon(folder, port):
+        identified = read_arm(DEMO / "identified.toml")
+        with rig.daemon(folder, port, arm=identified):
             async with browser(folder, port) as (page, server):
                 await page.get_by_role("button", name="Confirm the arm's").click()
                 await page.get_by_role("button", name="It is right").click()
