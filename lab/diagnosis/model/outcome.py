@@ -76,12 +76,25 @@ def _within_noise(diagnosis: Diagnosis) -> Finding:
     last = _last(diagnosis)
     values = {"held_out_chi2": last.chi2, "held_out_rms_mm": last.rms_mm}
     if diagnosis.exceeded is not None:
+        beyond = (
+            f"What is left is {diagnosis.exceeded:.3g} times the mean square that the "
+            "stated noise explains"
+        )
+        if diagnosis.verdict != "unexplained":
+            # Something was found that no arm file holds.
+            return [
+                Shortfall(
+                    f"{beyond}, by whatever the arm file cannot hold or does not have.",
+                    "Mend what was found, and measure again.",
+                    {**values, "times_stated": diagnosis.exceeded},
+                    State.BAD,
+                )
+            ]
         return [
             Shortfall(
-                f"What is left is {diagnosis.exceeded:.3g} times the mean square that "
-                "the stated noise explains, without a pattern that any effect, curve "
-                "or harmonic describes: the noise is stated too small, or there is a "
-                "fault without a pattern.",
+                f"{beyond}, without a pattern that any effect, curve or harmonic "
+                "describes: the noise is stated too small, or there is a fault without "
+                "a pattern.",
                 "Touch one place many times in one posture: if these points scatter as "
                 "stated, look for play, loose parts and whatever else the campaign has "
                 "no column for.",
