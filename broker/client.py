@@ -49,7 +49,7 @@ from traverse.broker.packets import (
 log = logging.getLogger(__name__)
 
 TIMEOUT_S = 5.0
-TURN_S = 0.002  # in which packets are processed before others have the event loop
+TURN_NS = 2_000_000  # in which packets are processed before others have the event loop
 MAX_IN_FLIGHT = 16
 MAX_PAYLOAD_BYTES = 16_777_216
 MAX_QUEUED = 10_000
@@ -437,11 +437,11 @@ class MqttClient(asyncio.Protocol):
         transport = self._transport
         if transport is None or self._closed.done():
             return
-        until_s = time.monotonic() + TURN_S
+        until_ns = time.monotonic_ns() + TURN_NS
         try:
             for packet in self._decoder.packets():
                 self._take(packet)
-                if time.monotonic() > until_s:
+                if time.monotonic_ns() > until_ns:
                     if not self._is_behind:
                         self._is_behind = True
                         transport.pause_reading()
