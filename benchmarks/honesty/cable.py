@@ -31,6 +31,9 @@ class Timekeeper(Protocol):
     now_s: float
     ports: "dict[str, Cable]"
 
+    def monotonic_ns(self) -> int:
+        """The host's monotonic clock."""
+
     def wait(self, seconds: float, ready: Callable[[], bool] = bool) -> bool:
         """Wait within a reader, until something is ready, a wake-up or the end."""
 
