@@ -88,8 +88,8 @@ class SecondDaemonWatch:
             is_ours = status.online and status.time_ns in self._sent_ns
             self._is_overwritten = not (retained or is_ours)
             return
-        if not status.online:  # the will of an earlier daemon
-            self._is_overwritten |= not retained
+        if not (status.online or retained):  # the will of an earlier daemon
+            self._is_overwritten = True
             return
         if retained:
             self._retained += self._is_known

@@ -61,6 +61,28 @@ class WrongClock:
             drifts or table.lost_s or table.steps or table.stops_at_s is not None
         )
 
+    @cached_property
+    def _standstills(self) -> list[tuple[float, float]]:
+        """Begin and end [s] of each by `steps`; those that overlap are one."""
+        merged: list[tuple[float, float]] = []
+        for at_s, by_s in sorted(self._table.steps):
+            if by_s >= 0.0:
+                continue
+            if merged and at_s <= merged[-1][1]:
+                begin_s, end_s = merged.pop()
+                merged.append((begin_s, max(end_s, at_s - by_s)))
+            else:
+                merged.append((at_s, at_s - by_s))
+        return merged
+
+    def _lost_s(self, passed_s: Floats) -> Floats:
+        """How long it has stood still by regular losses."""
+        table = self._table
+        lost_s = min(table.lost_s, table.lost_every_s)
+        periods, into_s = np.divmod(passed_s, table.lost_every_s)
+        in_period_s = np.maximum(0.0, into_s - (table.lost_every_s - lost_s))
+        return np.asarray(periods * lost_s + in_period_s)
+
     def shown_s(self, true_s: float) -> float:
         """What it shows at a time."""
         if self.is_steady:
@@ -92,19 +114,17 @@ class WrongClock:
         table, run_s = self._table, np.array(true_s)
         if table.stops_at_s is not None:
             run_s = np.minimum(run_s, table.stops_at_s)
-        moving_s = run_s.copy()
-        if table.lost_s:
-            lost_s = min(table.lost_s, table.lost_every_s)
-            periods, into_s = np.divmod(moving_s, table.lost_every_s)
-            run_s -= periods * lost_s
-            run_s -= np.maximum(0.0, into_s - (table.lost_every_s - lost_s))
+        passed_s = run_s.copy()
+        run_s -= self._lost_s(passed_s)
+        for begin_s, end_s in self._standstills:
+            within_s = np.clip(passed_s, begin_s, end_s)
+            # What is lost within a standstill anyway is not lost twice.
+            lost_s = self._lost_s(within_s) - self._lost_s(np.array([begin_s]))
+            run_s -= within_s - begin_s - lost_s
         ahead_s = np.zeros_like(run_s)
         for at_s, by_s in table.steps:
-            if by_s < 0.0:
-                run_s = run_s - np.clip(moving_s - at_s, 0.0, -by_s)
-            else:
-                ahead_s += np.where(moving_s > at_s, by_s, 0.0)
-        run_s = np.maximum(run_s, 0.0)
+            if by_s > 0.0:
+                ahead_s += np.where(passed_s > at_s, by_s, 0.0)
         drifting_s = np.minimum(run_s, table.drift_s)
         drift_s = drifting_s * (run_s - drifting_s / 2.0)
         shown_s = run_s * self._rate + 1e-6 * table.drift_ppm_per_s * drift_s

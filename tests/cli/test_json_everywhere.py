@@ -56,7 +56,7 @@ ELSEWHERE = {
     "microscribe arm-file": "tests/cli/devices/test_microscribe.py",
     **dict.fromkeys(("can scan", "can preset"), "tests/cli/devices/test_can.py"),
     **dict.fromkeys(
-        ("point", "undo", "scan", "label", "session", "reload", "confirm"),
+        ("point", "undo", "scan", "label", "session", "reload", "confirm", "home"),
         "tests/end_to_end/cli/test_control.py",
     ),
     "probe use": "tests/end_to_end/cli/test_control.py",

@@ -1,4 +1,6 @@
+import re
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 from tests.running import run_program
 from tests.simulator.conftest import config_text, seven_text
 from traverse.simulator.config import SimulatorConfig, config_problems
+from traverse.simulator.devices.wrong_clock import ClockTable
 from traverse.simulator.run import run_simulator
 from traverse.simulator.scenario.recorded_counts import read_recording, recorded_counts
 from traverse.simulator.virtual_arm import build_arm, build_script
@@ -192,6 +195,17 @@ def test_the_reference_shows_a_configuration_that_runs(folder):
     assert len(script.events) == 2 * (12 + 12 + 12 + 16 + 1)
 
 
+def test_the_reference_names_every_key_of_a_clock_with_its_default():
+    (block,) = re.findall(
+        r"^\[device\.clock\].*?^```", REFERENCE.read_text(), re.M | re.S
+    )
+    shown = tomllib.loads(block.removesuffix("```"))["device"]["clock"]
+    assert shown.keys() == ClockTable.model_fields.keys()
+    for name, field in ClockTable.model_fields.items():
+        if name not in {"steps", "stops_at_s"}:  # by default none
+            assert shown[name] == field.default, name
+
+
 def test_the_reference_names_every_key_with_its_default():
     config = parse(reference_example())
     for part, required in (
@@ -202,6 +216,6 @@ def test_the_reference_names_every_key_with_its_default():
     ):
         for name, field in type(part).model_fields.items():
             written = name in part.model_fields_set
-            assert written or name in {"true_file", "deviations"}, name
+            assert written or name in {"true_file", "deviations", "clock"}, name
             if not field.is_required() and name not in required and written:
                 assert getattr(part, name) == field.default, name

@@ -10,7 +10,11 @@ from traverse.protocol.messages import Message, Scan
 @pytest.mark.parametrize(
     ("message", "expected"),
     [
-        (examples.STATUS, "08:54:07.123 status degraded; base ready, wrist lost"),
+        (
+            examples.STATUS,
+            "08:54:07.123 status degraded; base ready, wrist lost; "
+            "reference of base in doubt: base has been without power",
+        ),
         (examples.LAST_WILL, "08:54:07.123 status offline"),
         (
             examples.POINT,

@@ -130,6 +130,24 @@ async def test_points_are_in_doubt_after_a_loss_of_power_until_confirmed(
     assert flags == [(), ("turns_uncertain",), ()]
 
 
+async def test_an_arm_is_homed_from_a_terminal(resting: Workbench) -> None:
+    names = [f"J{k}" for k in range(1, 8)]
+    home = dict(zip(names, (0.1, 0.2, -0.3, 0.4, 0.5, -0.6, 0.7), strict=True))
+    table = ", ".join(f"{name} = {angle}" for name, angle in home.items())
+    resting.change("arm.toml", "absolute = true", "absolute = false")
+    resting.change(
+        "arm.toml", "[probe]", f"[home]\nangles_rad = {{ {table} }}\n[probe]"
+    )
+    async with measuring(resting):
+        status, output, errors = await told(resting, "home", "--json")
+        assert (status, errors) == (0, "")
+        assert json.loads(output) == {"homed": names}
+        status, output, _ = await told(resting, "point", "--json")
+        assert status == 0
+        angles_rad = json.loads(output)["angles_rad"]
+    assert angles_rad == pytest.approx(list(home.values()), abs=2e-5)
+
+
 async def test_power_lost_while_the_daemon_was_away_is_noticed(
     resting: Workbench,
 ) -> None:

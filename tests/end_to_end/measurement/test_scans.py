@@ -99,9 +99,12 @@ async def test_a_rate_beyond_the_board_is_refused(bench: Workbench) -> None:
     bench.write_simulator(REST, board="max_rate_hz = 2000.0")
     bench.write_daemon()
     async with measuring(bench) as (listener, _, _):
-        refused = await listener.command(ScanArgs(action="start", rate_hz=2001.0))
+        refused = await listener.command(ScanArgs(action="start", rate_hz=2200.0))
+        nearly = await listener.command(ScanArgs(action="start", rate_hz=2001.0))
         blocks = await scanned(listener, 2000.0, 1000)
     assert refused.error is not None
     assert refused.error.code == "scan.rate"
     assert "2000" in refused.error.text
+    assert nearly.result is not None
+    assert nearly.result["rate_hz"] == 2000.0  # the possible one, and it is stated
     assert_complete(blocks, 2000.0)
