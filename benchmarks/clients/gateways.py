@@ -24,12 +24,19 @@ from benchmarks.tools import rig
 from tests.client.gateways.desktop import SIZE, desktop
 from tests.client.gateways.foxglove_viewer import Viewer
 from traverse.client import Arm
+from traverse.kinematics.arm_file.arm import read_arm
 from traverse.kinematics.model.quaternion import rotation_matrix
 from traverse.recording.views import bytes_to_cloud
 
-ARM = Path(__file__).parent.parent.parent / "cli" / "demo_data" / "arm.toml"
+DEMO = Path(__file__).parent.parent.parent / "cli" / "demo_data"
 RUN = (sys.executable, "-m", "traverse", "gateway")
 POINTS, MAGNIFIED, LONGEST_S = 8, 500, 120.0
+
+
+async def confirmed(broker: str) -> None:
+    """Confirm the arm's device and positions, as its operator does."""
+    async with Arm("demo-7", broker) as arm:
+        await arm.confirm_reference()
 
 
 def typed(folder: Path, options: tuple[str, ...], out: Path) -> None:
@@ -133,9 +140,16 @@ def main(folder: Path, out: Path) -> None:
     """Make both pictures."""
     port = rig.free_port()
     broker = f"127.0.0.1:{port}"
-    shutil.copy(ARM, folder)
+    for name in ("arm.toml", "arm.cov.npz"):
+        shutil.copy(DEMO / name, folder)
     options = ("--arm", "demo-7", "--broker", broker)
-    with rig.mosquitto(folder, port), simulated(folder), rig.daemon(folder, port):
+    identified = read_arm(DEMO / "identified.toml")
+    with (
+        rig.mosquitto(folder, port),
+        simulated(folder),
+        rig.daemon(folder, port, arm=identified),
+    ):
+        asyncio.run(confirmed(broker))
         typed(folder, options, out)
         asyncio.run(live(folder, broker, options, out))
 
