@@ -201,15 +201,18 @@ class ReferenceMonitor:
             return f"{device} is not the device that was confirmed"
         if known.encoders != encoders_text(self._model, device):
             return f"the arm file describes {device} otherwise than when confirmed"
+        is_nameless = not (identity.serials or identity.boot)
+        if is_nameless and up.restarted and not is_first:
+            # Also of absolute encoders: another board begins anew like this one.
+            return f"{device} began anew, and cannot tell whether it is the same device"
         has_lost_power = up.restarted or bool(
             identity.boot and identity.boot != known.boot
         )
         # Where a family is absolute, its driver does not look for a loss of power.
         is_untold = not identity.boot and (is_first or bool(identity.absolute))
-        if incremental and has_lost_power:
-            return f"{device} has been without power"
-        if incremental and is_untold:
-            return f"{device} cannot tell whether it has been without power"
+        if incremental and (has_lost_power or is_untold):
+            cannot_tell = "" if has_lost_power else "cannot tell whether it "
+            return f"{device} {cannot_tell}has been without power"
         return ""
 
     # -- joints ---------------------------------------------------------------

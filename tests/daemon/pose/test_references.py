@@ -418,6 +418,8 @@ def test_a_device_that_cannot_tell_its_power_up_is_in_doubt_at_each_start(tmp_pa
     known = Rig(tmp_path, absolute, memory)
     known.monitor.on_up(up(boot=""))
     assert not known.is_doubtful
+    known.monitor.on_up(up(boot="", restarted=True))  # perhaps another board
+    assert known.is_doubtful
 
 
 def test_an_absolute_family_that_the_arm_file_calls_incremental(tmp_path):
