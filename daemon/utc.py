@@ -143,10 +143,10 @@ class UtcFile:
         self._written = UtcMemory()
         self.memory = UtcMemory()
         try:
-            found = json_of(path)
-            if isinstance(found, dict):
+            stored = json_of(path)
+            if isinstance(stored, dict):
                 self.memory = UtcMemory(
-                    int(found.get("good_ns", 0)), int(found.get("confirmed_ns", 0))
+                    int(stored.get("good_ns", 0)), int(stored.get("confirmed_ns", 0))
                 )
         except FileNotFoundError:
             pass

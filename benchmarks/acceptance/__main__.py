@@ -43,11 +43,11 @@ def series(_asked: argparse.Namespace) -> list[Series[Any]]:
 
 def judge(lines: Sequence[Line]) -> Verdict:
     """Make the tables; the guard bands hold if they accept few bad arms."""
-    found = _outcomes(lines)
-    of_rules = [row for key in FIGURES for row in rates(found, key)]
+    tested = _outcomes(lines)
+    of_rules = [row for key in FIGURES for row in rates(tested, key)]
     text = [
-        *_rate_lines([*of_rules, *procedure_rates(found)]),
-        *_agreement_lines(found),
+        *_rate_lines([*of_rules, *procedure_rates(tested)]),
+        *_agreement_lines(tested),
         *_again_lines(outcomes(lines, AGAIN)),
     ]
     holds = all(
@@ -74,16 +74,16 @@ def _rate_lines(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
         yield f"| {' | '.join(cells)} |"
 
 
-def _agreement_lines(found: Sequence[Tested]) -> Iterator[str]:
+def _agreement_lines(tested: Sequence[Tested]) -> Iterator[str]:
     yield "\n| figure | true 5 %, 50 %, 95 % [um] | rms off [um] | in u | within 2 u |"
     yield "|---|---|---|---|---|"
-    for row in (agreement(found, key) for key in FIGURES):
+    for row in (agreement(tested, key) for key in FIGURES):
         true = ", ".join(f"{1e3 * value:.1f}" for value in row["true_mm"])
         yield (
             f"| {row['figure']} | {true} | {1e3 * row['rms_off_mm']:.2f} | "
             f"{row['rms_off_u']:.2f} | {row['within_2u']:.1%} |"
         )
-    of_lengths = coverage(found)
+    of_lengths = coverage(tested)
     yield (
         f"\n{of_lengths['lengths']} lengths: {of_lengths['within_2u']:.1%} within 2 u, "
         f"rms {of_lengths['rms_u']:.2f} u"

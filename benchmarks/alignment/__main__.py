@@ -36,10 +36,10 @@ def series(_asked: argparse.Namespace) -> list[Series[Any]]:
 
 def judge(lines: Sequence[Line]) -> Verdict:
     """Make the tables."""
-    found = _outcomes(lines)
+    outcomes_of_trials = _outcomes(lines)
     report = {
-        "ratios": ratios(found),
-        "order": order(found),
+        "ratios": ratios(outcomes_of_trials),
+        "order": order(outcomes_of_trials),
         "degenerate": degenerate(N_DEGENERATE),
     }
     return Verdict("\n".join(_shown(report)), _is_kept(report))
@@ -54,9 +54,9 @@ def _outcomes(lines: Sequence[Line]) -> list[Outcome]:
     return [Outcome(**each) for each in values]
 
 
-def ratios(found: Sequence[Outcome]) -> dict[str, dict[str, float]]:
+def ratios(outcomes_of_trials: Sequence[Outcome]) -> dict[str, dict[str, float]]:
     """Compare observed errors with predicted ones, over classes."""
-    usable = [one for one in found if not one.refused]
+    usable = [one for one in outcomes_of_trials if not one.refused]
     classes = {
         "all": usable,
         "no flag": [one for one in usable if not one.flags],
@@ -69,38 +69,48 @@ def ratios(found: Sequence[Outcome]) -> dict[str, dict[str, float]]:
     }
 
 
-def _flagged(found: Sequence[Outcome], code: str) -> list[Outcome]:
-    return [one for one in found if code in one.flags]
+def _flagged(outcomes_of_trials: Sequence[Outcome], code: str) -> list[Outcome]:
+    return [one for one in outcomes_of_trials if code in one.flags]
 
 
-def ratio(found: Sequence[Outcome]) -> dict[str, float]:
+def ratio(outcomes_of_trials: Sequence[Outcome]) -> dict[str, float]:
     """Say how observed errors are to predicted ones: root mean square of the ratio."""
-    squares = np.array([(one.observed_mm / one.predicted_mm) ** 2 for one in found])
+    squares = np.array(
+        [(one.observed_mm / one.predicted_mm) ** 2 for one in outcomes_of_trials]
+    )
     value = float(np.sqrt(squares.mean()))
     return {
         "ratio": value,
         "ratio_std": float(squares.std() / np.sqrt(len(squares)) / (2.0 * value)),
         "largest": float(np.sqrt(squares.max())),
-        "predicted_mm": float(np.median([one.predicted_mm for one in found])),
-        "residual_mm": float(np.median([one.residual_mm for one in found])),
+        "predicted_mm": float(
+            np.median([one.predicted_mm for one in outcomes_of_trials])
+        ),
+        "residual_mm": float(
+            np.median([one.residual_mm for one in outcomes_of_trials])
+        ),
     }
 
 
-def order(found: Sequence[Outcome]) -> dict[str, float]:
+def order(outcomes_of_trials: Sequence[Outcome]) -> dict[str, float]:
     """Compute rank correlations with the true error, of all dispositions."""
-    true = np.array([one.true_mm for one in found])
-    usable = [one for one in found if not one.refused]
+    true = np.array([one.true_mm for one in outcomes_of_trials])
+    usable = [one for one in outcomes_of_trials if not one.refused]
     observed = np.array([one.observed_mm for one in usable])
     return {
-        "index": rank_correlation(np.array([one.index for one in found]), true),
-        "fit": rank_correlation(np.array([one.fit_mm for one in found]), true),
+        "index": rank_correlation(
+            np.array([one.index for one in outcomes_of_trials]), true
+        ),
+        "fit": rank_correlation(
+            np.array([one.fit_mm for one in outcomes_of_trials]), true
+        ),
         "predicted_single": rank_correlation(
             np.array([one.predicted_mm for one in usable]), observed
         ),
         "residual_single": rank_correlation(
             np.array([one.residual_mm for one in usable]), observed
         ),
-        "refused": len(found) - len(usable),
+        "refused": len(outcomes_of_trials) - len(usable),
     }
 
 

@@ -151,8 +151,12 @@ def _conditions(sight: ArmSight) -> Iterator[Verdict]:
                 "bad", "No points", "Points cannot be kept on disk.", "Free the disk."
             )
         elif health.outbox.unsent > UNSENT_WARNING:
-            told = f"{counted(health.outbox.unsent, 'point', 'wait')} for the broker."
-            yield Verdict("warning", "Wait", told, "They are safe on the arm's disk.")
+            statement = (
+                f"{counted(health.outbox.unsent, 'point', 'wait')} for the broker."
+            )
+            yield Verdict(
+                "warning", "Wait", statement, "They are safe on the arm's disk."
+            )
     if live is not None and not live.quality.ok and not sight.is_stale:
         yield _of_pose(live)
 
@@ -169,14 +173,16 @@ def _absence(sight: ArmSight) -> Verdict | None:
             "the arm keeps its points and this page reconnects by itself.",
         )
     if status is None or not status.online:
-        told = "The arm is off line"
+        statement = "The arm is off line"
         if status is None:
             absence = sight.absence
-            told = absence[:1].upper() + absence[1:] or "The arm has sent no status yet"
+            statement = (
+                absence[:1].upper() + absence[1:] or "The arm has sent no status yet"
+            )
         return Verdict(
             "bad",
             "Arm gone",
-            f"{told}.",
+            f"{statement}.",
             "Start its daemon: systemctl start traverse, or traverse run.",
         )
     if sight.is_silent:

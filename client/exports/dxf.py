@@ -83,8 +83,8 @@ class Dxf(Sink):
             else:
                 self._end_way()
                 added = self._space.add_point(xyz_mm, {"layer": IN_DOUBT})
-                told = _data(scan=self._scan, seq=seq, ok="false", flags=flags)
-                added.set_xdata(APPLICATION, told)
+                point_data = _data(scan=self._scan, seq=seq, ok="false", flags=flags)
+                added.set_xdata(APPLICATION, point_data)
         self._extend(table.xyz_mm, len(table))
         self.in_doubt += int(np.count_nonzero(~table.ok))
 

@@ -58,10 +58,10 @@ class Banner:
             self._at = ui.label().classes("at")
             self._message = ui.label().classes("told")
             self._message.props('role="status" aria-live="polite"')
-            told = ui.html(
+            notice = ui.html(
                 '<span class="press-told" role="alert"></span>', sanitize=False
             )
-            told.classes("press")
+            notice.classes("press")
 
     def show(self, said: Verdict) -> None:
         """Show the arm's condition."""

@@ -53,8 +53,10 @@ class Presses:
         # None: the browser had no beat yet, so nobody knows.
         late_s = float("inf") if at_ms is None else (_now_ms() - float(at_ms)) * 1e-3
         self._is_valid = late_s <= VALID_S
-        told = "null" if self._is_valid else f"{min(late_s, LONGEST_S):.1f}"
-        self._client.run_javascript(f"traverse_watch.answered({int(number)}, {told})")
+        late_text = "null" if self._is_valid else f"{min(late_s, LONGEST_S):.1f}"
+        self._client.run_javascript(
+            f"traverse_watch.answered({int(number)}, {late_text})"
+        )
 
 
 def _now_ms() -> float:

@@ -227,13 +227,13 @@ class QualityMonitor:
         persistent = lasting | self._conditions.bits
         flags = persistent
         if self._has_pose_limits:
-            found = self._limits.flags_of_angles(poses.angles_rad)
+            pose_flags = self._limits.flags_of_angles(poses.angles_rad)
             if self._limits.limits_speed:
-                found |= self._limits.flags_of_speed(
+                pose_flags |= self._limits.flags_of_speed(
                     self._speeds.speeds_mm_s(poses.sample_time_ns, poses.xyz_mm)
                 )
-            np.bitwise_or(poses.quality, found, out=poses.quality)
-            flags |= int(np.bitwise_or.reduce(found))
+            np.bitwise_or(poses.quality, pose_flags, out=poses.quality)
+            flags |= int(np.bitwise_or.reduce(pose_flags))
         self._conditions.add_samples(int(np.bitwise_or.reduce(poses.quality)) | lasting)
         if persistent:
             np.bitwise_or(poses.quality, np.uint32(persistent), out=poses.quality)
@@ -252,16 +252,16 @@ class QualityMonitor:
         lasting = self.persistent.bits(temperature_c)
         self._feed_limits(lasting)
         self._conditions.add_samples(pose.quality | lasting)
-        found = lasting | self._conditions.bits
+        pose_flags = lasting | self._conditions.bits
         if self._has_pose_limits:
             limits, angles_rad = self._limits, pose.angles_rad
-            found |= int(limits.flags_of_angles(angles_rad[np.newaxis])[0])
+            pose_flags |= int(limits.flags_of_angles(angles_rad[np.newaxis])[0])
             if limits.limits_speed:
                 speed_mm_s = limits.speed_mm_s(angles_rad, speeds_rad_s)
-                found |= int(limits.flags_of_speed(np.array([speed_mm_s]))[0])
-        if not found:
+                pose_flags |= int(limits.flags_of_speed(np.array([speed_mm_s]))[0])
+        if not pose_flags:
             return pose
-        return replace(pose, quality=pose.quality | found)
+        return replace(pose, quality=pose.quality | pose_flags)
 
     def check(self, quality: int) -> None:
         """Refuse a point with flags that must not be; report one that was too fast.

@@ -152,16 +152,16 @@ def as_identified(fit: Fit, eligible: Booleans) -> Fit:
     last = fit
 
     def part_of(whole: Fit) -> Fit:
-        found = whole.statistics
+        whole_statistics = whole.statistics
         arrays = {
-            field.name: getattr(found, field.name)[inside]
-            for field in fields(found)
+            field.name: getattr(whole_statistics, field.name)[inside]
+            for field in fields(whole_statistics)
             if field.name != "variances"
         }
         return replace(
             whole,
             included=whole.included[inside],
-            statistics=replace(found, **arrays),
+            statistics=replace(whole_statistics, **arrays),
         )
 
     def again(_: Campaign, __: None, staying: Booleans) -> IteratedAdjustment:
