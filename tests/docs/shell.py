@@ -20,7 +20,7 @@ def as_run(command: str, port: int) -> str:
     where = f"127.0.0.1:{port}"
     line = re.sub(r"\b(mosquitto_(?:sub|pub))\b", rf"\1 -p {port}", command)
     if (
-        re.search("traverse (watch|points resend|gateway)", line)
+        re.search("traverse (confirm|watch|points resend|gateway)", line)
         and "--broker" not in line
     ):
         line += f" --broker {where}"

@@ -27,7 +27,9 @@ async def test_a_circle(
         text = text.replace("port = 1883", f"port = {port}")
         (tmp_path / f"{kind}.toml").write_text(text, "utf-8")
     lines = [line for line in commands(PAGE) if why_not_run(line) is None]
-    copy, simulate, run, serve, measure = [as_run(line, port) for line in lines]
+    copy, simulate, run, serve, confirm, measure = [
+        as_run(line, port) for line in lines
+    ]
     measure = measure.replace("python", sys.executable, 1)
     with Shell(tmp_path, "copy", copy) as copying:
         await copying.ends()
@@ -40,6 +42,9 @@ async def test_a_circle(
             await daemon.says("button.pressed")
             await gateway.says("I++ DME server of demo-7 on tcp 127.0.0.1:")
             where = gateway.output.split("127.0.0.1:")[1].split()[0]
+            with Shell(tmp_path, "confirm", confirm) as confirming:
+                confirmed = await confirming.ends()
+            assert f"$ traverse confirm\n{confirmed}```" in text_of(PAGE)
             with Shell(tmp_path, "measure", f"{measure} {where}") as client:
                 said = await client.ends()
             await gateway.interrupt()

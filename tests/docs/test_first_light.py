@@ -1,15 +1,17 @@
 """The first tutorial does what its page says."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from tests.docs.accounts import why_not_run
-from tests.docs.pages import commands, examples
+from tests.docs.pages import commands, examples, text_of
 from tests.docs.shell import Shell, answered, as_run
 from tests.mosquitto import Mosquitto
+from tests.waiting import until
 
 PAGE = "docs/tutorial/first-light.md"
 
@@ -44,7 +46,8 @@ async def test_every_part_by_hand(
             return await command.ends()
 
     await does("cp ")
-    assert await does("check arm") == "arm.toml: valid arm file\n"
+    said = await does("check identified")
+    assert said == "identified.toml: valid arm file\n"
     assert await does("mosquitto_pub -t test") == "works\n"
     said = await does("check simulator")
     assert said == "simulator.toml: valid simulator configuration\n"
@@ -52,11 +55,18 @@ async def test_every_part_by_hand(
         await simulate.says("ready base board.pty\n")
         with shell("run", "traverse run") as run:
             await run.says("button.pressed: button on")
-            assert "arm demo-7, model a1184e6992cc\n" in run.output
+            assert "arm demo-7, model 83fb9e78ba10\n" in run.output
             with shell("watch", "traverse watch") as watch:
-                await watch.says(" point ")
+                await watch.says(" mm  turns_uncertain,identity_unconfirmed\n")
                 await watch.says(" health ")
-                assert " status ready; base ready" in watch.output
+                assert " status doubt; base ready; identity of base" in watch.output
+                confirmed = await does("traverse confirm")
+                assert f"$ traverse confirm\n{confirmed}```" in text_of(PAGE)
+                await watch.says(" status ready; base ready\n")
+                good = re.compile(r" status ready;.* point [^\n]* mm\n", re.DOTALL)
+                await until(
+                    lambda: good.search(watch.output) is not None, "a point in no doubt"
+                )
                 topic, _, status = (await does("mosquitto_sub")).partition(" ")
                 assert topic == "traverse/demo-7/status"
                 assert json.loads(status)["state"] == "ready"
