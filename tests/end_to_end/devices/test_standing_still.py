@@ -47,6 +47,11 @@ async def stand_still(programs: list[Program], longest_s: float) -> None:
             process.send_signal(signal.SIGCONT)
 
 
+def n_kept(bench: Workbench) -> int:
+    """Presses so far that a board keeps until the daemon has dealt with them."""
+    return sum(press["device"] == "handle" for press in bench.presses())
+
+
 async def all_are_right_or_marked(bench: Workbench, longest_s: float) -> None:
     async with measuring(bench) as (listener, simulator, daemon):
         stopping = asyncio.create_task(stand_still([simulator, daemon], longest_s))
@@ -54,8 +59,11 @@ async def all_are_right_or_marked(bench: Workbench, longest_s: float) -> None:
             await listener.n_points(6, TRIED_S)
         await cancel_tasks([stopping])
         await until(
-            lambda: listener.points or listener.told("capture.refused"),
-            "a point or a refusal after the last standstill",
+            lambda: (
+                (listener.points or listener.told("capture.refused"))
+                and len(listener.told("button.pressed")) >= n_kept(bench)
+            ),
+            "a point or a refusal of each press after the last standstill",
             ENDS_S,
         )
     rounding_mm = MatrixArm(bench.arm_file).resolution_mm()
