@@ -53,7 +53,10 @@ kind = "speed"
 max_mm_s = 100000
 [[scan.filters]]
 kind = "quality"
-allowed = ["interpolated"]
+allowed = [
+    "interpolated", "geometry_unknown", "turns_uncertain", "identity_unconfirmed",
+    "time_uncertain",
+]
 [[scan.filters]]
 kind = "distance"
 spacing_mm = 0.02
