@@ -30,6 +30,7 @@ from traverse.lab.diagnosis.model.fit import (
 from traverse.lab.diagnosis.model.observation_equations import (
     ObservationEquations,
     SerialCorrelation,
+    equations_of,
     is_serially_correlated,
     serial_correlation,
 )
@@ -355,16 +356,33 @@ def _rows_of_noise(campaign: Campaign, search: SearchState) -> ObservationEquati
     Strategy: a drift and noise that is correlated from pose to pose look alike, and a
     search that takes noise for white finds drifts in it. So the noise is by default
     what is left before any term took its part. But stated noise says how much there can
-    be of it: where residuals exceed that, the excess is a drift, a temperature or a
-    force, and to count it as noise would hide it. Then noise is what is left beside the
-    terms.
+    be of it: where residuals exceed that, the excess is something else, and to count it
+    as noise would hide it. If terms that do not follow the time explain the excess, a
+    backlash say, then noise is what is left beside these; else the excess is a drift, a
+    temperature or a force, and noise is what is left beside all terms.
     """
     first = search.first.rows
     if campaign.encoder_rad is None or campaign.contact_mm is None:
         return first
-    mean_square = first.sum_of_squares / max(first.redundancy, 1)
-    scatter = np.sqrt(2.0 / max(first.redundancy, 1))
-    return first if mean_square < 1.0 + _BEYOND_STATED * scatter else search.unexplained
+    if not _exceeds_stated(first):
+        return first
+    slow = {term.index for term in search.terms if _follows_time(term.candidate)}
+    effects = search.fit.arm.effects
+    kept = tuple(effect for at, effect in enumerate(effects) if at not in slow)
+    fit = refitted(search.fit, kept, search.fit.included, snooping=False)
+    beside = equations_of(fit.adjustment)
+    return search.unexplained if _exceeds_stated(beside) else beside
+
+
+def _exceeds_stated(rows: ObservationEquations) -> bool:
+    redundancy = max(rows.redundancy, 1)
+    limit = 1.0 + _BEYOND_STATED * np.sqrt(2.0 / redundancy)
+    return bool(rows.sum_of_squares / redundancy >= limit)
+
+
+def _follows_time(candidate: Candidate) -> bool:
+    family = EFFECT_KINDS[candidate.kind].family
+    return family is Family.SLOW or candidate.covariate == "time_s"
 
 
 def _check(campaign: Campaign, start: Fit) -> None:

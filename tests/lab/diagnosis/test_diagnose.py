@@ -192,6 +192,7 @@ def test_an_effect_is_found_in_slow_noise():
     wrong = hidden("backlash", 20.0)
     found = decided(measured_with(wrong, serial_share=0.4))
     assert names(found) == [("backlash", wrong.joint)]
+    assert found.noise.serial_share > 0.1
 
 
 def test_a_campaign_of_times_and_angles_alone_is_diagnosed():
