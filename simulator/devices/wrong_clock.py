@@ -15,6 +15,7 @@ from traverse.strict_toml.reader import StrictModel
 
 HALVINGS = 60  # a day to less than a nanosecond
 FOREVER_S = 1e12
+ROUNDING_S = 1e-11  # far below a tick
 
 
 class ClockTable(StrictModel):
@@ -97,7 +98,9 @@ class WrongClock:
         """`true_s` of times (n,)."""
         if self.is_steady:
             return np.asarray(shown_s / self._rate)
-        # It never runs back: halve until the first time is found.
+        # It never runs back: halve until the first time is found. While it stands still
+        # rounding alone makes it differ.
+        shown_s = shown_s - ROUNDING_S
         low_s = np.zeros_like(shown_s)
         high_s = np.full_like(shown_s, 1.0)
         while ((late := self._shown_s(high_s) < shown_s) & (high_s < FOREVER_S)).any():
