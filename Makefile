@@ -33,7 +33,7 @@ KERNEL := setup.py $(foreach kind,pyx pxd pxi c h inc,$(wildcard kinematics/kern
 # Compiled modules are kept: without them every program that a test starts compiles anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: docs help venv system node demo test test-slow test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz fuzz-files soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots figures honesty
+.PHONY: docs help venv system node demo test test-slow test-targets test-fresh check lint format schemas lock bench bench-capture bench-drivers bench-recording bench-identification prove prove-acceptance prove-alignment blind blind-full fuzz fuzz-files soak endurance bench-client test-vm install deb clean bench-kernel audit bench-fleet bench-page screenshots figures honesty
 
 help:  ## what can be made
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -77,8 +77,11 @@ $(VENV)/.compiled: $(STAMP)
 test: venv system node $(VENV)/.compiled  ## all tests but the slow ones
 	$(TEST) -m "not slow" || $(AGAIN) -m "not slow"
 
-test-slow: venv system node $(VENV)/.compiled $(PEERS)/.ready  ## guides followed to their end, campaigns through everything; three minutes
-	$(TEST) -m slow || $(AGAIN) -m slow
+test-slow: venv system node $(VENV)/.compiled  ## guides followed to their end, campaigns through everything; three minutes
+	$(TEST) -m "slow and not targets" || $(AGAIN) -m "slow and not targets"
+
+test-targets: venv system $(PEERS)/.ready  ## long targets in tiny sizes: benchmarks, packages, pictures; ten minutes
+	$(BIN)/pytest -m targets tests/benchmarks/test_targets.py
 
 test-fresh:  ## the README's commands in a pristine Debian (SUITE=trixie for another); root, a quarter of an hour
 	@sh deploy/debian-packages.sh fresh || true

@@ -51,18 +51,33 @@ def changed():
 
 def test_all_targets_are_found():
     assert len(TARGETS) >= 23
-    assert LEAVES.keys() <= TARGETS.keys()
+    assert LEAVES.keys() | LONG <= TARGETS.keys()
 
 
-def needs(prerequisites):
-    return pytest.mark.needs(*(GROUPS.split() if "system" in prerequisites else ()))
+# Half a minute or more, or other libraries and programs: `make test-targets` alone.
+LONG = frozenset(
+    {
+        *("audit", "bench", "bench-capture", "bench-drivers", "bench-fleet"),
+        *("bench-kernel", "bench-page", "bench-recording", "deb", "fuzz"),
+        "screenshots",
+    }
+)
+
+
+def marks(target, prerequisites):
+    groups = GROUPS.split() if "system" in prerequisites else ()
+    long = (pytest.mark.targets,) if target in LONG else ()
+    return (pytest.mark.needs(*groups), *long)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(END_S + 20.0)
 @pytest.mark.parametrize(
     "target",
-    [pytest.param(name, marks=needs(made_from)) for name, made_from in TARGETS.items()],
+    [
+        pytest.param(name, marks=marks(name, made_from))
+        for name, made_from in TARGETS.items()
+    ],
 )
 def test_target_runs_in_a_tiny_size(target, tmp_path):
     before = changed()
