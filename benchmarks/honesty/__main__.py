@@ -29,7 +29,7 @@ def series(_asked: argparse.Namespace | None = None) -> list[Series[int]]:
 
 
 def main() -> int:
-    """Run what is asked for; 1 for a lie, or for doubt without a fault."""
+    """Run the requested worlds; exit status 1 for a lie, or doubt without a fault."""
     if {"-v", "--verbose"} & {*sys.argv}:
         parser = argparse.ArgumentParser(prog="python -m benchmarks.honesty")
         parser.add_argument("--seed", type=int, default=0)

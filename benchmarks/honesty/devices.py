@@ -87,6 +87,7 @@ class WorldTicks(TickCounter):
     """The counter of a board whose clock is that of a timeline."""
 
     timeline: Timeline
+    _begin_s: float
 
     def __init__(self, rate_hz: int, power_up_s: float, timeline: Timeline) -> None:
         super().__init__(rate_hz, WrongClock(), 0, power_up_s)
@@ -95,17 +96,17 @@ class WorldTicks(TickCounter):
 
     def at(self, time_s: float) -> int:
         """Ticks that have passed at a true time."""
-        passed_s = self.timeline.at(time_s) - self._begin_s  # type: ignore[attr-defined]
+        passed_s = self.timeline.at(time_s) - self._begin_s
         return int(np.floor(passed_s * self.rate_hz + 1e-5))
 
     def time_s(self, ticks: int) -> float:
         """True time of a tick."""
-        begin_s: float = self._begin_s  # type: ignore[attr-defined]
+        begin_s: float = self._begin_s
         return self.timeline.true(begin_s + ticks / self.rate_hz)
 
     def times_s(self, ticks: Integers) -> Floats:
         """True times (n,) of ticks (n,)."""
-        begin_s: float = self._begin_s  # type: ignore[attr-defined]
+        begin_s: float = self._begin_s
         return self.timeline.true_array(begin_s + ticks / self.rate_hz)
 
 

@@ -135,11 +135,11 @@ def ours(
     if not with_diagnosis:
         return plainly, "-"
     begun_s = time.monotonic()
-    found = diagnose(given, identified, DiagnosisOptions())
-    diagnosed = figures(distances_mm(measured, arm_with_provenance(found)))
-    n = sum(term.accepted for term in found.terms)
+    diagnosis = diagnose(given, identified, DiagnosisOptions())
+    diagnosed = figures(distances_mm(measured, arm_with_provenance(diagnosis)))
+    n = sum(term.accepted for term in diagnosis.terms)
     taken_s = time.monotonic() - begun_s
-    return plainly, f"{diagnosed}, {found.verdict}, {n} terms ({taken_s:.0f} s)"
+    return plainly, f"{diagnosed}, {diagnosis.verdict}, {n} terms ({taken_s:.0f} s)"
 
 
 def distances_mm(measured: Measured, arm: Arm) -> Floats:

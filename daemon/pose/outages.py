@@ -71,7 +71,7 @@ class OutageMonitor:
             self._last_seq[:] = -2  # some may be missing between two streams
         until_ns = int(samples.sample_time_ns[-1])
         is_read = not (samples.status & NOT_READ).any()
-        found: list[Outage] = []
+        outages: list[Outage] = []
         if is_read and (
             until_ns - self._all_read_ns < self._shortest_ns
             or self._is_next(samples.seq)
@@ -81,13 +81,13 @@ class OutageMonitor:
             self._all_read_ns = until_ns
         else:
             places = range(len(self.channels))
-            outages = [self._outage(samples, place) for place in places]
-            found = [outage for outage in outages if outage is not None]
+            candidates = [self._outage(samples, place) for place in places]
+            outages = [outage for outage in candidates if outage is not None]
             self._all_read_ns = int(self._last_ns.min())
         if is_read:
             self._recent.append(samples)
         self._stream = samples.stream
-        return found
+        return outages
 
     def _is_next(self, seq: Integers) -> bool:
         """Whether no sample is missing, neither before a block nor within it."""

@@ -1,4 +1,4 @@
-"""What was found, told term by term, and the verdict of the whole."""
+"""The terms of a diagnosis with their verdicts, and the verdict of the whole."""
 
 from dataclasses import replace
 
@@ -40,7 +40,7 @@ def terms_of(
     choosing: Booleans,
     misfit: HoldoutMisfit | None,
 ) -> tuple[Term, ...]:
-    """Tell of everything that was found, in the order of finding.
+    """Describe every term, in the order in which the search added them.
 
     Arm and rows are of a fit with all terms; its estimates are those of the terms.
     """
@@ -114,12 +114,12 @@ def _stuck_estimates(stuck: ScoredCandidate) -> dict[str, Estimate]:
     values, cofactors = stuck.found.amplitudes(stuck.residuals)
     stds = np.sqrt(np.diag(cofactors))
     names = [name.rpartition(".")[0] for name in stuck.candidate.parameters]
-    found = {}
+    estimates = {}
     for name in dict.fromkeys(names):
         at = [n for n, other in enumerate(names) if other == name]
         unit = "mm" if name.startswith("shift") else "rad"
-        found[name] = Estimate(tuple(values[at]), tuple(stds[at]), unit)
-    return found
+        estimates[name] = Estimate(tuple(values[at]), tuple(stds[at]), unit)
+    return estimates
 
 
 def _at_place(

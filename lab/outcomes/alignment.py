@@ -51,14 +51,14 @@ def _tested(one: AlignmentEvidence) -> Finding:
         "p_value": one.p_value,
     }
     state = State.BAD if one.passed is False else State.DOUBT
-    found = [
+    shortfalls = [
         Shortfall(_sentence(text), "", {**values, "flag": code}, state)
         for code, text in one.warnings
         if code in _TESTED
     ]
-    if one.passed and not found:
+    if one.passed and not shortfalls:
         return Established(values)
-    return found
+    return shortfalls
 
 
 def _well_placed(one: AlignmentEvidence) -> Finding:

@@ -278,7 +278,7 @@ def _determined(one: IdentificationEvidence) -> Finding:
 def _well_determined(one: IdentificationEvidence) -> Finding:
     if not one.weak:
         return Established()
-    found = [
+    shortfalls = [
         Shortfall(
             f"Poorly determined: {entry.combination}, {length_mm(entry.probe_mm)} at "
             "the probe.",
@@ -290,8 +290,8 @@ def _well_determined(one: IdentificationEvidence) -> Finding:
     n_more = len(one.weak) - MOST_WEAK
     if n_more > 0:
         text = f"{counted(n_more, 'more combination')} of parameters poorly determined."
-        found.append(Shortfall(text, _VARY, {"n_more": n_more}))
-    return found
+        shortfalls.append(Shortfall(text, _VARY, {"n_more": n_more}))
+    return shortfalls
 
 
 def _certificates_agree(one: IdentificationEvidence) -> Finding:
@@ -441,7 +441,7 @@ def _orientations_agree(one: IdentificationEvidence) -> Finding:
 
 
 def _file_fits(one: IdentificationEvidence) -> Finding:
-    found = [
+    shortfalls = [
         Shortfall(
             f"The arm file as given did not fit: {joint} turns the other way. It was "
             "identified with the other sense, by an axis that points the other way.",
@@ -460,8 +460,8 @@ def _file_fits(one: IdentificationEvidence) -> Finding:
         offsets = ", ".join(f"{joint} by {rad:+.4f} rad" for joint, rad in far.items())
         text = f"The arm file as given did not fit at all; other zeros do: {offsets}."
         values = {f"{joint}_offset_rad": rad for joint, rad in far.items()}
-        found.append(Shortfall(text, "Check the arm file.", values))
-    return found or Established()
+        shortfalls.append(Shortfall(text, "Check the arm file.", values))
+    return shortfalls or Established()
 
 
 def _family_agrees(one: IdentificationEvidence) -> Finding:

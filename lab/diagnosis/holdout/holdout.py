@@ -76,13 +76,13 @@ def at_most(campaign: Campaign, choosing: Booleans, seed: int) -> Booleans:
     if n <= MOST_CHOOSING:
         return choosing
     rng = np.random.default_rng(seed)
-    found = np.zeros_like(choosing)
+    held_out = np.zeros_like(choosing)
     artefacts = campaign.poses.artefacts
     for index in np.unique(artefacts[choosing]):
         mine = np.flatnonzero(choosing & (artefacts == index))
         wanted = max(len(mine) * MOST_CHOOSING // n, min(len(mine), _LARGEST_SIZE))
-        found[rng.permutation(mine)[:wanted]] = True
-    return found
+        held_out[rng.permutation(mine)[:wanted]] = True
+    return held_out
 
 
 SPLITS = {"time": split, "artefact": split_artefacts}

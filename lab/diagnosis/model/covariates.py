@@ -95,14 +95,14 @@ def approach_columns(rows: ObservationEquations) -> list[CovariateColumn]:
     """List the senses of approach that are known and that vary."""
     names = rows.adjustment.network.campaign.joint_names
     needs = [Need(Covariate.APPROACH, joint) for joint in range(len(names))]
-    found = [
+    columns = [
         CovariateColumn(
             f"{name}_approach", need.joint, False, covariate_values(rows, need)
         )
         for name, need in zip(names, needs, strict=True)
         if rows.block.lack(need) is None
     ]
-    return [column for column in found if varies(rows, column.values)]
+    return [column for column in columns if varies(rows, column.values)]
 
 
 def covariate_columns(rows: ObservationEquations) -> list[CovariateColumn]:
@@ -138,4 +138,6 @@ def covariate_columns(rows: ObservationEquations) -> list[CovariateColumn]:
         for name, need in wanted
         if block.lack(need) is None
     ]
-    return [found for found in readings + others if varies(rows, found.values)]
+    return [
+        covariate for covariate in readings + others if varies(rows, covariate.values)
+    ]

@@ -153,14 +153,14 @@ def _written(diagnosis: Diagnosis) -> Finding:
     ]
     of_artefacts = [term for term in named if term.candidate.artefact is not None]
     unwritten = [term for term in named if term not in of_artefacts]
-    found = [
+    shortfalls = [
         Shortfall(
             f"The artefact {term.candidate.artefact} is at fault, not the arm.",
             "Fasten it or state it rightly, and measure again.",
         )
         for term in of_artefacts
     ]
-    found += [
+    shortfalls += [
         Shortfall(
             f"{term.candidate.name} is not in the adapted arm"
             + (
@@ -178,7 +178,7 @@ def _written(diagnosis: Diagnosis) -> Finding:
     )
     if diagnosis.campaign.time_is_order:
         why, remedy = "the times of poses are their order", "Give times of the poses."
-    found += [
+    shortfalls += [
         Shortfall(
             f"{term.candidate.name} is not written to the arm file: it is bound to "
             f"time, and {why}.",
@@ -187,7 +187,7 @@ def _written(diagnosis: Diagnosis) -> Finding:
         for term in terms_without_epoch(diagnosis)
     ]
     n_written = sum(term.accepted for term in diagnosis.terms)
-    return found or Established({"n_written": n_written})
+    return shortfalls or Established({"n_written": n_written})
 
 
 def _agreeing(diagnosis: Diagnosis) -> Finding:

@@ -170,16 +170,16 @@ def detectable_json(detectable: Sequence[Detectable]) -> list[dict[str, Any]]:
 
 def pose_parts(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return what became of each pose: choosing, held_out, excluded or final."""
-    found = np.where(diagnosis.choosing, "choosing", "final")
-    found = np.where(diagnosis.held_out, "held_out", found)
-    found = np.where(diagnosis.excluded, "excluded", found)
-    return tuple(found.tolist())
+    parts = np.where(diagnosis.choosing, "choosing", "final")
+    parts = np.where(diagnosis.held_out, "held_out", parts)
+    parts = np.where(diagnosis.excluded, "excluded", parts)
+    return tuple(parts.tolist())
 
 
 def _excluded(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """List the poses that took no part, in choosing or in the last estimates."""
     lines, w = diagnosis.campaign.poses.lines, diagnosis.final.statistics.w
-    found = np.flatnonzero(diagnosis.excluded | diagnosis.left_out)
+    rows = np.flatnonzero(diagnosis.excluded | diagnosis.left_out)
     return [
         {
             "line": int(lines[at]),
@@ -187,7 +187,7 @@ def _excluded(diagnosis: Diagnosis) -> list[dict[str, Any]]:
             "final": bool(diagnosis.left_out[at]),
             "w": float(w[at]),
         }
-        for at in found[np.argsort(lines[found])]
+        for at in rows[np.argsort(lines[rows])]
     ]
 
 
@@ -247,33 +247,33 @@ def _ledger_line(step: Step) -> dict[str, Any]:
     def held_out(figures: HoldoutResult) -> dict[str, Any]:
         return picked(figures, held_out_rms_mm="rms_mm", held_out_chi2="chi2")
 
-    found = {**picked(step, "effect", "sigma0"), **held_out(step.held_out)}
+    entry = {**picked(step, "effect", "sigma0"), **held_out(step.held_out)}
     rest = step.held_out.without_blunders
     if rest is not None:
-        found["without_blunders"] = held_out(rest)
-    return found
+        entry["without_blunders"] = held_out(rest)
+    return entry
 
 
 def _gap(diagnosis: Diagnosis) -> dict[str, Any]:
     gap, ledger = diagnosis.gap, diagnosis.ledger
-    found = _figures(gap.before, gap.after)
+    figures = _figures(gap.before, gap.after)
     first, last = gap.before.without_blunders, gap.after.without_blunders
     if first is not None and last is not None:
         lines = diagnosis.campaign.poses.lines[diagnosis.blunders]
-        found["without_blunders"] = {
+        figures["without_blunders"] = {
             **_figures(first, last),
             "left_out": [{"line": line} for line in sorted(lines.tolist())],
         }
     if not diagnosis.writes_all_terms:
-        found["with_all_terms"] = _figures(ledger[0].held_out, ledger[-1].held_out)
-    return found
+        figures["with_all_terms"] = _figures(ledger[0].held_out, ledger[-1].held_out)
+    return figures
 
 
 def _figures(first: HoldoutResult, last: HoldoutResult) -> dict[str, Any]:
     def pair(before: float | None, after: float | None) -> dict[str, float | None]:
         return {"before": before, "after": after}
 
-    found: dict[str, Any] = {
+    entry: dict[str, Any] = {
         "held_out_rms_mm": pair(first.rms_mm, last.rms_mm),
         "held_out_chi2": pair(first.chi2, last.chi2),
         "held_out_largest_mm": pair(first.largest_mm, last.largest_mm),
@@ -283,8 +283,8 @@ def _figures(first: HoldoutResult, last: HoldoutResult) -> dict[str, Any]:
     }
     means_mm = first.mean_distance_mm, last.mean_distance_mm
     if None not in means_mm:
-        found["held_out_mean_distance_mm"] = pair(*means_mm)
-    return found
+        entry["held_out_mean_distance_mm"] = pair(*means_mm)
+    return entry
 
 
 def _size(value: float | None, unit: str) -> dict[str, Any] | None:
