@@ -175,11 +175,11 @@ bench-fleet: venv system  ## 50 arms at one broker read by a group, daemons besi
 audit: venv  ## known advisories of the dependencies, where their data can be reached
 	$(BIN)/python deploy/audit.py
 
-fuzz: venv  ## every decoder under atheris, every property with a thousand examples; takes many minutes
+fuzz: venv system  ## every decoder under atheris, every property with a thousand examples; takes many minutes
 	$(BIN)/python -m tests.fuzz --seconds $(if $(TINY),1,60)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q -n $(WORKERS) -m hypothesis $(if $(TINY),tests/protocol/test_arrays.py,--hypothesis-profile=thorough --timeout=600)
 
-fuzz-files: venv  ## damaged files given to every command that reads them, 300 times each; takes an hour or two
+fuzz-files: venv system  ## damaged files given to every command that reads them, 300 times each; takes an hour or two
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.fuzz.files
 
 honesty: venv  ## a thousand worlds in virtual time: nothing unmarked may be wrong; minutes (WORLDS=40)
