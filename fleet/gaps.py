@@ -41,6 +41,11 @@ class Gap:
     to_seq: int
     since_ns: int
 
+    @property
+    def series(self) -> tuple[str, str, str]:
+        """Arm, session and scan."""
+        return self.arm, self.session, self.scan
+
 
 def find_gaps(database: Database, now_ns: int) -> list[Gap]:
     """Find the first gap of each series, and move the series' marks up to it.
@@ -55,7 +60,7 @@ def find_gaps(database: Database, now_ns: int) -> list[Gap]:
         since_ns = known_ns or now_ns
         with database.transaction() as run:
             place = (arm, session, scan)
-            mark, missing = _missing(run, place, complete_to, last_seq)
+            mark, missing = _missing(run, place, complete_to + 1, last_seq)
             after_ns = since_ns if missing else None
             if (mark, after_ns) != (complete_to, known_ns):
                 run(_UPDATE, (mark, after_ns, *place, mark))
@@ -75,18 +80,18 @@ def _spanned(missing: list[tuple[int, int]]) -> tuple[int, int]:
 
 
 def _missing(
-    run: Run, place: tuple[str, str, str], complete_to: int, last_seq: int
+    run: Run, place: tuple[str, str, str], first_seq: int, last_seq: int
 ) -> tuple[int, list[tuple[int, int]]]:
     """Return up to where it is complete, and what is missing behind that."""
     arm, session, scan = place
     if scan:
-        there = run(_BLOCKS, (arm, session, scan, complete_to, _MOST_ROWS))
+        there = run(_BLOCKS, (arm, session, scan, first_seq - 1, _MOST_ROWS))
     else:
-        there = run(_POINTS, (arm, session, complete_to, _MOST_ROWS))
+        there = run(_POINTS, (arm, session, first_seq - 1, _MOST_ROWS))
     if len(there) == _MOST_ROWS:
-        last_seq = there[-1][0]
-    there += run(_LOST, (arm, session, scan, complete_to))
-    gaps = list(_between(sorted(there), complete_to + 1, last_seq))
+        last_seq = min(last_seq, there[-1][0])
+    there += run(_LOST, (arm, session, scan, first_seq - 1))
+    gaps = list(_between(sorted(there), first_seq, last_seq))
     mark = gaps[0][0] - 1 if gaps else last_seq
     return mark, gaps
 
@@ -104,18 +109,26 @@ def _between(
         yield next_seq, last_seq
 
 
-def mark_lost(database: Database, gap: Gap, now_ns: int, reason: str) -> None:
-    """Note that numbers cannot be had any more.
+def mark_lost(
+    database: Database, gap: Gap, now_ns: int, reason: str
+) -> list[tuple[int, int]]:
+    """Note that numbers cannot be had any more, but for those stored by now.
+
+    Returns:
+        The first and the last of each range that is lost.
 
     Raises:
         StoreAwayError: the database is not there.
     """
     with database.transaction() as run:
-        run(
-            "INSERT INTO lost (arm, session, scan, from_seq, to_seq, time_ns, reason) "
-            "VALUES (%s, %s, %s, %s, %s, %s, %s) ON CONFLICT DO NOTHING",
-            (gap.arm, gap.session, gap.scan, gap.from_seq, gap.to_seq, now_ns, reason),
-        )
+        _, missing = _missing(run, gap.series, gap.from_seq, gap.to_seq)
+        for first, last in missing:
+            run(
+                "INSERT INTO lost (arm, session, scan, from_seq, to_seq, time_ns, "
+                "reason) VALUES (%s, %s, %s, %s, %s, %s, %s) ON CONFLICT DO NOTHING",
+                (*gap.series, first, last, now_ns, reason),
+            )
+    return missing
 
 
 def take_lease(

@@ -142,6 +142,7 @@ class Member:
         self._requests: dict[str, CommandClient] = {}
         self._online: dict[str, bool] = {}
         self._listed_s: dict[str, float] = {}
+        self._asked_ns: dict[tuple[str, str, str], int] = {}  # by series with a gap
         self._is_away = False
         self._lease = f"name {settings.group}/{settings.member}"
         self._process = uuid.uuid4().hex
@@ -369,11 +370,17 @@ class Member:
                 log.warning("%s lists what cannot be: %s", arm, error)
 
     async def _ask_for(self, gaps: list[Gap], now_ns: int) -> None:
-        """Ask each arm for the first of what it lacks; the rest comes next time."""
+        """Ask each arm for one gap, series by series: the rest comes next time.
+
+        A series that an arm never answers for must not hold up its others.
+        """
+        asked_ns = {g.series: self._asked_ns.get(g.series, 0) for g in gaps}
         first: dict[str, Gap] = {}
-        for gap in gaps:
+        for gap in sorted(gaps, key=lambda gap: asked_ns[gap.series]):
             if now_ns - gap.since_ns >= self._settings.gap_s * 1e9:
                 first.setdefault(gap.arm, gap)
+        asked_ns.update((gap.series, now_ns) for gap in first.values())
+        self._asked_ns = asked_ns
         asked = {
             arm: ResendArgs(
                 session=None if gap.scan else gap.session,
@@ -435,10 +442,7 @@ class Member:
         await self._lose(replace(gap, to_seq=gone), now_ns, reason)
 
     async def _lose(self, gap: Gap, now_ns: int, reason: str) -> None:
-        n = gap.to_seq - gap.from_seq + 1
-        self.counts.lost += n
         what = f"scan {gap.scan}" if gap.scan else f"session {gap.session}"
-        self._report(
-            f"{gap.arm}, {what}: {gap.from_seq} to {gap.to_seq} are lost: {reason}"
-        )
-        await self._query(mark_lost, gap, now_ns, reason)
+        for first, last in await self._query(mark_lost, gap, now_ns, reason):
+            self.counts.lost += last - first + 1
+            self._report(f"{gap.arm}, {what}: {first} to {last} are lost: {reason}")

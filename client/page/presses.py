@@ -10,6 +10,7 @@ second without a beat it marks the page as out of date.
 import time
 from collections.abc import Awaitable, Callable
 from functools import wraps
+from math import inf
 from typing import ParamSpec
 
 from nicegui import ui
@@ -20,7 +21,6 @@ Handler = Callable[P, Awaitable[None] | None]
 
 BEAT_S = 0.25
 VALID_S = 2.0
-LONGEST_S = 1e6
 
 
 class Presses:
@@ -50,13 +50,11 @@ class Presses:
     def _take(self, event: GenericEventArguments) -> None:
         """Judge the press that follows."""
         number, at_ms = event.args["id"], event.args["at_ms"]
-        # None: the browser had no beat yet, so nobody knows.
-        late_s = float("inf") if at_ms is None else (_now_ms() - float(at_ms)) * 1e-3
+        # Infinity: the browser had no beat yet, so nobody knows.
+        late_s = inf if at_ms is None else (_now_ms() - float(at_ms)) * 1e-3
         self._is_valid = late_s <= VALID_S
-        late_text = "null" if self._is_valid else f"{min(late_s, LONGEST_S):.1f}"
-        self._client.run_javascript(
-            f"traverse_watch.answered({int(number)}, {late_text})"
-        )
+        late = "null" if self._is_valid else "Infinity" if late_s == inf else late_s
+        self._client.run_javascript(f"traverse_watch.answered({int(number)}, {late})")
 
 
 def _now_ms() -> float:

@@ -27,7 +27,9 @@ window.traverse_watch = {
     const press = this.pending.get(id);
     this.pending.delete(id);
     if (!press) return;
-    if (late_s !== null) this.say(`Not carried out: what was pressed at ${this.time(press.at)} reached the page's server ${late_s.toFixed(1)} s later. Press again.`);
+    const what = `what was pressed at ${this.time(press.at)}`;
+    if (late_s === Infinity) this.say(`Not carried out: ${what} was before this page had heard from its server. Press again.`);
+    else if (late_s !== null) this.say(`Not carried out: ${what} reached the page's server ${late_s.toFixed(1)} s later. Press again.`);
     else this.say(press.is_lost ? `What was pressed at ${this.time(press.at)} did reach the page's server.` : "", "");
   },
   look() {

@@ -130,6 +130,14 @@ async def _served_page(
         assert server.process.poll() is None, server.log
 
 
+async def hears_server(page: Page) -> None:
+    """Wait until an opened page can state the time of a press.
+
+    A press before that is refused, since nobody knows how old it is.
+    """
+    await page.wait_for_function("traverse_watch.beats > 0", polling=100)
+
+
 @contextlib.asynccontextmanager
 async def _page_and_server(
     browser: Browser, folder: Path, arm: str, broker: str, **options: Any
@@ -145,6 +153,7 @@ async def _page_and_server(
             page.set_default_timeout(20_000)
             page.on("pageerror", lambda error: errors.append(str(error)))
             await page.goto(f"http://{HOST}:{port}/")
+            await hears_server(page)
             yield page, server
         if server.process.poll() is None:
             assert await server.stop() in (0, -signal.SIGTERM), server.log

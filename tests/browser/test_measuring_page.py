@@ -6,8 +6,9 @@ import pytest
 from playwright.async_api import Locator, Page, expect
 
 from benchmarks.tools.network import Network
-from tests.browser.conftest import OpenPage, PosedDaemon
+from tests.browser.conftest import OpenPage, PosedDaemon, hears_server
 from tests.mosquitto import Mosquitto
+from tests.waiting import until
 from traverse.client.arm import Arm
 from traverse.protocol.messages import Label, LabelArgs, ProbeArgs
 
@@ -220,6 +221,7 @@ async def test_a_guided_check_has_a_verdict_and_refuses_another_seat(
         await expect(instruction).to_contain_text("53.0 mm off the others")
         await expect(instruction).to_contain_text("Was it the right seat?")
         await page.reload()  # which forgets nothing
+        await hears_server(page)
         await page.get_by_role("button", name="Another place").click()
         await expect(instruction).to_contain_text("1 more")
         await posed.touch(600.0, 0.01, 60.0)
@@ -240,8 +242,8 @@ async def test_a_guided_check_has_a_verdict_and_refuses_another_seat(
         await page.get_by_role("button", name="Close").click()
         await expect(instruction).to_have_text("")
         await expect(page.get_by_text("have been")).to_be_visible()
+        # The command follows what is shown.
+        last = LabelArgs(artefact="bar", feature="left")
+        await until(lambda: posed.commands[-1] == last, "the label is as before")
     said = [args for args in posed.commands if isinstance(args, LabelArgs)]
-    assert said[1:] == [
-        LabelArgs(artefact="check", feature="articulation"),
-        LabelArgs(artefact="bar", feature="left"),
-    ]
+    assert said == [last, LabelArgs(artefact="check", feature="articulation"), last]

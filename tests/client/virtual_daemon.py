@@ -51,6 +51,7 @@ class VirtualDaemon:
         heard: received commands.
         commands: what was carried out.
         resends: requested ranges.
+        scans: listed as held; none of them is ever sent again.
     """
 
     def __init__(self, arm: str, host: str, port: int, **options: Any) -> None:
@@ -70,6 +71,7 @@ class VirtualDaemon:
         self.can_resend = True
         self.commands: list[Args] = []
         self.resends: list[tuple[str | None, int, int | None]] = []
+        self.scans: tuple[dict[str, Any], ...] = ()
 
     @property
     def points(self) -> list[Point]:
@@ -227,7 +229,8 @@ class VirtualDaemon:
     def _resend(self, args: ResendArgs) -> dict[str, Any]:
         self.resends.append((args.session, args.from_seq, args.to_seq))
         if args.session is None:
-            return {"sessions": [self._held(one) for one in self.outbox]}
+            held_sessions = [self._held(session) for session in self.outbox]
+            return {"sessions": held_sessions, "scans": list(self.scans)}
         held = self.outbox.get(args.session, {})
         last = max(held, default=-1) if args.to_seq is None else args.to_seq
         wanted = [p for seq, p in held.items() if args.from_seq <= seq <= last]

@@ -1,12 +1,11 @@
 """`traverse store` in a folder, as a process, and its database."""
 
 import asyncio
+import contextlib
 import signal
 import sqlite3
 import sys
 import time
-
-from traverse.client.cancel_tasks import cancel_tasks
 
 PATIENCE_S = 60.0
 
@@ -37,12 +36,12 @@ class Running:
     async def stop(self):
         if self.process.returncode is None:
             self.process.send_signal(signal.SIGTERM)
-        status = await self.ended()
-        await cancel_tasks([self._reading])
-        return status
+        return await self.ended()
 
 
+@contextlib.asynccontextmanager
 async def started(folder, broker, *words):
+    """A member that is there; it ends with the block, however that ends."""
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "traverse", "store"),
         *("--broker", f"{broker.host}:{broker.port}", "--gap-s", "1", "--list-s", "1"),
@@ -50,7 +49,13 @@ async def started(folder, broker, *words):
         cwd=folder,
         stderr=asyncio.subprocess.PIPE,
     )
-    return Running(process)
+    member = Running(process)
+    try:
+        yield member
+    finally:
+        if process.returncode is None:
+            process.kill()
+        await member.ended()
 
 
 def rows(folder, statement):

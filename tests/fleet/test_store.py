@@ -137,14 +137,15 @@ def test_what_is_lost_is_no_gap_and_what_an_arm_lists_is_one(store, database):
     store.write([received(point(n)) for n in (3, 4)])
     (gap,) = find_gaps(database, 1)
     assert (gap.from_seq, gap.to_seq) == (0, 2)
-    mark_lost(database, gap, 2, "gone")
+    store.write([received(point(1))])  # it has arrived meanwhile
+    assert mark_lost(database, gap, 2, "gone") == [(0, 0), (2, 2)]
     assert find_gaps(database, 3) == []
     session = {"session": "s", "begun_ns": "5", "first_seq": 3, "last_seq": 9}
     scan = {"scan": "c", "session": "s", "begun_ns": "6", "last_block_seq": 40}
     listed_series(database, "bench-7", {"sessions": [session], "scans": [scan]})
     found = {(g.scan, g.from_seq, g.to_seq) for g in find_gaps(database, 4)}
     assert found == {("", 5, 9), ("c", 0, 40)}
-    assert select(database, "SELECT reason FROM lost") == [("gone",)]
+    assert select(database, "SELECT reason FROM lost") == [("gone",)] * 2
 
 
 def test_blocks_of_scans_have_gaps_by_their_points(store, database):

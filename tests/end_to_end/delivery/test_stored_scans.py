@@ -23,28 +23,26 @@ async def test_what_died_with_the_broker_is_requested_from_the_arm(
     bench.port = broker.port
     bench.write_simulator(SWEEP, top="repeat = true")
     bench.write_daemon(scan='delivery = "complete"', capture="scan_block_s = 0.01")
-    member = await started(bench.folder, broker)
-    await member.says("connected to")
     async with measuring(bench) as (listener, _, _):
-        scan = await listener.start_scan(500.0)
-        await listener.scan_points(scan, 200)
-        member.process.kill()
-        await member.ended()
-        n = len(listener.scans)
+        async with started(bench.folder, broker) as member:
+            await member.says("connected to")
+            scan = await listener.start_scan(500.0)
+            await listener.scan_points(scan, 200)
+        n = len(listener.scans)  # the member was killed
         await until(lambda: len(listener.scans) > n + 50, "blocks that wait for it")
         broker.kill()  # with them
         broker.start()
         await until(lambda: listener.connected, "the broker is back")
         listener.statuses.clear()
         await listener.ready()
-        member = await started(bench.folder, broker)
-        total = (await listener.stop_scan(scan))[-1].total
-        await becomes(
-            bench.folder,
-            f"SELECT sum(points), max(total) FROM scan_block WHERE scan = '{scan}'",
-            [(total, total)],
-        )
-        assert await member.stop() == 0
+        async with started(bench.folder, broker) as member:
+            total = (await listener.stop_scan(scan))[-1].total
+            await becomes(
+                bench.folder,
+                f"SELECT sum(points), max(total) FROM scan_block WHERE scan = '{scan}'",
+                [(total, total)],
+            )
+            assert await member.stop() == 0
     assert rows(bench.folder, "SELECT * FROM lost") == []
     assert "0 dropped" in member.said[-1]
     assert ", 0 gaps asked for" not in member.said[-1]
