@@ -20,9 +20,9 @@ from benchmarks.blind.score import TrueTerm
 from benchmarks.tools.handover import campaign_from_simulation
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.holdout import split
 from traverse.lab.diagnosis.diagnose import diagnose
 from traverse.lab.diagnosis.holdout.comparison import compare_on_holdout
-from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted, with_effects
 from traverse.lab.diagnosis.model.result import Diagnosis, DiagnosisOptions
 from traverse.simulator.campaigns import (

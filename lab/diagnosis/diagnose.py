@@ -9,6 +9,7 @@ import numpy as np
 from traverse.arrays import Booleans
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.holdout import SPLITS, at_most
 from traverse.lab.diagnosis.adaptation import adaptation, final_estimates
 from traverse.lab.diagnosis.advice.minimal_detectable import detectable
 from traverse.lab.diagnosis.candidates.library import absent_candidates
@@ -18,7 +19,6 @@ from traverse.lab.diagnosis.holdout.comparison import (
     held_out_blunders,
     noise_exceeded,
 )
-from traverse.lab.diagnosis.holdout.holdout import SPLITS, at_most
 from traverse.lab.diagnosis.model.candidate import BankName
 from traverse.lab.diagnosis.model.fit import (
     Fit,

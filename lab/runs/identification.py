@@ -9,7 +9,7 @@ import numpy as np
 
 from traverse.kinematics.arm_file.arm import Arm
 from traverse.lab.campaign.campaign import Campaign
-from traverse.lab.diagnosis.holdout.holdout import SPLITS
+from traverse.lab.campaign.holdout import SPLITS
 from traverse.lab.identification.identify import IdentificationError, Options, identify
 from traverse.lab.identification.prediction import holdout_figures
 from traverse.lab.identification.report.page import (

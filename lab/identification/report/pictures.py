@@ -12,9 +12,12 @@ from traverse.lab.report.figures import (
     GREY,
     ORANGE,
     VERMILION,
+    Margins,
+    axes_grid,
     binned,
     draw_dots,
     draw_means,
+    labels_mm,
     picture,
     symmetric_limit,
     thinned,
@@ -61,7 +64,8 @@ def pictures_of(
 
 def _paint_artefacts(figure: Figure, result: Identification) -> None:
     """Draw all scalar misclosures, a row an artefact."""
-    axes = figure.subplots()
+    names = [f"{a.id} ({a.n_poses})" for a in result.artefacts]
+    [[axes]] = axes_grid(figure, Margins(labels_mm(names), 11.0, 7.0))
     rng = np.random.default_rng(_SEED)
     misclosures = result.statistics.misclosures_mm
     factor, unit = shown_unit(symmetric_limit(misclosures[result.included]), "mm")
@@ -86,10 +90,7 @@ def _paint_artefacts(figure: Figure, result: Identification) -> None:
     axes.axvline(0.0, color=GREY, linewidth=0.7)
     axes.set_xlim(-1.05 * limit, 1.05 * limit)
     axes.set_ylim(len(result.artefacts) - 0.45, -0.55)
-    axes.set_yticks(
-        range(len(result.artefacts)),
-        [f"{a.id} ({a.n_poses})" for a in result.artefacts],
-    )
+    axes.set_yticks(range(len(names)), names)
     axes.set_xlabel(f"misclosure [{unit}]")
     axes.set_title("dots: poses; orange: ± rms; red crosses: excluded, also off scale")
 
@@ -107,7 +108,8 @@ def _crosses(axes: Axes, values: Floats, row: int, limit: float) -> None:
 def _paint_joints(figure: Figure, result: Identification) -> None:
     """Draw the corrections of each joint's readings against the readings."""
     names = result.campaign.joint_names
-    grid = figure.subplots((len(names) + 1) // 2, 2, squeeze=False)
+    margins = Margins(15.0, 11.0, between_columns=16.0, between_rows=12.0)
+    grid = axes_grid(figure, margins, (len(names) + 1) // 2, 2)
     everyone = np.flatnonzero(result.included)
     shown = thinned(everyone)
     angles_deg = np.degrees(result.campaign.poses.angles_rad)
@@ -131,7 +133,9 @@ def _paint_joints(figure: Figure, result: Identification) -> None:
 
 def _paint_normal(figure: Figure, result: Identification) -> None:
     """Draw histogram and quantiles of |w| beside those of a normal."""
-    left, right = figure.subplots(1, 2)
+    [[left, right]] = axes_grid(
+        figure, Margins(13.0, 11.0, between_columns=15.0), n_columns=2
+    )
     w = _scaled_w(result)
     if len(w) == 0:
         return
@@ -170,8 +174,9 @@ def _scaled_w(result: Identification) -> Floats:
 
 def _paint_correlations(figure: Figure, result: Identification) -> None:
     """Draw the correlation matrix of the free parameters."""
-    axes = figure.subplots()
     names = [entry.name for entry in result.parameters]
+    room_mm = labels_mm(names)
+    [[axes]] = axes_grid(figure, Margins(room_mm, room_mm, right=12.0))
     drawn = axes.imshow(
         result.correlations, cmap="RdBu_r", vmin=-1.0, vmax=1.0, interpolation="none"
     )
@@ -190,7 +195,11 @@ def _paint_correlations(figure: Figure, result: Identification) -> None:
 
 def _paint_coverage(figure: Figure, result: Identification) -> None:
     """Draw how often each joint was in each sector of a turn."""
-    axes = figure.subplots()
+    names = [
+        f"{entry.joint}: {np.degrees(entry.travel_rad):.0f}°"
+        for entry in result.coverage
+    ]
+    [[axes]] = axes_grid(figure, Margins(labels_mm(names), 11.0, right=9.0))
     counts = np.array([entry.sectors for entry in result.coverage], dtype=np.float64)
     n_joints = len(counts)
     filled = np.where(counts > 0.0, counts, np.nan)
@@ -203,13 +212,7 @@ def _paint_coverage(figure: Figure, result: Identification) -> None:
         interpolation="none",
         extent=(0.0, 360.0, n_joints - 0.5, -0.5),
     )
-    axes.set_yticks(
-        range(n_joints),
-        [
-            f"{entry.joint}: {np.degrees(entry.travel_rad):.0f}°"
-            for entry in result.coverage
-        ],
-    )
+    axes.set_yticks(range(n_joints), names)
     axes.set_xticks(np.arange(0, 361, 45))
     axes.set_yticks(np.arange(n_joints - 1) + 0.5, minor=True)
     axes.grid(which="minor", axis="y", color="white", linewidth=2.0)
@@ -221,7 +224,8 @@ def _paint_coverage(figure: Figure, result: Identification) -> None:
 
 def _paint_map(figure: Figure, found: UncertaintyMap) -> None:
     """Draw a half plane through the first axis for each direction."""
-    panels = figure.subplots(1, 4, sharex=True, sharey=True)
+    margins = Margins(16.0, 11.0, 10.0, right=12.0, between_columns=3.0)
+    [panels] = axes_grid(figure, margins, n_columns=4)
     some_mm = found.deviations_mm[np.isfinite(found.deviations_mm)]
     factor, unit = shown_unit(float(some_mm.max(initial=0.0)), "mm")
     some = factor * some_mm
@@ -253,8 +257,10 @@ def _paint_map(figure: Figure, found: UncertaintyMap) -> None:
         axes.set_ylim(height_edges[0], height_edges[-1])
     radius_mm, height_mm = found.reference_place_mm
     panels[3].plot(radius_mm, height_mm, "+", color="white", markersize=9.0)
+    for axes in panels[1:]:
+        axes.tick_params(labelleft=False)
     panels[0].set_ylabel("height along the first axis [mm]")
-    bar = figure.colorbar(drawn, ax=list(panels), shrink=0.9, pad=0.02)
+    bar = figure.colorbar(drawn, ax=panels, shrink=0.9, pad=0.02)
     bar.set_label(f"standard deviation of the distance [{unit}]")
 
 

@@ -10,7 +10,7 @@ from benchmarks.blind.hidden.effects import EFFECT_KINDS
 from benchmarks.blind.hidden.poses import drawn, played, pose_set
 from benchmarks.blind.round import Scenario, hide
 from benchmarks.proofs.conditions import demo_arm
-from traverse.lab.diagnosis.holdout.holdout import split
+from traverse.lab.campaign.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted
 
 POSE_SEED = 1

@@ -14,8 +14,8 @@ from benchmarks.proofs.conditions import demo_arm
 from benchmarks.tools.handover import campaign_from_simulation
 from tests.shared import shared
 from traverse.lab.campaign.campaign import Campaign
+from traverse.lab.campaign.holdout import split
 from traverse.lab.diagnosis.diagnose import DiagnosisOptions
-from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.simulator.campaigns import (
     BallBar,
     CampaignSpec,

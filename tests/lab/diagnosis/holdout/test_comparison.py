@@ -9,6 +9,7 @@ import pytest
 from tests.lab.diagnosis.fitted_rows import measured
 from tests.lab.simulated import PROBE_RADIUS_MM
 from traverse.kinematics.arm_file.arm import effect_from_table
+from traverse.lab.campaign.holdout import split
 from traverse.lab.diagnosis.holdout.comparison import (
     compare_on_holdout,
     find_misfit,
@@ -17,7 +18,6 @@ from traverse.lab.diagnosis.holdout.comparison import (
     predicted,
     with_noise,
 )
-from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted, with_effects
 from traverse.lab.diagnosis.model.observation_equations import equations_of
 from traverse.lab.diagnosis.model.result import closed

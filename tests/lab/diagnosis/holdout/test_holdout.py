@@ -7,7 +7,7 @@ import pytest
 
 from tests.lab.diagnosis.fitted_rows import measured
 from tests.lab.simulated import bar, cones, seven_joints, simulate
-from traverse.lab.diagnosis.holdout.holdout import (
+from traverse.lab.campaign.holdout import (
     MOST_CHOOSING,
     at_most,
     split,

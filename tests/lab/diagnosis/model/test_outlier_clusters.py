@@ -15,8 +15,8 @@ from tests.lab.diagnosis.engine_campaigns import (
     measured_with,
     poses,
 )
+from traverse.lab.campaign.holdout import split
 from traverse.lab.diagnosis.diagnose import diagnose
-from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.covariates import outlier_cluster
 from traverse.lab.diagnosis.model.fit import fitted
 from traverse.lab.diagnosis.model.observation_equations import equations_of

@@ -10,10 +10,10 @@ from tests.lab.diagnosis.engine_campaigns import (
     measured_with,
     poses,
 )
+from traverse.lab.campaign.holdout import split
 from traverse.lab.diagnosis.candidates.curves import generic_bank
 from traverse.lab.diagnosis.candidates.scoring import project
 from traverse.lab.diagnosis.diagnose import diagnose
-from traverse.lab.diagnosis.holdout.holdout import split
 from traverse.lab.diagnosis.model.fit import fitted
 from traverse.lab.diagnosis.search.outlier_recovery import (
     best_mean_shifts,
