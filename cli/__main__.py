@@ -51,10 +51,10 @@ class Commands(TyperGroup):
         except RefusalError as error:
             end(error.status, f"traverse {self._words(ctx)}: {error}")
         except ModuleNotFoundError as error:
-            told = missing_library(self._words(ctx), error)
-            if told is None:
+            hint = missing_library(self._words(ctx), error)
+            if hint is None:
                 raise
-            end(REFUSED, told)
+            end(REFUSED, hint)
 
     @staticmethod
     def _words(ctx: typer.Context) -> str:

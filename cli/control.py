@@ -103,8 +103,8 @@ def label(
     """
     send_command(arm, broker, lambda it: it.label(artefact, feature))
     names = " ".join(filter(None, (artefact, feature)))
-    told = f"label: {names}" if names else "points have no label"
-    _show({"artefact": artefact, "feature": feature}, told, as_json=as_json)
+    text = f"label: {names}" if names else "points have no label"
+    _show({"artefact": artefact, "feature": feature}, text, as_json=as_json)
 
 
 def session(
@@ -136,8 +136,8 @@ def use_probe(
         name: Name in the arm's probe library.
     """
     model = send_command(arm, broker, lambda it: it.probe(name))
-    told = f"probe {name}, model {model[:12]}"
-    _show({"probe": name, "model": model}, told, as_json=as_json)
+    text = f"probe {name}, model {model[:12]}"
+    _show({"probe": name, "model": model}, text, as_json=as_json)
 
 
 def reload(
@@ -228,5 +228,5 @@ def _show_point(taken: "Point", *, as_json: bool) -> None:
     _show(values, line(taken.arm, taken), as_json=as_json)
 
 
-def _show(values: dict[str, Any], told: str, *, as_json: bool) -> None:
-    typer.echo(json.dumps(values) if as_json else told)
+def _show(values: dict[str, Any], text: str, *, as_json: bool) -> None:
+    typer.echo(json.dumps(values) if as_json else text)

@@ -208,8 +208,8 @@ def _run(
         workers = Workers(run.processes, run.scheduler)
         for outcome in run_campaigns(folders, request, workers):
             found.append(outcome)
-            told = f"{len(found)} of {len(folders)}: {outcome.name}: {outcome.verdict}"
-            typer.echo(told, err=True)
+            text = f"{len(found)} of {len(folders)}: {outcome.name}: {outcome.verdict}"
+            typer.echo(text, err=True)
     found.sort(key=attrgetter("name"))
     values = {
         "schema": "traverse/fleet-run/1",

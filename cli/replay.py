@@ -180,7 +180,7 @@ def report_text(about: Mapping[str, str], result: "ReplayResult") -> str:
         *_lines("points", points.sure, result, is_same=is_same),
         *_lines("points of scans", scans.tally, result, is_same=is_same),
     ]
-    early, told = points.early, []
+    early, faults = points.early, []
     if early.n:
         lines.append(
             f"first seconds of a recording that began in the middle, not judged: "
@@ -195,21 +195,21 @@ def report_text(about: Mapping[str, str], result: "ReplayResult") -> str:
         said = counted(scans.left_out, "point")
         lines.append(f"{said} of scans begun before: not compared")
     if points.missing or scans.missing:
-        told.append(
+        faults.append(
             f"missing: {counted(points.missing, 'point')}, "
             f"{counted(scans.missing, 'point')} of scans"
         )
     if points.new:
-        told.append(
+        faults.append(
             f"{counted(points.new, 'point')} more than published ({points.not_kept} "
             "could not be kept then)"
         )
     if result.gaps:
-        told.append(f"{counted(result.gaps, 'gap')}: the disk did not keep up then")
+        faults.append(f"{counted(result.gaps, 'gap')}: the disk did not keep up then")
     if result.tear is not None:
-        told.append(f"the file is {result.tear}")
+        faults.append(f"the file is {result.tear}")
     verdict = "the same" if is_same else "within the tolerance"
-    lines += [*told, verdict if result.holds else f"NOT {verdict}"]
+    lines += [*faults, verdict if result.holds else f"NOT {verdict}"]
     return "\n".join(lines)
 
 

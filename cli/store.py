@@ -69,7 +69,7 @@ def store(
     with refusals(StoreRefusedError, BadValueError):
         files = ScanFiles(scans, name)
         first = open_database(database)
-        until_s, told = time.monotonic() + PATIENCE_S, False
+        until_s, is_waiting_announced = time.monotonic() + PATIENCE_S, False
         while True:  # a server that begins with this computer takes a moment
             try:
                 steps = migrate(first)
@@ -77,9 +77,9 @@ def store(
             except StoreAwayError as error:
                 if time.monotonic() > until_s:
                     end(UNREACHABLE, f"traverse store: {error}")
-                if not told:
+                if not is_waiting_announced:
                     report(f"{error}; waiting {PATIENCE_S:g} s for it")
-                told = True
+                is_waiting_announced = True
                 time.sleep(0.5)
         if steps:
             report(f"{first.name}: {counted(steps, 'step')} of tables made")

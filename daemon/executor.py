@@ -184,8 +184,8 @@ class SetLabel(OrderedCommand, recorded_name="label"):
         measurement.capture.label = label
         words = [word for word in (self.artefact, self.feature) if word is not None]
         text = f"points are taken on {', '.join(words)}" if words else "no label"
-        told = label.model_dump(exclude_none=True)
-        measurement.points.report("capture.label", text, told)
+        fields = label.model_dump(exclude_none=True)
+        measurement.points.report("capture.label", text, fields)
         measurement.sinks.status_changed()
         return label
 
@@ -275,8 +275,8 @@ class SetProbe(OrderedCommand, recorded_name="probe"):
             ) from error
         model = measurement.model
         text = f"probe {probe.name}, radius {model.probe_radius_mm:g} mm, model "
-        told = {"probe": probe.name}
-        measurement.points.report("capture.probe", text + model.digest[:12], told)
+        fields = {"probe": probe.name}
+        measurement.points.report("capture.probe", text + model.digest[:12], fields)
         measurement.sinks.status_changed()
         return model
 

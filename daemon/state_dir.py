@@ -17,8 +17,8 @@ def state_path(configuration_path: Path) -> Path:
     The first entry of `$STATE_DIRECTORY`, which systemd sets for a unit with
     `StateDirectory=`; else `state` beside the configuration.
     """
-    told = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
-    return Path(told) if told else configuration_path.parent / "state"
+    folder = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
+    return Path(folder) if folder else configuration_path.parent / "state"
 
 
 def state_folder(configuration_path: Path) -> Path:

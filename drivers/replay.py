@@ -121,9 +121,9 @@ class ReplayDriver(Driver):
                 table = bytes_to_map(entry.content)
                 if table.get("is") == "state":
                     is_first = False
-                    for told in table["value"]["devices"]:
-                        if told["device"] == self._source:
-                            yield _at_ns(table), delivery_from_map(told)
+                    for device in table["value"]["devices"]:
+                        if device["device"] == self._source:
+                            yield _at_ns(table), delivery_from_map(device)
 
     def _wait(self, at_ns: int) -> bool:
         """Wait until a recorded moment; False where the driver is to end."""

@@ -75,7 +75,7 @@ class PointChain:
         chain = self._sessions.setdefault(point.session, _Session())
         if len(self._sessions) > MOST_SESSIONS:
             self._sessions.popitem(last=False)
-        link, told = link_to(content), None
+        link, problem = link_to(content), None
         if point.seq < chain.next_seq:
             known = chain.links.get(point.seq, link)
             if known == link:
@@ -84,16 +84,16 @@ class PointChain:
         if point.seq > chain.next_seq:
             last = point.seq - 1
             numbers = f"{chain.next_seq} to {last}" if last > chain.next_seq else last
-            told = f"{what}: {numbers} before it is missing, or comes later"
+            problem = f"{what}: {numbers} before it is missing, or comes later"
         else:
             before = chain.links.get(point.seq - 1, first_link(point.session))
             if point.previous != before:
-                told = f"{what} does not follow from the one before it"
+                problem = f"{what} does not follow from the one before it"
         chain.next_seq = point.seq + 1
         chain.links[point.seq] = link
         if len(chain.links) > MOST_LINKS:
             chain.links.popitem(last=False)
-        return told
+        return problem
 
 
 @dataclass(slots=True)
@@ -119,9 +119,9 @@ def checked_points(points: Iterable[Point | str], public_key: bytes) -> CheckedP
     """
     chain, found = verifier(public_key), CheckedPoints()
     for point in points:
-        told: str | None = point if isinstance(point, str) else chain.problem(point)
-        if told is not None:
-            found.problems.append(told)
+        problem: str | None = point if isinstance(point, str) else chain.problem(point)
+        if problem is not None:
+            found.problems.append(problem)
         if isinstance(point, Point):
             found.n_points += 1
             found.last[point.session] = point.seq

@@ -54,12 +54,12 @@ def measured() -> Path:
 
 @shared
 def identified() -> Path:
-    """The same with results in `out`, and what was printed in `said` and `told`."""
+    """The same with results in `out`, and what was printed in `said` and `errors`."""
     folder = shutil.copytree(measured(), new_folder(), dirs_exist_ok=True)
     words = ("identify", "campaign", "--arm", "arm.toml", "--out", "out")
     ran = run_traverse(folder, *words)
     (folder / "said").write_text(ran.stdout, "utf-8")
-    (folder / "told").write_text(ran.stderr, "utf-8")
+    (folder / "errors").write_text(ran.stderr, "utf-8")
     return folder
 
 

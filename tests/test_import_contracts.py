@@ -188,15 +188,15 @@ UNKNOWN = [
 
 def sections(checked: subprocess.CompletedProcess[str]) -> dict[str, str]:
     """What is said of every contract that does not hold."""
-    _, _, told = checked.stdout.partition("Broken contracts")
-    headed = re.split(r"^(.+)\n-+\n", told, flags=re.MULTILINE)
+    _, _, report = checked.stdout.partition("Broken contracts")
+    headed = re.split(r"^(.+)\n-+\n", report, flags=re.MULTILINE)
     return dict(zip(headed[1::2], headed[2::2], strict=True))
 
 
 def section(found: dict[str, str], contract: str) -> str:
     """That of the contract whose name begins so."""
-    (told,) = (text for name, text in found.items() if name.startswith(contract))
-    return told
+    (report,) = (text for name, text in found.items() if name.startswith(contract))
+    return report
 
 
 @pytest.fixture(scope="module")
@@ -213,10 +213,10 @@ def planted_imports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 def test_planted_imports_are_caught(
     planted_imports: dict[str, str], contract: str
 ) -> None:
-    told = section(planted_imports, contract)
+    report = section(planted_imports, contract)
     for module, planted in PLANTED[contract]:
         name = f"traverse/{module.removesuffix('.py')}".replace("/", ".")
-        assert f"{name} -> {planted} " in told
+        assert f"{name} -> {planted} " in report
 
 
 @pytest.fixture(scope="module")

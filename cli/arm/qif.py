@@ -64,12 +64,12 @@ def qif_of_arm(arm: Arm, verification: Path | None) -> tuple[bytes, dict[str, An
         tests |= _tests(values, tool)
     if tests:
         accuracies = SubElement(device, "Accuracies", n=str(len(tests)))
-        for told, test in tests.items():
-            _add_accuracy(accuracies, values, told, test)
+        for title, test in tests.items():
+            _add_accuracy(accuracies, values, title, test)
     report = {
         "arm": arm.name,
         "joints": len(joints),
-        "tests": [{"test": test.tag, "of": told} for told, test in tests.items()],
+        "tests": [{"test": test.tag, "of": title} for title, test in tests.items()],
     }
     return document.content(), report
 
@@ -124,13 +124,13 @@ def _tests(values: Mapping[str, Any], tool: str | None) -> dict[str, Element]:
         if key in figures:
             test = Element("AACMMISO10360Test")
             _length(test, "MaxErrorConstant", abs(figures[key]["value_mm"]))
-            told = f"{values['title']}, {figures[key]['name']}, largest error measured"
-            found[told] = test
+            title = f"{values['title']}, {figures[key]['name']}, largest error measured"
+            found[title] = test
     return found
 
 
 def _add_accuracy(
-    parent: Element, values: Mapping[str, Any], told: str, test: Element
+    parent: Element, values: Mapping[str, Any], title: str, test: Element
 ) -> None:
     accuracy = SubElement(parent, "AACMMAccuracy")
     administration = values["administration"]
@@ -142,7 +142,7 @@ def _add_accuracy(
     accuracy.append(test)
     digest = values["digest"]["digest"]
     source = SubElement(accuracy, "AccuracySource")
-    text_element(source, "OtherAccuracySource", f"{told}; digest {digest}")
+    text_element(source, "OtherAccuracySource", f"{title}; digest {digest}")
 
 
 def _length(parent: Element, name: str, value_mm: float) -> None:

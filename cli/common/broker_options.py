@@ -60,7 +60,7 @@ def only_arm(broker: BrokerAddress, seconds: float) -> str:
     """Name of the one arm at a broker; ends the command where there is another."""
     arms = arms_at(broker, seconds)
     if len(arms) != 1:
-        told = f"there are {', '.join(arms)}" if arms else "there is none yet"
+        known_arms = f"there are {', '.join(arms)}" if arms else "there is none yet"
         status = REFUSED if arms else UNREACHABLE
-        end(status, f"which arm? {told} on {broker}; name it with --arm")
+        end(status, f"which arm? {known_arms} on {broker}; name it with --arm")
     return arms[0]

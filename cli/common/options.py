@@ -101,10 +101,10 @@ def _options(group: type) -> tuple[inspect.Parameter, ...]:
 
 def _parts(documented: object) -> tuple[str, dict[str, str]]:
     """Split a docstring: what is before its entries, and these by name."""
-    text = inspect.getdoc(documented) or ""
-    about, *rest = re.split(r"\n\n(?:Args|Attributes):\n", text)
+    docstring = inspect.getdoc(documented) or ""
+    about, *rest = re.split(r"\n\n(?:Args|Attributes):\n", docstring)
     entries = _ENTRY.findall("".join(rest))
-    return about, {name: " ".join(told.split()) for name, told in entries}
+    return about, {name: " ".join(text.split()) for name, text in entries}
 
 
 def _described(

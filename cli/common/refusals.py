@@ -112,8 +112,8 @@ def check_results(folder: Path, arm: Path) -> None:
         refuse(f"--out {folder} is no folder; name one, or one that is yet to be made")
     # os.path: Path.resolve raises RuntimeError where a link leads to itself.
     if os.path.realpath(folder / "arm.toml") == os.path.realpath(arm):
-        told = f"--out {folder}: its arm.toml is the arm file, and would be replaced"
-        refuse(f"{told}; name another folder")
+        problem = f"--out {folder}: its arm.toml is the arm file, and would be replaced"
+        refuse(f"{problem}; name another folder")
 
 
 @contextmanager

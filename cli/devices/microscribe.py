@@ -61,8 +61,8 @@ def arm_file(
     config = out.with_name("traverse.toml")
     _check_names(out, config, baud_rate, device, force=force)
     with refusals(), device_errors():
-        said, told = query_microscribe(port, baud_rate, name)
-        arm = arm_from_microscribe(told, device, radius_mm)
+        said, description = query_microscribe(port, baud_rate, name)
+        arm = arm_from_microscribe(description, device, radius_mm)
         text = text_of(CONFIGURATION).format(
             name=said.name,
             file=config.name,
@@ -85,7 +85,7 @@ def arm_file(
         "protocol": said.framing.name,
         "baud_rate": said.baud_rate,
         "counts_per_turn": list(said.moduli),
-        "beta_rad": told.kinematics.beta_rad,
+        "beta_rad": description.kinematics.beta_rad,
     }
     lines = (
         f"{said.name}, {said.framing.name} at {said.baud_rate} baud",

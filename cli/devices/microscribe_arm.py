@@ -115,27 +115,29 @@ def _session(
 
 
 def arm_from_microscribe(
-    told: MicroscribeDescription, device: str, radius_mm: float
+    description: MicroscribeDescription, device: str, radius_mm: float
 ) -> Arm:
     """Make an arm of what a MicroScribe reports; the radius is 0 for a pointed stylus.
 
     Raises:
         FileError: it cannot be such an arm.
     """
-    n = _joint_count(told)
-    counts = [greatest + 1 for greatest in told.maxes[:n]]
+    n = _joint_count(description)
+    counts = [greatest + 1 for greatest in description.maxes[:n]]
     home_rad = np.array(
         [
             2.0 * np.pi * (home % count) / count
-            for home, count in zip(told.home[:n], counts, strict=True)
+            for home, count in zip(description.home[:n], counts, strict=True)
         ]
     )
     joints = [
         JointParts(f"J{k + 1}", counts[k], 1, f"{device}/{k}", absolute=False)
         for k in range(n)
     ]
-    geometry = geometry_of(told.kinematics, home_rad)
-    return assemble_arm(told.name, geometry, joints, told.source, radius_mm=radius_mm)
+    geometry = geometry_of(description.kinematics, home_rad)
+    return assemble_arm(
+        description.name, geometry, joints, description.source, radius_mm=radius_mm
+    )
 
 
 def geometry_of(kinematics: Kinematics, base_posture_rad: Floats) -> Geometry:
@@ -155,19 +157,19 @@ def geometry_of(kinematics: Kinematics, base_posture_rad: Floats) -> Geometry:
     return geometry
 
 
-def _joint_count(told: MicroscribeDescription) -> int:
-    there = [bool(greatest) for greatest in told.maxes]
+def _joint_count(description: MicroscribeDescription) -> int:
+    there = [bool(greatest) for greatest in description.maxes]
     n = sum(there)
     problems = []
     if not all(there[:n]):
-        what = f"greatest counts are {list(told.maxes)}; one is 0 between others"
+        what = f"greatest counts are {list(description.maxes)}; one is 0 between others"
         problems.append(Problem("encoders", f"{what}, so the joints are ambiguous"))
     elif not _BETA_JOINT <= n <= N_ROWS:
         what = f"there are {n}, expected {_BETA_JOINT} to {N_ROWS}, the rows of the "
         what += "arm's own table; make the arm file with `traverse arm from-dh`"
         problems.append(Problem("encoders", what))
     if problems:
-        raise FileError(told.source, problems)
+        raise FileError(description.source, problems)
     return n
 
 

@@ -48,8 +48,8 @@ def session_line(
 ) -> str:
     """One session, with how many points there are and the broker lacks."""
     if as_json:
-        told = {**asdict(session), "begun_ns": str(session.begun_ns)}
-        return json.dumps({**told, "points": points, "unsent": unsent})
+        fields = {**asdict(session), "begun_ns": str(session.begun_ns)}
+        return json.dumps({**fields, "points": points, "unsent": unsent})
     begun = datetime.fromtimestamp(session.begun_ns // 10**9, UTC)
     left = f", {unsent} not sent yet" if unsent else ""
     note = f"  {session.note}" if session.note else ""

@@ -88,8 +88,8 @@ async def _notify_absence(
 
     await asyncio.sleep(FIND_S)
     with contextlib.suppress(ClientError):  # no broker, which is reported elsewhere
-        if not heard.is_set() and (told := await absence_of(arm, broker, FIND_S)):
-            typer.echo(f"{told}; waiting for it, Ctrl-C ends", err=True)
+        if not heard.is_set() and (absence := await absence_of(arm, broker, FIND_S)):
+            typer.echo(f"{absence}; waiting for it, Ctrl-C ends", err=True)
 
 
 async def _write(

@@ -43,8 +43,8 @@ def picture(name: str, sight: ArmSight) -> RenderableType:
     system: System = "part" if sight.is_aligned else "arm"
     lines += [Text(), _read_out(sight, system), Text(), _points(sight, system)]
     lines += [Text(), _health(sight)]
-    told = [e for e in sight.events if e.severity != "info" or e.active is not None]
-    lines += [Text(_event(e), style="dim") for e in told[-MOST_EVENTS:]]
+    shown = [e for e in sight.events if e.severity != "info" or e.active is not None]
+    lines += [Text(_event(e), style="dim") for e in shown[-MOST_EVENTS:]]
     return Panel(Group(*lines), title=name, subtitle="Ctrl-C ends", padding=(0, 1))
 
 
@@ -59,8 +59,8 @@ def _read_out(sight: ArmSight, system: System) -> RenderableType:
         table.add_row(name, value)
     speed = "" if live.speed_mm_s is None else f"{live.speed_mm_s:.0f} mm/s"
     old = f"STALE: {sight.age_s:.0f} s old" if stale else ""
-    told = (f"ball centre, {SYSTEMS[system]}", speed, flag_words(live), old)
-    return Group(table, Text("  ".join(filter(None, told))))
+    details = (f"ball centre, {SYSTEMS[system]}", speed, flag_words(live), old)
+    return Group(table, Text("  ".join(filter(None, details))))
 
 
 def _points(sight: ArmSight, system: System) -> RenderableType:
@@ -96,7 +96,7 @@ def _health(sight: ArmSight) -> RenderableType:
         return Text("no figures yet", style="dim")
     if sight.is_health_stale:
         at = time.strftime("%H:%M:%S", time.localtime(health.time_ns * 1e-9))
-        return Text(f"health: not known now, last told at {at}", style="dim")
+        return Text(f"health: not known now, last reported at {at}", style="dim")
     devices = printable(
         ", ".join(f"{d.id} {d.state} {d.rate_hz:.0f} samples/s" for d in health.devices)
     )

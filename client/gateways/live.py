@@ -99,7 +99,7 @@ class LiveServer:
             for kind in (Status, Health)
         }
         self._shown: dict[str, Point] = {}  # the newest last
-        self._told: dict[type[Message], Message] = {}
+        self._latest: dict[type[Message], Message] = {}
         self._alarms: dict[str, tuple[str, StatusLevel]] = {}
         self._subscribed = asyncio.Event()
         self._server: WebSocketServer | None = None
@@ -186,8 +186,8 @@ class LiveServer:
             for kind, ask in ((Status, self._arm.status), (Health, self._arm.health)):
                 with suppress(TimeoutError):  # an arm that was never there
                     message = await ask()
-                    if message is not self._told.get(kind):
-                        self._told[kind] = message
+                    if message is not self._latest.get(kind):
+                        self._latest[kind] = message
                         self._log_state(message)
             await asyncio.sleep(LOOK_S)
 
@@ -200,7 +200,7 @@ class LiveServer:
             entities = [point_entity(one, self._times) for one in self._shown.values()]
             self._scene_of_points.log(SceneUpdate(entities=entities))
             self._alarms.clear()
-            for message in self._told.values():
+            for message in self._latest.values():
                 self._log_state(message)
 
     def _log_state(self, message: Message) -> None:

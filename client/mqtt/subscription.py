@@ -96,8 +96,8 @@ async def absence_of(arm: str, address: BrokerAddress, patience_s: float) -> str
         return ""
     there = (f"{name}{'' if found[name] else ' (off line)'}" for name in sorted(found))
     who = "no arm" if arm == "+" else f"no arm named {arm}"
-    told = f"{who} has been heard at broker {address}"
-    return f"{told}; arms there: {', '.join(there) or 'none'}"
+    problem = f"{who} has been heard at broker {address}"
+    return f"{problem}; arms there: {', '.join(there) or 'none'}"
 
 
 async def _statuses(

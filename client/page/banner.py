@@ -56,10 +56,10 @@ class Banner:
         self.name_light(is_dark=True)
         with ui.element("div").classes("message"):
             self._at = ui.label().classes("at")
-            self._message = ui.label().classes("told")
+            self._message = ui.label().classes("notice")
             self._message.props('role="status" aria-live="polite"')
             notice = ui.html(
-                '<span class="press-told" role="alert"></span>', sanitize=False
+                '<span class="press-outcome" role="alert"></span>', sanitize=False
             )
             notice.classes("press")
 

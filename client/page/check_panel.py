@@ -89,8 +89,8 @@ class CheckPanel:
             '<table class="plain wrap"><tbody>'
             + "".join(
                 f'<tr><td class="text">{name}</td><td><b>{value}</b></td>'
-                f'<td class="text"><small>{told}</small></td></tr>'
-                for name, value, told in rows
+                f'<td class="text"><small>{reason}</small></td></tr>'
+                for name, value, reason in rows
             )
             + "</tbody></table>"
         )

@@ -20,14 +20,14 @@ def health_table(sight: ArmSight) -> str:
     old = sight.is_health_stale
     rows = []
 
-    def state(told: str) -> str:
-        return "" if old else told  # what was well is not said to be so now
+    def state(text: str) -> str:
+        return "" if old else text  # what was well is not said to be so now
 
     for device in health.devices:
         heard = device.age_s
         age = "no data" if heard is None else f"data {heard:.1f} s ago"
-        told = f"{device.rate_hz:.0f} samples/s, {age}"
-        rows.append(_row(device.id, state(device.state), told))
+        figures = f"{device.rate_hz:.0f} samples/s, {age}"
+        rows.append(_row(device.id, state(device.state), figures))
         rows += [
             _row(f"{device.id} {name}", "", f"{value:.1f} °C")
             for name, value in device.temperatures_c.items()
@@ -48,8 +48,10 @@ def health_table(sight: ArmSight) -> str:
     for name, words in names.items():
         delay = health.latencies.get(name)
         if delay is not None:
-            told = f"{delay.p50_us / 1e3:.1f} ms, 99 % within {delay.p99_us / 1e3:.1f}"
-            rows.append(_row(words, "", told))
+            figures = (
+                f"{delay.p50_us / 1e3:.1f} ms, 99 % within {delay.p99_us / 1e3:.1f}"
+            )
+            rows.append(_row(words, "", figures))
     lost = {
         words: health.counters.get(name, 0)
         for name, words in (
@@ -62,9 +64,9 @@ def health_table(sight: ArmSight) -> str:
     memory = f"{health.cpu_share:.0%} of a core, {health.rss_bytes / 1e6:.0f} MB"
     rows.append(_row("daemon", "", memory))
     at = time.strftime("%H:%M:%S", time.localtime(health.time_ns * 1e-9))
-    told = f"<p><b>Not of now:</b> figures of {at}.</p>" if old else ""
+    notice = f"<p><b>Out of date:</b> figures of {at}.</p>" if old else ""
     kind = "plain wrap old" if old else "plain wrap"
-    return f'{told}<table class="{kind}"><tbody>{"".join(rows)}</tbody></table>'
+    return f'{notice}<table class="{kind}"><tbody>{"".join(rows)}</tbody></table>'
 
 
 def condition_list(sight: ArmSight) -> str:
@@ -126,7 +128,7 @@ def coverage_bars(sight: ArmSight) -> str:
     return "".join(bars)
 
 
-def _row(name: str, state: str, told: str) -> str:
+def _row(name: str, state: str, figures: str) -> str:
     kind = WORDS.get(state, "bad" if state not in ("", "warning") else state)
     shown = state if state not in ("", "warning") else ""
     strong = "state warning" if kind == "warning" and not shown else ""
@@ -134,5 +136,5 @@ def _row(name: str, state: str, told: str) -> str:
         f'<tr><td class="text">{escape(name)}</td>'
         f'<td class="text state {kind}">{escape(shown)}</td>'
         f'<td class="text {strong}">'
-        f"{escape(told)}</td></tr>"
+        f"{escape(figures)}</td></tr>"
     )

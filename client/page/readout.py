@@ -96,12 +96,14 @@ class Figures:
             around.set_text(f"{unit.name}{known}")
         self._note.set_text(source)
         speed = live.speed_mm_s
-        told = "" if speed is None else f"{speed * unit.per_mm:.0f} {unit.name}/s"
-        self._speed.set_text(told)
+        speed_words = (
+            "" if speed is None else f"{speed * unit.per_mm:.0f} {unit.name}/s"
+        )
+        self._speed.set_text(speed_words)
         health = None if sight.is_health_stale else sight.health
         temperature_c = health.temperatures_c.get("arm") if health else None
-        told = "" if temperature_c is None else f"{temperature_c:.1f} °C"
-        self._temperature.set_text(told)
+        temperature = "" if temperature_c is None else f"{temperature_c:.1f} °C"
+        self._temperature.set_text(temperature)
         self._doubt.set_text("" if live.quality.ok else f"In doubt: {flag_words(live)}")
         self._deviation.set_content("" if stale else self._bars(sight, system))
 

@@ -43,8 +43,8 @@ window.traverse_watch = {
     }
     if (is_silent) {
       this.block();
-      for (const told of document.querySelectorAll(".silent-for"))
-        told.textContent = `Nothing has arrived from this page's server for ${Math.floor(silent_ms / 1000)} s.`;
+      for (const notice of document.querySelectorAll(".silent-for"))
+        notice.textContent = `Nothing has arrived from this page's server for ${Math.floor(silent_ms / 1000)} s.`;
     }
     for (const [id, press] of this.pending)
       if (now_ms - press.now_ms > this.LOST_MS && !press.is_lost) {
@@ -64,7 +64,7 @@ window.traverse_watch = {
       }
   },
   say(text, sound = "refused") {
-    for (const told of document.querySelectorAll(".press-told")) told.textContent = text;
+    for (const notice of document.querySelectorAll(".press-outcome")) notice.textContent = text;
     if (text && sound) window.traverse_sounds?.play(sound);
   },
   time: (date) => date.toTimeString().slice(0, 8),

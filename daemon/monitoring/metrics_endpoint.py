@@ -31,8 +31,8 @@ class MetricsEndpoint:
     def __init__(self, text: Callable[[], str]) -> None:
         self._text = text
         self._clients = 0
-        self._told = ""
-        self._told_s = -math.inf
+        self._cached_text = ""
+        self._text_s = -math.inf
 
     async def serve(
         self, reader: asyncio.StreamReader, out: asyncio.StreamWriter
@@ -56,9 +56,9 @@ class MetricsEndpoint:
 
     def _figures(self) -> str:
         now_s = asyncio.get_running_loop().time()
-        if now_s - self._told_s >= FRESH_S:
-            self._told, self._told_s = self._text(), now_s
-        return self._told
+        if now_s - self._text_s >= FRESH_S:
+            self._cached_text, self._text_s = self._text(), now_s
+        return self._cached_text
 
     def _answer(self, request: bytes) -> bytes:
         line, _, _ = request.partition(b"\r\n")

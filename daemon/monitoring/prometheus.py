@@ -211,8 +211,8 @@ def _head(name: str, kind: str, text: str) -> tuple[str, str]:
 def _labels(labels: Labels) -> str:
     if not labels:
         return ""
-    told = ",".join(f'{name}="{_escaped(value)}"' for name, value in labels.items())
-    return f"{{{told}}}"
+    pairs = ",".join(f'{name}="{_escaped(value)}"' for name, value in labels.items())
+    return f"{{{pairs}}}"
 
 
 def _escaped(value: str) -> str:

@@ -21,10 +21,10 @@ def recorded_files(path: Path, configuration: Configuration) -> dict[str, bytes]
     """
     arm_path = path.parent / configuration.arm.file
     files = {CONFIGURATION: bytes_of(path), ARM: bytes_of(arm_path)}
-    told = read_arm(arm_path).identification
-    if told is not None and told.covariance_file is not None:
-        covariance = arm_path.parent / told.covariance_file
-        files[told.covariance_file] = bytes_of(covariance)
+    identification = read_arm(arm_path).identification
+    if identification is not None and identification.covariance_file is not None:
+        covariance = arm_path.parent / identification.covariance_file
+        files[identification.covariance_file] = bytes_of(covariance)
     if configuration.arm.probes is not None:
         files[PROBES] = bytes_of(path.parent / configuration.arm.probes)
     return files

@@ -49,15 +49,15 @@ class DeviceSnapshot:
     """
 
     def __init__(self) -> None:
-        self._told: dict[str, dict[object, Delivery]] = {}
+        self._latest: dict[str, dict[object, Delivery]] = {}
 
     def note(self, delivery: Delivery) -> None:
         """Something has been delivered."""
-        told = self._told.setdefault(delivery.device, {})
+        latest = self._latest.setdefault(delivery.device, {})
         match delivery:
             case DeviceUp():
-                told.clear()
-                told["up"] = delivery
+                latest.clear()
+                latest["up"] = delivery
             case (
                 DeviceLost()
                 | StreamStarted()
@@ -65,19 +65,19 @@ class DeviceSnapshot:
                 | DeviceClockState()
             ):
                 kind = delivery_kind(delivery)
-                told.pop(kind, None)
-                told[kind] = delivery
+                latest.pop(kind, None)
+                latest[kind] = delivery
             case DeviceAlarm():
                 alarm = ("alarm", delivery.channel, delivery.code)
-                told.pop(alarm, None)
+                latest.pop(alarm, None)
                 if delivery.raised:
-                    told[alarm] = delivery
+                    latest[alarm] = delivery
 
     def maps(self) -> list[dict[str, object]]:
         """All of them, each device's in order."""
         found = []
-        for told in self._told.values():
-            for delivery in told.values():
+        for latest in self._latest.values():
+            for delivery in latest.values():
                 table = delivery_to_map(delivery)
                 if isinstance(delivery, DeviceUp):
                     table["restarted"] = False  # what it made is in the state already

@@ -256,6 +256,6 @@ class RecorderThread:
             for item in self.queue.take():
                 self._execute(item)
 
-    def _notify(self, told: Callable[..., None], *args: object) -> None:
+    def _notify(self, callback: Callable[..., None], *args: object) -> None:
         with contextlib.suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(told, *args)
+            self._loop.call_soon_threadsafe(callback, *args)

@@ -143,8 +143,10 @@ def entry_of(record: logging.LogRecord) -> bytes:
         "CODE_LINE": record.lineno,
         "CODE_FUNC": record.funcName,
     }
-    told = fields_of(record)
-    fields |= {f"TRAVERSE_{name.upper()}": value for name, value in told.items()}
+    extra_fields = fields_of(record)
+    fields |= {
+        f"TRAVERSE_{name.upper()}": value for name, value in extra_fields.items()
+    }
     return b"".join(_field(name, str(value)) for name, value in fields.items())
 
 
@@ -180,7 +182,7 @@ def start_log(form: LogFormat = "auto", level: LogLevel = "info") -> None:
 def stderr_is_the_journal() -> bool:
     """Whether `$JOURNAL_STREAM` names the file that standard error is."""
     try:
-        told = os.fstat(sys.stderr.fileno())
+        status = os.fstat(sys.stderr.fileno())
     except (OSError, ValueError):
         return False
-    return os.environ.get("JOURNAL_STREAM") == f"{told.st_dev}:{told.st_ino}"
+    return os.environ.get("JOURNAL_STREAM") == f"{status.st_dev}:{status.st_ino}"

@@ -222,14 +222,14 @@ class Driver(ABC):
 
     def _run(self) -> None:
         retry_s = FIRST_RETRY_S
-        told = None
+        reported = None
         while not self._stopping:
             lost = None
             try:
                 self.heartbeat.beat(CONNECT_S)
                 self._connect()
                 self.heartbeat.beat()
-                retry_s, told = FIRST_RETRY_S, None
+                retry_s, reported = FIRST_RETRY_S, None
                 self._serve()
             except (DeviceError, OSError) as error:
                 remedy = getattr(error, "remedy", "check cable and power")
@@ -242,12 +242,12 @@ class Driver(ABC):
                 self._disconnect()
             if (
                 lost is not None
-                and lost != told
+                and lost != reported
                 and not self._stopping
                 and self._delivery_queue.put(lost)  # else reported after the next try
             ):
                 self._counters["lost"] += 1
-                told = lost
+                reported = lost
             self._pause(retry_s)
             retry_s = min(2 * retry_s, LAST_RETRY_S)
         self.heartbeat.idle()

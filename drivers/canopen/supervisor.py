@@ -180,19 +180,19 @@ class NodeSupervisor:
 
     def error_frame(self, can_id: int, data: bytes | bytearray, at_ns: int) -> None:
         """The controller has reported the state of its bus."""
-        told = decode_error(can_id, data)
-        if told.bus_off:
+        error = decode_error(can_id, data)
+        if error.bus_off:
             self._bus_off_ns = at_ns
             text = f"{self.bus.name} is off: its controller saw too many errors"
             self.conditions.report(None, "bus_off", text)
-        elif told.restarted:
+        elif error.restarted:
             self.conditions.end(None, "bus_off")
-        if told.passive:
+        if error.passive:
             text = f"{self.bus.name} is disturbed: its controller is error passive"
             self.conditions.report(None, "bus_passive", text)
-        elif told.active or told.restarted:
+        elif error.active or error.restarted:
             self.conditions.end(None, "bus_passive")
-        if told.overflow:
+        if error.overflow:
             self.cycles.note_lost_frames()
             self._report_overflow(1)
 

@@ -86,12 +86,12 @@ class SyncAttribution:
         """The status of a set, from that of the nodes and from who has missed it."""
         if not missed | self.pending | self.invalidated:
             return status
-        told = bytearray(status)
+        flagged = bytearray(status)
         for channel in _channels(missed):
-            told[channel] |= STATUS_MISSING
+            flagged[channel] |= STATUS_MISSING
         for channel in _channels((self.pending | self.invalidated) & ~missed):
-            told[channel] |= STATUS_LATE
-        return told
+            flagged[channel] |= STATUS_LATE
+        return flagged
 
     def _forget_pending(self, channels: int) -> None:
         for channel in _channels(channels & (self.pending | self.invalidated)):

@@ -105,8 +105,8 @@ def moved_centre(
     change = np.eye(n_parameters)
     away = (new_centre_mm - centre_mm)[np.newaxis]
     change[:3] = motions(away, n_parameters)[0]
-    told: Floats = change @ covariance @ change.T
-    return told
+    moved: Floats = change @ covariance @ change.T
+    return moved
 
 
 def closed_helmert(

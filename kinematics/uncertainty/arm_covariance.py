@@ -125,7 +125,7 @@ def read_arm_covariance(
     try:
         _check_sizes(data, len(names))
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            told = [str(name) for name in file["names"]]
+            stored_names = [str(name) for name in file["names"]]
             covariance = np.array(file["covariance"], dtype=np.float64)
     except (
         OSError,
@@ -139,7 +139,7 @@ def read_arm_covariance(
         raise ValueError(
             f"{path} is no covariance of an arm ({error}); identify the arm again"
         ) from error
-    return ArmCovariance(_factor(path, names, told, covariance))
+    return ArmCovariance(_factor(path, names, stored_names, covariance))
 
 
 def read_parameter_covariance(
@@ -193,17 +193,17 @@ def _check_sizes(data: bytes, n_parameters: int) -> None:
 
 
 def _factor(
-    path: Path, names: Sequence[str], told: Sequence[str], covariance: Floats
+    path: Path, names: Sequence[str], stored_names: Sequence[str], covariance: Floats
 ) -> Floats:
     places = {name: number for number, name in enumerate(names)}
-    unknown = [name for name in told if name not in places]
-    if unknown or len(set(told)) != len(told):
+    unknown = [name for name in stored_names if name not in places]
+    if unknown or len(set(stored_names)) != len(stored_names):
         wrong = ", ".join(unknown[:5]) or "a name that occurs twice"
         raise ValueError(
             f"{path} has parameters that this arm has not: {wrong}; use the file of "
             "the same identification as the arm file"
         )
-    n = len(told)
+    n = len(stored_names)
     if covariance.shape != (n, n) or not np.isfinite(covariance).all():
         raise ValueError(
             f"{path}: covariance has shape {covariance.shape} or is not finite, "
@@ -222,6 +222,6 @@ def _factor(
         )
     rank = values > _ROUNDING * largest
     factor = np.zeros((len(names), int(rank.sum())))
-    rows = [places[name] for name in told]
+    rows = [places[name] for name in stored_names]
     factor[rows] = safe[:, np.newaxis] * vectors[:, rank] * np.sqrt(values[rank])
     return factor

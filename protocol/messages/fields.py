@@ -57,8 +57,8 @@ class Value(BaseModel):
         keys = handler.resolve_ref_schema(reference)["properties"]
         for kind in reversed(cls.__mro__[: cls.__mro__.index(Value)]):
             body = ast.parse(inspect.getsource(kind)).body[0].body  # type: ignore[attr-defined]  # a class
-            for field, told in pairwise(body):
-                match field, told:
+            for field, following in pairwise(body):
+                match field, following:
                     case (
                         ast.AnnAssign(target=ast.Name(id=name)),
                         ast.Expr(value=ast.Constant(value=str(text))),

@@ -96,6 +96,6 @@ def test_a_line_of_a_world_is_judged():
     honest = {**doubter, "settled_doubt": {}}
     assert verdict([honest]).holds
     for wrong in (liar, doubter):
-        told = verdict([honest, wrong])
-        assert not told.holds
-        assert "python -m benchmarks.honesty --seed 4 -v" in told.text
+        judgement = verdict([honest, wrong])
+        assert not judgement.holds
+        assert "python -m benchmarks.honesty --seed 4 -v" in judgement.text

@@ -37,7 +37,7 @@ class Door:
     certificate_file: str | None = None
 
 
-def told(error, **door):
+def reason(error, **door):
     return reason_of(error, Door(**door), WORDING)
 
 
@@ -80,19 +80,19 @@ def alert(number):
 )
 def test_what_openssl_says_is_reported_in_a_sentence(answer, words):
     error = error_of_openssl(answer)
-    assert words in told(error)
+    assert words in reason(error)
     assert is_refusal(error) == (answer != b"")
 
 
 @pytest.mark.parametrize("kind", [ssl.SSLEOFError, ssl.SSLZeroReturnError])
 def test_a_cut_line_is_known_by_its_kind_not_by_words_that_pythons_change(kind):
     error = kind(8, "TLS/SSL connection has been closed (EOF) (_ssl.c:992)")
-    assert "does it require a certificate_file" in told(error)
+    assert "does it require a certificate_file" in reason(error)
     assert not is_refusal(error)
 
 
 def test_who_showed_a_certificate_in_vain_is_not_asked_for_one():
-    text = told(error_of_openssl(alert(40)), certificate_file="arm.crt")
+    text = reason(error_of_openssl(alert(40)), certificate_file="arm.crt")
     assert text == "TLS failed: SSLV3_ALERT_HANDSHAKE_FAILURE"
 
 
@@ -108,16 +108,16 @@ def test_who_showed_a_certificate_in_vain_is_not_asked_for_one():
 def test_a_refused_account_is_reported_with_what_was_shown(code, door, words):
     # of MQTT 3.1.1, and the same of MQTT 5
     for error in (refused_with(code), refused_with(code + 130)):
-        assert words in told(error, **door)
+        assert words in reason(error, **door)
         assert is_refusal(error)
 
 
 def test_a_connection_that_is_gone_was_cut():
-    assert told(ConnectionCutError()).startswith("the connection was cut")
+    assert reason(ConnectionCutError()).startswith("the connection was cut")
 
 
 def test_a_ban_is_a_refusal():
-    assert "banned" in told(refused_with(138))
+    assert "banned" in reason(refused_with(138))
     assert is_refusal(refused_with(138))
 
 
@@ -133,14 +133,14 @@ REFUSING = [
 @pytest.mark.parametrize("code", [1, 2, 3, 4, 5, *REFUSING])
 @pytest.mark.parametrize("kind", [ConnectRefusedError, DisconnectedError, RefusedError])
 def test_every_reason_code_has_a_sentence_and_a_remedy(code, kind):
-    text = told(kind(code))
+    text = reason(kind(code))
     assert "reason code" not in text
     assert "{" not in text
     assert len(text.split()) >= 3
 
 
 def test_what_the_broker_says_itself_is_quoted():
-    assert told(refused_with(0x83, "no more arms")).endswith("it says 'no more arms'")
+    assert reason(refused_with(0x83, "no more arms")).endswith("it says 'no more arms'")
     assert "0xf3" in sentence(0xF3, WORDING)
     assert not is_refusal(refused_with(0x88))
 
@@ -158,20 +158,22 @@ def test_what_the_broker_says_itself_is_quoted():
 def test_what_the_network_says_is_found_behind_the_client_s_error(error, words):
     hidden = MqttError("something with numbers")
     hidden.__cause__ = error
-    assert words in told(hidden)
+    assert words in reason(hidden)
     assert not is_refusal(error)
 
 
 def test_a_silent_end_may_mean_that_tls_is_required():
-    assert "does it require TLS? Then speak TLS" in told(
+    assert "does it require TLS? Then speak TLS" in reason(
         ClosedBeforeAnswerError(), tls=False
     )
-    assert told(ClosedBeforeAnswerError()) == "it closes the connection without a word"
+    assert (
+        reason(ClosedBeforeAnswerError()) == "it closes the connection without a word"
+    )
 
 
 def test_what_nobody_foresaw_is_reported_as_it_is():
-    assert told(MqttError("something else")) == "something else"
-    assert told(ValueError()) == "ValueError"
+    assert reason(MqttError("something else")) == "something else"
+    assert reason(ValueError()) == "ValueError"
 
 
 @pytest.mark.needs("openssl")

@@ -77,7 +77,7 @@ async def test_every_text_has_contrast_in_both_themes(
                 await page.keyboard.press("d")
                 await page.wait_for_timeout(500)  # colours move there
         await expect(page.locator(".word")).to_have_text("Arm gone")
-        await expect(page.get_by_text("Not of now:", exact=True)).to_be_visible()
+        await expect(page.get_by_text("Out of date:", exact=True)).to_be_visible()
         faint = await page.evaluate(FAINT)
         # Values of before are grey on purpose, and "STALE" is written over them.
         kept = [text for text, _, _ in faint if not text.strip("-0123456789.± mn\n")]

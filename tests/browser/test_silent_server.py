@@ -54,20 +54,20 @@ async def test_a_stopped_server_is_noticed_and_its_presses_are_not_executed_late
         await page.keyboard.press("Space")
         await is_stale(page)
         assert await page.evaluate(bright) != colour
-        told = page.locator(".press-told")
-        await expect(told).to_have_text(re.compile(r"^Lost: what was pressed at \d\d:"))
+        lost = page.locator(".press-outcome")
+        await expect(lost).to_have_text(re.compile(r"^Lost: what was pressed at \d\d:"))
         await take.click(force=True)
-        await expect(told).to_have_text(re.compile(r"^Not sent at \d\d:\d\d:\d\d: "))
+        await expect(lost).to_have_text(re.compile(r"^Not sent at \d\d:\d\d:\d\d: "))
         await page.keyboard.press("Space")
 
         server.process.send_signal(signal.SIGCONT)
         await expect(page.locator(".said .word")).to_have_text("Ready")
         await expect(page.locator(".silent-banner")).not_to_be_visible()
-        await expect(told).to_have_text(re.compile(r"^Not carried out: .* s later\."))
+        await expect(lost).to_have_text(re.compile(r"^Not carried out: .* s later\."))
         await expect(take).not_to_have_attribute("aria-disabled", "true")
         await take.click()  # all that came before has been judged by now
         await expect(page.locator("table.plain tr.new")).to_have_count(1)
-        await expect(told).to_have_text("")
+        await expect(lost).to_have_text("")
         assert n_points(posed) == 2
 
 
@@ -81,8 +81,8 @@ async def test_a_killed_server_is_noticed_and_presses_are_reported_lost(
         server.process.send_signal(signal.SIGKILL)
         await server.ended()
         await take.click(force=True)
-        told = page.locator(".press-told")
-        await expect(told).to_have_text(re.compile(r"^(Lost|Not sent)"))
+        lost = page.locator(".press-outcome")
+        await expect(lost).to_have_text(re.compile(r"^(Lost|Not sent)"))
         await is_stale(page)
         assert n_points(posed) == 0
 

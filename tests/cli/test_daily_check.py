@@ -61,15 +61,15 @@ def test_checks_go_into_the_history_and_a_bad_one_is_found(run, tmp_path):
     for day in range(6):
         folder = campaign(tmp_path / f"day-{day}", day=day)
         result = run("--campaign", folder, "--json")
-        told = json.loads(result.stdout)
-        assert told["checks"] == day + 1
+        check = json.loads(result.stdout)
+        assert check["checks"] == day + 1
         # Limits of so few checks are as wide as chance makes them.
-        assert told["state"] != "bad", told["reasons"]
-        assert told["in_control"] is (told["state"] == "good")
+        assert check["state"] != "bad", check["reasons"]
+        assert check["in_control"] is (check["state"] == "good")
         if day == 0:
-            assert told["state"] == "doubt"
-    assert told["time_utc"] == "2026-03-06T08:00:00Z"
-    by_key = {figure["key"]: figure["value_mm"] for figure in told["figures"]}
+            assert check["state"] == "doubt"
+    assert check["time_utc"] == "2026-03-06T08:00:00Z"
+    by_key = {figure["key"]: figure["value_mm"] for figure in check["figures"]}
     # sigma 0.01 mm an axis: 2 s is 2 sqrt(3) times that.
     assert by_key["spat_2s_mm"] == pytest.approx(0.035, rel=0.5)
     assert abs(by_key["sphere_diameter_mm"]) < 0.03
@@ -98,7 +98,7 @@ def test_nonsense_is_not_counted(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["--show"], "has no check"),
         ([], "--radius missing"),
@@ -106,9 +106,9 @@ def test_nonsense_is_not_counted(run, tmp_path):
         (["--campaign", "nowhere"], "nowhere"),
     ],
 )
-def test_refusals(run, words, told):
+def test_refusals(run, words, message):
     result = run(*words, status=2)
-    assert told in result.stderr
+    assert message in result.stderr
 
 
 def test_a_history_that_is_a_folder_is_refused_with_what_is_expected(tmp_path):

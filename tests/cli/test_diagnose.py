@@ -57,10 +57,10 @@ def campaign_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def diagnosed(campaign_folder: Path) -> Path:
-    """The folder after a diagnosis, what was printed in `said` and `told`."""
+    """The folder after a diagnosis, what was printed in `said` and `errors`."""
     ran = run_diagnose(campaign_folder, "campaign", "--arm", "arm.toml", "--out", "out")
     (campaign_folder / "said").write_text(ran.stdout, "utf-8")
-    (campaign_folder / "told").write_text(ran.stderr, "utf-8")
+    (campaign_folder / "errors").write_text(ran.stderr, "utf-8")
     return campaign_folder
 
 
@@ -79,7 +79,7 @@ def test_the_effect_is_named_written_and_told(diagnosed: Path) -> None:
 
 
 def test_progress_is_quiet_where_it_is_piped(diagnosed: Path) -> None:
-    assert (diagnosed / "told").read_text("utf-8") == ""
+    assert (diagnosed / "errors").read_text("utf-8") == ""
 
 
 def test_accepted_in_place_as_json_and_strict(diagnosed: Path, tmp_path: Path) -> None:
@@ -117,7 +117,7 @@ def test_progress_is_reported_on_a_terminal(diagnosed: Path, tmp_path: Path) -> 
             cwd=diagnosed,
         )
         os.close(follower)
-        told = b""
+        output = b""
         while True:
             try:
                 part = os.read(leader, 4096)
@@ -126,11 +126,11 @@ def test_progress_is_reported_on_a_terminal(diagnosed: Path, tmp_path: Path) -> 
                 break
             if not part:
                 break
-            told += part
+            output += part
         assert process.wait(END_S) == 0
     finally:
         os.close(leader)
-    assert b" % " in told
+    assert b" % " in output
 
 
 def test_a_plan_looks_at_no_misclosure(campaign_folder: Path) -> None:

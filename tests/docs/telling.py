@@ -26,7 +26,7 @@ def blocks(page: str, language: str) -> list[str]:
     return [match["text"] for match in found if match["language"] == language]
 
 
-def told(page: str) -> list[tuple[str, list[str]]]:
+def printed_blocks(page: str) -> list[tuple[str, list[str]]]:
     """A page's commands after the preparations, each with the lines it shows."""
     found: list[tuple[str, list[str]]] = []
     for match in _BLOCK.finditer(text_of(page)):

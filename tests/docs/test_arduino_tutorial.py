@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.docs.pages import CHECKOUT
-from tests.docs.telling import assert_printed, blocks, output_of, told
+from tests.docs.telling import assert_printed, blocks, output_of, printed_blocks
 from tests.running import run_program
 from traverse.kinematics.arm_file.arm import read_arm
 
@@ -25,7 +25,7 @@ def test_an_arm_of_a_board_is_calibrated_as_told(tmp_path: Path) -> None:
     (tmp_path / "bench.toml").write_text(bench, "utf-8")
     table = next(text for text in blocks(PAGE, "text") if text.startswith("name,"))
     (tmp_path / "arm.csv").write_text(table, "utf-8")
-    for command, shown in told(PAGE):
+    for command, shown in printed_blocks(PAGE):
         if "simulator.campaigns" in command:
             whole = "cat design.toml magnet.toml > built.toml"
             assert f"$ {whole}" in (CHECKOUT / PAGE).read_text("utf-8")

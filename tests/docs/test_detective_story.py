@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.docs.pages import CHECKOUT
-from tests.docs.telling import assert_printed, blocks, output_of, told
+from tests.docs.telling import assert_printed, blocks, output_of, printed_blocks
 
 PAGE = "docs/tutorial/a-detective-story.md"
 # Their results are bad, as the page says.
@@ -27,7 +27,7 @@ def test_detective_story_happens_as_told(tmp_path: Path) -> None:
     (tmp_path / "suspect.toml").write_text(suspect, "utf-8")
     (tmp_path / "monday.toml").write_text(monday, "utf-8")
     (tmp_path / "tuesday.toml").write_text(tuesday, "utf-8")
-    for command, shown in told(PAGE):
+    for command, shown in printed_blocks(PAGE):
         printed = output_of(command, tmp_path, int(command.startswith(BAD)))
         assert_printed(printed, shown, command)
     for name in ("conditions", "joints", "term-1", "term-2", "ledger"):

@@ -6,7 +6,13 @@ from pathlib import Path
 import pytest
 
 from tests.docs.pages import CHECKOUT, tables
-from tests.docs.telling import assert_printed, blocks, numbers_of, output_of, told
+from tests.docs.telling import (
+    assert_printed,
+    blocks,
+    numbers_of,
+    output_of,
+    printed_blocks,
+)
 
 PAGE = "docs/tutorial/identify-an-arm.md"
 
@@ -19,7 +25,7 @@ def test_an_arm_is_identified_as_told(tmp_path: Path) -> None:
     bench, length = blocks(PAGE, "toml")
     (tmp_path / "bench.toml").write_text(bench, "utf-8")
     compared = []
-    for command, shown in told(PAGE):
+    for command, shown in printed_blocks(PAGE):
         if "with-bar --seed" in command:
             mix = next(line for line in bench.splitlines() if "mix" in line)
             text = bench.replace(mix, length.strip())

@@ -16,7 +16,7 @@ import pytest
 from tests.docs.accounts import why_not_run
 from tests.docs.pages import CHECKOUT, commands, text_of
 from tests.docs.shell import Shell, as_run
-from tests.docs.telling import assert_printed, told
+from tests.docs.telling import assert_printed, printed_blocks
 from tests.end_to_end.workbench import REST, Workbench
 from tests.mosquitto import HOST, free_port
 from tests.waiting import until
@@ -46,7 +46,7 @@ async def test_arm_files_are_made_and_shown_as_told(tmp_path: Path) -> None:
     assert table is not None
     (tmp_path / "ur10.csv").write_text(table[1], "utf-8")
     (tmp_path / "robot.urdf").write_text(ROBOT, "utf-8")
-    for line, shown in told(ARM_FILES):
+    for line, shown in printed_blocks(ARM_FILES):
         with Shell(tmp_path, "shown", as_run(line, 0)) as shell:
             printed = await shell.ends()
         assert_printed(printed, [one for one in shown if one != "..."], line)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.docs.shell import PATIENCE_S, Shell, as_run
-from tests.docs.telling import blocks, numbers_of, told, words_of
+from tests.docs.telling import blocks, numbers_of, printed_blocks, words_of
 from tests.end_to_end.workbench import REST, Workbench, rest
 from tests.mosquitto import Mosquitto
 from tests.waiting import until
@@ -38,7 +38,7 @@ class Guide:
     """
 
     def __init__(self, page: str, bench: Workbench, *motions: str) -> None:
-        self.lines = [one for one in told(page) if "leapfrog" not in one[0]]
+        self.lines = [one for one in printed_blocks(page) if "leapfrog" not in one[0]]
         self.bench, self.session = bench, ""
         bench.write_simulator(
             LEAD_IN, *motions, REST, arm="noise_rad = 2e-6\n[arm.deviations]"

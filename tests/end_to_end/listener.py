@@ -132,10 +132,10 @@ class Listener:
         self, code: str, active: bool | None = None, timeout_s: float = PATIENCE_S
     ) -> Event:
         """Wait for an event of a code, raised or cleared."""
-        await until(lambda: self.told(code, active), f"event {code}", timeout_s)
-        return self.told(code, active)[-1]
+        await until(lambda: self.events_of(code, active), f"event {code}", timeout_s)
+        return self.events_of(code, active)[-1]
 
-    def told(self, code: str, active: bool | None = None) -> list[Event]:
+    def events_of(self, code: str, active: bool | None = None) -> list[Event]:
         """Events of a code so far."""
         return [e for e in self.events if e.code == code and e.active is active]
 

@@ -121,7 +121,9 @@ def test_a_check_that_drifts_or_is_old_is_said(database, tmp_path):
     assert arms["drifting"]["drift"] > 1.0
     assert any("EWMA" in one for one in arms["drifting"]["concerns"])
     assert "last daily check 4 days ago" in arms["old"]["concerns"]
-    assert any("judges from the third" in told for told in arms["new"]["concerns"])
+    assert any(
+        "judges from the third" in concern for concern in arms["new"]["concerns"]
+    )
     assert all("has never been heard" in one["concerns"][0] for one in arms.values())
 
 

@@ -237,11 +237,11 @@ def test_the_reader_of_the_mcap_library_reads_all_of_it_with_its_schemas(tmp_pat
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         summary = reader.get_summary()
-        told = list(reader.iter_messages())
+        messages = list(reader.iter_messages())
         attachments = {a.name: a.data for a in reader.iter_attachments()}
     assert summary.statistics.message_count == 64
     assert attachments == HEAD.files
-    by_topic = {channel.topic: (schema, channel) for schema, channel, _ in told}
+    by_topic = {channel.topic: (schema, channel) for schema, channel, _ in messages}
     names = {topic: s.name for topic, (s, _) in by_topic.items() if s is not None}
     assert names == {
         "pose": "foxglove.PoseInFrame",

@@ -53,7 +53,7 @@ class ArmOnBus:
         await asyncio.sleep(2.0)
         n = can_interface.periodic_frames() - before
         assert n > TRACKING_HZ, f"the broadcast manager sent {n} in 2 s"
-        assert not self._listener.told("device.sync_by_host")
+        assert not self._listener.events_of("device.sync_by_host")
         return f"the broadcast manager sent {n} in 2 s at {TRACKING_HZ:g} Hz"
 
     async def ignore(self) -> str:
@@ -112,8 +112,8 @@ class ArmOnBus:
         await self._listener.event("device.lost", False, SOON_S)
         await until(self._is_ready, "ready again", SOON_S)
         await self._counted("samples_complete", 20)
-        told = [_told(e) for e in self._listener.events[n_before:]]
-        return ", ".join(told)
+        events = [_described(e) for e in self._listener.events[n_before:]]
+        return ", ".join(events)
 
     async def stay(self) -> str:
         """Most samples are whole, though simulator and daemon are emulated."""
@@ -125,9 +125,9 @@ class ArmOnBus:
             for name in ("samples_received", "samples_complete")
         )
         planned = int(STEADY_S * TRACKING_HZ)
-        told = f"{planned} samples planned, {came} came, {whole} of them complete"
-        assert 2 * whole > planned, told
-        return told
+        summary = f"{planned} samples planned, {came} came, {whole} of them complete"
+        assert 2 * whole > planned, summary
+        return summary
 
     def counters(self) -> Counter[str]:
         """Counters of the CAN device, as last reported."""
@@ -159,7 +159,7 @@ class ArmOnBus:
         )
 
 
-def _told(event: Event) -> str:
+def _described(event: Event) -> str:
     state = {True: " begins", False: " ends", None: ""}[event.active]
     return event.code + state
 
@@ -205,7 +205,7 @@ async def _check_running(table: Table, arm: ArmOnBus) -> None:
     await table.check("filters of the daemon's socket", arm.ignore)
     await table.check("points within quantisation", arm.measure)
     await table.check(f"a whole arm for {STEADY_S:g} s", arm.stay)
-    await table.check("bus-off, told by error frames", arm.go_bus_off)
+    await table.check("bus-off, reported by error frames", arm.go_bus_off)
     await table.check("a daemon that stood still", arm.stand_still)
     await table.check(f"ip link set {NAME} down, up", arm.lose)
 

@@ -31,7 +31,7 @@ class CanOpenBus(SimulatedDevice):
         self._table = table
         self._now_s = 0.0
         self._network = LoopNetwork(self._say)
-        told = table.told_counts_per_turn or tuple(
+        counts_per_turn = table.told_counts_per_turn or tuple(
             int(c) for c in mounting.encoders.counts_per_turn
         )
         numbers = table.nodes or tuple(range(1, mounting.n_channels + 1))
@@ -40,7 +40,7 @@ class CanOpenBus(SimulatedDevice):
                 EncoderData(
                     number,
                     1000 + channel,
-                    told[channel],
+                    counts_per_turn[channel],
                     table.encoder_turns,
                     int(mounting.encoders.moduli[channel]),
                     table.heartbeat_ms,

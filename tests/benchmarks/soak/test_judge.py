@@ -42,7 +42,7 @@ class Run:
         self.held.append(point("b", 6, "command"))
         self.received = list(self.held)
         self.pressed = [one for one in self.held if one.trigger == "button"]
-        self.told = ["b-6"]
+        self.answered = ["b-6"]
         self.figures = {
             "resend_requested": 2,
             "duplicates": 1,
@@ -61,8 +61,8 @@ class Run:
             database.execute("CREATE TABLE messages (number INTEGER, payload BLOB)")
             rows = [(n, encode(one, "json")) for n, one in enumerate(self.held)]
             database.executemany("INSERT INTO messages VALUES (?, ?)", rows)
-        told = [{"ok": True, "id": one} for one in self.told]
-        self._write("operator.jsonl", [*told, {"ok": False, "code": "none"}])
+        replies = [{"ok": True, "id": one} for one in self.answered]
+        self._write("operator.jsonl", [*replies, {"ok": False, "code": "none"}])
         times_s = [100.0 + self.pace_s * n for n in range(len(self.pressed))]
         edges = [
             {"time_s": time_s, "life": "0", "seq": n, "sent_s": time_s - 0.5}
@@ -113,7 +113,7 @@ def test_sound_run_is_good_and_told_in_figures(run):
 
 
 def test_acknowledged_command_that_is_missing_is_a_fault(run):
-    run.told.append("b-7")
+    run.answered.append("b-7")
 
     verdict = run.judge()
 

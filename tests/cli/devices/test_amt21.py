@@ -23,7 +23,7 @@ def encoders(request, tmp_path):
     made.unplug()
 
 
-def told(encoders, *arguments, status=0, **more):
+def run_amt21(encoders, *arguments, status=0, **more):
     port = ["--port", str(encoders.link)]
     return invoke("amt21", *arguments, *port, **more, status=status)
 
@@ -31,7 +31,7 @@ def told(encoders, *arguments, status=0, **more):
 def test_a_scan_lists_who_answers(encoders, monkeypatch):
     # Each silent address costs its time.
     monkeypatch.setattr("traverse.cli.devices.amt21.ADDRESSES", (0x54, 0x58, 0x60))
-    ran = told(encoders, "scan", "--json", *PATIENCE)
+    ran = run_amt21(encoders, "scan", "--json", *PATIENCE)
     report = json.loads(ran.output)
     assert report["echo"] is encoders.line.echo
     assert report["encoders"] == [
@@ -43,23 +43,25 @@ def test_a_scan_lists_who_answers(encoders, monkeypatch):
 
 @pytest.mark.parametrize(("name", "code"), [("zero", "5E"), ("reset", "75")])
 def test_maintenance_is_requested_before_it_is_done(encoders, name, code):
-    ran = told(encoders, name, "--address", "0x54", *PATIENCE, input="n\n", status=1)
+    ran = run_amt21(
+        encoders, name, "--address", "0x54", *PATIENCE, input="n\n", status=1
+    )
     assert "is at 1234" in ran.output
     assert 0x56 not in encoders.line.heard
-    ran = told(encoders, name, "--address", "84", "--yes", "--json", *PATIENCE)
+    ran = run_amt21(encoders, name, "--address", "84", "--yes", "--json", *PATIENCE)
     report = json.loads(ran.stdout)
     assert (report["address"], report["before"]) == (84, 1234)
     assert bytes.fromhex(f"56 {code}") in encoders.line.heard
 
 
 def test_what_is_no_address_is_refused(encoders):
-    ran = told(encoders, "zero", "--address", "0x55", status=2)
+    ran = run_amt21(encoders, "zero", "--address", "0x55", status=2)
     assert "multiple of 4" in ran.output
     assert encoders.line.heard == b""
 
 
 def test_an_address_where_nobody_is_cannot_be_reached(encoders):
-    ran = told(
+    ran = run_amt21(
         encoders, "reset", "--address", "0x40", "--yes", "--timeout", "0.1", status=3
     )
     assert "nothing answers" in ran.output

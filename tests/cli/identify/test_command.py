@@ -107,7 +107,7 @@ def assert_shape(value: Any, shape: Any) -> None:
 
 def test_piped_output_is_plain_lines_and_progress_is_quiet(identified: Path) -> None:
     said = (identified / "said").read_text("utf-8")
-    assert (identified / "told").read_text("utf-8") == ""
+    assert (identified / "errors").read_text("utf-8") == ""
     assert not set(said) & {"\r", "\x1b", "\b", "\t"}
     lines = said.splitlines()
     assert lines[0] == "demo-7: 160 poses at 6 artefacts"
@@ -132,14 +132,14 @@ def test_a_terminal_sees_a_line_for_every_iteration_and_json_is_what_is_written(
         cwd=measured,
     )
     os.close(theirs)
-    told = os.read(ours, 1 << 16).decode().replace("\r\n", "\n").splitlines()
+    progress = os.read(ours, 1 << 16).decode().replace("\r\n", "\n").splitlines()
     os.close(ours)
     printed = json.loads(ran.stdout)
     assert printed == json.loads((measured / "seen/identification.json").read_text())
-    assert len(told) == printed["iterations"]
-    assert told[0].startswith("iteration   1: misfit ")
-    assert all("sigma" in line and "directions determined" in line for line in told)
-    assert all(" mm rms, " in line for line in told)
+    assert len(progress) == printed["iterations"]
+    assert progress[0].startswith("iteration   1: misfit ")
+    assert all("sigma" in line and "directions determined" in line for line in progress)
+    assert all(" mm rms, " in line for line in progress)
 
 
 def test_an_undetermined_scale_makes_no_arm_file(lengthless: Path) -> None:

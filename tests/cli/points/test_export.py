@@ -146,7 +146,7 @@ def test_labels_that_the_campaign_does_not_know_are_refused(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         (("--to", "doc"), "--to doc: one of"),
         (("--kind", "lines"), "one of 'points', 'scans'"),
@@ -157,11 +157,11 @@ def test_labels_that_the_campaign_does_not_know_are_refused(tmp_path: Path) -> N
     ],
 )
 def test_what_does_not_go_together_is_refused_and_nothing_is_written(
-    lines: Path, tmp_path: Path, options: tuple[str, ...], told: str
+    lines: Path, tmp_path: Path, options: tuple[str, ...], message: str
 ) -> None:
     before = set(tmp_path.iterdir())
     said = export(lines, *options, "--out", tmp_path / "out", status=2)
-    assert told in said.stderr
+    assert message in said.stderr
     assert set(tmp_path.iterdir()) == before
 
 

@@ -66,20 +66,20 @@ def changes(sight: ArmSight) -> list[Change]:
 
 
 def test_points_stand_until_they_are_taken_back(sight: ArmSight) -> None:
-    told = changes(sight)
+    seen = changes(sight)
     for seq in range(3):
         sight.take_point(point(seq))
     sight.take_point(retraction(3, of=2))
     assert list(sight.points) == ["p-0", "p-1"]
     assert sight.last_point is not None
     assert sight.last_point.seq == 1
-    assert [change.kind for change in told] == ["point"] * 3 + ["retraction"]
+    assert [change.kind for change in seen] == ["point"] * 3 + ["retraction"]
 
 
 def test_a_point_in_doubt_is_reported_with_the_reason(sight: ArmSight) -> None:
-    told = changes(sight)
+    seen = changes(sight)
     sight.take_point(point(0, quality={"ok": False, "flags": ["end_stop"]}))
-    assert told[0].text == "Point 0, in doubt: end stop"
+    assert seen[0].text == "Point 0, in doubt: end stop"
 
 
 def test_the_list_is_bounded(sight: ArmSight) -> None:
@@ -114,14 +114,14 @@ def test_a_well_arm_is_ready(sight: ArmSight) -> None:
 def test_without_the_broker_everything_is_stale_and_says_so(
     sight: ArmSight,
 ) -> None:
-    told = changes(sight)
+    seen = changes(sight)
     sight.take_link(False, "it was there and is gone")
     assert sight.is_stale
     said = verdict(sight)
     assert said.level == "bad"
     assert "No connection to the broker" in said.sentence
     assert "the arm keeps its points" in said.remedy
-    assert [change.kind for change in told] == ["link"]
+    assert [change.kind for change in seen] == ["link"]
 
 
 def test_poses_that_stop_make_it_stale(sight: ArmSight, clock: Clock) -> None:
@@ -132,7 +132,7 @@ def test_poses_that_stop_make_it_stale(sight: ArmSight, clock: Clock) -> None:
 
 
 def test_an_alarm_is_shown_until_it_is_cleared(sight: ArmSight) -> None:
-    told = changes(sight)
+    seen = changes(sight)
     raised = event(
         "device.lost",
         True,
@@ -152,7 +152,7 @@ def test_an_alarm_is_shown_until_it_is_cleared(sight: ArmSight) -> None:
         event("device.lost", False, severity="error", source="base", text="back")
     )
     assert verdict(sight).level == "good"
-    assert [change.kind for change in told] == ["alarm", "cleared"]
+    assert [change.kind for change in seen] == ["alarm", "cleared"]
 
 
 def test_the_worst_of_several_is_first_and_the_others_are_counted(
@@ -194,16 +194,16 @@ def test_a_pose_in_doubt_is_a_warning(sight: ArmSight) -> None:
 
 
 def test_a_refusal_is_reported(sight: ArmSight) -> None:
-    told = changes(sight)
+    seen = changes(sight)
     sight.take_event(event("capture.refused", None, text="the arm moves"))
-    assert told == [Change("refused", "The arm moves. Check the cable")]
+    assert seen == [Change("refused", "The arm moves. Check the cable")]
 
 
 @pytest.mark.parametrize("event_first", [True, False])
 def test_answer_and_event_of_one_refusal_are_reported_once(
     sight: ArmSight, clock: Clock, event_first: bool
 ) -> None:
-    told = changes(sight)
+    seen = changes(sight)
     refused = event("capture.refused", None, text="the arm moves", remedy="wait")
     both = [
         lambda: sight.take_event(refused),
@@ -211,19 +211,19 @@ def test_answer_and_event_of_one_refusal_are_reported_once(
     ]
     for tell in both if event_first else reversed(both):
         tell()
-    assert [change.text for change in told] == ["The arm moves. Wait"]
+    assert [change.text for change in seen] == ["The arm moves. Wait"]
     clock.now_s += 1.0
     sight.refuse("the arm moves", "wait")  # another press
-    assert len(told) == 2
+    assert len(seen) == 2
 
 
 def test_points_of_before_come_late_and_silently(sight: ArmSight) -> None:
     assert sight.live is not None
-    told = changes(sight)
+    seen = changes(sight)
     old_ns = sight.live.time_ns - 10_000_000_000
     sight.take_point(point(0, time_ns=str(old_ns)))
     sight.take_point(point(1))
-    assert [change.kind for change in told] == ["stored", "point"]
+    assert [change.kind for change in seen] == ["stored", "point"]
     assert len(sight.points) == 2
 
 
@@ -344,9 +344,9 @@ def test_a_condition_that_is_not_established_is_no_green(sight: ArmSight) -> Non
     sight.take_status(status(state="doubt", conditions=[lost_place]))
     assert set(wanted_commands(sight)) == {"reference", "home"}
     sight.take_status(status(state="doubt", conditions=conditions))
-    told = condition_list(sight)
-    assert "1 of 2 conditions of a good number established" in told
-    assert "was AAA111, is BBB222" in told
+    lines = condition_list(sight)
+    assert "1 of 2 conditions of a good number established" in lines
+    assert "was AAA111, is BBB222" in lines
     # Its lasting event says the same, and is not counted a second time.
     sight.take_event(
         event("device.identity", True, severity="error", source="base", **SAME)

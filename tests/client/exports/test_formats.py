@@ -324,15 +324,15 @@ def test_a_label_cannot_break_the_head_of_a_ply(tmp_path: Path) -> None:
 
 def test_a_drawing_says_of_each_point_which_it_is(tmp_path: Path) -> None:
     drawing = drawn(two_sessions("dxf", tmp_path))
-    told = [
+    entries = [
         dict(text.split("=", 1) for _, text in one.get_xdata("TRAVERSE"))
         for one in drawing.query("POINT")
     ]
-    assert [(one["session"], int(one["seq"])) for one in told] == KEYS
-    assert [one["ok"] for one in told] == ["true", "false", "true"] * 2
-    assert told[1]["flags"] == "end_stop"
-    assert told[1]["covariance_mm2"].split()[3] == "9e-06"
-    assert (told[0]["artefact"], "covariance_mm2" in told[0]) == ("bar", False)
+    assert [(one["session"], int(one["seq"])) for one in entries] == KEYS
+    assert [one["ok"] for one in entries] == ["true", "false", "true"] * 2
+    assert entries[1]["flags"] == "end_stop"
+    assert entries[1]["covariance_mm2"].split()[3] == "9e-06"
+    assert (entries[0]["artefact"], "covariance_mm2" in entries[0]) == ("bar", False)
     scans = drawn(scanned("dxf", tmp_path))
     assert {
         dict(text.split("=", 1) for _, text in one.get_xdata("TRAVERSE"))["scan"]

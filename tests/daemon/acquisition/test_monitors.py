@@ -76,8 +76,8 @@ async def test_alarms_are_raised_and_cleared_with_their_channel(bench):
         DeviceAlarm("base", 1, False, 1, *weak),
         DeviceAlarm("base", 2, True, "node_lost", "node 5 is silent", 0, "look at it"),
     )
-    told = [(event.code, event.source, event.active) for event in bench.events]
-    assert told == [
+    reports = [(event.code, event.source, event.active) for event in bench.events]
+    assert reports == [
         ("alarm.1", "base/1", True),
         ("alarm.6", "base", True),
         ("alarm.1", "base/1", False),
@@ -111,10 +111,10 @@ async def test_effects_without_a_temperature_are_reported_once_it_should_have_co
     bench.take(DeviceTemperatures("base", (None, 21.5)), latch((5, 6, 7), token=1))
     assert bench.points[1].quality.ok
     bench.take(DeviceTemperatures("base", (None, None)))
-    told = [e for e in bench.events if e.code == "device.temperature_unknown"]
-    assert [event.active for event in told] == [True, False, True]
-    assert "20 C is taken" in told[0].text
-    assert "sensor" in told[0].remedy
+    events = [e for e in bench.events if e.code == "device.temperature_unknown"]
+    assert [event.active for event in events] == [True, False, True]
+    assert "20 C is taken" in events[0].text
+    assert "sensor" in events[0].remedy
     bench.device.driver.close()
 
 

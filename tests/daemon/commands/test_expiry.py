@@ -138,9 +138,9 @@ def test_a_broker_that_withholds_the_clock_is_named_with_its_remedy():
     link = Link()
     assert link.refusal() is None
     link.clock.go_on_s(5.5)
-    told = link.refusal()
-    assert "does not return this daemon's messages on traverse/bench-7/clock" in told
-    assert "access list" in told
+    refusal = link.refusal()
+    assert "does not return this daemon's messages on traverse/bench-7/clock" in refusal
+    assert "access list" in refusal
 
 
 async def test_a_late_repetition_gets_the_first_answer_and_a_late_request_none():

@@ -59,7 +59,7 @@ def test_a_library_is_read_and_probes_are_found_by_name(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         ('name = "long"', 'name = "ball-6"', "occurs twice"),
         ("radius_mm = 1.5", "radius_mm = -1.5", "must be at least 0"),
@@ -70,8 +70,8 @@ def test_a_library_is_read_and_probes_are_found_by_name(tmp_path):
         ("probes/1", "probes/2", "schema"),
     ],
 )
-def test_mistakes_of_a_library_are_reported(tmp_path, old, new, told):
-    with pytest.raises(FileError, match=told):
+def test_mistakes_of_a_library_are_reported(tmp_path, old, new, message):
+    with pytest.raises(FileError, match=message):
         read_probes(library(tmp_path, LIBRARY.replace(old, new)))
 
 

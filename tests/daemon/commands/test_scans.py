@@ -56,10 +56,10 @@ async def test_a_point_that_cannot_be_told_is_refused_with_the_reason(
     bench.later(0.6)
     with pytest.raises(
         RequestRefusedError, match="no readings of base arrived after it"
-    ) as told:
+    ) as refusal:
         await asking
-    assert told.value.code == "capture.refused"
-    assert told.value.remedy
+    assert refusal.value.code == "capture.refused"
+    assert refusal.value.remedy
 
 
 async def test_no_command_is_taken_while_one_of_the_devices_is_away(

@@ -97,7 +97,7 @@ period_s = 1
         "capture.inputs[2].source",
         "helth",
     ):
-        assert where in text, f"{where} is not told in:\n{text}"
+        assert where in text, f"{where} is missing in:\n{text}"
     assert "names no device; there are: base" in text
     assert "is given twice" in text
 

@@ -66,7 +66,7 @@ def _take(line: str, current: str, family: Family) -> None:
     ]
     assert len(dict(labels)) == len(labels), line
     key = name, frozenset(labels)
-    assert key not in family.samples, f"{line} is told twice"
+    assert key not in family.samples, f"{line} is there twice"
     family.samples[key] = float(match[match.lastindex or 0])
 
 

@@ -100,9 +100,9 @@ async def test_a_point_that_is_sent_again_is_checked_too(tmp_path):
         assert answer["points"] == 5
         assert await bench.send_until(3) == [("resend", seq) for seq in (2, 5, 6)]
         await until(lambda: bench.occurrences, "it is reported")
-        (told,) = bench.occurrences
-        assert (told.code, told.count) == ("outbox.damaged", 2)
-        assert f"seq 3 of session '{SESSION}', seq 4 of" in told.text
+        (event,) = bench.occurrences
+        assert (event.code, event.count) == ("outbox.damaged", 2)
+        assert f"seq 3 of session '{SESSION}', seq 4 of" in event.text
         # Who requests them now learns that they cannot be had.
         answer = await bench.resend(session=SESSION, from_seq=3, to_seq=4)
         assert (answer["points"], answer["first_seq"], answer["last_seq"]) == (0, 0, 39)
@@ -197,11 +197,11 @@ async def test_what_a_crash_has_left_and_somebody_has_harmed(
     bench = OutboxOnLoop(tmp_path)
     async with bench.outbox.running():
         await until(lambda: bench.occurrences, "it is reported")
-        (told,) = bench.occurrences
-        assert told.code == "outbox.replaced"
-        assert said in told.text
-        assert f"up to seq 19 of session '{SESSION}'" in told.text
-        assert "of which the broker did not have" in told.text
+        (event,) = bench.occurrences
+        assert event.code == "outbox.replaced"
+        assert said in event.text
+        assert f"up to seq 19 of session '{SESSION}'" in event.text
+        assert "of which the broker did not have" in event.text
         (keeping,) = await bench.take_all(1)
         assert keeping.trouble is None
     assert execute(bench.path, "SELECT max(number) FROM messages") == [(21,)]

@@ -19,7 +19,7 @@ async def test_a_commit_that_fails_gives_the_numbers_back(bench):
     keepings = await bench.take_all(3)
     assert all("database or disk is full" in k.trouble.text for k in keepings)
     assert bench.session.next_seq == 2
-    await until(lambda: bench.codes(True), "it is told")
+    await until(lambda: bench.codes(True), "it is reported")
     assert bench.codes(True) == ["outbox.failed"]
     assert (bench.statuses, bench.outbox.health().state) == ([False], "failed")
     assert [k.trouble is None for k in await bench.take_all(1)] == [False]
@@ -57,7 +57,7 @@ async def test_marks_that_cannot_be_written_are_written_later(bench):
     )
     bench.send()
     bench.outbox.poll()
-    await until(lambda: bench.codes(True), "it is told")
+    await until(lambda: bench.codes(True), "it is reported")
     bench.outbox.poll()
     execute(bench.path, "DROP TRIGGER no_marks")
 
@@ -91,9 +91,9 @@ async def test_unsent_points_of_a_damaged_file_are_taken_over(tmp_path):
         keeping = second.take()
         await until(lambda: keeping.is_settled, "a new one")
         assert await second.send_until(41) == numbers("point", *range(20, 60), 0)
-        (told,) = second.occurrences
-        assert told.code == "outbox.replaced"
-        assert "with 40 points that had not been sent" in told.text
+        (event,) = second.occurrences
+        assert event.code == "outbox.replaced"
+        assert "with 40 points that had not been sent" in event.text
         answer = await second.resend()
         assert [s["begun_ns"] for s in answer["sessions"]] == ["1", "1"]
         assert answer["sessions"][0]["first_seq"] == 20

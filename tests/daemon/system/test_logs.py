@@ -161,8 +161,8 @@ from pathlib import Path
 from traverse.daemon.system import log_setup as logs
 logs.JournalHandler.__init__.__defaults__ = (Path(sys.argv[1]),)
 if sys.argv[2] == "matching":
-    told = os.fstat(2)
-    os.environ["JOURNAL_STREAM"] = f"{told.st_dev}:{told.st_ino}"
+    status = os.fstat(2)
+    os.environ["JOURNAL_STREAM"] = f"{status.st_dev}:{status.st_ino}"
 logs.start_log(sys.argv[3], sys.argv[4])
 logging.getLogger("x").info("hello")
 logging.getLogger("x").warning("careful")

@@ -31,9 +31,9 @@ if sys.argv[2] == "nobody" and os.getuid() == 0:
 ending = threading.Event()
 reader = threading.Thread(target=ending.wait, name="driver-base", daemon=True)
 reader.start()
-told = []
+events = []
 section = RealtimeSection.model_validate_json(sys.argv[1])
-prepare(section, [reader], EventLog(HostClock(), told.append))
+prepare(section, [reader], EventLog(HostClock(), events.append))
 status = Path("/proc/self/status").read_text()
 locked = next(line for line in status.splitlines() if line.startswith("VmLck"))
 print(json.dumps({
@@ -42,7 +42,7 @@ print(json.dumps({
     "others": os.sched_getscheduler(0),
     "cpus": sorted(os.sched_getaffinity(reader.native_id)),
     "locked": int(locked.split()[1]),
-    "events": [(e.severity, e.code, e.text, e.remedy) for e in told],
+    "events": [(e.severity, e.code, e.text, e.remedy) for e in events],
 }))
 ending.set()
 """

@@ -67,7 +67,7 @@ class Bench:
         except BlockingIOError:
             return False
 
-    def told(self) -> list[tuple[str, bool]]:
+    def states(self) -> list[tuple[str, bool]]:
         return [(e.source, e.active) for e in self.events]
 
 
@@ -95,10 +95,10 @@ async def test_a_thread_that_is_stuck_stops_the_feeding_until_it_continues(bench
     assert not bench.is_fed()
     assert not bench.is_fed()
     source = heartbeat.name.replace(" ", "-")
-    assert bench.told() == [(source, True)]
+    assert bench.states() == [(source, True)]
     heartbeat.beat()
     assert bench.is_fed()
-    assert bench.told() == [(source, True), (source, False)]
+    assert bench.states() == [(source, True), (source, False)]
 
 
 async def test_a_turn_that_was_said_to_be_long_may_be_long(bench):
@@ -114,7 +114,7 @@ async def test_what_nobody_takes_stops_the_feeding_at_the_second_look(bench):
     await asyncio.sleep(0)
     assert bench.is_fed()  # it may have arrived this moment
     assert not bench.is_fed()
-    assert bench.told() == [("taker-of-base", True)]
+    assert bench.states() == [("taker-of-base", True)]
     await bench.delivery_queue.take()
     assert bench.is_fed()
 
@@ -192,7 +192,7 @@ def test_a_manager_that_does_not_listen_does_not_hold_the_daemon_up(manager):
 
 
 @pytest.mark.parametrize(
-    ("told", "expected_s"),
+    ("environment", "expected_s"),
     [
         ({"WATCHDOG_USEC": "3000000"}, 3.0),
         ({"WATCHDOG_USEC": "3000000", "WATCHDOG_PID": str(os.getpid())}, 3.0),
@@ -201,8 +201,8 @@ def test_a_manager_that_does_not_listen_does_not_hold_the_daemon_up(manager):
         ({}, None),
     ],
 )
-def test_the_watchdog_is_that_of_this_process(told, expected_s):
-    assert Notifier({"NOTIFY_SOCKET": "@x", **told}).watchdog_s == expected_s
+def test_the_watchdog_is_that_of_this_process(environment, expected_s):
+    assert Notifier({"NOTIFY_SOCKET": "@x", **environment}).watchdog_s == expected_s
 
 
 def test_what_is_well_is_short():
@@ -221,19 +221,21 @@ def test_what_is_missing_is_reported_with_the_time_since_when():
     devices = {"base": "ready", "wrist": "lost"}
     first = line.text("measuring", devices, "lost", 12)
     time = r"\d\d:\d\d:\d\d"
-    told = rf"measuring: 1 device, wrist lost since {time}, broker lost since {time}, "
-    assert re.fullmatch(f"{told}12 points wait", first)
+    status = (
+        rf"measuring: 1 device, wrist lost since {time}, broker lost since {time}, "
+    )
+    assert re.fullmatch(f"{status}12 points wait", first)
 
 
 def test_the_time_is_that_of_the_change():
     now = ["12:00:00"]
     line = StatusLine(lambda: now[0])
 
-    def told(state: str) -> str:
+    def status_after(state: str) -> str:
         return line.text("measuring", {"base": state}, "connected", 0)
 
-    assert told("lost") == "measuring: 0 devices, base lost since 12:00:00"
+    assert status_after("lost") == "measuring: 0 devices, base lost since 12:00:00"
     now[0] = "12:00:07"
-    assert told("lost") == "measuring: 0 devices, base lost since 12:00:00"
-    assert told("ready") == "measuring: 1 device"
-    assert told("lost") == "measuring: 0 devices, base lost since 12:00:07"
+    assert status_after("lost") == "measuring: 0 devices, base lost since 12:00:00"
+    assert status_after("ready") == "measuring: 1 device"
+    assert status_after("lost") == "measuring: 0 devices, base lost since 12:00:07"

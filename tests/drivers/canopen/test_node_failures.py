@@ -53,7 +53,7 @@ async def test_a_node_that_has_become_another_is_not_measured_with(rig: CanRig):
         taken = await streaming(rig)
         rig.nodes.nodes[9].per_turn = 1 << 13
         rig.nodes.restart(9)
-        await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "it is told anew")
+        await taken.until(lambda: len(taken.of(DeviceUp)) == 2, "it is reported anew")
     reasons = [lost.reason for lost in taken.of(DeviceLost)]
     assert any("restarted with 8192 counts per turn" in reason for reason in reasons)
     assert taken.of(DeviceUp)[1].identity.counts_per_turn == (1 << 16, 1 << 13)

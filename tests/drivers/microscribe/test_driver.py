@@ -169,7 +169,7 @@ async def test_a_count_that_cannot_be_is_missing_and_told(rig):
         )
         await taken.until(
             lambda: [f for f in taken.of(DeviceFault) if f.code == "readings_missing"],
-            "it is told",
+            "it is reported",
         )
     assert all(before in (c, 0) or s == 0 for c, s in missing(taken, 2))
 

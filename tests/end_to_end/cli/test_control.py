@@ -15,7 +15,7 @@ pytestmark = pytest.mark.needs("mosquitto")
 DOUBT = "device.turns_uncertain"
 
 
-async def told(
+async def traverse(
     bench: Workbench, *command: str, by_name: bool = True
 ) -> tuple[int, str, str]:
     """Exit status, output and errors of `traverse COMMAND` at the bench's broker."""
@@ -34,58 +34,58 @@ def alarms(listener: Listener) -> list[str]:
 
 async def test_an_arm_is_commanded_from_a_terminal(resting: Workbench) -> None:
     async with measuring(resting) as (listener, _, _):
-        status, output, _ = await told(resting, "label", "bar", "1")
+        status, output, _ = await traverse(resting, "label", "bar", "1")
         assert (status, output) == (0, "label: bar 1")
-        status, output, _ = await told(resting, "point", "--samples", "5", "--json")
+        status, output, _ = await traverse(resting, "point", "--samples", "5", "--json")
         assert status == 0
         point = json.loads(output)
         assert point["label"] == {"artefact": "bar", "feature": "1"}
         assert point["samples"] == 5
         # The only arm that is on line need not be named.
-        assert await told(resting, "label", by_name=False) == (
+        assert await traverse(resting, "label", by_name=False) == (
             0,
             "points have no label",
             "",
         )
-        status, output, _ = await told(resting, "point")
+        status, output, _ = await traverse(resting, "point")
         assert status == 0
         assert "point     1" in output
         assert output.endswith(" mm")
-        assert (await told(resting, "undo"))[0] == 0
+        assert (await traverse(resting, "undo"))[0] == 0
         await listener.n_points(3)
         assert [p.retracts for p in listener.points] == [
             None,
             None,
             listener.points[1].id,
         ]
-        status, output, _ = await told(resting, "scan", "start", "--rate-hz", "50")
+        status, output, _ = await traverse(resting, "scan", "start", "--rate-hz", "50")
         assert output.endswith("is running")
-        assert (await told(resting, "scan", "stop"))[1] == "no scan is running"
+        assert (await traverse(resting, "scan", "stop"))[1] == "no scan is running"
         await listener.scan_ended(output.split()[1])
-        status, output, _ = await told(resting, "session", "--note", "second shift")
+        status, output, _ = await traverse(resting, "session", "--note", "second shift")
         assert output != listener.points[0].session
-        assert (await told(resting, "align", "--clear", by_name=False))[0] == 0
-        assert (await told(resting, "reload"))[1].startswith("model ")
-        assert (await told(resting, "confirm"))[1] == "nothing was in doubt"
-        status, _, errors = await told(resting, "probe", "use", "ruby")
+        assert (await traverse(resting, "align", "--clear", by_name=False))[0] == 0
+        assert (await traverse(resting, "reload"))[1].startswith("model ")
+        assert (await traverse(resting, "confirm"))[1] == "nothing was in doubt"
+        status, _, errors = await traverse(resting, "probe", "use", "ruby")
         assert status == 2
         assert "names no probe library" in errors
 
 
 async def test_refusals_say_what_is_wrong(resting: Workbench) -> None:
     async with measuring(resting):
-        status, _, errors = await told(resting, "undo")
+        status, _, errors = await traverse(resting, "undo")
         assert (status, errors.count("\n")) == (2, 0)
         assert "Traceback" not in errors
-        status, _, errors = await told(resting, "confirm", "--at", "1,2")
+        status, _, errors = await traverse(resting, "confirm", "--at", "1,2")
         assert status == 2
         assert "expected x,y,z in mm" in errors
-        assert (await told(resting, "scan", "go"))[0] == 2
-        assert (await told(resting, "point", "--samples", "2", "--seconds", "1"))[
+        assert (await traverse(resting, "scan", "go"))[0] == 2
+        assert (await traverse(resting, "point", "--samples", "2", "--seconds", "1"))[
             0
         ] == 2
     resting.host, resting.port = HOST, free_port()
-    status, _, errors = await told(resting, "point")
+    status, _, errors = await traverse(resting, "point")
     assert status == 3
     assert "broker" in errors
 
@@ -95,36 +95,38 @@ async def test_points_are_in_doubt_after_a_loss_of_power_until_confirmed(
 ) -> None:
     resting.change("arm.toml", "absolute = true", "absolute = false")
     async with measuring(resting) as (listener, simulator, _):
-        status, _, errors = await told(resting, "point")
+        status, _, errors = await traverse(resting, "point")
         assert (status, errors) == (0, "")
         await resting.kill_simulator(simulator)
         await listener.event("device.lost", active=True)
         with resting.simulator("simulator-again") as again:
-            await until(lambda: len(listener.told(DOUBT, True)) == 2, "the doubt")
-            doubt = listener.told(DOUBT, True)[-1]  # the first was of the beginning
+            await until(lambda: len(listener.events_of(DOUBT, True)) == 2, "the doubt")
+            doubt = listener.events_of(DOUBT, True)[
+                -1
+            ]  # the first was of the beginning
             assert doubt.severity == "error"
             assert "base has been without power" in doubt.text
             in_doubt = "a status in doubt"
             await until(lambda: listener.statuses[-1].state == "doubt", in_doubt)
             # Whoever connects only now learns it from the retained status.
             await until(lambda: alarms(listener) == [DOUBT], "the alarm in the status")
-            status, output, _ = await told(resting, "point")
+            status, output, _ = await traverse(resting, "point")
             assert status == 1
             assert "turns_uncertain" in output
             x_mm, y_mm, z_mm = listener.points[0].xyz_mm
-            status, _, errors = await told(
+            status, _, errors = await traverse(
                 resting, "confirm", "--at", f"{x_mm + 5.0},{y_mm},{z_mm}"
             )
             assert status == 2
             assert "5.000 mm from the known point" in errors
             here = f"{x_mm},{y_mm},{z_mm}"
-            status, output, _ = await told(resting, "confirm", "--at", here)
+            status, output, _ = await traverse(resting, "confirm", "--at", here)
             assert (status, output) == (
                 0,
                 "the positions of base have been confirmed",
             )
             await until(lambda: not alarms(listener), "no alarm in the status")
-            assert (await told(resting, "point"))[0] == 0
+            assert (await traverse(resting, "point"))[0] == 0
             assert await again.stop() == 0
     flags = [p.quality.flags for p in listener.points]
     assert flags == [(), ("turns_uncertain",), ()]
@@ -139,10 +141,10 @@ async def test_an_arm_is_homed_from_a_terminal(resting: Workbench) -> None:
         "arm.toml", "[probe]", f"[home]\nangles_rad = {{ {table} }}\n[probe]"
     )
     async with measuring(resting):
-        status, output, errors = await told(resting, "home", "--json")
+        status, output, errors = await traverse(resting, "home", "--json")
         assert (status, errors) == (0, "")
         assert json.loads(output) == {"homed": names}
-        status, output, _ = await told(resting, "point", "--json")
+        status, output, _ = await traverse(resting, "point", "--json")
         assert status == 0
         angles_rad = json.loads(output)["angles_rad"]
     assert angles_rad == pytest.approx(list(home.values()), abs=2e-5)
@@ -158,4 +160,4 @@ async def test_power_lost_while_the_daemon_was_away_is_noticed(
         doubt = await listener.event(DOUBT, active=True)
         assert "base has been without power" in doubt.text
         # `measuring` has confirmed it.
-        assert await told(resting, "confirm") == (0, "nothing was in doubt", "")
+        assert await traverse(resting, "confirm") == (0, "nothing was in doubt", "")

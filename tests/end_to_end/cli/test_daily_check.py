@@ -82,9 +82,9 @@ async def test_a_daily_check_is_collected_and_kept(bench: Workbench) -> None:
         async with measuring(bench) as (listener, _, _):
             await listener.n_points(19)
             assert await checking.ended() == 0
-    told = json.loads(checking.output)
-    values = {figure["key"]: figure["value_mm"] for figure in told["figures"]}
-    assert told["state"] == "doubt"  # nothing judges a first check
+    outcome = json.loads(checking.output)
+    values = {figure["key"]: figure["value_mm"] for figure in outcome["figures"]}
+    assert outcome["state"] == "doubt"  # nothing judges a first check
     # A count of the simulated encoders is 12 um at the tip, at most.
     assert 0.0 < values["spat_max_mm"] < values["spat_2s_mm"] < 0.05
     assert abs(values["sphere_diameter_mm"]) < 0.05

@@ -55,7 +55,7 @@ async def test_points_and_scan_of_an_outage_arrive_afterwards_once_each(
         assert listener.statuses[-1].online
     points = listener.points
     assert_one_point_an_edge(bench, points, bench.presses()[: len(points)])
-    assert len(listener.told("broker.lost", active=True)) == 1
+    assert len(listener.events_of("broker.lost", active=True)) == 1
     seq = numbers(blocks)
     assert (np.diff(seq) > 0).all()
     # Sent but not arrived at a broker that was just dying: QoS 0 may lose that.
@@ -78,6 +78,6 @@ async def test_no_bound_of_memory_refuses_points_of_an_outage(
         assert await simulator.stop() == 0
         await listener.event("device.lost", active=True)
         await listener.n_points(len(bench.presses()))
-    assert listener.told("capture.refused") == []
+    assert listener.events_of("capture.refused") == []
     assert [p.seq for p in listener.points] == list(range(len(listener.points)))
     assert_one_point_an_edge(bench, listener.points, bench.presses())

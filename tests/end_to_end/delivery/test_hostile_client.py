@@ -157,8 +157,8 @@ async def test_commands_continue_after_any_number_of_packets_that_are_too_long(
             for _ in range(RECEIVE_MAXIMUM + 1):
                 await attacker.send(b"x" * n_bytes, "label")
             await until_answered(listener, f"after {n_bytes}")
-        told = await listener.event("commands.too_long")
-        assert "/cmd/label has more than 16384 bytes" in told.text
+        event = await listener.event("commands.too_long")
+        assert "/cmd/label has more than 16384 bytes" in event.text
         assert listener.healths[-1].rss_bytes - before < MORE_RSS_BYTES
         assert listener.healths[-1].counters["reconnects"] == 0
 
@@ -217,7 +217,7 @@ async def test_a_flood_is_dropped_and_points_of_the_button_continue(
         await until_answered(listener, "after the flood")
         assert listener.healths[-1].rss_bytes - before < MORE_RSS_BYTES
         assert daemon.process.poll() is None
-        assert listener.told("broker.lost") == []
+        assert listener.events_of("broker.lost") == []
         await until(
             lambda: listener.healths[-1].counters["commands_refused"] >= dropped
         )

@@ -178,7 +178,7 @@ async def test_one_damaged_row_costs_that_point_only(
                 answer = await listener.command(ResendArgs(session=session))
                 assert answer.result["points"] == answer.result["last_seq"]
                 assert await daemon.stop() == 0
-            assert listener.told("outbox.failed") == []
+            assert listener.events_of("outbox.failed") == []
     found = [(p.session, p.seq) for p in listener.points]
     assert found[: len(left) - 1] == [*left[:2], *left[3:]]
     words = ("points", "export", "--db", str(file), "--out", "points.csv")

@@ -61,7 +61,7 @@ async def test_a_killed_board_leaves_the_right_gap_and_returns(
         assert "device.lost" in daemon.log
     assert_gap_is_the_outage(blocks, 3.0)
     assert [p.seq for p in listener.points] == list(range(len(listener.points)))
-    assert len(listener.told("device.restarted")) == 1
+    assert len(listener.events_of("device.restarted")) == 1
     assert listener.healths[-1].counters["reconnects"] == 1
 
 

@@ -79,7 +79,7 @@ async def test_only_touched_samples_are_missing_and_no_edge(
         assert listener.healths[-1].devices[0].counters["samples_repeated"] > 0
     if kind in {"corrupted", "garbage"}:
         assert 0 < counters["frames_rejected"] <= 2 * faults
-        assert listener.told("device.frames_rejected")
+        assert listener.events_of("device.frames_rejected")
     assert counters["edges_lost"] == 0
 
 

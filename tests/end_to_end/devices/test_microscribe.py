@@ -146,7 +146,7 @@ def assert_true(bench: Workbench, listener: Listener, held_back_s: float = 0.0) 
     assert {point.trigger for point in listener.points} == {"button"}
     flags = {flag for point in listener.points for flag in point.quality.flags}
     # An arm that was off meanwhile is in doubt again.
-    in_doubt = {"turns_uncertain"} if listener.told("device.restarted") else set()
+    in_doubt = {"turns_uncertain"} if listener.events_of("device.restarted") else set()
     assert flags - {"interpolated"} <= in_doubt
     delays = delays_s(listener.points, presses)
     assert np.ptp(delays) < held_back_s + 1e-2, delays
@@ -165,7 +165,7 @@ async def test_reports_of_motion_bring_points_with_the_counts_of_their_packets(
     for point, edge in zip(listener.points, truth_of(bench, listener), strict=True):
         centre_mm, _ = arm.pose(edge["counts"])
         assert np.abs(np.array(point.xyz_mm) - centre_mm).max() < 1e-6
-    assert not listener.told("device.timer_unused")
+    assert not listener.events_of("device.timer_unused")
 
 
 async def test_a_bad_line_costs_samples_and_invents_nothing(bench: Workbench) -> None:
@@ -173,8 +173,8 @@ async def test_a_bad_line_costs_samples_and_invents_nothing(bench: Workbench) ->
     # The next packet is requested after a late one arrived (0.15 s), or after the time
     # limit of one that was cut: a press in the meantime is in that next one.
     assert_true(bench, listener, held_back_s=0.2)
-    assert listener.told("device.samples_lost")
-    assert listener.told("device.restarted")
+    assert listener.events_of("device.samples_lost")
+    assert listener.events_of("device.restarted")
 
 
 async def test_a_port_without_an_arm_is_reported(tmp_path: Path, mosquitto: Mosquitto):

@@ -60,8 +60,8 @@ async def all_are_right_or_marked(bench: Workbench, longest_s: float) -> None:
         await cancel_tasks([stopping])
         await until(
             lambda: (
-                (listener.points or listener.told("capture.refused"))
-                and len(listener.told("button.pressed")) >= n_kept(bench)
+                (listener.points or listener.events_of("capture.refused"))
+                and len(listener.events_of("button.pressed")) >= n_kept(bench)
             ),
             "a point or a refusal of each press after the last standstill",
             ENDS_S,

@@ -99,7 +99,7 @@ async def test_a_held_scan_has_all_from_each_press_to_its_release(
         await listener.n_points(9)
         await listener.scan_points(scan, 4 * 25)
         blocks = await listener.stop_scan(scan)
-    assert listener.told("scan.edge_late") == []
+    assert listener.events_of("scan.edge_late") == []
     assert (numbers(blocks) == np.arange(blocks[-1].total or 0)).all()
     at_ns = times_ns(blocks)
     stretches = np.split(at_ns, np.flatnonzero(np.diff(at_ns) > 5e6) + 1)
@@ -199,4 +199,4 @@ async def test_points_beyond_a_limit_are_marked_or_refused(bench: Workbench) -> 
     assert refused.error is not None
     assert refused.error.code == "capture.refused"
     assert "end_stop" in refused.error.text
-    assert listener.told("limit.end_stop")
+    assert listener.events_of("limit.end_stop")

@@ -72,12 +72,12 @@ async def test_a_service_is_ready_watched_reloaded_and_stopped(
                 await listener.event("reload.done")
 
                 assert await daemon.stop() == 0
-                told = [x.partition("=")[0] for x in manager.listen()]
+                messages = [x.partition("=")[0] for x in manager.listen()]
                 kept = ("READY", "RELOADING", "STOPPING")
-                assert [x for x in told if x in kept] == [
+                assert [x for x in messages if x in kept] == [
                     *("READY", "RELOADING", "READY", "RELOADING", "READY", "STOPPING")
                 ]
-                assert told.count("MONOTONIC_USEC") == 2
+                assert messages.count("MONOTONIC_USEC") == 2
                 assert manager.status().startswith("stopping: 1 device")
                 entries = [json.loads(line) for line in daemon.log.splitlines()]
     assert secret not in daemon.log + daemon.output
@@ -121,8 +121,8 @@ async def test_a_reader_that_is_stuck_stops_the_feeding(
     async with measuring(bench) as (listener, _, daemon):
         await until(lambda: manager.has("READY=1"), "ready")
         with stopped_thread(daemon.process.pid, "driver-base"):
-            told = await listener.event("watchdog.stuck", active=True)
-            assert told.source == "reader-of-base"
+            event = await listener.event("watchdog.stuck", active=True)
+            assert event.source == "reader-of-base"
             fed, healths = manager.listen().count(FED), len(listener.healths)
             looks = int(WATCHDOG_S / 0.2)  # so many messages of health are long enough
             await until(

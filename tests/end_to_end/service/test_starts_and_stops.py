@@ -100,8 +100,8 @@ async def test_a_clock_that_reads_no_joint_is_refused(alone: Workbench) -> None:
     alone.write_daemon(devices=f'{handle}[assembly]\nclock = "handle"\n')
     with alone.daemon() as daemon:
         assert await daemon.ended() == REFUSED
-        told = "assembly.clock: 'handle' reads no joint; one of these does: base"
-        assert told in daemon.log
+        problem = "assembly.clock: 'handle' reads no joint; one of these does: base"
+        assert problem in daemon.log
 
 
 async def test_an_arm_that_does_not_fit_the_board_is_refused(
@@ -132,7 +132,7 @@ async def test_a_second_daemon_on_the_port_says_so(
             assert await second.ended() == UNREACHABLE
             assert f"cannot open {bench.pty}: in use by another program" in second.log
         assert first.process.poll() is None
-        assert listener.told("device.lost", active=True) == []
+        assert listener.events_of("device.lost", active=True) == []
 
 
 @pytest.mark.needs("mosquitto")
@@ -145,8 +145,8 @@ async def test_a_second_daemon_leaves_the_first_in_peace(
         monkeypatch.setenv("STATE_DIRECTORY", str(bench.folder / "other"))
         with bench.daemon(name="second") as second:
             assert await second.ended() == UNREACHABLE
-        told = len(listener.healths)
-        await until(lambda: len(listener.healths) > told + 1, "more figures")
+        n_before = len(listener.healths)
+        await until(lambda: len(listener.healths) > n_before + 1, "more figures")
         assert listener.healths[-1].counters["reconnects"] == 0
         assert all(status.online for status in listener.statuses)
 
