@@ -161,25 +161,25 @@ def _context(files: Mapping[str, Path]) -> ssl.SSLContext:
     certificate = files.get("certificate_file")
     if certificate is None:
         return context
-    own = files.get("key_file", certificate)
+    key_file = files.get("key_file", certificate)
 
     def refuse() -> str:
         raise CredentialsError(
             "key_file",
-            f"{own} is encrypted, and nobody is prompted for its passphrase. Take it "
-            "off (openssl pkey) and let only the user of this program read it",
+            f"{key_file} is encrypted, and nobody is prompted for its passphrase. Take "
+            "it off (openssl pkey) and let only the user of this program read it",
         )
 
     try:
-        load_pair(context, certificate, own, refuse)
+        load_pair(context, certificate, key_file, refuse)
     except OSError as error:
         why = _why(error)
         if "KEY_VALUES_MISMATCH" in why:
-            text = f"{own} is not the key of {certificate}"
+            text = f"{key_file} is not the key of {certificate}"
             raise CredentialsError("key_file", text) from error
         raise CredentialsError(
             "certificate_file",
-            f"{certificate} and {own} are no certificate and key in PEM ({why})",
+            f"{certificate} and {key_file} are no certificate and key in PEM ({why})",
         ) from error
     return context
 

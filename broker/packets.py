@@ -316,88 +316,88 @@ class PacketDecoder:
         return packet
 
     def _message(self, first: int, body: bytes, length: int) -> Message:
-        qos, at = first >> 1 & 3, 2 + _number(body, 0)
+        qos, offset = first >> 1 & 3, 2 + _number(body, 0)
         if qos > 1:
             raise PacketError(f"a message with quality of service {qos}")
         topic, number = _text_at(body, 0), 0
         if qos:
-            number, at = _number(body, at), at + 2
+            number, offset = _number(body, offset), offset + 2
         properties: Properties = {}
         if self._version is Version.V5:
             try:
-                properties, at = _properties_at(body, at)
+                properties, offset = _properties_at(body, offset)
             except IndexError:
                 if len(body) == length:
                     raise
                 # They are longer than what is kept: it cannot be used, but answered.
-                at = len(body)
-        payload = body[at : at + self._max_payload_bytes]
+                offset = len(body)
+        payload = body[offset : offset + self._max_payload_bytes]
         return Message(
-            topic, payload, qos, bool(first & 1), number, properties, length - at
+            topic, payload, qos, bool(first & 1), number, properties, length - offset
         )
 
     def _codes(self, body: bytes) -> tuple[int, ...]:
-        at = _properties_at(body, 2)[1] if self._version is Version.V5 else 2
-        return tuple(body[at:])
+        offset = _properties_at(body, 2)[1] if self._version is Version.V5 else 2
+        return tuple(body[offset:])
 
-    def _properties(self, body: bytes, at: int) -> Properties:
+    def _properties(self, body: bytes, offset: int) -> Properties:
         """Properties that may be left out, at the end of a packet."""
-        is_there = self._version is Version.V5 and len(body) > at
-        return _properties_at(body, at)[0] if is_there else {}
+        is_there = self._version is Version.V5 and len(body) > offset
+        return _properties_at(body, offset)[0] if is_there else {}
 
 
-def _number(body: bytes, at: int) -> int:
-    if len(body) < at + 2:
+def _number(body: bytes, offset: int) -> int:
+    if len(body) < offset + 2:
         raise IndexError("it is too short")
-    return int.from_bytes(body[at : at + 2])
+    return int.from_bytes(body[offset : offset + 2])
 
 
-def _binary_at(body: bytes, at: int) -> bytes:
-    end = at + 2 + _number(body, at)
+def _binary_at(body: bytes, offset: int) -> bytes:
+    end = offset + 2 + _number(body, offset)
     if len(body) < end:
         raise IndexError("it is too short")
-    return body[at + 2 : end]
+    return body[offset + 2 : end]
 
 
-def _text_at(body: bytes, at: int) -> str:
-    return _binary_at(body, at).decode()
+def _text_at(body: bytes, offset: int) -> str:
+    return _binary_at(body, offset).decode()
 
 
-def _variable_number_at(body: bytes, at: int) -> tuple[int, int]:
+def _variable_number_at(body: bytes, offset: int) -> tuple[int, int]:
     value = shift = 0
     while True:
-        byte = body[at]
+        byte = body[offset]
         value |= (byte & 0x7F) << shift
-        at, shift = at + 1, shift + 7
+        offset, shift = offset + 1, shift + 7
         if not byte & 0x80:
-            return value, at
+            return value, offset
         if shift > 21:
             raise IndexError("a length has more than four bytes")
 
 
-def _properties_at(body: bytes, at: int) -> tuple[Properties, int]:
+def _properties_at(body: bytes, offset: int) -> tuple[Properties, int]:
     """Properties by identifier, and where they end; those for users are left out."""
-    length, at = _variable_number_at(body, at)
-    end = at + length
+    length, offset = _variable_number_at(body, offset)
+    end = offset + length
     if len(body) < end:
         raise IndexError("properties are longer than the packet, or than is kept")
     values: dict[int, PropertyValue] = {}
-    while at < end:
-        identifier, at = body[at], at + 1
+    while offset < end:
+        identifier, offset = body[offset], offset + 1
         if n_bytes := _BYTES_OF_NUMBER.get(identifier):
-            values[identifier] = int.from_bytes(body[at : at + n_bytes])
-            at += n_bytes
+            values[identifier] = int.from_bytes(body[offset : offset + n_bytes])
+            offset += n_bytes
         elif identifier in _TEXTS:
-            values[identifier] = _text_at(body, at)
-            at += 2 + _number(body, at)
+            values[identifier] = _text_at(body, offset)
+            offset += 2 + _number(body, offset)
         elif identifier in _BINARIES:
-            values[identifier] = _binary_at(body, at)
-            at += 2 + _number(body, at)
+            values[identifier] = _binary_at(body, offset)
+            offset += 2 + _number(body, offset)
         elif identifier == _VARIABLE_NUMBER:
-            values[identifier], at = _variable_number_at(body, at)
+            values[identifier], offset = _variable_number_at(body, offset)
         elif identifier == _USER_PROPERTY:
-            at += 2 + _number(body, at)
-            at += 2 + _number(body, at)
+            offset += 2 + _number(body, offset)
+            offset += 2 + _number(body, offset)
         else:
             raise IndexError(f"property {identifier:#04x} is unknown")
     return values, end

@@ -44,9 +44,9 @@ class Commands(TyperGroup):
         try:
             return super().invoke(ctx)
         except typer.BadParameter as error:
-            found = getattr(error.__cause__, "errors", None)  # pydantic's
-            if found is not None:
-                error.message = problem_from_error(found()[0], ()).message
+            errors = getattr(error.__cause__, "errors", None)  # pydantic's
+            if errors is not None:
+                error.message = problem_from_error(errors()[0], ()).message
             raise
         except RefusalError as error:
             end(error.status, f"traverse {self._words(ctx)}: {error}")
@@ -97,13 +97,13 @@ def command_line(names: Iterable[str]) -> CommandGroup:
     )
     made.callback()(_options)
     for name in names:
-        found = _command(OLD_NAMES.get(name, name).replace("-", "_"))
-        if isinstance(found, CommandGroup):
-            made.add_typer(found, cls=Commands)
+        command = _command(OLD_NAMES.get(name, name).replace("-", "_"))
+        if isinstance(command, CommandGroup):
+            made.add_typer(command, cls=Commands)
         elif name in OLD_NAMES:
-            made.command(name, hidden=True)(found)
+            made.command(name, hidden=True)(command)
         else:
-            made.command()(found)
+            made.command()(command)
     return made
 
 

@@ -73,7 +73,7 @@ def _counts(path: Path) -> list[int]:
     from traverse.kinematics.arm_file.arm import read_arm
 
     encoders = [joint.encoder for joint in read_arm(path).joints]
-    counts = [one.counts_per_turn for one in encoders if one is not None]
+    counts = [encoder.counts_per_turn for encoder in encoders if encoder is not None]
     if not counts:
         refuse(f"{path}: no joint has counts_per_turn; leave --arm out")
     return counts

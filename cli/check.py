@@ -46,9 +46,9 @@ def check(
         wrong = [error]
     if as_json:
         problems = [
-            {"file": one.source, "where": p.where, "message": p.message}
-            for one in wrong or ()
-            for p in one.problems
+            {"file": wrong_file.source, "where": p.where, "message": p.message}
+            for wrong_file in wrong or ()
+            for p in wrong_file.problems
         ]
         report = {"file": str(file), "kind": kind, "problems": problems}
         typer.echo(json.dumps(report, indent=None if wrong is None else 1))
@@ -106,8 +106,8 @@ def _by(module: str, name: str) -> Callable[[Path], object]:
     def read(path: Path) -> object:
         from traverse.strict_toml.reader import read_strict
 
-        found = getattr(import_module(f"traverse.{module}"), name)
-        return read_strict(path, found) if isinstance(found, type) else found(path)
+        reader = getattr(import_module(f"traverse.{module}"), name)
+        return read_strict(path, reader) if isinstance(reader, type) else reader(path)
 
     return read
 

@@ -204,8 +204,8 @@ def send_command(
     arm = name or only_arm(address, FIND_S)
 
     async def run() -> T:
-        async with Arm(arm, address, connect_timeout_s=CONNECT_S) as there:
-            return await act(there)
+        async with Arm(arm, address, connect_timeout_s=CONNECT_S) as client:
+            return await act(client)
 
     with client_errors():
         return asyncio.run(run())

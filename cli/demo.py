@@ -96,7 +96,9 @@ async def _demonstrate(
         for number in (signal.SIGTERM, signal.SIGHUP):
             loop.add_signal_handler(number, task.cancel)
     port = free_port()
-    own = [] if broker else ["--embedded-broker", "--embedded-port", str(port)]
+    broker_options = (
+        [] if broker else ["--embedded-broker", "--embedded-port", str(port)]
+    )
     address = BrokerAddress.parse(broker) if broker else BrokerAddress(HOST, port)
     measured = Round()
     with tempfile.TemporaryDirectory(prefix="traverse-demo-") as name:
@@ -110,7 +112,7 @@ async def _demonstrate(
 
             simulated = ("simulate", "--config", str(folder / "simulator.toml"))
             await _be_ready(await start("simulator.log", *simulated), folder)
-            daemon = ("run", "--config", str(folder / "daemon.toml"), *own)
+            daemon = ("run", "--config", str(folder / "daemon.toml"), *broker_options)
             service = await start("daemon.log", *daemon)
             if with_page:
                 shown = PAGE_PORT if _is_free(PAGE_PORT) else free_port()

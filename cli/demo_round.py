@@ -37,7 +37,7 @@ def write_files(folder: Path, host: str, port: int) -> None:
 def expected_points() -> list[Expected]:
     """One round, in the order in which the simulated operator takes its points."""
     simulation = tomllib.loads((DATA / "simulator.toml").read_text("utf-8"))
-    found = []
+    points = []
     for motion in simulation["motion"]:
         features = {"ball_bar": ["1", "2"], "sphere": [""], "cone": [""]}
         for feature in features.get(motion["kind"], []):
@@ -48,8 +48,8 @@ def expected_points() -> list[Expected]:
                 motion.get("radius_mm", 0.0),
                 motion.get("distance_mm", 0.0),
             )
-            found += [expected] * motion.get("points", motion.get("postures", 0))
-    return found
+            points += [expected] * motion.get("points", motion.get("postures", 0))
+    return points
 
 
 class Round:
@@ -147,8 +147,8 @@ def _judged(certificate: Expected, features: list[list[Point]]) -> str:
             f"{radius_mm - certificate.radius_mm:+.4f} mm, form rms "
             f"{sphere.rms_mm:.4f} mm"
         )
-    one, two = (sphere.centre_mm for sphere in spheres)
-    length_mm = float(np.linalg.norm(one - two))
+    first_mm, second_mm = (sphere.centre_mm for sphere in spheres)
+    length_mm = float(np.linalg.norm(first_mm - second_mm))
     return (
         f"ball bar: length {length_mm:.4f} mm, certificate "
         f"{certificate.distance_mm:.4f} mm, deviation "

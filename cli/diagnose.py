@@ -88,13 +88,13 @@ def diagnose(
         progress = _Progress() if sys.stderr.isatty() else None
         try:
             with adjustment_errors():
-                found = runs.diagnosed(measured, design, options, progress)
+                diagnosis = runs.diagnosed(measured, design, options, progress)
         finally:
             if progress is not None:
                 progress.close()
-        result = found[0]
+        result = diagnosis[0]
         provenance = result.campaign.provenance(operator)
-        lines = runs.write_diagnosed(found, arm, out, provenance, accept=accept)
+        lines = runs.write_diagnosed(diagnosis, arm, out, provenance, accept=accept)
     from traverse.lab.diagnosis.model.outcome import outcome_of
     from traverse.lab.diagnosis.report.files import diagnosis_json
 
@@ -134,10 +134,10 @@ def _plan(arm: "Arm", campaign: "Campaign", *, as_json: bool) -> None:
         if campaign.is_stream:
             campaign, thinning = decimated(campaign, arm)
             campaign = campaign.part(thinning.poses)
-        found = planned(campaign, arm)
+        plan = planned(campaign, arm)
     head = (
         f"{arm.name}: what {counted(len(campaign.poses), 'pose')} could show, with a "
         "probability of 95 %, in the worst phase or direction"
     )
-    lines = [head, *detectable_lines(found)]
-    print_report({"detectable": detectable_json(found)}, lines, as_json=as_json)
+    lines = [head, *detectable_lines(plan)]
+    print_report({"detectable": detectable_json(plan)}, lines, as_json=as_json)

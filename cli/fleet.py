@@ -54,11 +54,11 @@ def add(
 
     with refusals(*STORE_ERRORS, HistoryRefusedError):
         store = _opened(database)
-        found = [
+        entries = [
             {"file": str(path), "holds": add_evidence(store, path)} for path in files
         ]
-    lines = [f"{one['file']}: {one['holds']}" for one in found]
-    print_report({"added": found}, lines, as_json=as_json)
+    lines = [f"{entry['file']}: {entry['holds']}" for entry in entries]
+    print_report({"added": entries}, lines, as_json=as_json)
 
 
 @fleet.command("overview")
@@ -94,14 +94,14 @@ def overview(
             time.sleep(every_s)
     arms = values["arms"]
     lines = [
-        f"{one['arm']}: {one['state']}, "
-        f"{counted(one['points_a_day'][-1], 'point')} today"
-        + "".join(f"; {concern}" for concern in one["concerns"])
-        for one in arms
+        f"{arm['arm']}: {arm['state']}, "
+        f"{counted(arm['points_a_day'][-1], 'point')} today"
+        + "".join(f"; {concern}" for concern in arm["concerns"])
+        for arm in arms
     ]
     lines += [f"wrote {out}"] if out is not None else []
     print_report(values, lines or ["no arms yet"], as_json=as_json)
-    if any(one["need"] == "bad" for one in arms):
+    if any(arm["need"] == "bad" for arm in arms):
         raise typer.Exit(FAILED)
 
 
@@ -202,30 +202,34 @@ def _run(
         prior = tuple(run.prior or ())
         request = Request(arm, run.family, prior, options, run.out, run.operator)
         if run.rest:
-            folders = [one for one in folders if not results_of(one, run.out).exists()]
+            folders = [
+                folder for folder in folders if not results_of(folder, run.out).exists()
+            ]
         check_request(folders, request)
-        found = []
+        outcomes = []
         workers = Workers(run.processes, run.scheduler)
         for outcome in run_campaigns(folders, request, workers):
-            found.append(outcome)
-            text = f"{len(found)} of {len(folders)}: {outcome.name}: {outcome.verdict}"
+            outcomes.append(outcome)
+            text = (
+                f"{len(outcomes)} of {len(folders)}: {outcome.name}: {outcome.verdict}"
+            )
             typer.echo(text, err=True)
-    found.sort(key=attrgetter("name"))
+    outcomes.sort(key=attrgetter("name"))
     values = {
         "schema": "traverse/fleet-run/1",
         "out": str(run.out),
         "campaigns": [
-            {"name": one.name, "failed": one.failed, "verdict": one.verdict}
-            for one in found
+            {"name": ended.name, "failed": ended.failed, "verdict": ended.verdict}
+            for ended in outcomes
         ],
     }
-    n_failed = sum(one.failed for one in found)
+    n_failed = sum(ended.failed for ended in outcomes)
     lines = [
-        f"{counted(len(found) - n_failed, 'campaign')} done, {n_failed} failed; "
+        f"{counted(len(outcomes) - n_failed, 'campaign')} done, {n_failed} failed; "
         f"wrote {run.out}"
     ]
     print_report(values, lines, as_json=as_json)
-    if not all(one.good for one in found):
+    if not all(ended.good for ended in outcomes):
         raise typer.Exit(FAILED)
 
 

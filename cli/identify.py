@@ -105,8 +105,8 @@ def _options(hold: list[str], free: list[str], masks: Path | None) -> "Options":
     from traverse.strict_toml.reader import read_strict
 
     if masks is not None:
-        found = read_strict(masks, Masks)
-        hold, free = [*hold, *found.hold], [*free, *found.free]
+        given = read_strict(masks, Masks)
+        hold, free = [*hold, *given.hold], [*free, *given.free]
     return Options(hold=tuple(hold), free=tuple(free))
 
 
@@ -115,7 +115,9 @@ class _Progress:
 
     def __init__(self, campaign: "Campaign") -> None:
         rows = [artefact.rows_per_pose for artefact in campaign.artefacts]
-        self._n_rows = sum(rows[at] for at in campaign.poses.artefacts.tolist())
+        self._n_rows = sum(
+            rows[artefact_row] for artefact_row in campaign.poses.artefacts.tolist()
+        )
         self._n_rows += 3 * int(campaign.poses.oriented.sum())
         self._n_told = 0
 
@@ -145,8 +147,8 @@ def _compare(first: Path, second: Path, folder: Path | None, *, as_json: bool) -
         angles_rad = read_inputs(folder, files[0])[1].poses.angles_rad
         ranges = (angles_rad.min(axis=0), angles_rad.max(axis=0))
     with refusals(arm_comparison.ComparisonError):
-        found = arm_comparison.compare_arms(arms[0], arms[1], ranges)
-    values = arm_comparison.comparison_values(files, arms, found)
+        comparison = arm_comparison.compare_arms(arms[0], arms[1], ranges)
+    values = arm_comparison.comparison_values(files, arms, comparison)
     from traverse.lab.identification.report.page import WORDS
 
     print_report(values, WORDS.lines("comparison", values), as_json=as_json)

@@ -45,15 +45,17 @@ def predict(
             read_campaign(folder, names, several_tools=True, orientations=True)
             for folder in (campaign, *([] if fit_on is None else [fit_on]))
         ]
-        for folder, one in zip((campaign, fit_on), read, strict=False):
-            for note in one.notes:
+        for folder, measured in zip((campaign, fit_on), read, strict=False):
+            for note in measured.notes:
                 typer.echo(f"{folder}: {note}", err=True)
         judged, *fitted = read
-        found, result = prediction.predicted(judged, held, *fitted, with_tool=fit_tool)
+        fitted_arm, result = prediction.predicted(
+            judged, held, *fitted, with_tool=fit_tool
+        )
         if out is not None:
             prediction.write_prediction(result, out)
         curves = prediction.curve_figures(judged, held, *fitted, with_tool=fit_tool)
-    tool = None if not fit_tool else list(found.probe.vector_mm)
+    tool = None if not fit_tool else list(fitted_arm.probe.vector_mm)
     values = {
         "schema": SCHEMA,
         "arm": str(arm),

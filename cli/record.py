@@ -56,9 +56,9 @@ async def _record(
     from traverse.client.arm import Arm
     from traverse.protocol.messages import RecordArgs
 
-    async with Arm(arm, broker) as there:
+    async with Arm(arm, broker) as client:
         start = RecordArgs(action="start", name=name, note=note or None)
-        begun = await there.execute(start)
+        begun = await client.execute(start)
         typer.echo(f"recording {begun['file']}", err=quiet)
         ended = asyncio.Event()
         loop = asyncio.get_running_loop()
@@ -69,7 +69,7 @@ async def _record(
                 await ended.wait()
         except TimeoutError:
             pass  # so long it was to be
-        return dict(await there.execute(RecordArgs(action="stop")))
+        return dict(await client.execute(RecordArgs(action="stop")))
 
 
 def _summary(recorded: Mapping[str, Any]) -> str:

@@ -120,14 +120,16 @@ async def _published(points: Sequence["Point"], broker: BrokerAddress) -> int:
                     point.session, f"replay-{uuid.uuid4().hex}"
                 )
                 retracts = point.retracts
-                own = point.model_copy(
+                renamed = point.model_copy(
                     update={
                         "session": session,
                         "id": _own_id(point.id, sessions),
                         "retracts": retracts and _own_id(retracts, sessions),
                     }
                 )
-                await client.publish(point_topic(own.arm), encode(own, "msgpack"), 1)
+                await client.publish(
+                    point_topic(renamed.arm), encode(renamed, "msgpack"), 1
+                )
     except MqttError as error:
         raise OSError(str(error)) from error
     return len(points)

@@ -38,14 +38,14 @@ def trace(
         beside = Path(os.path.realpath(file)).parent
         around = [beside] if file.is_dir() else [beside, beside.parent]
         public_key = None if key is None else read_public_key_file(key)
-        found = Tracer([*around, *(where or [])], public_key).trace(file)
-        states = [link.state for link in found.every()]
+        trail = Tracer([*around, *(where or [])], public_key).trace(file)
+        states = [link.state for link in trail.every()]
         bad = [
             f"{states.count(state)} {state}"
             for state in ("altered", "missing", "not stated")
             if state in states
         ]
         verdict = ", ".join(bad) or "the chain is whole"
-        print_report(found.values, [*found.lines(), verdict], as_json=as_json)
+        print_report(trail.values, [*trail.lines(), verdict], as_json=as_json)
     if {"altered", "missing"} & set(states):
         raise typer.Exit(FAILED)

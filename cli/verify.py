@@ -138,9 +138,9 @@ def _covariance_beside(arm: "Arm", file: Path | None) -> Path | None:
     known = arm.identification
     if file is None or known is None or known.covariance_file is None:
         return None
-    found = file.with_name(Path(known.covariance_file).name)
-    same = found == file.parent / known.covariance_file
-    return found if same and found.is_file() else None
+    covariance_file = file.with_name(Path(known.covariance_file).name)
+    same = covariance_file == file.parent / known.covariance_file
+    return covariance_file if same and covariance_file.is_file() else None
 
 
 def _arm(data: Path, file: Path | None) -> "tuple[Arm, bytes]":
@@ -165,8 +165,8 @@ def _planned(
 
     if arm_file is None or out is None:
         refuse("--plan needs --arm and --out")
-    found = plan_of(standard, read_arm(arm_file), bidirectional=bidirectional)
-    return write_plan(found, standard, out)
+    plan = plan_of(standard, read_arm(arm_file), bidirectional=bidirectional)
+    return write_plan(plan, standard, out)
 
 
 def _checked(
@@ -181,9 +181,9 @@ def _checked(
         from traverse.lab.certificates.certificate import checked_certificate
         from traverse.lab.certificates.signature import read_certificate
 
-        trusted = [read_certificate(one) for one in trust]
-        found = checked_certificate(folder, trusted, schemas)
-        problems, notes = list(found.problems), list(found.notes)
+        trusted = [read_certificate(trusted_file) for trusted_file in trust]
+        check = checked_certificate(folder, trusted, schemas)
+        problems, notes = list(check.problems), list(check.notes)
     elif trust:
         refuse(f"--trust: {folder} has no dcc.xml; `traverse certify` signs")
     else:

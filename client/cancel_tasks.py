@@ -9,7 +9,7 @@ AGAIN_S = 0.5
 
 async def run_together(*work: Coroutine[Any, Any, None]) -> None:
     """Run all until they end, or one fails; none of them runs any more then."""
-    tasks = [asyncio.create_task(one) for one in work]
+    tasks = [asyncio.create_task(coroutine) for coroutine in work]
     try:
         await asyncio.gather(*tasks)
     finally:
@@ -18,7 +18,7 @@ async def run_together(*work: Coroutine[Any, Any, None]) -> None:
 
 async def run_until_first(*work: Coroutine[Any, Any, None]) -> None:
     """Run all until one of them ends, or fails; none of them runs any more then."""
-    tasks = [asyncio.create_task(one) for one in work]
+    tasks = [asyncio.create_task(coroutine) for coroutine in work]
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         for task in done:

@@ -242,7 +242,7 @@ class ArmCommands:
         At most 100 of the latest 1000 of the arm, all measured with one probe; the
         arm's parameters are in it where the arm file has a covariance (`with_arm`).
         """
-        ids = tuple(one if isinstance(one, str) else one.id for one in points)
+        ids = tuple(point if isinstance(point, str) else point.id for point in points)
         result = await self.execute(CovarianceArgs(ids=ids))
         return PointCovariances.read(result).joint()
 

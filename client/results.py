@@ -62,10 +62,10 @@ class StoredSession(CommandResult):
     @classmethod
     def read_all(cls, result: Mapping[str, Any]) -> "tuple[Self, ...]":
         """From the result of `resend` without a session, oldest first."""
-        found = result.get("sessions")
-        if not isinstance(found, list | tuple):
-            raise MessageError.of("result.sessions", repr(found)[:80], "a list")
-        return tuple(cls.read(one) for one in found)
+        sessions = result.get("sessions")
+        if not isinstance(sessions, list | tuple):
+            raise MessageError.of("result.sessions", repr(sessions)[:80], "a list")
+        return tuple(cls.read(session) for session in sessions)
 
 
 class StoredScan(CommandResult):
@@ -146,9 +146,9 @@ class PointCovariances(CommandResult):
             JointCovariance,
         )
 
-        own = np.array([one.covariance_mm2 for one in self.points])
+        covariances = np.array([point.covariance_mm2 for point in self.points])
         return JointCovariance(
-            np.array([one.xyz_mm for one in self.points]),
-            own[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]],
-            np.array([one.shared_mm for one in self.points]),
+            np.array([point.xyz_mm for point in self.points]),
+            covariances[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]],
+            np.array([point.shared_mm for point in self.points]),
         )

@@ -82,8 +82,8 @@ def read_inputs(path: Path, embedded: bool) -> Inputs:
         text = "is missing; add a table [broker], or use --embedded-broker"
         failures.append(FileError(path, [Problem("broker", text)]))
     elif not embedded and configuration.broker is not None:
-        found = list(credentials_problems(configuration.broker, path.parent))
-        failures += [FileError(path, found)] if found else []
+        wrong = list(credentials_problems(configuration.broker, path.parent))
+        failures += [FileError(path, wrong)] if wrong else []
     ids = {device.id: device for device in configuration.device}
     try:
         model = read_model(path.parent / configuration.arm.file, ids)

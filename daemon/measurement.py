@@ -535,8 +535,8 @@ class Measurement(MeasurementContext):
             None if error_bounds_counts is None else error_bounds_counts[-1],
             time_bound_ns,
         )
-        found = self.uncertainty.covariance(self.pipeline.model, reading)
-        return live.model_copy(update={"covariance_mm2": found.own_mm2})
+        stated = self.uncertainty.covariance(self.pipeline.model, reading)
+        return live.model_copy(update={"covariance_mm2": stated.own_mm2})
 
     def _take_latch(self, device: Device, latch: LatchedCounts) -> None:
         if latch.input is not None:

@@ -64,7 +64,7 @@ def status_message(
         probe, probes = measurement.probe, measurement.probes
         alignment = measurement.alignment.alignment
         arrangement = {
-            "alarms": tuple(_alarm(one, clock) for one in active[:MAX_ALARMS]),
+            "alarms": tuple(_alarm(alarm, clock) for alarm in active[:MAX_ALARMS]),
             "probe": None if probe is None else probe.name,
             "probes": None if probes is None else probes[:MAX_PROBES],
             "label": measurement.capture.label,

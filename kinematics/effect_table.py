@@ -385,9 +385,9 @@ KEY_UNITS: Mapping[str, str] = MappingProxyType(
 
 def key_unit(key: str) -> str:
     """Return the unit of a key of `[[effects]]`."""
-    found = KEY_UNITS.get(key)
-    if found is None:
-        stem, _, found = key.rpartition("_")
-        if not stem or found not in ("rad", "mm"):
+    unit = KEY_UNITS.get(key)
+    if unit is None:
+        stem, _, unit = key.rpartition("_")
+        if not stem or unit not in ("rad", "mm"):
             raise ValueError(f"{key} has no unit in the table of effects")
-    return found
+    return unit

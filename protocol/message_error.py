@@ -43,15 +43,15 @@ class MessageError(ValueError):
     @classmethod
     def from_validation(cls, name: str, error: ValidationError) -> Self:
         """All mistakes that pydantic found, each with its key path."""
-        found = error.errors(include_url=False, include_context=False)
+        problems = error.errors(include_url=False, include_context=False)
         return cls(
             tuple(
                 Problem(
-                    ".".join([name, *map(str, one["loc"])]),
-                    _found(one["type"], one["input"]),
-                    _expected(one["type"], one["msg"]),
+                    ".".join([name, *map(str, problem["loc"])]),
+                    _found(problem["type"], problem["input"]),
+                    _expected(problem["type"], problem["msg"]),
                 )
-                for one in found[:MAX_PROBLEMS]
+                for problem in problems[:MAX_PROBLEMS]
             )
         )
 

@@ -110,15 +110,17 @@ def position(reply: bytes, request: bytes, layout: Layout) -> Position | None:
     head = b"" if request == SHORT else request
     if len(reply) != layout.reply_bytes(request) or not reply.startswith(head):
         return None
-    at = len(head) + 2 * layout.turns
+    offset = len(head) + 2 * layout.turns
     turns = (
-        int.from_bytes(reply[at - 2 : at], "big", signed=True) if layout.turns else 0
+        int.from_bytes(reply[offset - 2 : offset], "big", signed=True)
+        if layout.turns
+        else 0
     )
-    word = int.from_bytes(reply[at : at + layout.word_bytes], "big")
+    word = int.from_bytes(reply[offset : offset + layout.word_bytes], "big")
     unused = 8 * layout.word_bytes - layout.bits
     if word & (1 << unused) - 4:
         return None
-    rest = reply[at + layout.word_bytes :]
+    rest = reply[offset + layout.word_bytes :]
     return Position(
         word >> unused,
         turns,
@@ -169,26 +171,26 @@ class Replies:
     def feed(self, data: bytes) -> list[Position]:
         """Take what was read; the replies that it completes."""
         kept = self._kept + data
-        found: list[Position] = []
-        at = 0
-        while len(kept) - at >= self._size:
-            here = self._position(kept, at)
+        positions: list[Position] = []
+        offset = 0
+        while len(kept) - offset >= self._size:
+            here = self._position(kept, offset)
             if here is not None and not self._in_step:
-                if len(kept) - at <= 2 * self._size:
+                if len(kept) - offset <= 2 * self._size:
                     break  # the rest has yet to arrive
                 self._in_step = (
-                    self._position(kept, at + self._size) is not None
-                    and kept[at + 2 * self._size] == self._request[0]
+                    self._position(kept, offset + self._size) is not None
+                    and kept[offset + 2 * self._size] == self._request[0]
                 )
             if here is not None and self._in_step:
-                found.append(here)
-                at += self._size
+                positions.append(here)
+                offset += self._size
             else:
                 self._in_step = False
                 self.skipped += 1
-                at += 1
-        self._kept = kept[at:]
-        return found
+                offset += 1
+        self._kept = kept[offset:]
+        return positions
 
-    def _position(self, data: bytes, at: int) -> Position | None:
-        return position(data[at : at + self._size], self._request, self._layout)
+    def _position(self, data: bytes, offset: int) -> Position | None:
+        return position(data[offset : offset + self._size], self._request, self._layout)

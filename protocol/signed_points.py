@@ -117,15 +117,15 @@ def checked_points(points: Iterable[Point | str], public_key: bytes) -> CheckedP
         ValueError: That is no key.
         ModuleNotFoundError: As `verifier`.
     """
-    chain, found = verifier(public_key), CheckedPoints()
+    chain, checked = verifier(public_key), CheckedPoints()
     for point in points:
         problem: str | None = point if isinstance(point, str) else chain.problem(point)
         if problem is not None:
-            found.problems.append(problem)
+            checked.problems.append(problem)
         if isinstance(point, Point):
-            found.n_points += 1
-            found.last[point.session] = point.seq
-    return found
+            checked.n_points += 1
+            checked.last[point.session] = point.seq
+    return checked
 
 
 def points_of_lines(lines: Iterable[str]) -> Iterator[Point | str]:

@@ -121,7 +121,7 @@ def is_response_topic(topic: str, arm: str, filters: Iterable[str] = ()) -> bool
         below = levels[3:]
         mine = levels[1:3] == [arm, "reply"]
         return mine and 1 <= len(below) <= MAX_RESPONSE_LEVELS and all(below)
-    return any(_matches(levels, one.split("/")) for one in filters)
+    return any(_matches(levels, pattern.split("/")) for pattern in filters)
 
 
 def check_response_filter(topic_filter: str) -> None:

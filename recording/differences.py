@@ -83,8 +83,8 @@ def bytes_to_differences(content: bytes) -> NDArray[Any]:
         if width == 0:
             rows[1:] = np.frombuffer(content, "<i8", k, begin)
         else:
-            found = np.frombuffer(content, f"<i{width}", k * (n - 1), begin)
-            rows[1:] = found.reshape(k, n - 1).T
+            differences = np.frombuffer(content, f"<i{width}", k * (n - 1), begin)
+            rows[1:] = differences.reshape(k, n - 1).T
         np.cumsum(rows, axis=0, out=rows)
     array = rows.astype(f"{chr(kind)}{size}")
     return array[:, 0] if dimensions == 1 else array

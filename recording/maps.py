@@ -25,8 +25,8 @@ MOST_ENTRIES = 1 << 16
 
 def map_to_bytes(table: Mapping[str, object]) -> bytes:
     """Write a map of texts, numbers, lists, maps and arrays."""
-    found: bytes = msgpack.packb(table, default=_packed, buf_size=BUFFER_BYTES)
-    return found
+    packed: bytes = msgpack.packb(table, default=_packed, buf_size=BUFFER_BYTES)
+    return packed
 
 
 def bytes_to_map(content: bytes) -> dict[str, Any]:

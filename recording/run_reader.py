@@ -39,9 +39,9 @@ class RunReader:
             self._rest = iter(self._records)
             self._first = self._next()
             if self.about.get("schema") != SCHEMA:
-                found = self.about.get("schema")
+                schema = self.about.get("schema")
                 raise ValueError(
-                    f"{path}: schema is {found!r}, expected {SCHEMA!r}; was it "
+                    f"{path}: schema is {schema!r}, expected {SCHEMA!r}; was it "
                     "recorded by the daemon?"
                 )
         except BaseException as error:

@@ -33,9 +33,9 @@ class Samples:
     def __post_init__(self) -> None:
         n = len(self.counts)
         for name in TIMES:
-            found = getattr(self, name).shape
-            if found != (n,):
-                raise ValueError(f"samples: {name} has shape {found}, expected ({n},)")
+            shape = getattr(self, name).shape
+            if shape != (n,):
+                raise ValueError(f"samples: {name} has shape {shape}, expected ({n},)")
         if self.counts.ndim != 2:
             raise ValueError(
                 f"samples: counts have shape {self.counts.shape}, expected "

@@ -27,8 +27,8 @@ class KindTable(StrictModel):
     @classmethod
     def class_of(cls, kind: str) -> type[Self]:
         """The class of a kind that exists."""
-        found: type[Self] = cls.KINDS[kind]
-        return found
+        table_class: type[Self] = cls.KINDS[kind]
+        return table_class
 
     @classmethod
     def variant(cls, table: object) -> type[Self]:

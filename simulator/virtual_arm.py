@@ -161,14 +161,14 @@ def build_sources(
         [f"{device.id}/{channel}" for channel in range(len(encoders.joints))]
         for device, encoders in zip(config.device, arm.encoders, strict=True)
     ]
-    missing = [n for own in names for n in own if n not in recording.columns]
+    missing = [n for columns in names for n in columns if n not in recording.columns]
     if missing:
         message = f"no column {', '.join(missing)}; columns are named after the "
         message += "encoders' sources in the arm file"
         raise FileError(folder / first.file, [Problem("line 1", message)])
     return [
-        recorded_counts(recording, own, encoders.moduli, config.repeat)
-        for own, encoders in zip(names, arm.encoders, strict=True)
+        recorded_counts(recording, columns, encoders.moduli, config.repeat)
+        for columns, encoders in zip(names, arm.encoders, strict=True)
     ]
 
 
@@ -225,8 +225,12 @@ def _source_problems(devices: Sequence[DeviceTable], arm: Arm) -> list[Problem]:
             message += f"a device of kind '{device.kind}' has {device.MOST_CHANNELS}"
             problems.append(Problem(f"device[{number}].id", message))
         else:
-            found = device.channel_problems([e.counts_per_turn for _, _, e in wired])
-            problems += [Problem(f"device[{number}].{key}", m) for key, m in found]
+            problems_of_device = device.channel_problems(
+                [e.counts_per_turn for _, _, e in wired]
+            )
+            problems += [
+                Problem(f"device[{number}].{key}", m) for key, m in problems_of_device
+            ]
     return problems
 
 

@@ -95,10 +95,10 @@ def _onto_nominal(
 ) -> AlignmentResult:
     volume_of, source = _volume(options, nominal, arm)
     if options.method == "3-2-1":
-        found = align_plane_line_point(
+        aligned = align_plane_line_point(
             touches, nominal, volume_of, source, std_mm=options.std
         )
-        return replace(found, remarks=(*remarks, *found.remarks))
+        return replace(aligned, remarks=(*remarks, *aligned.remarks))
     known = [point.name for point in nominal.points]
     measured, left_out = places_by_name(
         touches, known, std_mm=options.std, spheres=options.spheres
@@ -145,7 +145,7 @@ def _leapfrog(
         remarks=[
             *remarks,
             *left_out,
-            *(f"first station: {one}" for one in first_remarks),
+            *(f"first station: {remark}" for remark in first_remarks),
         ],
     )
 

@@ -221,7 +221,7 @@ def to_qif(
     report = {"file": str(out), **report, "schema": schema_words(schemas)}
     lines = [
         f"{out}: arm {report['arm']} with {counted(report['joints'], 'joint')}",
-        *(f"{one['test']}: {one['of']}" for one in report["tests"]),
+        *(f"{test['test']}: {test['of']}" for test in report["tests"]),
         report["schema"],
     ]
     print_report(report, lines, as_json=as_json)

@@ -29,7 +29,7 @@ from traverse.strict_toml.problems import FileError, Problem
 def arm_from_dh_file(
     path: Path,
     units: Units,
-    wishes: ArmOptions,
+    options: ArmOptions,
     *,
     convention: str | None,
     base_xyz_mm: str | None,
@@ -50,29 +50,31 @@ def arm_from_dh_file(
         alpha_rad=np.array([row.alpha_rad for row in rows]),
         theta_rad=np.array([row.theta_rad for row in rows]),
         base=_placed("base", file.base, base_xyz_mm, base_rpy_rad),
-        tool=_placed("tool", file.tool, wishes.tool_xyz_mm, wishes.tool_rpy_rad),
+        tool=_placed("tool", file.tool, options.tool_xyz_mm, options.tool_rpy_rad),
     )
     posture_rad = posture_of(
-        wishes.base_posture_rad, wishes.base_posture_deg, [row.base_rad for row in rows]
+        options.base_posture_rad,
+        options.base_posture_deg,
+        [row.base_rad for row in rows],
     )
     joints = _joints(
         path,
-        wishes,
+        options,
         [row.name or f"J{k}" for k, row in enumerate(rows, start=1)],
         [(row.counts_per_turn, row.sign, row.source) for row in rows],
     )
     return assemble_arm(
-        wishes.name or file.name or path.stem,
+        options.name or file.name or path.stem,
         geometry_from_dh(table, np.array(posture_rad)),
         joints,
         str(path),
-        radius_mm=wishes.radius_mm,
-        probe_kind=wishes.probe_kind,
+        radius_mm=options.radius_mm,
+        probe_kind=options.probe_kind,
     )
 
 
 def arm_from_urdf_file(
-    path: Path, root: str | None, tip: str | None, wishes: ArmOptions
+    path: Path, root: str | None, tip: str | None, options: ArmOptions
 ) -> Arm:
     """Make an arm of a robot description.
 
@@ -84,21 +86,21 @@ def arm_from_urdf_file(
     chain = chain_of(robot, root, tip)
     count = sum(joint.axis is not None for joint in chain)
     posture_rad = posture_of(
-        wishes.base_posture_rad, wishes.base_posture_deg, [0.0] * count
+        options.base_posture_rad, options.base_posture_deg, [0.0] * count
     )
-    tool = _placed("tool", None, wishes.tool_xyz_mm, wishes.tool_rpy_rad)
+    tool = _placed("tool", None, options.tool_xyz_mm, options.tool_rpy_rad)
     arm = arm_from_chain(chain, tool, np.array(posture_rad))
     wires = [(None, None, None)] * count
     joints = _joints(
-        path, wishes, arm.names, wires, bodies=arm.bodies, mimics=arm.mimics
+        path, options, arm.names, wires, bodies=arm.bodies, mimics=arm.mimics
     )
     return assemble_arm(
-        wishes.name or robot.name or path.stem,
+        options.name or robot.name or path.stem,
         arm.geometry,
         joints,
         str(path),
-        radius_mm=wishes.radius_mm,
-        probe_kind=wishes.probe_kind,
+        radius_mm=options.radius_mm,
+        probe_kind=options.probe_kind,
     )
 
 
@@ -125,7 +127,7 @@ def _placed(
 
 def _joints(
     path: Path,
-    wishes: ArmOptions,
+    options: ArmOptions,
     names: Sequence[str],
     wires: Sequence[tuple[int | None, int | None, str | None]],
     *,
@@ -134,13 +136,13 @@ def _joints(
 ) -> list[JointParts]:
     """Joints of counts per turn, sign and source of each, where options say no more."""
     n = len(names)
-    counts: Sequence[int | None] = [one[0] for one in wires]
-    signs: Sequence[int | None] = [one[1] for one in wires]
-    sources = [one[2] for one in wires]
-    if wishes.counts_per_turn:
-        counts = integers_of("--counts-per-turn", wishes.counts_per_turn, n)
-    if wishes.signs:
-        signs = integers_of("--signs", wishes.signs, n)
+    counts: Sequence[int | None] = [wire[0] for wire in wires]
+    signs: Sequence[int | None] = [wire[1] for wire in wires]
+    sources = [wire[2] for wire in wires]
+    if options.counts_per_turn:
+        counts = integers_of("--counts-per-turn", options.counts_per_turn, n)
+    if options.signs:
+        signs = integers_of("--signs", options.signs, n)
     idle = [
         names[k]
         for k in range(n)
@@ -156,10 +158,10 @@ def _joints(
             name=names[k],
             counts_per_turn=counts[k],
             sign=sign if (sign := signs[k]) is not None else 1,
-            source=sources[k] or f"{wishes.device}/{k}",
+            source=sources[k] or f"{options.device}/{k}",
             body=bodies[k] if bodies else None,
             mimic=mimics[k] if mimics else None,
-            absolute=wishes.absolute,
+            absolute=options.absolute,
         )
         for k in range(n)
     ]

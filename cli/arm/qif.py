@@ -60,7 +60,9 @@ def qif_of_arm(arm: Arm, verification: Path | None) -> tuple[bytes, dict[str, An
     _length(device, "MaxMeasuringDistance", summary["reach_mm"])
     _length(device, "ProbeTipDiameter", 2.0 * arm.probe.radius_mm)
     tests: dict[str, Element] = {}
-    for tool in dict.fromkeys(one.get("tool") for one in values.get("figures", ())):
+    for tool in dict.fromkeys(
+        figure.get("tool") for figure in values.get("figures", ())
+    ):
         tests |= _tests(values, tool)
     if tests:
         accuracies = SubElement(device, "Accuracies", n=str(len(tests)))
@@ -93,11 +95,11 @@ def _checked(verification: Path, digest: str) -> dict[str, Any]:
 def _tests(values: Mapping[str, Any], tool: str | None) -> dict[str, Element]:
     """Return tests with a tool, or without any named, by what they were made of."""
     measured, lengths = (
-        [one for one in values[what] if one.get("tool") == tool]
+        [tested for tested in values[what] if tested.get("tool") == tool]
         for what in ("figures", "lengths")
     )
     figures = {figure["key"]: figure for figure in measured}
-    found: dict[str, Element] = {}
+    tests_by_title: dict[str, Element] = {}
     parts = {
         key: {part["name"]: part["value_mm"] for part in figure["parts"]}
         for key, figure in figures.items()
@@ -119,14 +121,16 @@ def _tests(values: Mapping[str, Any], tool: str | None) -> dict[str, Element]:
         two_s_mm = parts["volumetric_max"]["twice the standard deviation"]
         _length(volume, "TwiceStandardDeviation", two_s_mm)
     if len(b89):
-        found[f"{values['title']} with {tool}" if tool else values["title"]] = b89
+        tests_by_title[
+            f"{values['title']} with {tool}" if tool else values["title"]
+        ] = b89
     for key in _LENGTHS:
         if key in figures:
             test = Element("AACMMISO10360Test")
             _length(test, "MaxErrorConstant", abs(figures[key]["value_mm"]))
             title = f"{values['title']}, {figures[key]['name']}, largest error measured"
-            found[title] = test
-    return found
+            tests_by_title[title] = test
+    return tests_by_title
 
 
 def _add_accuracy(

@@ -50,7 +50,7 @@ def collection_of(
         targets = plans.targets_of(file, each)
     else:
         targets = plans.planned_targets(plan, file, str(path))
-    return Collection(file, folder, [one.name for one in arm.joints], targets, plan)
+    return Collection(file, folder, [joint.name for joint in arm.joints], targets, plan)
 
 
 def run_collection(
@@ -173,7 +173,7 @@ class _Session:
                 case "u":
                     self._undo()
                 case "y" | "b" if self._suspect is not None:
-                    self._believe(self._suspect, alone=key == "b")
+                    self._believe(self._suspect, without_others=key == "b")
                 case "q":
                     self._ended.set()
                     return
@@ -238,9 +238,9 @@ class _Session:
         )
         self._say(self._question)
 
-    def _believe(self, suspect: CollectedTouch, *, alone: bool) -> None:
+    def _believe(self, suspect: CollectedTouch, *, without_others: bool) -> None:
         """The suspect was the right place; alone: the others were not."""
-        if alone:
+        if without_others:
             for other in same_place(self._collection, suspect):
                 self._collection.retract(other.id)
             self._say("the others on it are left out")

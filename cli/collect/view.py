@@ -37,9 +37,9 @@ def shown(
     for title in ("joint", "0 to 360 degrees of its reading", "turned"):
         joints.add_column(title)
     counts = coverage(list(collection.touches.values()), len(collection.joint_names))
-    for name, own in zip(collection.joint_names, counts, strict=True):
-        part = np.count_nonzero(own) / SECTORS
-        joints.add_row(name, f"│{picture(own)}│", f"{part:.0%}")
+    for name, sectors in zip(collection.joint_names, counts, strict=True):
+        part = np.count_nonzero(sectors) / SECTORS
+        joints.add_row(name, f"│{picture(sectors)}│", f"{part:.0%}")
     volume = Table(box=None, pad_edge=False)
     for title in ("working volume", "its eight octants"):
         volume.add_column(title)
@@ -80,18 +80,18 @@ def summary(collection: Collection) -> list[str]:
         by_feature = {
             t.feature: t for t in collection.targets if t.artefact == artefact.id
         }
-        own = list(by_feature.values())
+        targets = list(by_feature.values())
         done = ", ".join(
             f"{f'feature {t.feature}: ' if t.feature else ''}{collection.count(t)}"
             f" of {t.wanted}"
-            for t in own
+            for t in targets
         )
         figure = agreement(collection, artefact.id, artefact.kind)
         lines.append(f"{artefact.id}: {done}" + (f"; {figure}" if figure else ""))
     counts = coverage(list(collection.touches.values()), len(collection.joint_names))
     turned = ", ".join(
-        f"{name} {np.count_nonzero(own) / SECTORS:.0%}"
-        for name, own in zip(collection.joint_names, counts, strict=True)
+        f"{name} {np.count_nonzero(sectors) / SECTORS:.0%}"
+        for name, sectors in zip(collection.joint_names, counts, strict=True)
     )
     shells = volume_lines(collection)
     volume = [f"touched at {shell}: {marks}" for shell, marks in shells]

@@ -50,9 +50,9 @@ def _content(message: Message) -> str:
                 "; "
             )
             text += "".join(
-                f"; {one.name} of {one.source} in doubt: {one.cause}"
-                for one in message.conditions
-                if not one.established
+                f"; {condition.name} of {condition.source} in doubt: {condition.cause}"
+                for condition in message.conditions
+                if not condition.established
             )
         case Health():
             rate = message.rates_hz.get("samples_received", 0.0)

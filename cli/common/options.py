@@ -64,25 +64,29 @@ class CommandGroup(typer.Typer):
 
 def _with_help(command: Command) -> Command:
     """Return what typer reads a command from: parameters with their help."""
-    own = inspect.signature(command, eval_str=True).parameters
+    parameters_of_command = inspect.signature(command, eval_str=True).parameters
     about, entries = _parts(command)
-    groups = {name: _options(p.annotation) for name, p in own.items() if _is_group(p)}
+    groups = {
+        name: _options(p.annotation)
+        for name, p in parameters_of_command.items()
+        if _is_group(p)
+    }
     parameters = [
         parameter
-        for name, one in own.items()
-        for parameter in groups.get(name) or (_described(one, entries),)
+        for name, declared in parameters_of_command.items()
+        for parameter in groups.get(name) or (_described(declared, entries),)
     ]
 
     @functools.wraps(command)
     def called(**given: Any) -> None:
         for name, options in groups.items():
             values = {option.name: given.pop(option.name) for option in options}
-            given[name] = own[name].annotation(**values)
+            given[name] = parameters_of_command[name].annotation(**values)
         command(**given)
 
     # What typer reads.
     called.__doc__ = about
-    called.__annotations__ = {one.name: one.annotation for one in parameters}
+    called.__annotations__ = {added.name: added.annotation for added in parameters}
     called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]  # of PEP 362
     return called
 

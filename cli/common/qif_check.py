@@ -25,8 +25,8 @@ def check_schema(content: bytes, file: Path, schemas: Path) -> None:
     """
     from traverse.lab.certificates.xml import read_xml, schema_problems  # of an extra
 
-    found = schema_problems(read_xml(content, str(file)), schemas, SCHEMA)
-    problems = [Problem("", f"schema: {message}") for message in found]
+    complaints = schema_problems(read_xml(content, str(file)), schemas, SCHEMA)
+    problems = [Problem("", f"schema: {message}") for message in complaints]
     if problems:
         raise FileError(file, problems)
 

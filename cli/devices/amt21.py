@@ -67,16 +67,16 @@ class LineOptions:
 def scan(*, line: LineOptions, as_json: Json = False) -> None:
     """List the addresses that answer, with position and, where they have it, turns."""
     with line.opened() as opened:
-        found = _answering(opened, ADDRESSES)
+        answering = _answering(opened, ADDRESSES)
     lines = []
-    for encoder in found:
+    for encoder in answering:
         turns = "" if encoder["turns"] is None else f", turns {encoder['turns']}"
         lines.append(
             f"0x{encoder['address']:02X}: position {encoder['position']}{turns}"
         )
     echo = "echoes what is sent" if opened.echoed else "does not echo"
-    lines.append(f"{counted(len(found), 'encoder')}; the adapter {echo}")
-    report = {"port": line.port, "echo": opened.echoed, "encoders": found}
+    lines.append(f"{counted(len(answering), 'encoder')}; the adapter {echo}")
+    report = {"port": line.port, "echo": opened.echoed, "encoders": answering}
     print_report(report, lines, as_json=as_json)
 
 
@@ -145,13 +145,13 @@ def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, An
     from traverse.drivers.polling.channel import EncoderReading
 
     line.find_echo(addresses)
-    found = []
+    encoders = []
     for address in addresses:
         position = _value(line, wire.position_request(address))
         if position is None:
             continue
         turns = line.ask(wire.turns_request(address))
-        found.append(
+        encoders.append(
             {
                 "address": address,
                 "position": position,
@@ -160,12 +160,12 @@ def _answering(line: "Amt21Line", addresses: Sequence[int]) -> list[dict[str, An
                 else None,
             }
         )
-    if not found:
+    if not encoders:
         raise DeviceError(
             "nothing answers there; the adapter only echoes what is sent",
             "check power, wires A and B, addresses and baud rate",
         )
-    return found
+    return encoders
 
 
 def _value(line: "Amt21Line", request: bytes) -> int | None:

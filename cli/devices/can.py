@@ -42,10 +42,10 @@ class BusOptions:
 def scan(*, bus: BusOptions, as_json: Json = False) -> None:
     """List the nodes that answer: identity, profile, resolution, alarms."""
     with _opened(bus) as tool:
-        found = [_report(one) for one in tool.scan()]
+        nodes = [_report(node) for node in tool.scan()]
         name = tool.name
-    lines = [*map(_line, found), f"{counted(len(found), 'node')} on {name}"]
-    print_report({"bus": name, "nodes": found}, lines, as_json=as_json)
+    lines = [*map(_line, nodes), f"{counted(len(nodes), 'node')} on {name}"]
+    print_report({"bus": name, "nodes": nodes}, lines, as_json=as_json)
 
 
 @can.command()
@@ -100,15 +100,15 @@ def _opened(bus: BusOptions) -> Iterator["Commissioning"]:
         yield tool
 
 
-def _report(found: "FoundNode") -> dict[str, Any]:
+def _report(node: "FoundNode") -> dict[str, Any]:
     """A node for JSON; what it does not report is null."""
     from traverse.protocol.canopen.frames import STATES
 
-    heard, facts, kind = found.heard, found.facts, found.device_type
+    heard, facts, kind = node.heard, node.facts, node.device_type
     vendor, product, revision, serial = (None,) * 4 if facts is None else facts.identity
     state = None if heard.state is None else STATES.get(heard.state, str(heard.state))
     return {
-        "node": found.node,
+        "node": node.node,
         "answers": heard.answers,
         "state": state,
         "profile": None if kind is None else kind & 0xFFFF,
@@ -123,30 +123,30 @@ def _report(found: "FoundNode") -> dict[str, Any]:
             for name in ("counts_per_turn", "modulus", "position", "alarms", "warnings")
         },
         "emergencies": heard.emergencies,
-        "problem": found.problem or None,
+        "problem": node.problem or None,
     }
 
 
-def _line(one: dict[str, Any]) -> str:
+def _line(node: dict[str, Any]) -> str:
     from traverse.protocol.canopen.objects import alarm_text, warning_text
 
-    text = f"node {one['node']:3d}: "
-    if one["problem"]:
-        text += one["problem"]
+    text = f"node {node['node']:3d}: "
+    if node["problem"]:
+        text += node["problem"]
     else:
-        turns = one["modulus"] / one["counts_per_turn"]
+        turns = node["modulus"] / node["counts_per_turn"]
         text += (
-            f"{one['kind']} encoder, {one['counts_per_turn']} counts per turn, "
-            f"{counted(turns, 'turn')}, position {one['position']}; vendor "
-            f"{_hex(one['vendor'])}"
-            f", product {_hex(one['product'])}, serial number {_hex(one['serial'])}"
+            f"{node['kind']} encoder, {node['counts_per_turn']} counts per turn, "
+            f"{counted(turns, 'turn')}, position {node['position']}; vendor "
+            f"{_hex(node['vendor'])}"
+            f", product {_hex(node['product'])}, serial number {_hex(node['serial'])}"
         )
-        if one["alarms"]:
-            text += f"; ALARM: {alarm_text(one['alarms'])}"
-        if one["warnings"]:
-            text += f"; warning: {warning_text(one['warnings'])}"
-    if one["answers"] > 1:
-        text += f"; {one['answers']} answers to one question: several have this number"
+        if node["alarms"]:
+            text += f"; ALARM: {alarm_text(node['alarms'])}"
+        if node["warnings"]:
+            text += f"; warning: {warning_text(node['warnings'])}"
+    if node["answers"] > 1:
+        text += f"; {node['answers']} answers to one question: several have this number"
     return text
 
 

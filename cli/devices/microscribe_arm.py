@@ -158,10 +158,10 @@ def geometry_of(kinematics: Kinematics, base_posture_rad: Floats) -> Geometry:
 
 
 def _joint_count(description: MicroscribeDescription) -> int:
-    there = [bool(greatest) for greatest in description.maxes]
-    n = sum(there)
+    is_present = [bool(greatest) for greatest in description.maxes]
+    n = sum(is_present)
     problems = []
-    if not all(there[:n]):
+    if not all(is_present[:n]):
         what = f"greatest counts are {list(description.maxes)}; one is 0 between others"
         problems.append(Problem("encoders", f"{what}, so the joints are ambiguous"))
     elif not _BETA_JOINT <= n <= N_ROWS:

@@ -71,9 +71,9 @@ def write_file(source: Path, path: Path, wanted: ExportOptions) -> dict[str, Any
         "in_doubt": sink.in_doubt,
         "lacks": _lacks(sink, wanted),
         "held_back": [
-            {"filter": one.kind, "points": removed}
-            for one, removed in passed
-            if not one.interpolates
+            {"filter": step.kind, "points": removed}
+            for step, removed in passed
+            if not step.interpolates
         ],
         "tear": tear_of(source),
         **({"schema": schema_words(wanted.schemas)} if wanted.to == "qif" else {}),
@@ -96,8 +96,8 @@ def file_words(source: Path, report: dict[str, Any]) -> list[str]:
     if report["lacks"]:
         said.append(f"not in this file: {report['lacks']}")
     said += [
-        f"filter {one['filter']}: {one['points']} held back"
-        for one in report["held_back"]
+        f"filter {step['filter']}: {step['points']} held back"
+        for step in report["held_back"]
     ]
     if "schema" in report:
         said.append(report["schema"])

@@ -67,9 +67,9 @@ def ippdme(
     address = broker.address()
 
     async def work() -> None:
-        there = Arm(arm, address)
-        server = IppServer(there, host, port, report, options)
-        async with there:
+        client = Arm(arm, address)
+        server = IppServer(client, host, port, report, options)
+        async with client:
             await server.serve(
                 lambda: report(f"I++ DME server of {arm} on {server.address}")
             )
@@ -123,9 +123,9 @@ def keys(
     address = broker.address()
 
     async def work() -> None:
-        there = Arm(arm, address)
-        outlet = typing_keys.KeysOutlet(there, through, stop_key, report)
-        await send(there, "points", LineGateway(form, outlet, report))
+        client = Arm(arm, address)
+        outlet = typing_keys.KeysOutlet(client, through, stop_key, report)
+        await send(client, "points", LineGateway(form, outlet, report))
 
     run("the keyboard", work())
 
@@ -157,9 +157,9 @@ def live(
     address = broker.address()
 
     async def work() -> None:
-        there = Arm(arm, address, since=since)
-        server = LiveServer(there, host, port, magnify, report)
-        async with server, there:
+        client = Arm(arm, address, since=since)
+        server = LiveServer(client, host, port, magnify, report)
+        async with server, client:
             where = f"{arm} at {server.address}"
             report(f"{where}: open it in Foxglove as a connection")
             await until_signal(server.serve())
@@ -228,8 +228,8 @@ def lines(
     address = broker.address()
 
     async def work() -> None:
-        there = Arm(arm, address, since=since, cursor_file=cursor_file)
-        await send(there, kind, LineGateway(form, outlet, report))
+        client = Arm(arm, address, since=since, cursor_file=cursor_file)
+        await send(client, kind, LineGateway(form, outlet, report))
 
     run(outlet.name, work())
 
@@ -282,7 +282,7 @@ def _outlet(
     """The one that is named; raises ValueError."""
     from traverse.client.gateways import outlets
 
-    if sum(one is not None for one in (tcp, udp, serial, file)) != 1:
+    if sum(outlet is not None for outlet in (tcp, udp, serial, file)) != 1:
         raise ValueError("give one of --tcp, --udp, --serial and --file")
     if tcp is not None:
         return outlets.TcpOutlet(*host_port(tcp, "--tcp", "127.0.0.1"), report)

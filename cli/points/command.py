@@ -74,7 +74,7 @@ def resend(
             f"--to {to_seq} is below --from {from_seq}, --scan is given beside a "
             "session, or an option is invalid"
         )
-    answer = send_command(arm, broker, lambda there: there.execute(args))
+    answer = send_command(arm, broker, lambda client: client.execute(args))
     typer.echo(json.dumps(answer) if as_json else "\n".join(_lines(answer)))
     asked = "points" if session is not None else "blocks" if scan is not None else ""
     if asked and not answer[asked]:
@@ -84,11 +84,11 @@ def resend(
 def _lines(answer: Mapping[str, Any]) -> list[str]:
     if "sessions" in answer:
         sessions = [
-            f"{one['session']}  {one['first_seq']} to {one['last_seq']}"
-            for one in answer["sessions"]
+            f"{held['session']}  {held['first_seq']} to {held['last_seq']}"
+            for held in answer["sessions"]
         ]
         return sessions + [
-            f"{one['session']}  scan {one['scan']}" for one in answer["scans"]
+            f"{scan['session']}  scan {scan['scan']}" for scan in answer["scans"]
         ]
     if "scan" in answer:
         if not answer["blocks"]:
@@ -183,17 +183,17 @@ def verify(
                 for session in read_sessions(connection, LAST)
                 for message in iter_messages(connection, session.session, 0, LAST)
             )
-        found = checked_points(stored, public_key)
-    lasts = [f"session {name}: up to point {seq}" for name, seq in found.last.items()]
+        check = checked_points(stored, public_key)
+    lasts = [f"session {name}: up to point {seq}" for name, seq in check.last.items()]
     verdict = (
-        counted(len(found.problems), "problem")
-        if found.problems
-        else f"{counted(found.n_points, 'point')}: signed, none altered or missing; "
+        counted(len(check.problems), "problem")
+        if check.problems
+        else f"{counted(check.n_points, 'point')}: signed, none altered or missing; "
         "whether any is missing behind the last of a session is not known"
     )
-    values = {"points": found.n_points, "problems": found.problems, "last": found.last}
-    print_report(values, [*found.problems, *lasts, verdict], as_json=as_json)
-    if found.problems or not found.n_points:
+    values = {"points": check.n_points, "problems": check.problems, "last": check.last}
+    print_report(values, [*check.problems, *lasts, verdict], as_json=as_json)
+    if check.problems or not check.n_points:
         raise typer.Exit(FAILED)
 
 
@@ -235,9 +235,9 @@ def list_points(
         outbox.opened_outbox(outbox_of(db, config)) as connection,
     ):
         if session is None:
-            for one in queries.read_sessions(connection, LAST):
-                n, unsent = queries.counts_of(connection, one.session)
-                typer.echo(outbox.session_line(one, n, unsent, as_json=as_json))
+            for held in queries.read_sessions(connection, LAST):
+                n, unsent = queries.counts_of(connection, held.session)
+                typer.echo(outbox.session_line(held, n, unsent, as_json=as_json))
             return
         _check(connection, session)
         last = LAST if to_seq is None else to_seq

@@ -79,8 +79,8 @@ def _chosen(
     probes = read_probes(library)
     chosen = probes.named(name)
     if chosen is None:
-        there = ", ".join(probes.names)
-        refuse(f"{library} has no probe {name!r}; it has: {there}")
+        known_names = ", ".join(probes.names)
+        refuse(f"{library} has no probe {name!r}; it has: {known_names}")
     return probes, chosen
 
 

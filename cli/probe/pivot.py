@@ -100,16 +100,16 @@ def pivoted(
     rows = campaign.poses.artefacts == index
     geometry = geometry_from_arm(arm)
     block = campaign.block(campaign.poses.part(rows))
-    found = fit_pivot(
+    fitted = fit_pivot(
         geometry.probe_vector_mm,
         *_balls(geometry, effects_from_arm(arm), replace(block, directions=None)),
     )
-    off_mm = found.vector_mm - geometry.probe_vector_mm
-    weighed = np.linalg.lstsq(found.covariance_mm2, off_mm, rcond=None)[0]
+    off_mm = fitted.vector_mm - geometry.probe_vector_mm
+    weighed = np.linalg.lstsq(fitted.covariance_mm2, off_mm, rcond=None)[0]
     return Check(
         campaign.artefacts[index].id,
         len(block),
-        found,
+        fitted,
         geometry.probe_vector_mm,
         float(np.linalg.norm(off_mm)),
         float(np.sqrt(max(float(off_mm @ weighed), 0.0))),

@@ -95,8 +95,10 @@ def _health(sight: ArmSight) -> RenderableType:
     if health is None:
         return Text("no figures yet", style="dim")
     if sight.is_health_stale:
-        at = time.strftime("%H:%M:%S", time.localtime(health.time_ns * 1e-9))
-        return Text(f"health: not known now, last reported at {at}", style="dim")
+        time_of_day = time.strftime("%H:%M:%S", time.localtime(health.time_ns * 1e-9))
+        return Text(
+            f"health: not known now, last reported at {time_of_day}", style="dim"
+        )
     devices = printable(
         ", ".join(f"{d.id} {d.state} {d.rate_hz:.0f} samples/s" for d in health.devices)
     )
@@ -111,6 +113,6 @@ def _health(sight: ArmSight) -> RenderableType:
 
 
 def _event(event: Event) -> str:
-    at = time.strftime("%H:%M:%S", time.localtime(event.last_ns * 1e-9))
+    time_of_day = time.strftime("%H:%M:%S", time.localtime(event.last_ns * 1e-9))
     ended = " (ended)" if event.active is False else ""
-    return printable(f"{at} {event.source}: {event.text}{ended}")
+    return printable(f"{time_of_day} {event.source}: {event.text}{ended}")

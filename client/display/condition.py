@@ -62,17 +62,17 @@ class Verdict:
 
 def verdict(sight: ArmSight) -> Verdict:
     """The worst current condition."""
-    found = list(_conditions(sight))
+    conditions = list(_conditions(sight))
     scan = sight.scan
     activity = f"{scan.text}." if scan is not None and scan.runs else ""
-    if not found:
+    if not conditions:
         if activity:
             return Verdict("busy", "Scanning", activity)
         return Verdict("good", "Ready", "Ready to measure.")
-    worst = min(found, key=lambda one: GRAVEST_FIRST.index(one.level))
+    worst = min(conditions, key=lambda condition: GRAVEST_FIRST.index(condition.level))
     if not sight.is_online:
         activity = ""
-    return replace(worst, others=len(found) - 1, activity=activity)
+    return replace(worst, others=len(conditions) - 1, activity=activity)
 
 
 def obstacle(sight: ArmSight, *, needs_pose: bool) -> str:
@@ -93,7 +93,7 @@ def lost_conditions(sight: ArmSight) -> list[ConditionStanding]:
     status = sight.status
     if status is None or not sight.is_online:
         return []
-    return [one for one in status.conditions if not one.established]
+    return [condition for condition in status.conditions if not condition.established]
 
 
 def condition_words(lost: ConditionStanding) -> str:
@@ -105,11 +105,13 @@ def condition_words(lost: ConditionStanding) -> str:
 def wanted_commands(sight: ArmSight) -> dict[str, list[str]]:
     """Commands by which the operator establishes what is lost, with the causes."""
     wanted: dict[str, list[str]] = {}
-    for one in lost_conditions(sight):
+    for condition in lost_conditions(sight):
         # Encoders that count from where they are can be homed instead.
-        names = {one.command, "home" if one.name == "reference" else ""} - {""}
+        names = {condition.command, "home" if condition.name == "reference" else ""} - {
+            ""
+        }
         for name in names:
-            wanted.setdefault(name, []).append(f"{one.source}: {one.cause}")
+            wanted.setdefault(name, []).append(f"{condition.source}: {condition.cause}")
     flags = sight.live.quality.flags if sight.live and not sight.is_stale else ()
     if "turns_uncertain" in flags:
         wanted.setdefault("reference", [])
@@ -138,7 +140,7 @@ def _conditions(sight: ArmSight) -> Iterator[Verdict]:
             f"Not all devices are there: {off}.",
             "Check cables and power; the daemon looks for them again by itself.",
         )
-    elif sight.is_stale and not any(one.level == "bad" for one in alarms):
+    elif sight.is_stale and not any(active.level == "bad" for active in alarms):
         yield Verdict(
             "bad",
             "No pose",

@@ -163,7 +163,7 @@ class GuidedCheck:
         values = [("form", form_mm)]
         if self.diameter_mm is not None:
             values.append(("error of size", abs(diameter_mm - self.diameter_mm)))
-        return max(values, key=lambda one: one[1])
+        return max(values, key=lambda item: item[1])
 
     def _sphere(self) -> tuple[float, float, float] | None:
         """Diameter, form and rms of the sphere through the points."""

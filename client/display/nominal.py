@@ -57,8 +57,8 @@ class Nominal:
     ) -> Deviation:
         """Of a place, with its expanded uncertainty, and what makes it doubtful."""
         offsets_mm = tuple(
-            None if wanted is None else found - wanted
-            for found, wanted in zip(place_mm, self.xyz_mm, strict=True)
+            None if wanted is None else measured - wanted
+            for measured, wanted in zip(place_mm, self.xyz_mm, strict=True)
         )
         counted = [offset for offset in offsets_mm if offset is not None]
         distance_mm = float(np.linalg.norm(counted))

@@ -62,7 +62,9 @@ class Ply(Sink):
         for name in ("seq", "quality", "ok"):
             rows[name] = getattr(table, name)
         both = zip(table.session.tolist(), table.scan.tolist(), strict=True)
-        names = (f"scan {scan}" if scan else f"session {one}" for one, scan in both)
+        names = (
+            f"scan {scan}" if scan else f"session {session}" for session, scan in both
+        )
         rows["series"] = _numbered(names, self._series)
         labels = zip(table.artefact, table.feature, strict=True)
         rows["label"] = _numbered(

@@ -77,8 +77,11 @@ def scan_table(
         ijk,
         np.full((n, 3), np.nan),
         quality,
-        np.array([one.ok for one in qualities], dtype=np.bool_),
-        np.array([" ".join(one.flags) for one in qualities], dtype=np.str_),
+        np.array([point_quality.ok for point_quality in qualities], dtype=np.bool_),
+        np.array(
+            [" ".join(point_quality.flags) for point_quality in qualities],
+            dtype=np.str_,
+        ),
         np.full((n, 6), np.nan),
         session=none,
         scan=np.full(n, scan),

@@ -60,9 +60,9 @@ class QifDocument:
         """
         self.root.set("idMax", str(self._last_id))
         said = tostring(self.root, encoding="unicode")
-        if found := _NOT_XML.search(said):
+        if match := _NOT_XML.search(said):
             raise ValueError(
-                f"a text has the character {found[0]!r}, which XML does not have"
+                f"a text has the character {match[0]!r}, which XML does not have"
             )
         self._identifier.text = str(uuid.uuid5(_IDENTIFIERS, said))
         indent(self.root)

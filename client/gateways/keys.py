@@ -95,8 +95,8 @@ class DesktopKeyboard:
             "\t": (keyboard.Key.tab, False),
             "\n": (keyboard.Key.enter, False),
             **{
-                one: self._key_of(one, keyboard.KeyCode.from_vk)
-                for one in "0123456789 -.,;"
+                character: self._key_of(character, keyboard.KeyCode.from_vk)
+                for character in "0123456789 -.,;"
             },
         }
         self._listener = Listener(

@@ -197,7 +197,9 @@ class LiveServer:
             await self._subscribed.wait()
             await asyncio.sleep(LOOK_S)  # a viewer subscribes to its topics one by one
             self._subscribed.clear()
-            entities = [point_entity(one, self._times) for one in self._shown.values()]
+            entities = [
+                point_entity(point, self._times) for point in self._shown.values()
+            ]
             self._scene_of_points.log(SceneUpdate(entities=entities))
             self._alarms.clear()
             for message in self._latest.values():
@@ -212,11 +214,11 @@ class LiveServer:
             gone = [deletion("arm", time.time_ns())]
             self._scene_of_arm.log(SceneUpdate(deletions=gone))
         alarms = {
-            f"{one.code} {one.source}": (
-                f"{one.text}; {one.remedy}",
-                _LEVELS[one.severity],
+            f"{alarm.code} {alarm.source}": (
+                f"{alarm.text}; {alarm.remedy}",
+                _LEVELS[alarm.severity],
             )
-            for one in message.alarms or ()
+            for alarm in message.alarms or ()
         }
         if not message.online:
             alarms["offline"] = ("the arm is offline", StatusLevel.Error)

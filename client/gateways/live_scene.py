@@ -72,7 +72,9 @@ def arm_entity(live: Live, times: float) -> fox.SceneEntity:
     ok = live.quality.ok
     colour = BLUE if ok else ORANGE
     skeleton_mm = live.skeleton_mm or ()
-    spheres = [_sphere(one, np.full(3, JOINT_MM), colour) for one in skeleton_mm[:-1]]
+    spheres = [
+        _sphere(place_mm, np.full(3, JOINT_MM), colour) for place_mm in skeleton_mm[:-1]
+    ]
     spheres.append(_sphere(live.xyz_mm, np.full(3, 2 * live.probe_radius_mm), colour))
     return _entity(
         "arm",

@@ -20,7 +20,11 @@ from traverse.protocol.encoding import decode
 from traverse.protocol.message_error import MessageError
 from traverse.protocol.messages import MESSAGES, Clock, Command, Message, Status
 
-KINDS = {one.__name__.lower(): one for one in MESSAGES if one not in (Clock, Command)}
+KINDS = {
+    message_type.__name__.lower(): message_type
+    for message_type in MESSAGES
+    if message_type not in (Clock, Command)
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +79,9 @@ async def find_arms(address: BrokerAddress, patience_s: float) -> list[str]:
     Raises:
         BrokerUnreachableError: there is no broker.
     """
-    found = await _statuses(address, patience_s)
-    online = [arm for arm, is_online in found.items() if is_online]
-    return sorted(online or found)
+    arms = await _statuses(address, patience_s)
+    online = [arm for arm, is_online in arms.items() if is_online]
+    return sorted(online or arms)
 
 
 async def absence_of(arm: str, address: BrokerAddress, patience_s: float) -> str:
@@ -91,20 +95,20 @@ async def absence_of(arm: str, address: BrokerAddress, patience_s: float) -> str
     Raises:
         BrokerUnreachableError: there is no broker.
     """
-    found = await _statuses(address, patience_s, arm)
-    if arm in found or (arm == "+" and found):
+    arms = await _statuses(address, patience_s, arm)
+    if arm in arms or (arm == "+" and arms):
         return ""
-    there = (f"{name}{'' if found[name] else ' (off line)'}" for name in sorted(found))
+    listed = (f"{name}{'' if arms[name] else ' (off line)'}" for name in sorted(arms))
     who = "no arm" if arm == "+" else f"no arm named {arm}"
     problem = f"{who} has been heard at broker {address}"
-    return f"{problem}; arms there: {', '.join(there) or 'none'}"
+    return f"{problem}; arms there: {', '.join(listed) or 'none'}"
 
 
 async def _statuses(
     address: BrokerAddress, patience_s: float, arm: str = "+"
 ) -> dict[str, bool]:
     """Which arms a broker has a status of, and whether they are on line."""
-    found: dict[str, bool] = {}
+    is_online_by_arm: dict[str, bool] = {}
     every = topics.kind_filter("status")
     # An access list may permit this one arm only, and refuse the question for all.
     filters = {every, every.replace("+", arm, 1)}
@@ -120,10 +124,10 @@ async def _statuses(
                     wait_s = QUIET_S  # retained ones arrive all at once
                     with contextlib.suppress(MessageError):
                         arm = topics.parse_topic(message.topic).arm
-                        found[arm] = _is_online(message.payload)
+                        is_online_by_arm[arm] = _is_online(message.payload)
     except (MqttError, OSError) as error:
         raise BrokerUnreachableError(f"broker {address}: {error}") from error
-    return found
+    return is_online_by_arm
 
 
 def _is_online(payload: bytes) -> bool:

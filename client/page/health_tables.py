@@ -63,8 +63,8 @@ def health_table(sight: ArmSight) -> str:
     rows += [_row(words, "warning", str(n)) for words, n in lost.items() if n]
     memory = f"{health.cpu_share:.0%} of a core, {health.rss_bytes / 1e6:.0f} MB"
     rows.append(_row("daemon", "", memory))
-    at = time.strftime("%H:%M:%S", time.localtime(health.time_ns * 1e-9))
-    notice = f"<p><b>Out of date:</b> figures of {at}.</p>" if old else ""
+    time_of_day = time.strftime("%H:%M:%S", time.localtime(health.time_ns * 1e-9))
+    notice = f"<p><b>Out of date:</b> figures of {time_of_day}.</p>" if old else ""
     kind = "plain wrap old" if old else "plain wrap"
     return f'{notice}<table class="{kind}"><tbody>{"".join(rows)}</tbody></table>'
 
@@ -94,8 +94,8 @@ def alarm_list(sight: ArmSight) -> str:
     ]
     past = [e for e in sight.events if e.active is not True and e.severity != "info"]
     for event in past[:-6:-1]:
-        at = time.strftime("%H:%M:%S", time.localtime(event.last_ns * 1e-9))
-        items.append(f"<p><small>{at} {escape(event.text)}</small></p>")
+        time_of_day = time.strftime("%H:%M:%S", time.localtime(event.last_ns * 1e-9))
+        items.append(f"<p><small>{time_of_day} {escape(event.text)}</small></p>")
     return "".join(items)
 
 
@@ -106,18 +106,18 @@ def coverage_bars(sight: ArmSight) -> str:
         return "<p>No pose yet.</p>"
     is_now = not sight.is_stale
     bars = []
-    for joint, own in enumerate(seen):
+    for joint, sectors in enumerate(seen):
         angle_rad = sight.live.angles_rad[joint]
         rects = "".join(
             f'<rect class="seen" x="{i}" y="0" width="1" height="1"/>'
-            for i in np.flatnonzero(own)
+            for i in np.flatnonzero(sectors)
         )
         if is_now:
             here = np.mod(angle_rad / (2.0 * np.pi), 1.0) * SECTORS
             rects += (
                 f'<rect class="here" x="{here - 0.2:.2f}" y="0" width=".4" height="1"/>'
             )
-        part = np.count_nonzero(own) / SECTORS
+        part = np.count_nonzero(sectors) / SECTORS
         angle = f"{np.degrees(angle_rad):z.3f}°"
         bars.append(
             f'<div class="sectors"><span>J{joint + 1}</span>'

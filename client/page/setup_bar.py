@@ -112,7 +112,7 @@ class SetupBar:
         sight, field = self._follower.sight, "Name in the probe library"
         names = (sight.status and sight.status.probes) or ()
         # The first one is that of Enter: no change.
-        actions = sorted(names, key=lambda one: one != sight.probe) or ["Set"]
+        actions = sorted(names, key=lambda name: name != sight.probe) or ["Set"]
         fields = {} if names else {field: sight.probe}
         chosen, values = await self._dialogs.ask(
             "Which probe is on the arm?", actions, fields
@@ -131,10 +131,10 @@ class SetupBar:
 
     async def _change_nominal(self) -> None:
         unit, nominal = self._choices.unit, self._choices.nominal
-        there = nominal.xyz_mm if nominal else (None, None, None)
+        present = nominal.xyz_mm if nominal else (None, None, None)
         fields = {
             f"{axis} in {unit.name}": "" if value is None else unit.text(value)
-            for axis, value in zip(NAMES, there, strict=True)
+            for axis, value in zip(NAMES, present, strict=True)
         }
         tolerance = f"Tolerance ± in {unit.name}"
         fields[tolerance] = unit.text(nominal.tolerance_mm) if nominal else ""

@@ -28,14 +28,14 @@ def read_cursor(path: Path, arm: str) -> dict[str, int] | None:
             str(path), repr(values)[:80], f'a map with schema "{SCHEMA}"'
         )
     if values.get("arm") != arm:
-        found = repr(values.get("arm"))[:80]
-        raise MessageError.of(f"{path}: arm", found, f"{arm!r}; give it its own file")
+        stated = repr(values.get("arm"))[:80]
+        raise MessageError.of(f"{path}: arm", stated, f"{arm!r}; give it its own file")
     sessions = values.get("sessions")
     if not isinstance(sessions, dict) or not all(
         type(seq) is int and seq >= 0 for seq in sessions.values()
     ):
-        found = repr(sessions)[:80]
-        raise MessageError.of(f"{path}: sessions", found, "a map to integers from 0")
+        stated = repr(sessions)[:80]
+        raise MessageError.of(f"{path}: sessions", stated, "a map to integers from 0")
     return sessions
 
 

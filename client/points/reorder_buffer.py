@@ -95,7 +95,7 @@ class ReorderBuffer:
     @property
     def n_held(self) -> int:
         """Points that arrived before their turn."""
-        followed = sum(len(one.held) for one in self.sessions)
+        followed = sum(len(session.held) for session in self.sessions)
         return followed + sum(map(len, self._unknown_sessions.values()))
 
     def take(self, point: Point, *, room: bool = True) -> None:

@@ -68,11 +68,11 @@ class SessionPoints:
 
     def run(self) -> list[Point]:
         """Points whose turn it is; they count as handed on."""
-        found = []
+        points = []
         while (point := self.held.pop(self.next_seq, None)) is not None:
-            found.append(point)
+            points.append(point)
             self.next_seq += 1
-        return found
+        return points
 
     def give_up(self, to_seq: int, reason: str) -> list[Point | Lost]:
         """Continue after gaps that cannot be filled: all up to a number.
@@ -81,13 +81,13 @@ class SessionPoints:
             What is handed on: the gaps, and the points that are here.
         """
         self.see(to_seq)
-        found: list[Point | Lost] = [*self.run()]
+        points_and_gaps: list[Point | Lost] = [*self.run()]
         while self.next_seq <= to_seq:
             end = min([to_seq, *(seq - 1 for seq in self.held)])
-            found.append(Lost(self.session, self.next_seq, end, reason))
+            points_and_gaps.append(Lost(self.session, self.next_seq, end, reason))
             self.next_seq = end + 1
-            found += self.run()
-        return found
+            points_and_gaps += self.run()
+        return points_and_gaps
 
 
 MAX_PAST = 2000
@@ -163,10 +163,12 @@ class SessionSequence:
         if not self.has_begun:
             self.has_begun = True
             self._begin(held, lowest)
-            self.start = self.start or {one.session: one.next_seq for one in self}
-        names = [one.session for one in held]
-        for one in held:
-            self._note(one)
+            self.start = self.start or {
+                points.session: points.next_seq for points in self
+            }
+        names = [stored.session for stored in held]
+        for stored in held:
+            self._note(stored)
         for name, followed in list(self._sessions.items()):
             if name in names:
                 followed.has_ended = followed.has_ended or name != names[-1]
@@ -181,11 +183,11 @@ class SessionSequence:
         """Follow a session that is in no list, where it belongs by its time."""
         followed = SessionPoints(session, begun_ns, first)
         sessions = list(self._sessions.values())
-        at = len(sessions)
-        while at and sessions[at - 1].begun_ns > begun_ns:
-            at -= 1
-        sessions.insert(at, followed)
-        self._sessions = {one.session: one for one in sessions}
+        position = len(sessions)
+        while position and sessions[position - 1].begun_ns > begun_ns:
+            position -= 1
+        sessions.insert(position, followed)
+        self._sessions = {points.session: points for points in sessions}
         return followed
 
     def leave(self, head: SessionPoints) -> None:
@@ -195,7 +197,7 @@ class SessionSequence:
 
     def _begin(self, held: Sequence[StoredSession], lowest: Mapping[str, int]) -> None:
         """Set where following begins: earlier points are past."""
-        names = [one.session for one in held]
+        names = [stored.session for stored in held]
         if self._since is None:
             start = names.index(self.anchor) if self.anchor in names else len(names) - 1
         else:
@@ -203,29 +205,31 @@ class SessionSequence:
         for name in names[: max(0, start)]:
             self._pass(name, NEVER_FOLLOWED)
         if self._since is None:
-            for one in held[start : start + 1] if names else ():
-                end = 0 if one.last_seq is None else one.last_seq + 1
-                next_seq = min(end, lowest.get(one.session, end))
+            for stored in held[start : start + 1] if names else ():
+                end = 0 if stored.last_seq is None else stored.last_seq + 1
+                next_seq = min(end, lowest.get(stored.session, end))
                 if self._is_whole:
-                    next_seq = one.first_seq or 0
-                followed = SessionPoints(one.session, one.begun_ns, next_seq)
-                self._sessions[one.session] = followed
+                    next_seq = stored.first_seq or 0
+                followed = SessionPoints(stored.session, stored.begun_ns, next_seq)
+                self._sessions[stored.session] = followed
         elif self._since and not set(names) & set(self._since):
             newest, next_seq = list(self._since.items())[-1]
             self._sessions[newest] = SessionPoints(newest, 0, next_seq)
 
-    def _note(self, one: StoredSession) -> None:
-        if one.session in self._past:
+    def _note(self, stored: StoredSession) -> None:
+        if stored.session in self._past:
             return
-        followed = self._sessions.get(one.session)
+        followed = self._sessions.get(stored.session)
         if followed is None:
-            next_seq = (self._since or {}).get(one.session, 0)
-            followed = SessionPoints(one.session, one.begun_ns, next_seq)
-            self._sessions[one.session] = followed
-        followed.begun_ns = one.begun_ns
-        if one.last_seq is not None:
-            followed.see(one.last_seq)
-        followed.cut = FORGOTTEN if one.last_seq is None and followed.known >= 0 else ""
+            next_seq = (self._since or {}).get(stored.session, 0)
+            followed = SessionPoints(stored.session, stored.begun_ns, next_seq)
+            self._sessions[stored.session] = followed
+        followed.begun_ns = stored.begun_ns
+        if stored.last_seq is not None:
+            followed.see(stored.last_seq)
+        followed.cut = (
+            FORGOTTEN if stored.last_seq is None and followed.known >= 0 else ""
+        )
 
     def _pass(self, session: str, next_seq: int) -> None:
         self._past[session] = next_seq

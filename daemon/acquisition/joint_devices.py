@@ -20,7 +20,7 @@ class JointDevices:
         """In the order of the joints."""
 
     def __contains__(self, device: Device) -> bool:
-        return any(device is one for one in self.devices)
+        return any(device is own_device for own_device in self.devices)
 
     @property
     def is_single(self) -> bool:

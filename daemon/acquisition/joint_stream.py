@@ -207,5 +207,7 @@ class JointStream:
             max_gap_ns, 0 if self.lost else self.wait_ns, self.jitter_ns
         )
         around = self.history.readings_around(int(instants_ns[0]), max_gap_ns)
-        found = [interpolate(readings, instants_ns, limits) for readings in around]
-        return combined(found, np.stack)
+        interpolated = [
+            interpolate(readings, instants_ns, limits) for readings in around
+        ]
+        return combined(interpolated, np.stack)

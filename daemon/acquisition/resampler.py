@@ -134,23 +134,23 @@ class Resampler:
                 self._waiting[0] = (block.rows(slice(n, None)), deadline_ns)
                 break
             self._waiting.popleft()
-        return [one for one in made if one is not None]
+        return [counts for counts in made if counts is not None]
 
     def at(self, instant_ns: int, latch: LatchedCounts | None) -> JointCounts | None:
         """The arm at a host monotonic time; None while readings after it are missing.
 
         The latch is what one device has latched at that very instant.
         """
-        found = {}
+        latched = {}
         instants_ns = np.array([instant_ns])
         for device, source in self._sources.items():
             if latch is not None and latch.device == device and latch.counts:
-                found[device] = source.latched(latch)
+                latched[device] = source.latched(latch)
             elif source.history.begin_ns <= instant_ns <= source.history.reach_ns:
-                found[device] = source.at(instants_ns)
+                latched[device] = source.at(instants_ns)
             else:
                 return None
-        counts, fractions, status, error_bounds = self._concatenate(found)
+        counts, fractions, status, error_bounds = self._concatenate(latched)
         return JointCounts(
             instant_ns, counts[0], status[0], fractions[0], error_bounds[0]
         )
@@ -185,16 +185,16 @@ class Resampler:
             block = block.rows(known)
         if not len(block.seq):
             return None
-        found = {
+        interpolated = {
             device: source.at_own_instants(block)
             if device == block.device
             else source.at(block.sample_time_ns)
             for device, source in self._sources.items()
         }
         passed = np.ones(len(block.seq), np.bool_)
-        for device, columns in found.items():
+        for device, columns in interpolated.items():
             passed &= self._count_shortfalls(device, columns.status)
-        counts, fractions, status, error_bounds = self._concatenate(found)
+        counts, fractions, status, error_bounds = self._concatenate(interpolated)
         samples = replace(
             block, counts=counts, status=status, skew_ns=None, fractions=fractions
         )
@@ -205,11 +205,11 @@ class Resampler:
         return samples.rows(passed), error_bounds[passed]
 
     def _concatenate(
-        self, found: Mapping[str, Interpolated]
+        self, readings: Mapping[str, Interpolated]
     ) -> tuple[NDArray[np.uint32], Floats, NDArray[np.uint8], Floats]:
         """Counts within their turns, fractions, status and error bounds."""
         order = np.argsort(np.concatenate([s.joints for s in self._sources.values()]))
-        columns = combined(list(found.values()), np.concatenate)
+        columns = combined(list(readings.values()), np.concatenate)
         return (
             (columns.counts[:, order] % self._wraps).astype(np.uint32),
             columns.fractions[:, order],

@@ -269,7 +269,7 @@ class ReplyCache:
         self.executing.discard(task)
         self._bytes += _size(task)
         while len(self.answers) > MAX_REMEMBERED or self._bytes > MAX_REMEMBERED_BYTES:
-            done = (key for key, one in self.answers.items() if one.done())
+            done = (key for key, reply in self.answers.items() if reply.done())
             oldest = next(done, None)
             if oldest is None:
                 return

@@ -177,12 +177,12 @@ class PointCommands:
                 f"how far points are off is not known: {cause}",
                 "identify the arm, and keep its covariance file beside the arm file",
             )
-        found = [self.measurement.capture.shared.of(name) for name in args.ids]
-        known = [one for one in found if one is not None]
-        if len(known) < len(found):
+        covariances = [self.measurement.capture.shared.of(name) for name in args.ids]
+        known = [covariance for covariance in covariances if covariance is not None]
+        if len(known) < len(covariances):
             raise RequestRefusedError(
                 "command.not_available",
-                f"{args.ids[found.index(None)]} is not among the latest "
+                f"{args.ids[covariances.index(None)]} is not among the latest "
                 f"{counted(MOST_SHARED, 'point')} since the daemon began, or has no "
                 "covariance",
                 "ask for points that were measured since",

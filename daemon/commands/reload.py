@@ -130,18 +130,18 @@ _FIXED = ["broker", "device", "assembly", "metrics", "realtime", "recording", "s
 def restart_required(old: Inputs, new: Inputs) -> list[str]:
     """What a running daemon cannot change, of all that has."""
     before, after = old.configuration, new.configuration
-    found = [
+    sections = [
         f"[{name}]" for name in _FIXED if getattr(before, name) != getattr(after, name)
     ]
     if before.capture.max_waiting_points != after.capture.max_waiting_points:
-        found.append("max_waiting_points of [capture]")
+        sections.append("max_waiting_points of [capture]")
     if before.arm.probes != after.arm.probes:
-        found.append("probes of [arm]")
+        sections.append("probes of [arm]")
     if old.model.name != new.model.name:
-        found.append(f"the arm's name, {old.model.name} to {new.model.name}")
+        sections.append(f"the arm's name, {old.model.name} to {new.model.name}")
     elif not new.model.has_same_encoders(old.model):
-        found.append("which encoders read the joints")
-    return found
+        sections.append("which encoders read the joints")
+    return sections
 
 
 def changes(old: Inputs, new: Inputs) -> list[str]:

@@ -40,22 +40,22 @@ class ResendCommands:
         return {
             "sessions": [
                 {
-                    "session": one.session,
-                    "begun_ns": str(one.begun_ns),
-                    "first_seq": one.first_seq,
-                    "last_seq": one.last_seq,
+                    "session": session.session,
+                    "begun_ns": str(session.begun_ns),
+                    "first_seq": session.first_seq,
+                    "last_seq": session.last_seq,
                 }
-                for one in await _sessions(self._points)
+                for session in await _sessions(self._points)
             ],
             "scans": [
                 {
-                    "scan": one.session,
-                    "session": one.note,
-                    "begun_ns": str(one.begun_ns),
-                    "first_seq": one.first_seq,
-                    "last_block_seq": one.last_seq,
+                    "scan": scan.session,
+                    "session": scan.note,
+                    "begun_ns": str(scan.begun_ns),
+                    "first_seq": scan.first_seq,
+                    "last_block_seq": scan.last_seq,
                 }
-                for one in await _sessions(self._scans)
+                for scan in await _sessions(self._scans)
             ],
         }
 

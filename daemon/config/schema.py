@@ -82,11 +82,11 @@ def _filter_problems(filters: Any) -> Iterator[Problem]:  # noqa: ANN401 - of a 
     """Invalid filters, and those that would allow answers in topics of arms."""
     if not isinstance(filters, list):
         return
-    for index, one in enumerate(filters):
-        if not isinstance(one, str):
+    for index, topic_filter in enumerate(filters):
+        if not isinstance(topic_filter, str):
             continue
         try:
-            topics.check_response_filter(one)
+            topics.check_response_filter(topic_filter)
         except MessageError as error:
             yield Problem(f"broker.response_topics[{index}]", str(error))
 
@@ -118,9 +118,9 @@ class RealtimeSection(StrictModel):
     @field_validator("cpus")
     @classmethod
     def _check_cpus(cls, cpus: tuple[int, ...]) -> tuple[int, ...]:
-        there = sorted(os.sched_getaffinity(0))
-        if missing := [cpu for cpu in cpus if cpu not in there]:
-            allowed = ", ".join(map(str, there))
+        available = sorted(os.sched_getaffinity(0))
+        if missing := [cpu for cpu in cpus if cpu not in available]:
+            allowed = ", ".join(map(str, available))
             message = f"the daemon may use the CPUs {allowed}, not {missing}"
             raise ValueError(message)
         return cpus

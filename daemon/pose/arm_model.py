@@ -60,9 +60,9 @@ def covariance_with_probe(
     factor[rows] = 0.0
     if covariance_mm2 is not None:
         values, vectors = np.linalg.eigh(covariance_mm2)
-        own = np.zeros((len(names), 3))
-        own[rows] = vectors * np.sqrt(np.maximum(values, 0.0))
-        factor = np.concatenate([factor, own], axis=1)
+        probe_factor = np.zeros((len(names), 3))
+        probe_factor[rows] = vectors * np.sqrt(np.maximum(values, 0.0))
+        factor = np.concatenate([factor, probe_factor], axis=1)
     return ArmCovariance(factor)
 
 
@@ -192,31 +192,31 @@ class ArmModel:
 
     def mismatches_with(self, device: str, identity: Identity) -> list[str]:
         """What does not match between the arm file and what a device reports."""
-        found = []
+        mismatches = []
         moduli_counts = identity.moduli_counts
         for joint, channel in enumerate(self.channels.tolist()):
             if self.joint_devices[joint] != device:
                 continue
             turn = int(self.encoders.counts_per_turn[joint])
             if channel >= len(moduli_counts):
-                found.append(
+                mismatches.append(
                     f"joint {joint + 1} of the arm is on channel {channel}, but "
                     f"{device} has {counted(len(moduli_counts), 'channel')}, from 0"
                 )
                 continue
             given = (*identity.counts_per_turn, *[None] * len(moduli_counts))[channel]
             if given not in (None, turn):
-                found.append(
+                mismatches.append(
                     f"joint {joint + 1} has {turn} counts per turn in the arm file, "
                     f"but channel {channel} of {device} reports {given}"
                 )
             elif moduli_counts[channel] % turn:
-                found.append(
+                mismatches.append(
                     f"joint {joint + 1} has {turn} counts per turn in the arm file, "
                     f"but channel {channel} of {device} wraps at "
                     f"{moduli_counts[channel]}, which is no whole number of turns"
                 )
-        return found
+        return mismatches
 
 
 def read_model(path: Path, device_ids: Mapping[str, object]) -> ArmModel:

@@ -163,15 +163,15 @@ class JointMotionTracker:
         self, times_ns: Integers, angles_rad: Floats
     ) -> tuple[Floats, Booleans]:
         n_before = len(self._times_ns)
-        at = np.arange(n_before, n_before + len(times_ns))
+        rows = np.arange(n_before, n_before + len(times_ns))
         times_ns = np.concatenate([self._times_ns, times_ns])
         angles_rad = np.concatenate([self._angles_rad, angles_rad])
         # Where nothing is old enough: the first since the beginning.
-        older = np.searchsorted(times_ns, times_ns[at] - SPEED_NS, side="right") - 1
+        older = np.searchsorted(times_ns, times_ns[rows] - SPEED_NS, side="right") - 1
         since = np.maximum(older, 0)
-        are_known = since < at
-        elapsed_s = np.where(are_known, times_ns[at] - times_ns[since], 1) * 1e-9
-        speeds_rad_s = (angles_rad[at] - angles_rad[since]) / elapsed_s[:, np.newaxis]
+        are_known = since < rows
+        elapsed_s = np.where(are_known, times_ns[rows] - times_ns[since], 1) * 1e-9
+        speeds_rad_s = (angles_rad[rows] - angles_rad[since]) / elapsed_s[:, np.newaxis]
         self._times_ns = times_ns[since[-1] :]
         self._angles_rad = angles_rad[since[-1] :]
         return speeds_rad_s, are_known

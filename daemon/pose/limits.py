@@ -105,12 +105,12 @@ class SpeedTracker:
         n_before = len(self._times_ns)
         all_ns = np.maximum.accumulate(np.concatenate([self._times_ns, times_ns]))
         all_mm = np.concatenate([self._xyz_mm, xyz_mm])
-        at = np.arange(n_before, len(all_ns))
-        since = np.searchsorted(all_ns, all_ns[at] - SPEED_NS, side="right") - 1
+        rows_now = np.arange(n_before, len(all_ns))
+        since = np.searchsorted(all_ns, all_ns[rows_now] - SPEED_NS, side="right") - 1
         rows = np.maximum(since, 0)
-        elapsed_ns = all_ns[at] - all_ns[rows]
+        elapsed_ns = all_ns[rows_now] - all_ns[rows]
         known = (since >= 0) & (elapsed_ns <= GAP_NS)
-        away_mm = np.linalg.norm(all_mm[at] - all_mm[rows], axis=1)
+        away_mm = np.linalg.norm(all_mm[rows_now] - all_mm[rows], axis=1)
         first = int(rows[-1])
         self._times_ns, self._xyz_mm = all_ns[first:], all_mm[first:]
         speeds = away_mm / np.where(known, elapsed_ns * 1e-9, 1.0)
@@ -122,8 +122,10 @@ def _is_below(moves: Floats, limit: float) -> Booleans:
 
     J Jᵀ - limit² is then not positive definite (Sylvester's criterion).
     """
-    found = moves @ moves.transpose(0, 2, 1)
-    found[:, range(3), range(3)] -= limit**2
-    first = found[:, 0, 0]
-    second = first * found[:, 1, 1] - found[:, 0, 1] ** 2
-    return np.asarray(~((first > 0.0) & (second > 0.0) & (np.linalg.det(found) > 0.0)))
+    margins = moves @ moves.transpose(0, 2, 1)
+    margins[:, range(3), range(3)] -= limit**2
+    first = margins[:, 0, 0]
+    second = first * margins[:, 1, 1] - margins[:, 0, 1] ** 2
+    return np.asarray(
+        ~((first > 0.0) & (second > 0.0) & (np.linalg.det(margins) > 0.0))
+    )

@@ -262,10 +262,10 @@ class Pipeline:
         return xyz_mm, ijk, quality
 
 
-def _same_encoders(one: Encoders, other: Encoders) -> bool:
+def _same_encoders(first: Encoders, other: Encoders) -> bool:
     """Whether counts of the one are counts of the other."""
     return all(
-        np.array_equal(getattr(one, name), getattr(other, name))
+        np.array_equal(getattr(first, name), getattr(other, name))
         for name in ("counts_per_turn", "signs", "zeros_rad")
     )
 

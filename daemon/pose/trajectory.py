@@ -93,8 +93,8 @@ class TrajectoryBuffer:
 
     def position_mm(self, time_ns: int) -> Floats | None:
         """Where the ball was at the last sample until some time, (3,)."""
-        found = self._sample(time_ns)
-        return None if found is None else found[0].xyz_mm[found[1]]
+        sample = self._sample(time_ns)
+        return None if sample is None else sample[0].xyz_mm[sample[1]]
 
     def _sample(self, time_ns: int) -> tuple[PoseBlock, int] | None:
         """The last sample until some time: its block and row."""

@@ -141,7 +141,7 @@ class CovarianceEvaluator:
         # Without the geometry's part a number would lack the largest.
         if reading.speeds_rad_s is None or model.geometry_doubt:
             return StatedCovariance(None, None)
-        found = point_uncertainties(
+        stated = point_uncertainties(
             model.geometry,
             model.effects,
             reading.block,
@@ -150,8 +150,8 @@ class CovarianceEvaluator:
             speeds_rad_s=reading.speeds_rad_s[np.newaxis],
             samples=reading.samples,
         )
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = found.covariances_mm2[0].tolist()
-        return StatedCovariance((xx, xy, xz, yy, yz, zz), found.shared_mm[0])
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = stated.covariances_mm2[0].tolist()
+        return StatedCovariance((xx, xy, xz, yy, yz, zz), stated.shared_mm[0])
 
     def _noise(self, model: ArmModel, reading: CovarianceInput) -> PointNoise:
         """That of a reading; of all that are latched it is the same."""

@@ -75,14 +75,14 @@ class DeviceSnapshot:
 
     def maps(self) -> list[dict[str, object]]:
         """All of them, each device's in order."""
-        found = []
+        tables = []
         for latest in self._latest.values():
             for delivery in latest.values():
                 table = delivery_to_map(delivery)
                 if isinstance(delivery, DeviceUp):
                     table["restarted"] = False  # what it made is in the state already
-                found.append(table)
-        return found
+                tables.append(table)
+        return tables
 
 
 class StepRecorder(StepListener):

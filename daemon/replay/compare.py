@@ -107,11 +107,11 @@ class PointComparison:
         far_mm = 0.0
         close = not set(differing) & {*EXACT, "quality"}
         for name in set(differing) & set(LENGTHS):
-            one, other = getattr(then, name), getattr(now, name)
-            if one is None or other is None:
+            recorded, other = getattr(then, name), getattr(now, name)
+            if recorded is None or other is None:
                 close = False
             else:
-                far_mm = max(far_mm, float(np.abs(np.subtract(one, other)).max()))
+                far_mm = max(far_mm, float(np.abs(np.subtract(recorded, other)).max()))
         for name in set(differing) & set(COMPUTED):
             close = close and _is_close(getattr(then, name), getattr(now, name), name)
         tally.n += 1
@@ -150,10 +150,10 @@ class ScanComparison:
             if not sum(map(len, numbers)):
                 self.missing += len(then)
                 continue
-            found = np.concatenate(numbers)
-            rows = np.searchsorted(found, then["number"])
-            rows_in = np.minimum(rows, len(found) - 1)
-            is_there = found[rows_in] == then["number"]
+            all_numbers = np.concatenate(numbers)
+            rows = np.searchsorted(all_numbers, then["number"])
+            rows_in = np.minimum(rows, len(all_numbers) - 1)
+            is_there = all_numbers[rows_in] == then["number"]
             self.missing += int((~is_there).sum())
             rows = rows_in[is_there]
             self._compare(then[is_there], now, rows, tolerance_mm)
@@ -192,10 +192,10 @@ def _key(point: Point) -> Key:
 Numbers = float | tuple[float, ...] | None
 
 
-def _is_close(one: Numbers, other: Numbers, name: str) -> bool:
-    if one is None or other is None:
+def _is_close(first: Numbers, other: Numbers, name: str) -> bool:
+    if first is None or other is None:
         return False
-    then, now = np.atleast_1d(one), np.atleast_1d(other)
+    then, now = np.atleast_1d(first), np.atleast_1d(other)
     if then.shape != now.shape:
         return False
     if name in ("covariance_mm2", "spread_mm"):

@@ -294,7 +294,7 @@ def _cut(samples: CountSamples, block: int | None) -> list[CountSamples]:
     n = len(samples.seq)
     if block is None or n <= block:
         return [samples]
-    return [samples.rows(slice(at, at + block)) for at in range(0, n, block)]
+    return [samples.rows(slice(start, start + block)) for start in range(0, n, block)]
 
 
 def deliver(measurement: Measurement, delivery: Delivery) -> None:

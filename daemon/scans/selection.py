@@ -92,32 +92,32 @@ class ScanSelection:
         lost_before = self._lost
         lost = self._lost_until(instants)
         if self._gate is None:
-            found = self._selected(instants)
+            selected = self._selected(instants)
         else:
-            found = self._held_only(instants, self._gate)
+            selected = self._held_only(instants, self._gate)
         first = self._points + lost_before
-        numbers = np.arange(first, first + len(found))
+        numbers = np.arange(first, first + len(selected))
         if lost is not None:
-            rows = np.searchsorted(instants.seq, found.seq, side="right")
+            rows = np.searchsorted(instants.seq, selected.seq, side="right")
             numbers += np.append(0, lost)[rows]
             self._lost += int(lost[-1])
-        self._points += len(found)
-        return replace(found, seq=numbers)
+        self._points += len(selected)
+        return replace(selected, seq=numbers)
 
     def break_interpolation(self) -> None:
         """Begin anew after a gap: nothing is interpolated across it."""
         if self._mode is not None:
             self._mode.restart()
-        for one in self._chain.filters:
-            if one.interpolates:
-                one.restart()
+        for stage in self._chain.filters:
+            if stage.interpolates:
+                stage.restart()
 
     def _selected(self, instants: PointBlock) -> PointBlock:
-        found = instants if self._mode is None else self._mode.apply(instants)
-        found = self._chain.apply(found)
-        if self._interpolates and len(found):
-            found = replace(found, quality=found.quality | INTERPOLATED)
-        return found
+        selected = instants if self._mode is None else self._mode.apply(instants)
+        selected = self._chain.apply(selected)
+        if self._interpolates and len(selected):
+            selected = replace(selected, quality=selected.quality | INTERPOLATED)
+        return selected
 
     def _held_only(self, instants: PointBlock, gate: ButtonGate) -> PointBlock:
         held = gate.held(instants.time_ns)

@@ -126,10 +126,10 @@ def create_tables(connection: sqlite3.Connection) -> None:
 def _seen(path: Path) -> tuple[tuple[int, int] | None, int]:
     """Identity and bytes of a file; None where there is none."""
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return None, 0
-    return (found.st_dev, found.st_ino), found.st_size
+    return (status.st_dev, status.st_ino), status.st_size
 
 
 class MessageDatabase:
@@ -185,9 +185,9 @@ class MessageDatabase:
         if not version:
             execute("PRAGMA auto_vacuum = INCREMENTAL")
         elif self._path.stat().st_size <= CHECKED_BYTES:
-            (found,) = execute("PRAGMA quick_check(1)").fetchone()
-            if found != "ok":
-                error = sqlite3.DatabaseError(found)
+            (verdict,) = execute("PRAGMA quick_check(1)").fetchone()
+            if verdict != "ok":
+                error = sqlite3.DatabaseError(verdict)
                 error.sqlite_errorcode = sqlite3.SQLITE_CORRUPT
                 raise error
         execute("PRAGMA journal_mode = WAL")
@@ -443,10 +443,10 @@ class MessageDatabase:
         """What a query gives that leaves out what is set aside; damaged ones are."""
         seen: set[int] = set()
         while True:
-            found = query(self.connection, *arguments, **options)
-            damaged = [message for message in found if not message.is_whole]
+            messages = query(self.connection, *arguments, **options)
+            damaged = [message for message in messages if not message.is_whole]
             if not damaged:
-                return found
+                return messages
             if seen.intersection(message.number for message in damaged):
                 error = sqlite3.DatabaseError("an index does not fit its table")
                 error.sqlite_errorcode = CORRUPT_INDEX

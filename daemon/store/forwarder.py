@@ -139,15 +139,15 @@ class UnsentFeeder:
         self._last_number, self._refused = self._refused - 1, None
         return True
 
-    def _read(self, found: object) -> None:
+    def _read(self, messages: object) -> None:
         self._is_reading = False
         if self._refused is not None:
             return  # meanwhile; it is read again when that is tried again
-        if not isinstance(found, Sequence):
+        if not isinstance(messages, Sequence):
             return  # it cannot be read now; `refill` is called again
         # What was committed after this was read is added after it: nothing is missed.
-        self.has_backlog = len(found) == self.batch
-        for message in found:
+        self.has_backlog = len(messages) == self.batch
+        for message in messages:
             if not self._offer(message.number, message):
                 self.has_backlog = True
                 return
@@ -220,14 +220,14 @@ class RangeResender:
             lambda store: store.read(read_messages, *ends, self.batch), self._read
         )
 
-    def _read(self, found: object) -> None:
+    def _read(self, messages: object) -> None:
         self._is_reading = False
         session, _, to_seq = self._ranges.popleft()
-        if not isinstance(found, Sequence):
-            log.warning("session %s is not sent again: %s", session, found)
+        if not isinstance(messages, Sequence):
+            log.warning("session %s is not sent again: %s", session, messages)
             return  # the consumer sees a gap, and requests again
-        for message in found:
+        for message in messages:
             self.queue.offer("resend", outgoing(message, self.refill))
-        if len(found) == self.batch and found[-1].seq < to_seq:
-            self._ranges.appendleft((session, found[-1].seq + 1, to_seq))
+        if len(messages) == self.batch and messages[-1].seq < to_seq:
+            self._ranges.appendleft((session, messages[-1].seq + 1, to_seq))
         self.refill()

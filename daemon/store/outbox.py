@@ -135,12 +135,12 @@ class Outbox(DurableQueue):
             RequestRefusedError: the database cannot be read.
         """
         now_ns = self._clock.to_utc_ns(self._clock.monotonic_ns())
-        found = await self.query(
+        messages = await self.query(
             lambda store: store.read(read_requested, now_ns - ANSWERED_NS, at_most)
         )
         return [
             (message.request, decode(Point, message.payload, message.encoding))
-            for message in found
+            for message in messages
             if message.request is not None
         ]
 

@@ -47,13 +47,13 @@ def _is_whole(message: StoredMessage, crc: int | None) -> bool:
             return message.checksum == crc
         if message.topic.endswith("/scan"):
             block = decode(Scan, message.payload, message.encoding)
-            found = block.scan, block.seq, block_id(block)
+            identity = block.scan, block.seq, block_id(block)
         else:
             point = decode(Point, message.payload, message.encoding)
-            found = point.session, point.seq, point.id
+            identity = point.session, point.seq, point.id
     except (MessageError, TypeError, ValueError, AttributeError):
         return False  # of damaged columns not even the type is certain
-    return found == (message.session, message.seq, message.id)
+    return identity == (message.session, message.seq, message.id)
 
 
 def open_read_only(path: Path) -> sqlite3.Connection:
@@ -64,9 +64,9 @@ def open_read_only(path: Path) -> sqlite3.Connection:
         sqlite3.Error: it cannot be read.
     """
     if not path.is_file():
-        found = "is a folder" if path.is_dir() else "there is no such file"
+        problem = "is a folder" if path.is_dir() else "there is no such file"
         raise DatabaseRefusedError(
-            f"{path}: {found}; name the outbox of a daemon with --db, or its "
+            f"{path}: {problem}; name the outbox of a daemon with --db, or its "
             "configuration with --config"
         )
     connection = sqlite3.connect(

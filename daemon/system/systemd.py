@@ -157,15 +157,15 @@ class Watchdog:
 
     def check(self) -> bool:
         """Feed if nothing is stuck; report what is."""
-        found = dict(self._found())
-        for name in self._stuck - set(found):
+        stuck = dict(self._found())
+        for name in self._stuck - set(stuck):
             self._report(name, f"the {name} continues", active=False)
-        for name, text in found.items():
+        for name, text in stuck.items():
             self._report(name, text, active=True)
-        self._stuck = set(found)
-        if not found:
+        self._stuck = set(stuck)
+        if not stuck:
             self.notifier.feed()
-        return not found
+        return not stuck
 
     def _found(self) -> Iterable[tuple[str, str]]:
         for heartbeat in (

@@ -78,10 +78,10 @@ def delivery_from_map(table: Mapping[str, Any]) -> Delivery:
     if kind is CountSamples:
         return _samples(known)
     try:
-        found: Delivery = _adapter(name).validate_python(known)
+        delivery: Delivery = _adapter(name).validate_python(known)
     except ValidationError as error:
         raise ValueError(f"a delivery {name!r} that is none: {error}") from error
-    return found
+    return delivery
 
 
 @cache

@@ -30,13 +30,13 @@ class PendingEdges:
     def __bool__(self) -> bool:
         return bool(self._waiting)
 
-    def add(self, number: int, active: bool, at: PolledSample) -> None:
+    def add(self, number: int, active: bool, sample: PolledSample) -> None:
         """Take an edge of input ``number``."""
         self._token += 1
-        times_ns = at.ticks, at.received_ns, at.time_ns
+        times_ns = sample.ticks, sample.received_ns, sample.time_ns
         latch = LatchedCounts(
             *(self._device, number, active, self._token, *times_ns),
-            *(at.counts, at.status, at.time_bound_ns),
+            *(sample.counts, sample.status, sample.time_bound_ns),
         )
         self._waiting.append(latch)
         if len(self._waiting) > MAX_WAITING:

@@ -39,9 +39,9 @@ def driver_class(name: str) -> type[Driver]:
     """
     module, _, attribute = DRIVERS[name].partition(":")
     try:
-        found: type[Driver] = getattr(import_module(module), attribute)
+        cls: type[Driver] = getattr(import_module(module), attribute)
     except ModuleNotFoundError as error:
         raise DriverUnavailableError(
             missing(f"driver {name!r}", str(error.name), EXTRAS.get(name, "daemon"))
         ) from error
-    return found
+    return cls

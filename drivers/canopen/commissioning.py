@@ -83,14 +83,14 @@ class Commissioning:
         until_s = time.monotonic() + self._answer_s
         while (left_s := until_s - time.monotonic()) > 0:
             self._turn(left_s)
-        there = sorted(n for n, heard in self._heard.items() if heard.answers)
-        if not there:
+        answering = sorted(n for n, heard in self._heard.items() if heard.answers)
+        if not answering:
             raise DeviceNotFoundError(
                 f"no node answers on {self.name}{self._only_heard()}",
                 "check the power of the encoders, the bit rate, and the termination of "
                 "the bus (120 ohm at both ends)",
             )
-        return [self._describe(node) for node in there]
+        return [self._describe(node) for node in answering]
 
     def facts(self, node: int) -> NodeFacts:
         """Properties that an encoder reports.

@@ -94,13 +94,13 @@ class NodeDiscovery:
         silent = self.silent
         if not silent:
             return
-        found = [node for node in self._nodes if node not in silent]
-        there = f"; nodes {_listed(found)} do" if found else ""
+        answering = [node for node in self._nodes if node not in silent]
+        others = f"; nodes {_listed(answering)} do" if answering else ""
         raise DeviceNotFoundError(
-            f"nodes {_listed(silent)} on {self.bus.name} do not answer{there}",
+            f"nodes {_listed(silent)} on {self.bus.name} do not answer{others}",
             "check power and number of these encoders (traverse can scan shows what is "
             "there)"
-            if found
+            if answering
             else "check the power of the encoders, the bit rate, and the termination "
             "of the bus (120 ohm at both ends)",
         )
@@ -120,9 +120,9 @@ def set_up_nodes(
     facts, failures, forgotten = [], [], False
     for node, sdo in sdos.items():
         try:
-            found = read_facts(sdo, node)
-            forgotten |= set_up_node(sdo, found, options)
-            facts.append(found)
+            node_facts = read_facts(sdo, node)
+            forgotten |= set_up_node(sdo, node_facts, options)
+            facts.append(node_facts)
         except DeviceError as error:
             failures.append(error)
     if failures:

@@ -109,10 +109,10 @@ class CanOpenDriver(Driver):
         for node in options.nodes:
             bus.send(wire.NMT, wire.nmt_command(wire.START, node))
         now_ns = self._now_ns()
-        found = zip(sdos.values(), facts, strict=True)
+        supervised = zip(sdos.values(), facts, strict=True)
         supervisor = self._supervisor = NodeSupervisor(
             bus,
-            [SupervisedNode(sdo, fact, now_ns, now_ns) for sdo, fact in found],
+            [SupervisedNode(sdo, fact, now_ns, now_ns) for sdo, fact in supervised],
             cycles,
             SyncScheduler(bus, options.sync, self._fault, self._now_ns),
             self._conditions,

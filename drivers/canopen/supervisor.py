@@ -307,23 +307,23 @@ class NodeSupervisor:
         sdo, known = node.sdo, node.facts
         try:
             self.bus.send(wire.NMT, wire.nmt_command(wire.PRE_OPERATIONAL, known.node))
-            found = read_facts(sdo, known.node)
-            if (found.counts_per_turn, found.modulus) != (
+            facts = read_facts(sdo, known.node)
+            if (facts.counts_per_turn, facts.modulus) != (
                 known.counts_per_turn,
                 known.modulus,
             ):
                 raise DeviceError(
-                    f"{sdo.name} restarted with {found.counts_per_turn} counts per turn"
+                    f"{sdo.name} restarted with {facts.counts_per_turn} counts per turn"
                     f", it had {known.counts_per_turn}",
                     "if it was replaced, correct the arm file and identify anew",
                 )
-            if found.serial != known.serial:
+            if facts.serial != known.serial:
                 raise DeviceError(
                     f"{sdo.name} was exchanged: was {known.serial or 'unknown'}, is "
-                    f"{found.serial or 'unknown'}",
+                    f"{facts.serial or 'unknown'}",
                     "if that is right, confirm it",
                 )
-            forgotten = set_up_node(sdo, found, self.options)
+            forgotten = set_up_node(sdo, facts, self.options)
         except NodeError:
             return  # it stays lost; it is tried again
         self.bus.send(wire.NMT, wire.nmt_command(wire.START, known.node))
@@ -334,7 +334,7 @@ class NodeSupervisor:
         if self.options.sync == "external":
             self.cycles.reset_attribution(1 << channel)
         self._restarted = ()
-        self.complaints(channel, found.alarms, found.warnings)
+        self.complaints(channel, facts.alarms, facts.warnings)
         if forgotten:
             self.report_fault(
                 "node_restarted",

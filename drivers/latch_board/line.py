@@ -168,9 +168,9 @@ def _earlier(reads: Sequence[tuple[bytes, int]], accepted: int) -> PartialReads:
     """Messages of all reads but the last; none where a frame was broken."""
     if len(reads) == 1:
         return ()
-    ended, found = 0, []
+    ended, terminators = 0, []
     for data, received_ns in reads[:-1]:
         if n := data.count(0):
             ended += n
-            found.append((ended - 1, received_ns))
-    return found if ended + reads[-1][0].count(0) == accepted else ()
+            terminators.append((ended - 1, received_ns))
+    return terminators if ended + reads[-1][0].count(0) == accepted else ()

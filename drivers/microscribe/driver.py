@@ -223,14 +223,14 @@ class MicroscribeDriver(Driver):
                 if (asked := session.ask()) is not None:
                     heard.append(asked)
                 report.begin()
-            for one in heard:  # a broken packet would have had a number too
+            for packet in heard:  # a broken packet would have had a number too
                 seq = self._next_seq + session.decoder.faults["broken"] - broken
                 broken = session.decoder.faults["broken"]
                 self._take(
                     session,
-                    one,
+                    packet,
                     seq if rate_hz else None,
-                    reported=one is not asked,
+                    reported=packet is not asked,
                 )
         report.end()
 

@@ -102,8 +102,8 @@ class MicroscribeLine:
     def text(self, name: str) -> str:
         """One of the texts; empty where the arm does not know it."""
         command = wire.TEXTS[name]
-        found = self._request(command, lambda data: wire.text_reply(command, data))
-        return found or ""
+        text = self._request(command, lambda data: wire.text_reply(command, data))
+        return text or ""
 
     def maxes(self) -> wire.Maxes:
         """Greatest counts.
@@ -116,8 +116,8 @@ class MicroscribeLine:
             self.read_until_quiet()
             self.port.write(bytes([wire.MAXES]))
             data = self._read_for(QUIET_S) + self.read_until_quiet()
-            if (found := wire.maxes_reply(data)) is not None:
-                return found
+            if (maxes := wire.maxes_reply(data)) is not None:
+                return maxes
         raise DeviceRefusedError(
             f"the device on {self.port.path} reports its greatest counts as "
             f"{data[:60].hex(' ') or 'nothing'}, which is neither 24 nor 44 bytes",
@@ -194,11 +194,11 @@ class MicroscribeLine:
         wire_ns = round(max(0, len(data) - 1) * self._byte_ns)
         return min((exchange_ns + wire_ns) // 2, exchange_ns)
 
-    def _request(self, command: int, found: Callable[[bytes], T | None]) -> T | None:
+    def _request(self, command: int, parsed: Callable[[bytes], T | None]) -> T | None:
         for _ in range(TRIES):
             self.drop_stray()
             self.port.write(bytes([command]))
-            if (answer := self._wait_for(found, ANSWER_S)) is not None:
+            if (answer := self._wait_for(parsed, ANSWER_S)) is not None:
                 return answer
         return None
 
@@ -210,7 +210,9 @@ class MicroscribeLine:
             )
         return answer
 
-    def _wait_for(self, found: Callable[[bytes], T | None], seconds: float) -> T | None:
+    def _wait_for(
+        self, parsed: Callable[[bytes], T | None], seconds: float
+    ) -> T | None:
         until_ns = self._now_ns() + int(seconds * 1e9)
         data = b""
         while (left_ns := until_ns - self._now_ns()) > 0 and len(data) < MOST_BYTES:
@@ -218,7 +220,7 @@ class MicroscribeLine:
                 break
             if self.port.wait(left_ns * 1e-9):
                 data += self.port.read()
-                if (answer := found(data)) is not None:
+                if (answer := parsed(data)) is not None:
                     return answer
         return None
 

@@ -72,8 +72,8 @@ class MicroscribeIdentification:
     @property
     def moduli(self) -> tuple[int, ...]:
         """Counts a turn of the encoders that are there, from the base outwards."""
-        there = [greatest + 1 for greatest in self.maxes.encoders]
-        return tuple(there[: there.index(1)] if 1 in there else there)
+        moduli = [greatest + 1 for greatest in self.maxes.encoders]
+        return tuple(moduli[: moduli.index(1)] if 1 in moduli else moduli)
 
     def decoder(self) -> PacketDecoder:
         """Of its packets with their timer."""
@@ -193,11 +193,11 @@ class MicroscribeSession:
             if self.timer_used or timer_rate_hz <= 0:
                 break
             self.line.read_until_quiet(PACKET_S)
-        quickest = min(heard, key=lambda one: one.begun_ns - one.sent_ns)
+        quickest = min(heard, key=lambda packet: packet.begun_ns - packet.sent_ns)
         self.delay_ns = quickest.delay_ns
         used_hz = timer_rate_hz if self.timer_used else 0.0
         self.clock = PacketClock(used_hz, wrap, self.delay_ns)
-        self.first = [self.sample_of(one)[0] for one in heard][-1]
+        self.first = [self.sample_of(packet)[0] for packet in heard][-1]
         if self.timer_used:  # which identifies an answer that arrives later than that
             usual_s = PATIENCE * max(lengths_ns) * 1e-9
             self.line.patience_s = min(max(usual_s, SHORTEST_S), PACKET_S)
@@ -255,8 +255,8 @@ class MicroscribeSession:
         missed = 0
         until_ns = self._now_ns() + int(LOOK_S * 1e9)
         while self._now_ns() < until_ns or len(heard) < LEAST_PACKETS:
-            if (one := self.ask()) is not None:
-                heard.append(one)
+            if (packet := self.ask()) is not None:
+                heard.append(packet)
                 continue
             missed += 1
             if missed == TRIES:
@@ -268,7 +268,7 @@ class MicroscribeSession:
                 f"{self.arm.name} on {self.line.port.path} sends no packets",
                 "switch it off and on again in its home position",
             )
-        return heard, [one.received_ns - one.sent_ns for one in heard]
+        return heard, [packet.received_ns - packet.sent_ns for packet in heard]
 
 
 class MotionReport:

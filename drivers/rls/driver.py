@@ -60,18 +60,18 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
         self._in_hand.clear()
         for number in group.discard_input(LISTEN_S):
             group.send_setting(number, rls.STOP)  # another left it continuous
-        found: list[str | None] = [None] * len(group.lines)
+        serial_numbers: list[str | None] = [None] * len(group.lines)
         for _ in range(SERIAL_TRIES):
-            unknown = [n for n, number in enumerate(found) if number is None]
+            unknown = [n for n, number in enumerate(serial_numbers) if number is None]
             if not unknown:
                 break
             group.exchange(dict.fromkeys(unknown, rls.SERIAL_NUMBER))
             for number in unknown:
                 reply = group.lines[number].reply()
                 if not isinstance(reply, ReadError):
-                    found[number] = rls.serial_number(reply)
-        self._serials = tuple(number or "" for number in found)
-        serials = ", ".join(number or "unknown" for number in found)
+                    serial_numbers[number] = rls.serial_number(reply)
+        self._serials = tuple(number or "" for number in serial_numbers)
+        serials = ", ".join(number or "unknown" for number in serial_numbers)
         if self._continuous:
             for number in self._names:
                 group.start_continuous(number, self._request, options.period_us)
@@ -79,7 +79,7 @@ class RlsDriver(PolledDriver[RlsLineGroup]):
         modulus = per_turn
         if layout.turns:
             modulus = min(1 << 32, modulus << rls.TURNS_BITS)
-        return f"{len(found)} RLS encoders, serial numbers {serials}", [
+        return f"{len(serial_numbers)} RLS encoders, serial numbers {serials}", [
             PolledChannel(name, modulus, per_turn, options.max_speed_rad_s)
             for name in self._names.values()
         ]

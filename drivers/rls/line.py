@@ -139,10 +139,10 @@ class RlsLine:
         reply = self.reply()
         if isinstance(reply, ReadError):
             return reply
-        found = rls.position(reply, self.request, self._layout)
-        if found is None:
+        position = rls.position(reply, self.request, self._layout)
+        if position is None:
             return self._failed(GARBLED)
-        return TimedPosition(found, (self._sent_ns + self._received_ns) // 2)
+        return TimedPosition(position, (self._sent_ns + self._received_ns) // 2)
 
     def follow(self, request: bytes) -> None:
         """From now on the encoder answers a request by itself."""
@@ -158,10 +158,10 @@ class RlsLine:
             self.unrequested_bytes += len(data)
             return
         skipped = self._replies.skipped
-        found = self._replies.feed(data)
+        positions = self._replies.feed(data)
         self.unrequested_bytes += self._replies.skipped - skipped
-        if found:
-            self.latest = TimedPosition(found[-1], now_ns - self.reply_duration_ns)
+        if positions:
+            self.latest = TimedPosition(positions[-1], now_ns - self.reply_duration_ns)
 
     def _failed(self, miss: ReadError) -> ReadError:
         self._doubted_until_ns = self._sent_ns + self._doubt_ns

@@ -151,15 +151,15 @@ class LinePattern:
         """The line, or why it is none."""
         if not raw.isascii():
             return OddLine("has bytes that are no text")
-        found = self._regex.fullmatch(raw.decode("ascii").strip(" \t\r"))
-        if found is None:
+        match = self._regex.fullmatch(raw.decode("ascii").strip(" \t\r"))
+        if match is None:
             return OddLine("does not fit the pattern")
         words: dict[str, list[str]] = {name: [] for name in FIELDS}
-        for name, word in zip(self.fields, found.groups(), strict=True):
+        for name, word in zip(self.fields, match.groups(), strict=True):
             words[name].append(word)
         try:
             if words["checksum"]:
-                self._check_sum(found)
+                self._check_sum(match)
             return Line(
                 tuple(self._count(word, k) for k, word in enumerate(words["joint"])),
                 self._ticks(words["time"][0]) if words["time"] else None,
@@ -196,12 +196,12 @@ class LinePattern:
             raise _OddError(f"has the {name} {value}, expected less than {limit}")
         return value
 
-    def _check_sum(self, found: re.Match[str]) -> None:
+    def _check_sum(self, match: re.Match[str]) -> None:
         """Of all before the sign in front of the checksum, without a leading "$"."""
         number = self.fields.index("checksum") + 1
-        data = found.string[: found.start(number) - 1].removeprefix("$").encode()
+        data = match.string[: match.start(number) - 1].removeprefix("$").encode()
         total = sum(data) & 0xFF if self._checksum == "sum" else reduce(xor, data, 0)
-        if total != int(found.group(number), 16):
+        if total != int(match.group(number), 16):
             raise _OddError("has a wrong checksum")
 
     def _expression(self, text: str) -> str:

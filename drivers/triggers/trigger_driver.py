@@ -169,7 +169,9 @@ class TriggerDriver(Driver):
     def _patience_s(self) -> float:
         if self._waiting:
             return RETRY_S
-        due_ns = [one.due_ns for one in self._inputs if one.due_ns is not None]
+        due_ns = [
+            waiting.due_ns for waiting in self._inputs if waiting.due_ns is not None
+        ]
         if not due_ns:
             return LOOK_S
         return min(LOOK_S, max(0.0, (min(due_ns) - self._now_ns()) * 1e-9))
@@ -177,8 +179,8 @@ class TriggerDriver(Driver):
     def _note(self, number: int, edge: DebouncedEdge | None) -> None:
         if edge is None:
             return
-        at = PolledSample(edge.time_ns, self._now_ns(), edge.time_ns, 0, (), ())
-        self._waiting.add(number, edge.active, at)
+        sample = PolledSample(edge.time_ns, self._now_ns(), edge.time_ns, 0, (), ())
+        self._waiting.add(number, edge.active, sample)
 
     def _lose_edges(self, count: int, why: str) -> None:
         self._fault(

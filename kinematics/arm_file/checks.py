@@ -162,8 +162,8 @@ def arm_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
     encoders = [joint.get("encoder") for joint in joints]
     sources = [e.get("source") if isinstance(e, Mapping) else None for e in encoders]
     wrong = "is not '<device id>/<channel>', for example 'base/0'"
-    own = "every joint needs its own channel"
-    yield from _text_problems("encoder.source", sources, _SOURCE, wrong, own)
+    remedy = "every joint needs its own channel"
+    yield from _text_problems("encoder.source", sources, _SOURCE, wrong, remedy)
     yield from _direction_problems(joints, raw.get("probe"))
     axes = _by_name(joints, "axis")
     for index, effect in enumerate(tables_in(raw.get("effects"))):
@@ -180,7 +180,7 @@ def _text_problems(
     texts: Sequence[object],
     pattern: re.Pattern[str],
     wrong: str,
-    own: str,
+    remedy: str,
 ) -> Iterator[Problem]:
     """Check texts of the joints that must fit a pattern and differ."""
     first: dict[str, int] = {}
@@ -193,7 +193,7 @@ def _text_problems(
         elif text in first:
             what = key.rpartition(".")[2]
             also = f"{shown(text)} is also the {what} of joints[{first[text]}]"
-            yield Problem(where, f"{also}; {own}")
+            yield Problem(where, f"{also}; {remedy}")
         first.setdefault(text, index)
 
 

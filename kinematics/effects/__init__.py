@@ -19,11 +19,11 @@ def effect_class(kind: str) -> type[Correction]:
 @cache
 def _classes() -> dict[str, type[Correction]]:
     """Find the classes of all modules that have a kind of their own."""
-    found = {
+    classes = {
         vars(law).get("kind", ""): law
         for folder in (readings, mechanics, contacts)
         for module in pkgutil.iter_modules(folder.__path__, f"{folder.__name__}.")
         for law in vars(import_module(module.name)).values()
         if isinstance(law, type) and issubclass(law, Correction)
     }
-    return {kind: found[kind] for kind in EFFECT_KINDS}
+    return {kind: classes[kind] for kind in EFFECT_KINDS}

@@ -67,8 +67,8 @@ class ArmEffects:
             "first_moments": FirstMoment,
         }
         for name, family in families.items():
-            found = tuple(c for c in self.corrections if isinstance(c, family))
-            object.__setattr__(self, name, found)
+            members = tuple(c for c in self.corrections if isinstance(c, family))
+            object.__setattr__(self, name, members)
         covariates = frozenset(need.covariate for need in self.needs)
         object.__setattr__(self, "covariates", covariates)
 
@@ -189,10 +189,10 @@ def effects_of(
 # Neither ever changes, and most calls are for the same arm.
 @lru_cache(maxsize=8)
 def _levers_kg_mm(geometry: Geometry, effects: ArmEffects) -> Floats:
-    found = effects.bodies.levers_kg_mm(geometry)
+    levers_kg_mm = effects.bodies.levers_kg_mm(geometry)
     for moment in effects.first_moments:
-        found[moment.joints] += np.array(moment.values) / M_PER_MM
-    return found
+        levers_kg_mm[moment.joints] += np.array(moment.values) / M_PER_MM
+    return levers_kg_mm
 
 
 def _believed_utc(arm: "Arm", effect: "Effect") -> Span | None:

@@ -77,22 +77,24 @@ def columns(
     )
     checked(geometry, everything, block)
     n_parameters = sum(len(correction.values) for correction in wanted)
-    found = np.empty((len(block), 3, n_parameters))
+    columns_mm = np.empty((len(block), 3, n_parameters))
     for chunk in chunks(len(block), _CHUNK_SAMPLES):
         part = block.part(chunk)
         posture = undeflected_posture(geometry, effects, part)
         amounts = totals(effects.mechanical, posture)
         arm = deflection(geometry, posture.turns_rad, amounts)
         contact = contact_seen(geometry, part, arm.rotations[:, -1])
-        at = 0
+        column = 0
         for correction in wanted:
             if isinstance(correction, FirstMoment):
                 moves = _moment_moves(correction, yields, posture, arm, turns=turns)
             else:
                 moves = _moves(correction, posture, arm, contact, turns=turns)
-            found[chunk, :, at : at + len(moves)] = moves.transpose(2, 1, 0)
-            at += len(moves)
-    return found
+            columns_mm[chunk, :, column : column + len(moves)] = moves.transpose(
+                2, 1, 0
+            )
+            column += len(moves)
+    return columns_mm
 
 
 def _moves(
@@ -131,10 +133,13 @@ def _moment_moves(
     joint = correction.joints.start
     for component in range(3):
         moments_nm = posture.moments_of(joint, component)
-        for one in yielding:
-            if one.joints.start <= joint:
-                amounts = one.values[0] * one.yielding(posture, moments_nm)
-                moves[component] += _body_moves(one, amounts, arm, turns=turns)[0]
+        for compliance in yielding:
+            if compliance.joints.start <= joint:
+                amounts = compliance.values[0] * compliance.yielding(
+                    posture, moments_nm
+                )
+                ball_moves = _body_moves(compliance, amounts, arm, turns=turns)
+                moves[component] += ball_moves[0]
     return moves
 
 

@@ -80,19 +80,19 @@ def totals(
     corrections: tuple[BodyCorrection, ...], posture: Posture
 ) -> dict[Target, Floats]:
     """Add up the amounts of each target that something moves."""
-    found: dict[Target, Floats] = {}
+    amounts: dict[Target, Floats] = {}
     n_joints, n_samples = posture.turns_rad.shape
     for correction in corrections:
         target = correction.target
         amount = correction.amount(posture)
         if target in _WHOLE:
-            found[target] = found[target] + amount if target in found else amount
+            amounts[target] = amounts[target] + amount if target in amounts else amount
             continue
-        if target not in found:
+        if target not in amounts:
             shape = (n_joints, n_samples)
-            found[target] = np.zeros((3, *shape) if target in _VECTORS else shape)
-        found[target][..., correction.joints, :] += amount
-    return found
+            amounts[target] = np.zeros((3, *shape) if target in _VECTORS else shape)
+        amounts[target][..., correction.joints, :] += amount
+    return amounts
 
 
 def deflection(

@@ -135,10 +135,10 @@ def corrected_pose(
         flags = PoseFlags(nothing, nothing, nothing, nothing)
         return *probe_pose(geometry, block.angles_rad), flags
     flags = pose_flags(effects, block)
-    found = compiled_pose(geometry, effects, block)
-    if found is None:
+    pose = compiled_pose(geometry, effects, block)
+    if pose is None:
         return *numpy_corrected_pose(geometry, effects, block), flags
-    centres_mm, directions = found
+    centres_mm, directions = pose
     if effects.contacts and block.directions is not None:
         centres_mm += _contact_shifts(geometry, effects, block)
     return centres_mm, directions, flags
@@ -174,11 +174,11 @@ def corrected_rotations(
         ValueError: The block does not say what effects need; names all of it.
     """
     checked(geometry, effects, block)
-    found = np.empty((4, len(block)))
+    rotations = np.empty((4, len(block)))
     for chunk in chunks(len(block), _CHUNK_SAMPLES):
         arm = deflected_arm(geometry, effects, block.part(chunk))
-        found[:, chunk] = arm.rotations[:, -1]
-    return found
+        rotations[:, chunk] = arm.rotations[:, -1]
+    return rotations
 
 
 def angle_corrections(geometry: Geometry, effects: ArmEffects, block: Block) -> Floats:
@@ -214,13 +214,13 @@ def contact_shifts(geometry: Geometry, effects: ArmEffects, block: Block) -> Flo
 
 def pose_flags(effects: ArmEffects, block: Block) -> PoseFlags:
     """Collect what all effects have to say about samples."""
-    found = {
+    flags = {
         field.name: np.zeros(len(block), dtype=np.bool_) for field in fields(PoseFlags)
     }
     for correction in effects.corrections:
         for name, which in correction.flags(block):
-            found[name] |= which
-    return PoseFlags(**found)
+            flags[name] |= which
+    return PoseFlags(**flags)
 
 
 def undeflected_posture(

@@ -46,16 +46,16 @@ class FilterChain:
 
     def apply(self, block: PointBlock) -> PointBlock:
         """The points of a block that pass all filters."""
-        for number, one in enumerate(self.filters):
+        for number, stage in enumerate(self.filters):
             n_before = len(block)
             if not n_before:
                 break
-            block = one.apply(block)
-            if not one.interpolates:
+            block = stage.apply(block)
+            if not stage.interpolates:
                 self.removed[number] += n_before - len(block)
         return block
 
     def restart(self) -> None:
         """Forget all points so far, not what was counted."""
-        for one in self.filters:
-            one.restart()
+        for stage in self.filters:
+            stage.restart()

@@ -73,9 +73,9 @@ def first_beyond(points_mm: Floats, centre_mm: Floats, limit_mm2: float) -> int:
     while row < len(points_mm):
         away_mm = points_mm[row : row + look] - centre_mm
         far: Booleans = np.einsum("ij,ij->i", away_mm, away_mm) >= limit_mm2
-        found = int(far.argmax())
-        if far[found]:
-            return row + found
+        offset = int(far.argmax())
+        if far[offset]:
+            return row + offset
         row, look = row + look, min(2 * look, LONGEST_LOOK)
     return len(points_mm)
 

@@ -56,10 +56,10 @@ def enclosing_sphere(points_mm: Floats) -> EnclosingSphere:
         if away[farthest] <= radius + _ROUNDING:
             break
         candidates = (*supports, farthest)
-        found = _smallest(local, candidates)
-        if found is None or found[1] <= radius:  # rounding: no larger one is needed
+        smallest = _smallest(local, candidates)
+        if smallest is None or smallest[1] <= radius:  # rounding: none is larger
             break
-        centre, radius, supports = found
+        centre, radius, supports = smallest
     return EnclosingSphere(
         mean_mm + extent_mm * centre, extent_mm * radius, tuple(sorted(supports))
     )

@@ -103,13 +103,13 @@ def adjusted(
         while True:
             part: Floats = np.multiply(fraction, step)
             trial = moved(state, part)
-            found, its_design = linearised(trial)
-            if size < _NEAR or float(found @ found) <= squares:
+            trial_distances, its_design = linearised(trial)
+            if size < _NEAR or float(trial_distances @ trial_distances) <= squares:
                 break
             if fraction < _LEAST_FRACTION:
                 raise ValueError(_astray(shape, size))
             fraction *= 0.5
-        state, distances, design = trial, found, its_design
+        state, distances, design = trial, trial_distances, its_design
         if size < _SMALL_STEP or (size < _SMALL_ENOUGH and size > 0.5 * before):
             break
     if not size < _SMALL_ENOUGH:
@@ -329,8 +329,8 @@ def fit_sphere_of_radius(points_mm: Floats, radius_mm: float) -> Sphere:
     """
     if not (np.isfinite(radius_mm) and radius_mm > 0.0):
         raise ValueError(f"radius_mm is {radius_mm}, expected a length above zero")
-    found = _fit(points_mm, radius_mm)
-    return Sphere(found.centre_mm, radius_mm, found.rms_mm, found.precision)
+    fitted = _fit(points_mm, radius_mm)
+    return Sphere(fitted.centre_mm, radius_mm, fitted.rms_mm, fitted.precision)
 
 
 def _fit(points_mm: Floats, radius_mm: float | None) -> Sphere:

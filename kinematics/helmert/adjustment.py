@@ -66,23 +66,23 @@ class MisclosureCovariance:
 
     def solve(self, right: Floats) -> Floats:
         """S^-1 times columns, (n, 3, n_columns)."""
-        alone = np.linalg.solve(self.own_mm2, right)
+        without_shared = np.linalg.solve(self.own_mm2, right)
         if not self.shared_mm.size:
-            return np.asarray(alone, dtype=np.float64)
+            return np.asarray(without_shared, dtype=np.float64)
         solved, inner = self._shared_parts()
         common = np.einsum("nir,nic->rc", solved, right)
         less = solved @ np.linalg.solve(inner, common)
-        return np.asarray(alone - less, dtype=np.float64)
+        return np.asarray(without_shared - less, dtype=np.float64)
 
     @property
     def weights(self) -> Floats:
         """The blocks of the points in S^-1, (n, 3, 3)."""
-        alone = np.linalg.inv(self.own_mm2)
+        without_shared = np.linalg.inv(self.own_mm2)
         if not self.shared_mm.size:
-            return np.asarray(alone, dtype=np.float64)
+            return np.asarray(without_shared, dtype=np.float64)
         solved, inner = self._shared_parts()
         less = solved @ np.linalg.inv(inner) @ solved.transpose(0, 2, 1)
-        return np.asarray(alone - less, dtype=np.float64)
+        return np.asarray(without_shared - less, dtype=np.float64)
 
     def _shared_parts(self) -> tuple[Floats, Floats]:
         """D^-1 G, and I + G' D^-1 G."""
@@ -165,7 +165,11 @@ def adjusted_helmert(
         if problem is not None:
             raise HelmertError(problem)
     n_parameters = N_RIGID + int(with_scale)
-    given = [one for one in (from_shared_mm, to_shared_mm) if one is not None]
+    given = [
+        covariances
+        for covariances in (from_shared_mm, to_shared_mm)
+        if covariances is not None
+    ]
     none = np.zeros_like(given[0]) if given else np.zeros((*from_mm.shape, 0))
     from_shared = none if from_shared_mm is None else from_shared_mm
     to_shared = none if to_shared_mm is None else to_shared_mm
@@ -180,7 +184,7 @@ def adjusted_helmert(
     units = np.ones(n_parameters)
     units[3:] = 1.0 / extent_mm
 
-    def at(transformation: Helmert) -> AdjustedHelmert:
+    def linearised_at(transformation: Helmert) -> AdjustedHelmert:
         turn = transformation.scale * transformation.rotation
         covariance = MisclosureCovariance(
             to_own + turn @ from_own @ turn.T, to_shared - turn @ from_shared
@@ -213,7 +217,7 @@ def adjusted_helmert(
         )
 
     start = closed_helmert(from_mm, to_mm, weights, with_scale=with_scale)
-    adjusted, size = at(start), np.inf
+    adjusted, size = linearised_at(start), np.inf
     for _ in range(_MOST_STEPS):
         change = adjusted.cofactors @ np.einsum(
             "nip,ni->p", adjusted.design, adjusted.weighted_per_mm
@@ -221,7 +225,7 @@ def adjusted_helmert(
         before, size = size, float(np.max(np.abs(change / units))) / extent_mm
         if not size < _ASTRAY:
             break
-        adjusted = at(_moved(adjusted.transformation, centre_mm, change))
+        adjusted = linearised_at(_moved(adjusted.transformation, centre_mm, change))
         if size < _SMALL_STEP or (size < _SMALL_ENOUGH and size > 0.5 * before):
             break
     if not size < _SMALL_ENOUGH:
@@ -311,14 +315,14 @@ def reliability_of(adjusted: AdjustedHelmert) -> Reliability:
     )
 
 
-def point_statistics(adjusted: AdjustedHelmert, found: Reliability) -> Floats:
+def point_statistics(adjusted: AdjustedHelmert, reliability: Reliability) -> Floats:
     """Compute the statistic of every point: chi-squared of its detectable part.
 
     Returns:
         (n,), with as many degrees of freedom as `seen_per_mm2` has values above 0.
     """
-    parts = np.einsum("nki,ni->nk", found.directions, adjusted.weighted_per_mm)
-    seen = found.seen_per_mm2
+    parts = np.einsum("nki,ni->nk", reliability.directions, adjusted.weighted_per_mm)
+    seen = reliability.seen_per_mm2
     squares = np.divide(parts**2, seen, out=np.zeros_like(seen), where=seen > 0.0)
     total: Floats = squares.sum(axis=1)
     return total

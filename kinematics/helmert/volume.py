@@ -166,8 +166,10 @@ def volume_error(volume: Volume, centre_mm: Floats, covariance: Floats) -> Volum
         slope = slope + covariance[:3, 6]
     from_middle = slope + curvature @ (volume.mean_mm - centre_mm)
     at_mm = volume.farthest_mm(curvature, from_middle)
-    there = place_covariances(at_mm[np.newaxis], centre_mm, covariance)[0]
-    return VolumeError(rms_mm, float(np.sqrt(max(np.trace(there), 0.0))), at_mm)
+    covariance_mm2 = place_covariances(at_mm[np.newaxis], centre_mm, covariance)[0]
+    return VolumeError(
+        rms_mm, float(np.sqrt(max(np.trace(covariance_mm2), 0.0))), at_mm
+    )
 
 
 def place_covariances(
@@ -175,8 +177,8 @@ def place_covariances(
 ) -> Floats:
     """Compute J C J' at places (n, 3) of the system it leads to: (n, 3, 3)."""
     design = motions(places_mm - centre_mm, len(covariance))
-    found: Floats = design @ covariance @ np.swapaxes(design, 1, 2)
-    return found
+    covariances_mm2: Floats = design @ covariance @ np.swapaxes(design, 1, 2)
+    return covariances_mm2
 
 
 def disposition_index(
@@ -195,7 +197,7 @@ def disposition_index(
     centre_mm = points_mm.mean(axis=0)
     design = motions(points_mm - centre_mm, N_RIGID + int(with_scale))
     normal = np.einsum("nip,niq->pq", design, design)
-    found = volume_error(volume, centre_mm, np.linalg.inv(normal))
+    error = volume_error(volume, centre_mm, np.linalg.inv(normal))
     # Both as root mean squares of a 3-vector's length: a point's is sqrt(3).
     unit = np.sqrt(3.0)
-    return VolumeError(found.rms_mm / unit, found.max_mm / unit, found.max_at_mm)
+    return VolumeError(error.rms_mm / unit, error.max_mm / unit, error.max_at_mm)

@@ -210,10 +210,10 @@ def _number(value: object, *, as_text: bool) -> float | None:
 
 
 def _part_of_pi(value: object) -> float | None:
-    found = _PI.fullmatch(value) if isinstance(value, str) else None
-    if found is None:
+    match = _PI.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
         return None
-    sign, factor, divisor = found.groups()
+    sign, factor, divisor = match.groups()
     below = float(divisor or 1.0)
     part = float(factor or 1.0) * math.pi
     return None if below == 0.0 else (-part if sign == "-" else part) / below

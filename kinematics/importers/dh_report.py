@@ -63,7 +63,7 @@ def dh_report(
             }
             for k in range(geometry.n_joints - 1)
         ],
-        "not_in_table": [what for what, there in kept.items() if there],
+        "not_in_table": [what for what, is_there in kept.items() if is_there],
     }
     remarks = "".join(f"# {line}\n" for line in remark_lines(report))
     return report, dh_csv(nearest.table, names, zeros_rad) + remarks

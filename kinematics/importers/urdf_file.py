@@ -198,8 +198,8 @@ class _Reading:
         return Mimic(element.get("joint", ""), ratio, offset_rad)
 
     def _link_name(self, element: Element, which: str) -> str:
-        found = element.find(which)
-        name = "" if found is None else found.get("link", "")
+        link = element.find(which)
+        name = "" if link is None else link.get("link", "")
         if not name:
             joint = shown(element.get("name", ""))
             self._refuse(element, f'joint {joint}: has no <{which} link="...">')
@@ -293,8 +293,8 @@ def _path(robot: Robot, root: str | None, tip: str | None) -> list[UrdfJoint]:
             _refuse(robot, option, unknown_name_message("link", link, robot.links))
     parents = {joint.parent for joint in robot.joint_of_child.values()}
     tips = [tip] if tip else [name for name in robot.links if name not in parents]
-    found = {end: _way_up(robot, end, root) for end in tips}
-    ways = {end: way for end, way in found.items() if way}
+    ways_up = {end: _way_up(robot, end, root) for end in tips}
+    ways = {end: way for end, way in ways_up.items() if way}
     if not ways:
         what = f"no chain of joints leads from {shown(root) if root else 'a root'} to "
         _refuse(robot, "", f"{what}{shown(tip) if tip else 'an end'}")

@@ -45,10 +45,10 @@ def urdf_report(arm: Arm, postures: int, seed: int) -> tuple[dict[str, Any], str
     geometry = geometry_from_arm(arm)
     effects = effects_from_arm(arm)
     seen, unseen = list[Correction](), list[Correction]()
-    for one in effects.corrections:
-        needs = {need.covariate for need in one.needs}
-        at_rest = needs <= _AT_REST and one not in effects.contacts
-        (seen if at_rest else unseen).append(one)
+    for correction in effects.corrections:
+        needs = {need.covariate for need in correction.needs}
+        at_rest = needs <= _AT_REST and correction not in effects.contacts
+        (seen if at_rest else unseen).append(correction)
     readings_rad = random_readings_rad(geometry, postures, seed)
     readings_rad[:, _led(arm)] = geometry.zeros_rad[_led(arm)]
     sides = np.random.default_rng(seed).choice([-1.0, 1.0], readings_rad.shape)
@@ -69,7 +69,7 @@ def urdf_report(arm: Arm, postures: int, seed: int) -> tuple[dict[str, Any], str
             **sizes_mm(np.linalg.norm(gaps_mm, axis=1), seed),
             "temperature_c": arm.reference.temperature_c,
         },
-        "not_in_loss": [effects.name(one) for one in unseen],
+        "not_in_loss": [effects.name(correction) for correction in unseen],
         "not_in_urdf": list(_not_in_urdf(arm, map(effects.name, effects.corrections))),
     }
     return report, _description(arm, geometry, urdf_remarks(report))
@@ -123,7 +123,7 @@ def _hinges(arm: Arm, geometry: Geometry, k: int) -> Iterator[_Hinge]:
     ways = [c for c in geometry.couplings if c.joint == k and c.other not in led]
     for _, other, ratio in ways:
         name = f"{joint.name}_by_{arm.joints[other].name}"
-        while any(name == one.name for one in arm.joints):
+        while any(name == urdf_joint.name for urdf_joint in arm.joints):
             name += "_"
         offset_rad = -ratio * float(geometry.zeros_rad[other])
         mimic = Mimic(arm.joints[other].name, ratio, offset_rad)

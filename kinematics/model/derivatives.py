@@ -75,10 +75,10 @@ def probe_derivatives(geometry: Geometry, angles_rad: Floats) -> ProbeDerivative
     angles_rad = checked_readings(geometry, angles_rad)
     chain = compiled_chain(geometry)
     if chain is None:
-        found = numpy_derivatives(geometry, angles_rad)
+        derivatives = numpy_derivatives(geometry, angles_rad)
     else:
-        found = ProbeDerivatives(*chain.derivatives(angles_rad))
-    return replace(found, by_angles=geometry.by_readings(found.by_angles))
+        derivatives = ProbeDerivatives(*chain.derivatives(angles_rad))
+    return replace(derivatives, by_angles=geometry.by_readings(derivatives.by_angles))
 
 
 def turn_derivatives(

@@ -64,15 +64,15 @@ def fit_pivot(vector_mm: Floats, centres_mm: Floats, by_vector: Floats) -> Pivot
             "the poses in the cone hardly differ in how the probe stands: tilt and "
             "turn it as far as the cone allows"
         )
-    found, _, _, _ = np.linalg.lstsq(design, misses_mm, rcond=None)
-    left_mm = misses_mm - design @ found
+    solution, _, _, _ = np.linalg.lstsq(design, misses_mm, rcond=None)
+    left_mm = misses_mm - design @ solution
     redundancy = 3 * n - 6
     variance = float(left_mm @ left_mm) / redundancy
     cofactors = np.linalg.inv(design.T @ design)
     return Pivot(
-        vector_mm + found[:3],
+        vector_mm + solution[:3],
         variance * cofactors[:3, :3],
-        mean_mm + found[3:],
+        mean_mm + solution[3:],
         float(np.sqrt(left_mm @ left_mm / n)),
         redundancy,
     )

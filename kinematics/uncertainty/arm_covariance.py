@@ -116,11 +116,12 @@ def read_arm_covariance(
             f"{path}: {reason}; put the file that `traverse identify` wrote beside "
             "the arm file, or remove covariance_file from it"
         ) from error
-    found = hashlib.sha256(data).hexdigest()
-    if digest is not None and digest.removeprefix("sha256:") != found:
+    its_digest = hashlib.sha256(data).hexdigest()
+    if digest is not None and digest.removeprefix("sha256:") != its_digest:
         raise ValueError(
             f"{path} is not the file that the arm file was written with: its digest "
-            f"is {found}, expected {digest}; copy both from the same identification"
+            f"is {its_digest}, expected {digest}; copy both from the same "
+            "identification"
         )
     try:
         _check_sizes(data, len(names))
@@ -164,12 +165,12 @@ def read_parameter_covariance(
         return None
     joints = [joint.name for joint in arm.joints]
     names = parameter_names(joints, effects.parameter_names)
-    found = read_arm_covariance(
+    covariance = read_arm_covariance(
         path.parent / given.covariance_file, names, given.covariance_digest
     )
     places = {name: row for row, name in enumerate(names)}
     kept = parameter_names(joints, inline_effects.parameter_names)
-    return ArmCovariance(found.factor[[places[name] for name in kept]])
+    return ArmCovariance(covariance.factor[[places[name] for name in kept]])
 
 
 def _check_sizes(data: bytes, n_parameters: int) -> None:

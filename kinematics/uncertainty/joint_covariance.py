@@ -76,8 +76,8 @@ class JointCovariance:
         factor = self.shared_mm.reshape(3 * n, -1)
         joint: Floats = factor @ factor.T
         for point in range(n):
-            at = slice(3 * point, 3 * point + 3)
-            joint[at, at] = self.covariances_mm2[point]
+            block = slice(3 * point, 3 * point + 3)
+            joint[block, block] = self.covariances_mm2[point]
         return joint
 
     def part(self, rows: list[int]) -> "JointCovariance":
@@ -105,8 +105,10 @@ class JointCovariance:
             they share with other points by the arm, as a factor (n_figures, rank).
         """
         shared = np.einsum("qni,nir->qr", weights, self.shared_mm)
-        own: Floats = np.einsum("qni,nij,pnj->qp", weights, self.own_mm2, weights)
-        return own + shared @ shared.T, shared
+        independent: Floats = np.einsum(
+            "qni,nij,pnj->qp", weights, self.own_mm2, weights
+        )
+        return independent + shared @ shared.T, shared
 
     def length(self, first: int, second: int) -> Length:
         """Return the length between two points, by their numbers.
@@ -132,8 +134,8 @@ class JointCovariance:
         Raises:
             ValueError: The points determine none.
         """
-        found = fit_sphere(self.points_mm)
-        return found, self.combined(sphere_weights(self.points_mm, found))[0]
+        sphere = fit_sphere(self.points_mm)
+        return sphere, self.combined(sphere_weights(self.points_mm, sphere))[0]
 
     def plane(self) -> tuple[Plane, Floats]:
         """Fit a plane to all points.
@@ -145,14 +147,14 @@ class JointCovariance:
         Raises:
             ValueError: The points determine none.
         """
-        found = fit_plane(self.points_mm)
-        first, second = across(found.normal)
-        local_mm = self.points_mm - found.point_mm
+        plane = fit_plane(self.points_mm)
+        first, second = across(plane.normal)
+        local_mm = self.points_mm - plane.point_mm
         design = np.column_stack(
             [np.ones(len(local_mm)), -local_mm @ first, -local_mm @ second]
         )
-        normals = np.broadcast_to(found.normal, local_mm.shape)
-        return found, self.combined(fit_weights(design, normals))[0]
+        normals = np.broadcast_to(plane.normal, local_mm.shape)
+        return plane, self.combined(fit_weights(design, normals))[0]
 
 
 def fit_weights(design: Floats, normals: Floats) -> Floats:
@@ -169,9 +171,9 @@ def fit_weights(design: Floats, normals: Floats) -> Floats:
     return weights
 
 
-def sphere_weights(points_mm: Floats, found: Sphere) -> Floats:
+def sphere_weights(points_mm: Floats, sphere: Sphere) -> Floats:
     """Return `fit_weights` of centre and radius, (4, n_points, 3)."""
-    normals = points_mm - found.centre_mm
+    normals = points_mm - sphere.centre_mm
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     design = np.column_stack([normals, np.ones(len(normals))])
     return fit_weights(design, normals)

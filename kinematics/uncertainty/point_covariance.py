@@ -132,12 +132,12 @@ def reading_variances(noise: PointNoise, samples: int = 1) -> Floats:
     Returns:
         rad^2, (n_joints,).
     """
-    one = noise.encoder_rad**2 + noise.step_rad**2 / 12.0
+    single = noise.encoder_rad**2 + noise.step_rad**2 / 12.0
     if samples == 1:
-        return one
+        return single
     orders = np.arange(1, _ORDERS + 1)[:, np.newaxis]
     steps = np.where(noise.step_rad > 0.0, noise.step_rad, 1.0)
     damping = np.exp(-((2.0 * np.pi * orders * noise.encoder_rad / steps) ** 2))
     shared = noise.step_rad**2 / (2.0 * np.pi**2) * np.sum(damping / orders**2, axis=0)
-    variances: Floats = shared + (one - shared) / samples
+    variances: Floats = shared + (single - shared) / samples
     return variances

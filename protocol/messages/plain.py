@@ -43,11 +43,13 @@ def _plain(value: object, where: str, level: int) -> object:
     if isinstance(value, dict):
         return _map(value, f"{where}.", level + 1)
     if not isinstance(value, list | tuple):
-        found = type(value).__name__
-        _refuse(where, f"null, bool, number, text, list or map, not {found}")
+        kind = type(value).__name__
+        _refuse(where, f"null, bool, number, text, list or map, not {kind}")
     if len(value) > MAX_LENGTH:
         _refuse(where, f"at most {MAX_LENGTH} elements")
-    return tuple(_plain(one, f"{where}.{i}", level + 1) for i, one in enumerate(value))
+    return tuple(
+        _plain(item, f"{where}.{i}", level + 1) for i, item in enumerate(value)
+    )
 
 
 def _map(value: dict[object, object], prefix: str, level: int) -> dict[str, Any]:
@@ -56,7 +58,7 @@ def _map(value: dict[object, object], prefix: str, level: int) -> dict[str, Any]
     if not all(map(_is_name, value)):
         _refuse(prefix, f"keys of 1 to {MAX_NAME} characters of Unicode")
     return {
-        str(key): _plain(one, f"{prefix}{key}", level) for key, one in value.items()
+        str(key): _plain(item, f"{prefix}{key}", level) for key, item in value.items()
     }
 
 
@@ -82,7 +84,9 @@ def _is_name(key: object) -> bool:
 
 def _is_encodable(text: str) -> bool:
     """Whether UTF-8 can say it: a lone half of a surrogate pair it cannot."""
-    return text.isascii() or not any("\ud800" <= one <= "\udfff" for one in text)
+    return text.isascii() or not any(
+        "\ud800" <= character <= "\udfff" for character in text
+    )
 
 
 def _refuse(where: str, expected: str) -> NoReturn:

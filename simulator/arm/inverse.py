@@ -52,7 +52,7 @@ class Reach:
             Turns (n, n_joints) and whether each target was reached.
         """
         n_targets = len(targets_mm)
-        found = np.zeros((n_targets, self.mechanism.n_joints))
+        turns_rad = np.zeros((n_targets, self.mechanism.n_joints))
         reached = np.zeros(n_targets, dtype=bool)
         low, high = self.limits_rad[:, 0], self.limits_rad[:, 1]
         for _ in range(N_ROUNDS):
@@ -70,9 +70,9 @@ class Reach:
                 axis=1,
             )
             good = (misses < REACHED_MM) & upright & inside
-            found[missing[good]] = turns[good]
+            turns_rad[missing[good]] = turns[good]
             reached[missing[good]] = True
-        return found, reached
+        return turns_rad, reached
 
     def along(self, starts_rad: Floats, targets_mm: Floats) -> Floats:
         """Follow targets with the smallest motion of the joints.
@@ -107,9 +107,9 @@ class Reach:
         """
         postures = np.empty_like(wishes_rad)
         turns = starts_rad
-        for knot, wishes in enumerate(wishes_rad):
+        for knot, target in enumerate(wishes_rad):
             _, _, rates, _ = probe_rates(self.mechanism, turns)
-            lacking = wishes - turns
+            lacking = target - turns
             moved = np.einsum("mij,mj->mi", rates, lacking)
             turns = turns + lacking - damped_steps(rates, moved)
             turns = self.exact(turns, at_mm)

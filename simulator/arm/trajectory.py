@@ -82,12 +82,12 @@ class Trajectory:
 
     def _places(self, times_s: Floats) -> tuple[Indices, Floats, Floats]:
         """Pieces (n,), where in them (n, 1) and how long they are (n, 1)."""
-        at = np.clip(times_s, 0.0, self.breaks_s[-1])
-        piece = np.searchsorted(self.breaks_s, at, side="right") - 1
+        clipped_s = np.clip(times_s, 0.0, self.breaks_s[-1])
+        piece = np.searchsorted(self.breaks_s, clipped_s, side="right") - 1
         piece = np.clip(piece, 0, len(self.coefficients) - 1)
         start = self.breaks_s[piece]
         lengths_s = self.breaks_s[piece + 1] - start
-        return piece, ((at - start) / lengths_s)[:, None], lengths_s[:, None]
+        return piece, ((clipped_s - start) / lengths_s)[:, None], lengths_s[:, None]
 
 
 def rest_pieces(posture_rad: Floats) -> Floats:

@@ -168,8 +168,8 @@ def _quaternion(rotation: Floats) -> Floats:
         [c - g, b + d, e - a - i, f + h],
         [d - b, c + g, f + h, i - a - e],
     ]
-    found: Floats = np.linalg.eigh(np.array(sums) / 3.0)[1][:, -1]
-    return found
+    mean: Floats = np.linalg.eigh(np.array(sums) / 3.0)[1][:, -1]
+    return mean
 
 
 def _whole_counts(readings_rad: Floats, arm: Arm) -> Floats:
@@ -210,7 +210,9 @@ def _divided(table: Table, factor: float) -> Table:
     if "distance_mm" in table:
         divided["distance_mm"] = table["distance_mm"] / factor
     if "distances" in table:
-        divided["distances"] = [_divided(one, factor) for one in table["distances"]]
+        divided["distances"] = [
+            _divided(distance, factor) for distance in table["distances"]
+        ]
     if "points_mm" in table:
         divided["points_mm"] = {
             name: [component / factor for component in at_mm]

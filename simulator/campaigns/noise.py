@@ -165,8 +165,8 @@ class _Disturbance:
 
     def __init__(self, poses: PoseSet, noise: NoiseTable, row: int) -> None:
         mechanism = poses.truth.mechanism
-        one: Indices = np.array([row])
-        self._levers_mm = probe_rates(mechanism, poses.turns_rad[one])[2][0]
+        rows: Indices = np.array([row])
+        self._levers_mm = probe_rates(mechanism, poses.turns_rad[rows])[2][0]
         self._towards = poses.around.towards[row]
         self._contact_mm = float(contact_stds(noise, poses)[row])
         self._stds_rad = encoder_stds(noise, mechanism.n_joints)
@@ -216,8 +216,10 @@ def encoder_stds(noise: NoiseTable, n_joints: int) -> Floats:
 
 def contact_stds(noise: NoiseTable, poses: PoseSet) -> Floats:
     """Standard deviations (n,) [mm]; an artefact may have its own."""
-    own = [placed.artefact.contact_mm for placed in poses.artefacts]
-    stds_mm = np.array([noise.contact_mm if std is None else std for std in own])
+    contact_stds_mm = [placed.artefact.contact_mm for placed in poses.artefacts]
+    stds_mm = np.array(
+        [noise.contact_mm if std is None else std for std in contact_stds_mm]
+    )
     return stds_mm[poses.artefact_index]
 
 

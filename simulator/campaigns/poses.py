@@ -113,8 +113,8 @@ class _Touching:
         missing: Indices = np.arange(n_poses)
         for _ in range(N_REDRAWS):
             contacts = self._contacts(missing, rng)
-            found, reached = workspace.reaching(contacts.centres_mm, rng)
-            turns_rad[missing[reached]] = found[reached]
+            solved_rad, reached = workspace.reaching(contacts.centres_mm, rng)
+            turns_rad[missing[reached]] = solved_rad[reached]
             towards[missing[reached]] = contacts.towards[reached]
             missing = missing[~reached]
             if len(missing) == 0:

@@ -92,8 +92,8 @@ class Workspace:
                 rows = missing[first : first + CHUNK]
                 n_choices = min(N_CHOICES << round_, MOST_CHOICES)
                 starts = self._near_turns(targets_mm[rows], n_choices, rng)
-                found, good = self._solved(targets_mm[rows], starts)
-                turns_rad[rows[good]] = found[good]
+                solved_rad, good = self._solved(targets_mm[rows], starts)
+                turns_rad[rows[good]] = solved_rad[good]
                 reached[rows[good]] = True
         return turns_rad, reached
 

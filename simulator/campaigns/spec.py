@@ -260,8 +260,8 @@ class CampaignFile(CampaignSpec):
 def spec_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
     """Find what is wrong between keys."""
     if ("mix" in raw) == bool(raw.get("artefacts")):
-        found = "both are given" if "mix" in raw else "neither is given"
-        yield Problem("mix", f"a mix or artefacts: {found}; give one of them")
+        mistake = "both are given" if "mix" in raw else "neither is given"
+        yield Problem("mix", f"a mix or artefacts: {mistake}; give one of them")
     elif ("mix" in raw) != ("n_poses" in raw):
         message = (
             "is missing; say how many poses the mix has"

@@ -74,7 +74,10 @@ def campaign_text(
             lines.append(f'points_mm = "{points_mm}"')
         elif points_mm is not None:
             lines.append("[artefacts.points_mm]")
-            lines += [f"{name} = {_toml_value(at)}" for name, at in points_mm.items()]
+            lines += [
+                f"{name} = {_toml_value(point_mm)}"
+                for name, point_mm in points_mm.items()
+            ]
     return "\n".join(lines) + "\n"
 
 
@@ -85,7 +88,9 @@ def pose_lines(campaign: Campaign) -> Iterator[str]:
     for first in range(0, campaign.n_poses, CHUNK):
         rows = slice(first, first + CHUNK)
         parts = [np.atleast_2d(values[rows].T) for _, values in columns]
-        for cells in zip(*(_cells(one) for part in parts for one in part), strict=True):
+        for cells in zip(
+            *(_cells(table) for part in parts for table in part), strict=True
+        ):
             yield ",".join(cells) + "\n"
 
 

@@ -113,8 +113,8 @@ class DisturbedLine:
         if kind == "garbage":
             return draw.bytes(int(draw.integers(1, 65))) + frame
         if kind == "cut":
-            at = int(draw.integers(len(frame))) if frame else 0
-            return frame[:at] + frame[at + 1 :]
+            position = int(draw.integers(len(frame))) if frame else 0
+            return frame[:position] + frame[position + 1 :]
         struck = bytearray(frame)
         if struck:
             bit = int(draw.integers(8 * len(struck)))

@@ -29,9 +29,9 @@ class Kind:
 
 def class_named(name: str) -> type[Any]:
     """Import a class by its name, "module:Class" with a module of this folder."""
-    module, _, found = name.partition(":")
+    module, _, attribute = name.partition(":")
     named: type[Any] = getattr(
-        import_module(f"traverse.simulator.devices.{module}"), found
+        import_module(f"traverse.simulator.devices.{module}"), attribute
     )
     return named
 
@@ -77,8 +77,8 @@ class DeviceTable(KindTable):
     @classmethod
     def class_of(cls, kind: str) -> type[Self]:
         """Import the class of a kind."""
-        found: type[Self] = class_named(cls.KINDS[kind].table)
-        return found
+        table_class: type[Self] = class_named(cls.KINDS[kind].table)
+        return table_class
 
     def channel_problems(
         self, counts_per_turn: Sequence[int]

@@ -32,8 +32,8 @@ def toothed_drive(entry: EffectEntry, seen: JointState) -> Floats:
     """Teeth that are not alike: a phasor turns so many times as fast as the reading."""
     turns = entry["cycles"] * seen.readings_rad[:, entry.joints] / (2.0 * np.pi)
     phasor = np.exp(2j * np.pi * np.mod(turns, 1.0))
-    found: Floats = np.real(complex(entry["cos_rad"], -entry["sin_rad"]) * phasor)
-    return found
+    change_rad: Floats = np.real(complex(entry["cos_rad"], -entry["sin_rad"]) * phasor)
+    return change_rad
 
 
 def long_tape(entry: EffectEntry, seen: JointState) -> Floats:
@@ -76,10 +76,10 @@ def curved_error(entry: EffectEntry, seen: JointState) -> Floats:
     Raises:
         ValueError: If the covariate is no column of a campaign.
     """
-    found = entry.covariate
-    if found is None:
+    covariate = entry.covariate
+    if covariate is None:
         raise ValueError(f"'{entry['covariate']}' is no column of a campaign")
-    column, k = found
+    column, k = covariate
     columns: dict[str, Floats] = {
         "_rad": seen.readings_rad[:, k],
         "_speed_rad_s": seen.around.speed_rad_s[:, k],
@@ -87,14 +87,14 @@ def curved_error(entry: EffectEntry, seen: JointState) -> Floats:
         "time_s": seen.around.time_s,
         "force_n": seen.around.force_n,
     }
-    at = columns.get(column, seen.around.temperature_c)
+    covariate = columns.get(column, seen.around.temperature_c)
     knots, values_rad = entry.array("knots"), entry.array("values_rad")
     slopes = natural_slopes(entry.values["knots"], entry.values["values_rad"])
-    at = np.clip(at, knots[0], knots[-1])
-    left = np.searchsorted(knots, at, side="right") - 1
+    covariate = np.clip(covariate, knots[0], knots[-1])
+    left = np.searchsorted(knots, covariate, side="right") - 1
     left = np.clip(left, 0, len(knots) - 2)
     width = np.diff(knots)[left]
-    u = (at - knots[left]) / width
+    u = (covariate - knots[left]) / width
     rise = values_rad[left + 1] - values_rad[left]
     first, last = slopes[left] * width, slopes[left + 1] * width
     curve = values_rad[left] + u * (
@@ -202,11 +202,11 @@ def three_seats(entry: EffectEntry, touch: Touch) -> Floats:
     the shank count, in the base posture, from the coordinate axis that is most across
     it, made perpendicular to it.
     """
-    own = np.einsum("nij,ni->nj", touch.motion[:, :3, :3], touch.towards)
+    directions = np.einsum("nij,ni->nj", touch.motion[:, :3, :3], touch.towards)
     shank = touch.build.mechanism.shank
     second = np.cross(shank, np.eye(3)[np.argmin(np.abs(shank))])
     second /= np.linalg.norm(second)
-    azimuths = np.arctan2(own @ second, own @ np.cross(second, shank))
+    azimuths = np.arctan2(directions @ second, directions @ np.cross(second, shank))
     travels_mm = entry["amplitude_mm"] * np.cos(3.0 * azimuths - entry["phase_rad"])
     offsets_mm: Floats = travels_mm[:, None] * touch.towards
     return offsets_mm

@@ -81,8 +81,8 @@ def _articulation(
     wished = reach.rng.uniform(low, high, (N_TRIES, len(here)))
     pull = reach.rng.uniform(0.3, 1.0, (N_TRIES, 1))
     starts = np.tile(here, (N_TRIES, 1))
-    wishes = starts + fractions[:, None, None] * (pull * (wished - starts))
-    ways = reach.nearest(starts, wishes, np.tile(seat_mm, (N_TRIES, 1)))
+    targets_rad = starts + fractions[:, None, None] * (pull * (wished - starts))
+    ways = reach.nearest(starts, targets_rad, np.tile(seat_mm, (N_TRIES, 1)))
     centres_mm, shanks = probe_pose(reach.mechanism, ways[-1])
     good = np.linalg.norm(centres_mm - seat_mm, axis=1) < REACHED_MM
     good &= shanks @ shank >= np.cos(stage.operator.tilt_rad)

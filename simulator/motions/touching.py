@@ -159,9 +159,9 @@ def _paths(
     """Postures (n_contacts, n_knots, n_joints), exact at the contact."""
     centres_mm, normals = _ball_places(stage, contacts)
     targets = centres_mm + approach.distances_mm[:, None, None] * normals
-    at = approach.contact
-    outwards = stage.reach.along(postures, targets[at::-1])[::-1]
-    inwards = stage.reach.along(postures, targets[at + 1 :])
+    contact = approach.contact
+    outwards = stage.reach.along(postures, targets[contact::-1])[::-1]
+    inwards = stage.reach.along(postures, targets[contact + 1 :])
     return np.concatenate([outwards, inwards]).transpose(1, 0, 2)
 
 

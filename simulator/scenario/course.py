@@ -154,15 +154,15 @@ class Course:
             (u + 1.0) * u * (u - 1.0) / 6.0,
         )
         chunks, first = np.divmod(below, CHUNK_STEPS)
-        found = np.empty((len(script_s), len(self._arm.build.zeros_rad)))
+        turns_rad = np.empty((len(script_s), len(self._arm.build.zeros_rad)))
         for chunk in np.unique(chunks).tolist():
             rows = chunks == chunk
             known = self._chunk(chunk)
-            total = np.zeros_like(found[rows])
+            total = np.zeros_like(turns_rad[rows])
             for ahead, weight in enumerate(weights):
                 total += weight[rows] * known[first[rows] + ahead]
-            found[rows] = total
-        return found
+            turns_rad[rows] = total
+        return turns_rad
 
     def _chunk(self, chunk: int) -> Floats:
         """Corrections (CHUNK_STEPS + 3, n_joints) from one step before it."""

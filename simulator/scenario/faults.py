@@ -32,8 +32,8 @@ class Fault(KindTable):
 
     def strikes(self, script_s: float, channel: int | None) -> bool:
         """Whether it lasts for a channel; None: for the device as a whole."""
-        own = getattr(self, "channel", None)
-        return self.lasts(script_s) and own in {None, channel}
+        own_channel = getattr(self, "channel", None)
+        return self.lasts(script_s) and own_channel in {None, channel}
 
 
 class LineFault(Fault):

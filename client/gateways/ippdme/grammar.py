@@ -140,21 +140,21 @@ def parse(line: bytes) -> Command:
     Raises:
         IppError: 0001, 0002, 0007, 0008 or 0509, with the line's tag.
     """
-    found = _TAG.match(line)
+    match = _TAG.match(line)
     try:
         if len(line) > MAX_LINE + 2:
             raise IppError(8, f"a line has at most {MAX_LINE} characters", 9)
         text = line.removesuffix(b"\r\n")
         if len(text) == len(line) or not all(32 <= byte <= 126 for byte in text):
             raise IppError(7, "characters are 32 to 126, a line ends in CR LF")
-        if found is None:
+        if match is None:
             raise IppError(1, "00001 to 99999, or E0001 to E9999")
         if text[5:6] != b" ":
             raise IppError(2)
-        return _command(found[0].decode(), text[6:].decode())
+        return _command(match[0].decode(), text[6:].decode())
     except IppError as error:
-        if found is not None:
-            error.tag = found[0].decode()
+        if match is not None:
+            error.tag = match[0].decode()
         raise
 
 
@@ -169,15 +169,15 @@ def _command(tag: str, text: str) -> Command:
 
 
 def _argument(text: str, place: int) -> tuple[Argument, int]:
-    if (found := _TEXT.match(text, place)) is not None:
-        return found[1], found.end()
-    if (found := _WORD.match(text, place)) is None:
+    if (match := _TEXT.match(text, place)) is not None:
+        return match[1], match.end()
+    if (match := _WORD.match(text, place)) is None:
         return _number(text, place)
-    name = found[0]
-    if (opened := _OPEN.match(text, found.end())) is None:
+    name = match[0]
+    if (opened := _OPEN.match(text, match.end())) is None:
         if "." in name:
             raise IppError(8, f"{name} has no parentheses")
-        return Word(name), found.end()
+        return Word(name), match.end()
     values, end = _list(text, opened.end(), _number)
     return Property(name, values), end
 
@@ -186,28 +186,28 @@ def _list(
     text: str, place: int, read: Callable[[str, int], tuple[T, int]]
 ) -> tuple[tuple[T, ...], int]:
     """Parse the arguments between parentheses; also the place after them."""
-    found: list[T] = []
+    items: list[T] = []
     end = _CLOSE.match(text, place)
     while end is None:
-        one, place = read(text, place)
-        found.append(one)
+        item, place = read(text, place)
+        items.append(item)
         if (comma := _COMMA.match(text, place)) is not None:
             place = comma.end()
         elif (end := _CLOSE.match(text, place)) is None:
             raise IppError(8, f"expected a comma or ) at column {place + 7}")
-    return tuple(found), end.end()
+    return tuple(items), end.end()
 
 
 def _number(text: str, place: int) -> tuple[float, int]:
-    found = _NUMBER.match(text, place)
-    if found is None:
+    match = _NUMBER.match(text, place)
+    if match is None:
         raise IppError(8, f"expected an argument at column {place + 7}")
-    if sum(map(str.isdigit, found[0])) > MAX_DIGITS:
-        raise IppError(8, f"a number has at most {MAX_DIGITS} digits")
-    value = float(found[0])
+    if sum(map(str.isdigit, match[0])) > MAX_DIGITS:
+        raise IppError(8, f"a number has at most {MAX_DIGITS} match")
+    value = float(match[0])
     if not isfinite(value):
-        raise IppError(509, f"{found[0]} is too large")
-    return value, found.end()
+        raise IppError(509, f"{match[0]} is too large")
+    return value, match.end()
 
 
 def number(value: float) -> str:

@@ -110,15 +110,15 @@ class Machine:
     ) -> tuple[str, ...]:
         """The names of an enumeration, each once, all known; raises IppError."""
         names: list[str] = []
-        for one in args:
-            if not isinstance(one, Property) or one.values or one.name in names:
-                raise IppError(509, f"{shown(one)}: expected Name() once")
-            names.append(one.name)
-            if one.name in OF_POINT:
+        for arg in args:
+            if not isinstance(arg, Property) or arg.values or arg.name in names:
+                raise IppError(509, f"{shown(arg)}: expected Name() once")
+            names.append(arg.name)
+            if arg.name in OF_POINT:
                 if not of_point:
-                    raise IppError(508, f"{one.name} is of a point")
-            elif one.name not in AXES or not axes:
-                tool, path = self.tools.split(one.name)
+                    raise IppError(508, f"{arg.name} is of a point")
+            elif arg.name not in AXES or not axes:
+                tool, path = self.tools.split(arg.name)
                 if path not in ("Name", "AvrRadius", "Alignment"):
                     self.tools.parameter(tool, path)
         if not names:
@@ -138,11 +138,11 @@ class Machine:
 
     def _set_prop(self, args: Args) -> None:
         outside = []
-        for one in args:
-            if not isinstance(one, Property) or len(one.values) != 1:
-                raise IppError(509, f"{shown(one)}: expected Name(value)")
-            if not self.tools.set_parameter(*self.tools.split(one.name), one.values[0]):
-                outside.append(one.name)
+        for arg in args:
+            if not isinstance(arg, Property) or len(arg.values) != 1:
+                raise IppError(509, f"{shown(arg)}: expected Name(value)")
+            if not self.tools.set_parameter(*self.tools.split(arg.name), arg.values[0]):
+                outside.append(arg.name)
         if not args:
             raise IppError(502, "the enumeration is empty")
         if outside:
@@ -151,19 +151,19 @@ class Machine:
             )
 
     def _enum_prop(self, args: Args, *, deep: bool = False) -> Sequence[str]:
-        (one,) = args
-        if not isinstance(one, Property) or one.values:
-            raise IppError(509, f"{shown(one)}: expected an object such as Tool()")
-        _, path = self.tools.split(one.name)
-        found = tools.children(path, deep=deep)
-        return [f"{quoted(name)},{quoted(kind)}" for name, kind in found]
+        (arg,) = args
+        if not isinstance(arg, Property) or arg.values:
+            raise IppError(509, f"{shown(arg)}: expected an object such as Tool()")
+        _, path = self.tools.split(arg.name)
+        objects = tools.children(path, deep=deep)
+        return [f"{quoted(name)},{quoted(kind)}" for name, kind in objects]
 
     def _enum_tools(self, _: Args) -> Sequence[str]:
         return [quoted(name) for name in self.tools.names]
 
     def _find_tool(self, args: Args) -> None:
-        self.tools.found = tools.UNDEFINED
-        self.tools.found = self.tools.require(args[0])
+        self.tools.found_tool = tools.UNDEFINED
+        self.tools.found_tool = self.tools.require(args[0])
 
     def _get_system(self, _: Args) -> Sequence[str]:
         return (f"CoordSystem({self.systems.selected})",)
@@ -199,23 +199,23 @@ class Machine:
     """What each does, and how many arguments it takes; None: several."""
 
 
-def shown(argument: Argument) -> str:
+def shown(arg: Argument) -> str:
     """An argument as it is written."""
-    match argument:
+    match arg:
         case Property():
-            return property_text(argument.name, *argument.values)
+            return property_text(arg.name, *arg.values)
         case Word():
-            return argument.name
+            return arg.name
         case str():
-            return quoted(argument)
-    return number(argument)
+            return quoted(arg)
+    return number(arg)
 
 
-def word(argument: Argument) -> str:
+def word(arg: Argument) -> str:
     """A name without quotes; raises IppError."""
-    if not isinstance(argument, Word):
-        raise IppError(509, f"{shown(argument)}: expected a name without quotes")
-    return argument.name
+    if not isinstance(arg, Word):
+        raise IppError(509, f"{shown(arg)}: expected a name without quotes")
+    return arg.name
 
 
 def _out_of_material(point: Point) -> tuple[float, float, float]:

@@ -170,8 +170,8 @@ class IppServer:
 
 
 async def _each(feed: AsyncIterable[T], take: Callable[[T], Awaitable[None]]) -> None:
-    async for one in feed:
-        await take(one)
+    async for item in feed:
+        await take(item)
 
 
 def _keep_alive(sock: socket.socket) -> None:

@@ -155,7 +155,7 @@ class Session:
             return
         self._send(f"{command.tag} &")
         busy = self._unfinished()
-        if any(command.tag == one.tag for one in busy):
+        if any(command.tag == other.tag for other in busy):
             self._fail(command, IppError(1, f"{command.tag} is in use"))
         elif len(busy) > MAX_PENDING:
             self._fail(command, IppError(0, f"{MAX_PENDING} commands wait already"))
@@ -302,8 +302,8 @@ class Session:
         return work(self, command)
 
     def _done(self, command: Command, data: Lines) -> None:
-        for one in data:
-            self._send(f"{command.tag} # {one}")
+        for line in data:
+            self._send(f"{command.tag} # {line}")
         self._close(command)
 
     def _close(self, command: Command) -> None:
@@ -364,7 +364,7 @@ class Session:
         self._in_session = self._is_locked = self._user = False
         self._reported: tuple[str, ...] = AXES
         self._moves: MoveReport | None = None
-        self._tools.found = tools.UNDEFINED
+        self._tools.found_tool = tools.UNDEFINED
         self._sent_ids.clear()
         self._details.clear()
 
@@ -442,10 +442,10 @@ class Session:
         self._in_session = True
 
     def _stop_daemon(self, command: Command) -> None:
-        there = None if self._moves is None else Word(self._moves.tag)
-        if command.args and command.args[0] != there:
+        running = None if self._moves is None else Word(self._moves.tag)
+        if command.args and command.args[0] != running:
             raise IppError(513, shown(command.args[0]))
-        if there is None:
+        if running is None:
             raise IppError(512, "there is none")
         self._moves = None
 
@@ -493,13 +493,16 @@ class Session:
             raise IppError(515, f"{self._moves.tag}: stop it first")
         limits: dict[str, float] = {}
         rest: list[Argument] = []
-        for one in command.args:
-            if not isinstance(one, Property) or one.name not in ("Time", "Dis"):
-                rest.append(one)
-            elif len(one.values) != 1 or one.name in limits or one.values[0] < 0.0:
-                raise IppError(509, f"{shown(one)}: expected one number above 0, once")
+        for arg in command.args:
+            if not isinstance(arg, Property) or arg.name not in (
+                "Time",
+                "Dis",
+            ):
+                rest.append(arg)
+            elif len(arg.values) != 1 or arg.name in limits or arg.values[0] < 0.0:
+                raise IppError(509, f"{shown(arg)}: expected one number above 0, once")
             else:
-                limits[one.name] = one.values[0]
+                limits[arg.name] = arg.values[0]
         if not limits:
             raise IppError(502, "Time or Dis is missing")
         names = self.machine.enumerated(rest)
@@ -517,16 +520,16 @@ class Session:
     def _pt_meas(self, command: Command) -> Lines:
         """Wait for the operator's touch near the target."""
         given: dict[str, tuple[float, ...]] = {}
-        for one in command.args:
+        for arg in command.args:
             if (
-                not isinstance(one, Property)
-                or one.name in given
-                or len(one.values) != N_NUMBERS.get(one.name)
+                not isinstance(arg, Property)
+                or arg.name in given
+                or len(arg.values) != N_NUMBERS.get(arg.name)
             ):
                 raise IppError(
-                    509, f"{shown(one)}: expected X(x), Y(y), Z(z), IJK(i,j,k)"
+                    509, f"{shown(arg)}: expected X(x), Y(y), Z(z), IJK(i,j,k)"
                 )
-            given[one.name] = one.values
+            given[arg.name] = arg.values
         if given.keys() <= {"IJK"}:
             raise IppError(509, "X, Y or Z is missing")
         if not any(given.get("IJK", (1.0,))):

@@ -35,14 +35,14 @@ class Tools:
 
     Attributes:
         active: the name of the active tool.
-        found: what `FindTool` has found.
+        found_tool: what `FindTool` has found.
         radii_mm: radii of balls by tool, as far as they are known.
         library: names of the probes of the library.
     """
 
     def __init__(self, radii_mm: Mapping[str, float]) -> None:
         self.active = OWN
-        self.found = UNDEFINED
+        self.found_tool = UNDEFINED
         self.radii_mm = {**radii_mm, NONE: 0.0}
         self.library: Sequence[str] = ()
         self._actual: dict[str, float] = {}
@@ -71,9 +71,9 @@ class Tools:
         first, _, rest = path.partition(".")
         if first == "FoundTool":
             # Asked for its name, it says that there is none.
-            if self.found == UNDEFINED and rest != "Name":
+            if self.found_tool == UNDEFINED and rest != "Name":
                 raise IppError(1503, "FindTool has found none")
-            return self.found, rest
+            return self.found_tool, rest
         return self.active, rest if first == "Tool" else path
 
     def parameter(self, tool: str, path: str) -> float:

@@ -119,12 +119,14 @@ class Block:
     def temperatures_c(self, joints: slice) -> Floats:
         """Temperatures of some joints, else of the arm, (n_chosen, n_samples)."""
         if self.joint_temperatures_c is None:
-            one = self.row("temperature_c")
-            return np.broadcast_to(one, (len(range(self.n_joints)[joints]), len(one)))
-        own = self.rows("joint_temperatures_c", joints)
+            arm_c = self.row("temperature_c")
+            return np.broadcast_to(
+                arm_c, (len(range(self.n_joints)[joints]), len(arm_c))
+            )
+        joints_c = self.rows("joint_temperatures_c", joints)
         if self.temperature_c is None:
-            return own
-        return np.where(np.isnan(own), self.temperature_c, own)
+            return joints_c
+        return np.where(np.isnan(joints_c), self.temperature_c, joints_c)
 
     def is_known(self, covariate: Covariate) -> bool:
         """Whether a quantity is known for every sample, on every joint with it."""
@@ -149,12 +151,12 @@ class Block:
 
     def _column(self, need: Need) -> NDArray[Any] | None:
         """Return the quantity of a need, (n_samples,)."""
-        at = slice(None) if need.joint is None else slice(need.joint, need.joint + 1)
+        rows = slice(None) if need.joint is None else slice(need.joint, need.joint + 1)
         if need.covariate is Covariate.TEMPERATURE:
             if need.joint is None or self.joint_temperatures_c is None:
                 return self.temperature_c
-            found: NDArray[Any] = self.temperatures_c(at)[0]
-            return found
+            temperature_c: NDArray[Any] = self.temperatures_c(rows)[0]
+            return temperature_c
         name = COLUMNS[need.covariate]
         column: NDArray[Any] | None = getattr(self, name)
         if column is None or need.joint is None:

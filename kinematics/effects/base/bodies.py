@@ -45,13 +45,17 @@ class Bodies:
         Its own mass at its centre, and all that is beyond at its end, (n_joints, 3).
         """
         links_mm = geometry.links_mm
-        own = np.where(np.isnan(self.centres_mm), 0.5 * links_mm, self.centres_mm)
+        centres_mm = np.where(
+            np.isnan(self.centres_mm), 0.5 * links_mm, self.centres_mm
+        )
         ends_mm = links_mm.copy()
         ends_mm[-1] += geometry.probe_vector_mm
         masses_kg = np.nan_to_num(self.masses_kg)
         hung_kg = np.append(masses_kg[1:], np.nan_to_num(self.probe_mass_kg))
         beyond_kg = np.cumsum(hung_kg[::-1])[::-1]
-        return masses_kg[:, np.newaxis] * own + beyond_kg[:, np.newaxis] * ends_mm
+        return (
+            masses_kg[:, np.newaxis] * centres_mm + beyond_kg[:, np.newaxis] * ends_mm
+        )
 
 
 def bodies_from_arm(arm: "Arm") -> Bodies:

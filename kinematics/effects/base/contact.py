@@ -68,7 +68,7 @@ def contact_seen(geometry: Geometry, block: Block, rotations: Floats) -> Contact
 def _directions(block: Block) -> Floats:
     if block.directions is None:
         return np.zeros((3, len(block)))
-    found = np.ascontiguousarray(block.directions.T)
-    lengths = np.sqrt(dot(found, found))
+    directions = np.ascontiguousarray(block.directions.T)
+    lengths = np.sqrt(dot(directions, directions))
     is_known = lengths > 0.0  # not where NaN either
-    return np.where(is_known, found / np.where(is_known, lengths, 1.0), 0.0)
+    return np.where(is_known, directions / np.where(is_known, lengths, 1.0), 0.0)

@@ -83,7 +83,11 @@ class Correction(ABC):
         """Take what a class has besides, from the entry or the arm, by name."""
         about = {"reference_temperature_c": setting.reference_temperature_c}
         known = {**about, **effect.values}
-        return {one.name: known[one.name] for one in fields(cls) if one.name in known}
+        return {
+            field.name: known[field.name]
+            for field in fields(cls)
+            if field.name in known
+        }
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -137,11 +141,11 @@ class Correction(ABC):
     @property
     def keys(self) -> dict[str, Any]:
         """The values under the keys of the arm file, arrays as tuples."""
-        found: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         for parameter, value in zip(self.parameters, self.values, strict=True):
             key, dot, _ = parameter.partition(".")
-            found[key] = (*found.get(key, ()), value) if dot else value
-        return found
+            values[key] = (*values.get(key, ()), value) if dot else value
+        return values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

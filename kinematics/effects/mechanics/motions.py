@@ -39,11 +39,11 @@ class AxisMotion(BodyCorrection):
         """Across the axis, (6, 4), or along it, (6, 2)."""
         axis = geometry.axes[self.joints.start]
         if "axial" in self.variety:
-            one = axis[:, np.newaxis]
+            directions = axis[:, np.newaxis]
         else:
             first, second = across(axis)
-            one = np.stack([first, second], axis=1)
-        return np.kron(np.eye(2), one)
+            directions = np.stack([first, second], axis=1)
+        return np.kron(np.eye(2), directions)
 
     def unit_amounts(self, posture: Posture) -> Floats:
         """Waves in each component, (6, 3, 1, n_samples)."""

@@ -89,9 +89,9 @@ class Empirical(ReadingCorrection):
 
     def flags(self, block: Block) -> Iterator[tuple[FlagName, Booleans]]:
         """Flag all, and what is beyond the outer knots."""
-        at = self._at(block)
+        readings = self._at(block)
         yield "empirical", np.ones(len(block), dtype=np.bool_)
-        yield "beyond_knots", (at < self.knots[0]) | (at > self.knots[-1])
+        yield "beyond_knots", (readings < self.knots[0]) | (readings > self.knots[-1])
 
     def unit_amounts(self, geometry: Geometry, block: Block) -> Floats:
         """The unit splines, (n_knots, 1, n_samples)."""

@@ -15,18 +15,18 @@ import numpy as np
 from traverse.arrays import Floats
 
 
-def spline_amounts(knots: tuple[float, ...], at: Floats) -> Floats:
+def spline_amounts(knots: tuple[float, ...], readings: Floats) -> Floats:
     """Compute what each value contributes.
 
     Args:
         knots: Increasing, at least 2.
-        at: Where, (n,); beyond the outer knots the value there is held.
+        readings: (n,); beyond the outer knots the value there is held.
 
     Returns:
         (n_knots, n).
     """
     places, steps, curvatures = _tables(knots)
-    held = np.minimum(np.maximum(at, places[0]), places[-1])
+    held = np.minimum(np.maximum(readings, places[0]), places[-1])
     # The outer knots are left out: what is held there belongs to its neighbour.
     left = np.searchsorted(places[1:-1], held, side="right")
     step = steps[left]
@@ -51,7 +51,7 @@ def spline_numbers(
 
 
 def straight_on(
-    knots: tuple[float, ...], values: tuple[float, ...], at: Floats
+    knots: tuple[float, ...], values: tuple[float, ...], readings: Floats
 ) -> Floats:
     """How far the straight lines on from the outer knots are from the held values.
 
@@ -61,7 +61,7 @@ def straight_on(
     Args:
         knots: Increasing, at least 2.
         values: At the knots.
-        at: Where, (n,).
+        readings: (n,).
 
     Returns:
         In the unit of the values, (n,); 0 between the knots.
@@ -70,8 +70,8 @@ def straight_on(
     slopes, bows = np.diff(values) / steps, np.array(values) @ curvatures
     first = slopes[0] - steps[0] * bows[1] / 6.0
     last = slopes[-1] + steps[-1] * bows[-2] / 6.0
-    away: Floats = first * np.minimum(at - places[0], 0.0)
-    away += last * np.maximum(at - places[-1], 0.0)
+    away: Floats = first * np.minimum(readings - places[0], 0.0)
+    away += last * np.maximum(readings - places[-1], 0.0)
     return away
 
 

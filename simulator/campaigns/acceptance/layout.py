@@ -151,11 +151,11 @@ def layout_of(
 
 def cap_pattern(rings: tuple[tuple[int, float], ...]) -> Floats:
     """Unit vectors (n, 3): so many at such an angle (degrees) from the third axis."""
-    found = []
+    directions = []
     for index, (number, angle_deg) in enumerate(rings):
         around = 2.0 * np.pi * (np.arange(number) + 0.5 * (index % 2)) / number
         off = np.deg2rad(angle_deg)
-        found.append(
+        directions.append(
             np.column_stack(
                 [
                     np.sin(off) * np.cos(around),
@@ -164,7 +164,7 @@ def cap_pattern(rings: tuple[tuple[int, float], ...]) -> Floats:
                 ]
             )
         )
-    return np.concatenate(found)
+    return np.concatenate(directions)
 
 
 PATTERN_25 = cap_pattern(((1, 0.0), (4, 22.5), (8, 45.0), (4, 67.5), (8, 90.0)))
@@ -267,11 +267,11 @@ def _ball_bar(name: str, length_mm: float, std_mm: float) -> BallBar:
 def _bar(bar: BallBar, way: Floats, repeats: int, ball_mm: float) -> PlacedStandard:
     # Both balls alike, from the side: about an axis across the bar.
     outwards = _about(np.array([1.0, 0.0, 0.0]), PATTERN_5)
-    own, towards, features = [], [], []
+    centres, towards, features = [], [], []
     for _ in range(repeats):
         for feature, end in (("1", -0.5), ("2", 0.5)):
             centre_mm = np.array([0.0, 0.0, end * bar.distance_mm])
-            own.append(centre_mm + (RADIUS_MM + ball_mm) * outwards)
+            centres.append(centre_mm + (RADIUS_MM + ball_mm) * outwards)
             towards.append(-outwards)
             features += [feature] * PER_BALL
     none = np.full((len(features), 3), np.nan)
@@ -280,7 +280,7 @@ def _bar(bar: BallBar, way: Floats, repeats: int, ball_mm: float) -> PlacedStand
         way / np.linalg.norm(way),
         (0.0, 0.75),
         tuple(features),
-        np.concatenate(own),
+        np.concatenate(centres),
         np.concatenate(towards),
         none,
     )

@@ -171,8 +171,10 @@ def _aligned(
     n = len(centres_mm)
     many = np.repeat(centres_mm, N_POSTURES, axis=0)
     turns_rad, reached = workspace.reaching(many, rng)
-    _, found = probe_pose(workspace.mechanism, turns_rad)
-    likeness = np.einsum("ni,ni->n", found, np.repeat(shanks, N_POSTURES, axis=0))
+    _, shanks_reached = probe_pose(workspace.mechanism, turns_rad)
+    likeness = np.einsum(
+        "ni,ni->n", shanks_reached, np.repeat(shanks, N_POSTURES, axis=0)
+    )
     likeness[~reached] = -2.0
     best = np.argmax(likeness.reshape(n, N_POSTURES), axis=1)
     chosen: Floats = turns_rad[np.arange(n) * N_POSTURES + best]

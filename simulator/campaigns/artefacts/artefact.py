@@ -30,9 +30,9 @@ class Placement:
         """Points (n, 3) of the artefact in the arm's system."""
         return own_mm @ self.rotation.T + self.position_mm
 
-    def directions(self, own: Floats) -> Floats:
+    def directions(self, directions: Floats) -> Floats:
         """Directions (n, 3) of the artefact in the arm's system."""
-        return own @ self.rotation.T
+        return directions @ self.rotation.T
 
 
 def drawn_rotation(rng: np.random.Generator) -> Floats:

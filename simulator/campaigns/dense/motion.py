@@ -172,7 +172,7 @@ class _Path:
         angles = np.sin(2.0 * np.pi * times_s / tilt_s + tilt)
         angles = 0.5 * self.opening_rad * (1.1 + 0.9 * angles)
         around = 2.0 * np.pi * times_s / turn_s + turn
-        own = np.stack(
+        outwards = np.stack(
             [
                 np.sin(angles) * np.cos(around),
                 np.sin(angles) * np.sin(around),
@@ -180,8 +180,8 @@ class _Path:
             ],
             axis=1,
         )
-        centres_mm = self.placement.points_mm(self.radius_mm * own)
-        return centres_mm, -self.inwards * self.placement.directions(own)
+        centres_mm = self.placement.points_mm(self.radius_mm * outwards)
+        return centres_mm, -self.inwards * self.placement.directions(outwards)
 
 
 def moved_between(start_rad: Floats, end_rad: Floats, n_samples: int) -> Floats:
@@ -195,12 +195,13 @@ def moved_between(start_rad: Floats, end_rad: Floats, n_samples: int) -> Floats:
 def _between(knots: Floats, places: Floats) -> Floats:
     """Cubic pieces through knots (n_knots, n_joints), at places in knots (n,)."""
     rates = np.gradient(knots, axis=0)
-    at = np.clip(places.astype(np.int64), 0, len(knots) - 2)
-    u = (places - at)[:, None]
-    first, second = knots[at], knots[at + 1]
+    index = np.clip(places.astype(np.int64), 0, len(knots) - 2)
+    u = (places - index)[:, None]
+    first, second = knots[index], knots[index + 1]
     rise = second - first
-    bend = rates[at] + rates[at + 1] - 2.0 * rise
+    bend = rates[index] + rates[index + 1] - 2.0 * rise
     turns: Floats = first + u * (
-        rates[at] + u * (3.0 * rise - 2.0 * rates[at] - rates[at + 1] + u * bend)
+        rates[index]
+        + u * (3.0 * rise - 2.0 * rates[index] - rates[index + 1] + u * bend)
     )
     return turns

@@ -100,8 +100,10 @@ def simulate_scan(arm: Arm, file: DenseFile, seed: int) -> DenseScan:
     return DenseScan(
         arm=arm,
         artefacts=tuple(
-            StatedArtefact(one.id, one.kind, one.stated(certificates, placement))
-            for one, placement in zip(file.artefacts, placements, strict=True)
+            StatedArtefact(
+                placed.id, placed.kind, placed.stated(certificates, placement)
+            )
+            for placed, placement in zip(file.artefacts, placements, strict=True)
         ),
         file=file,
         start_utc=file.conditions.start_utc or START,

@@ -280,7 +280,7 @@ def _objects(data: EncoderData) -> ObjectDictionary:
     """Its objects, as they are delivered."""
     identity = enumerate(data.identity, 1)
     kind = 2 if data.turns > 1 else 1
-    found = ObjectDictionary()  # type: ignore[no-untyped-call]  # the library's
+    dictionary = ObjectDictionary()  # type: ignore[no-untyped-call]  # the library's
     for index, n_bytes, access, value in (
         (0x1000, 4, "ro", kind << 16 | 0x0196),
         (0x1001, 1, "ro", 0),
@@ -303,7 +303,7 @@ def _objects(data: EncoderData) -> ObjectDictionary:
         (0x6509, 4, "ro", 0),
         (0x650B, 4, "ro", data.serial),
     ):
-        found.add_object(_variable(index, 0, n_bytes, access, value))
+        dictionary.add_object(_variable(index, 0, n_bytes, access, value))
     cob_id = 0x180 + data.number
     for index, entries in (
         *((index, ((0, 1, "ro", 1), (1, 4, "rw", 1))) for index in (0x1010, 0x1011)),
@@ -317,12 +317,12 @@ def _objects(data: EncoderData) -> ObjectDictionary:
         record = ODRecord(f"{index:04X}", index)
         for sub, n_bytes, access, value in entries:
             record.add_member(_variable(index, sub, n_bytes, access, value))
-        found.add_object(record)
+        dictionary.add_object(record)
     name = ODVariable("1008", 0x1008)
     name.data_type, name.access_type = datatypes.VISIBLE_STRING, "ro"
     name.default = "simulated encoder"  # type: ignore[assignment]  # a string's is one
-    found.add_object(name)
-    return found
+    dictionary.add_object(name)
+    return dictionary
 
 
 def _variable(

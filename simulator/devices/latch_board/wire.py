@@ -58,15 +58,15 @@ def frame(body: bytes) -> bytes:
 def body_of(segment: bytes) -> bytes | None:
     """The body of the bytes between two delimiters; None if it is broken."""
     body = bytearray()
-    at = 0
-    while at < len(segment):
-        following = at + segment[at]
+    offset = 0
+    while offset < len(segment):
+        following = offset + segment[offset]
         if following > len(segment):
             return None
-        body += segment[at + 1 : following]
+        body += segment[offset + 1 : following]
         if following < len(segment):
             body.append(0)
-        at = following
+        offset = following
     if len(body) < 3:
         return None
     crc = binascii.crc_hqx(bytes(body[:-2]), 0xFFFF)
@@ -172,7 +172,9 @@ def samples(
     block["seq"], block["ticks"] = seqs, ticks
     block["counts"], block["status"] = counts, status
     size, bodies = layout.itemsize, block.tobytes()
-    return [frame(bodies[at : at + size]) for at in range(0, len(bodies), size)]
+    return [
+        frame(bodies[start : start + size]) for start in range(0, len(bodies), size)
+    ]
 
 
 def edge(
