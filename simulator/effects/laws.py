@@ -87,14 +87,14 @@ def curved_error(entry: EffectEntry, seen: JointState) -> Floats:
         "time_s": seen.around.time_s,
         "force_n": seen.around.force_n,
     }
-    covariate = columns.get(column, seen.around.temperature_c)
+    values = columns.get(column, seen.around.temperature_c)
     knots, values_rad = entry.array("knots"), entry.array("values_rad")
     slopes = natural_slopes(entry.values["knots"], entry.values["values_rad"])
-    covariate = np.clip(covariate, knots[0], knots[-1])
-    left = np.searchsorted(knots, covariate, side="right") - 1
+    values = np.clip(values, knots[0], knots[-1])
+    left = np.searchsorted(knots, values, side="right") - 1
     left = np.clip(left, 0, len(knots) - 2)
     width = np.diff(knots)[left]
-    u = (covariate - knots[left]) / width
+    u = (values - knots[left]) / width
     rise = values_rad[left + 1] - values_rad[left]
     first, last = slopes[left] * width, slopes[left + 1] * width
     curve = values_rad[left] + u * (
