@@ -5,12 +5,13 @@ w = |x - c| - R (1 + growth) - r outside, + r inside
 Starting values and distances serve ball bars too.
 """
 
+import functools
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
 
-from traverse.arrays import Floats
+from traverse.arrays import Floats, Integers
 from traverse.lab.artefacts.artefact import (
     REFERENCE_TEMPERATURE_C,
     Artefact,
@@ -24,6 +25,8 @@ from traverse.lab.artefacts.artefact import (
 PLACE_SCALE_MM = 1000.0
 RADIUS_SCALE_MM = 1000.0
 _STEPS = 20
+# Steps end below this part of the extent: a starting value needs no more.
+_SETTLED = 1e-9
 _FAR = 0.5  # of the radius: such a centre is on no such sphere
 _FEW, _TRIES, _SEED = 4, 40, 1
 # Below this part of its largest, a singular value of the cloud is flatness.
@@ -66,21 +69,39 @@ def start_centre(centres_mm: Floats, radius_mm: float | None) -> tuple[Floats, f
     extent_mm = max(float(np.linalg.norm(local_mm, axis=1).max()), 1.0)
     local = local_mm / extent_mm
     known = None if radius_mm is None else radius_mm / extent_mm
-    centre, radius = polished(local, *_direct(local, known), is_known=known is not None)
+    is_known = known is not None
+    (centre,), (radius,) = _direct(local[np.newaxis], known)
+    centre, radius = polished(local, centre, float(radius), is_known=is_known)
     if np.max(_off(local, centre, radius)) > _FAR * radius and len(local) > _FEW:
-        rng = np.random.default_rng(_SEED)
-        fours = [rng.choice(len(local), _FEW, replace=False) for _ in range(_TRIES)]
-        starts = [(centre, radius), *(_direct(local[four], known) for four in fours)]
-        best = min(starts, key=lambda one: float(np.median(_off(local, *one))))
-        centre, radius = polished(local, *best, is_known=known is not None)
+        centres, radii = _direct(local[_fours(len(local))], known)
+        centres, radii = np.vstack([centre, centres]), np.append(radius, radii)
+        best = np.argmin(np.median(_off(local, centres, radii), axis=-1))
+        start = centres[best], float(radii[best])
+        centre, radius = polished(local, *start, is_known=is_known)
     return mean_mm + centre * extent_mm, radius * extent_mm
 
 
-def _direct(local: Floats, known: float | None) -> tuple[Floats, float]:
-    centre, radius = _algebraic(local)
+@functools.lru_cache(maxsize=64)
+def _fours(n: int) -> Integers:
+    """Draw the rows of four centres out of n, (tries, 4): the same ones each time."""
+    rng = np.random.default_rng(_SEED)
+    return np.array([rng.choice(n, _FEW, replace=False) for _ in range(_TRIES)])
+
+
+def _direct(clouds: Floats, known: float | None) -> tuple[Floats, Floats]:
+    """Fit one sphere to each cloud, algebraically, and at a known radius if any.
+
+    Args:
+        clouds: Of ball centres, (n_clouds, n_centres, 3).
+        known: Radius.
+
+    Returns:
+        Centres (n_clouds, 3) and radii (n_clouds,).
+    """
+    centres, radii = _algebraic(clouds)
     if known is None:
-        return centre, radius
-    return _at_known_radius(local, centre, known), known
+        return centres, radii
+    return _at_known_radius(clouds, centres, known), np.full(len(clouds), known)
 
 
 def polished(
@@ -110,36 +131,44 @@ def polished(
         step = np.linalg.lstsq(design, -weights * residuals, rcond=FLAT)[0]
         centre = centre + step[:3]
         radius += float(step[3:].sum())
-        if np.max(np.abs(step)) < 1e-9:
+        if np.max(np.abs(step)) < _SETTLED:
             break
     return centre, radius
 
 
-def _off(local: Floats, centre: Floats, radius: float) -> Floats:
-    return np.abs(distances(local, centre)[0] - radius)
+def _off(local: Floats, centre: Floats, radius: Floats | float) -> Floats:
+    """Compute distances from spheres: (..., n_centres) of centres (..., 3)."""
+    away = np.linalg.norm(local - centre[..., np.newaxis, :], axis=-1)
+    return np.abs(away - np.asarray(radius)[..., np.newaxis])
 
 
-def _algebraic(local: Floats) -> tuple[Floats, float]:
-    design = np.column_stack([2.0 * local, np.ones(len(local))])
-    squares = np.einsum("ij,ij->i", local, local)
-    solution = np.linalg.lstsq(design, squares, rcond=FLAT)[0]
-    centre: Floats = solution[:3]
-    return centre, float(np.sqrt(max(float(solution[3] + centre @ centre), 1e-12)))
+def _algebraic(clouds: Floats) -> tuple[Floats, Floats]:
+    design = np.concatenate([2.0 * clouds, np.ones((*clouds.shape[:-1], 1))], axis=-1)
+    squares = np.einsum("...ij,...ij->...i", clouds, clouds)
+    # Least squares of all clouds at once; a flat one has its shortest solution.
+    solutions = np.einsum(
+        "...ij,...j->...i", np.linalg.pinv(design, rcond=FLAT), squares
+    )
+    centres = solutions[..., :3]
+    radii_2 = solutions[..., 3] + np.einsum("...i,...i->...", centres, centres)
+    return centres, np.sqrt(np.maximum(radii_2, 1e-12))
 
 
-def _at_known_radius(local: Floats, centre: Floats, radius: float) -> Floats:
-    """Choose the side of a nearly flat patch on which the centre may lie.
+def _at_known_radius(clouds: Floats, centres: Floats, radius: float) -> Floats:
+    """Choose the side of nearly flat patches on which their centres may lie.
 
-    Along the normal of the patch the algebraic centre is weak: it is replaced by
+    Along the normal of a patch the algebraic centre is weak: it is replaced by
     the one at the known radius from the middle, on the same side.
     """
-    normal = np.linalg.eigh(local.T @ local)[1][:, 0]
-    height = float(centre @ normal)
-    across = centre - height * normal
-    sagitta = np.sqrt(max(radius**2 - float(across @ across), 0.0))
-    chosen: Floats = across + np.copysign(sagitta, height) * normal
-    before, after = _off(local, centre, radius), _off(local, chosen, radius)
-    return chosen if np.median(after) < np.median(before) else centre
+    normals = np.linalg.eigh(np.swapaxes(clouds, -1, -2) @ clouds)[1][..., 0]
+    heights = np.einsum("...i,...i->...", centres, normals)
+    across = centres - heights[..., np.newaxis] * normals
+    squares = np.einsum("...i,...i->...", across, across)
+    sagittas = np.copysign(np.sqrt(np.maximum(radius**2 - squares, 0.0)), heights)
+    chosen = across + sagittas[..., np.newaxis] * normals
+    before, after = _off(clouds, centres, radius), _off(clouds, chosen, radius)
+    is_nearer = np.median(after, axis=-1) < np.median(before, axis=-1)
+    return np.where(is_nearer[..., np.newaxis], chosen, centres)
 
 
 class Sphere(Artefact):

@@ -68,6 +68,11 @@ def with_tools_fitted(
 # Signs are tried where the design fits worse than this; at most so many are wrong.
 _LEAST_WRONG_MM = 2.0
 _MOST_SIGNS = 3
+# An arm near its design: iterations to find it, what is left of its misfit, and how
+# many plausible deviations a parameter may be off.
+_FEW_ITERATIONS = 6
+_EXPLAINED = 0.1
+_PLAUSIBLE = 8.0
 # Random starts of other zeros, and the best of them that are adjusted: of a design, and
 # of one with a sign reversed.
 _STARTS = (60, 20)
@@ -114,6 +119,8 @@ def coarse_start(
     before_mm = min(before_mm, _median_mm(network, fitted))
     # Effects and what a family expects are stated in the sense that a joint has.
     may_turn = parameters.effects is None and parameters.expected is None
+    if may_turn and _is_near(network, parameters, design, before_mm):
+        return CoarseStart(design, design, ())
     if may_turn and (chosen := _signs(network, design, before_mm)):
         turned = reversed_joints(design, chosen)
         return CoarseStart(turned, turned, chosen)
@@ -139,6 +146,23 @@ def coarse_start(
     if found_mm * _GAIN > before_mm:
         return CoarseStart(design, design, ())
     return CoarseStart(design, found.arm, ())
+
+
+def _is_near(
+    network: Network, parameters: Parameters, design: ArmValues, before_mm: float
+) -> bool:
+    """Return whether a plausible arm near a design explains the misfit.
+
+    Then its signs are right: to try all of them takes most of the time of an
+    identification. Of a joint that hardly turned another sign looks like a small
+    change of the arm, but like an implausible one where it would be seen.
+    """
+    whole = replace(network, parameters=parameters)
+    start = start_state(whole, design)
+    state = adjust(whole, start, design, None, _FEW_ITERATIONS).state
+    changes = parameters.coordinates(design, state.arm) / parameters.tolerances
+    is_plausible = np.max(np.abs(changes), initial=0.0) < _PLAUSIBLE
+    return bool(is_plausible and _median_mm(whole, state) < _EXPLAINED * before_mm)
 
 
 def _signs(network: Network, design: ArmValues, before_mm: float) -> tuple[int, ...]:
