@@ -119,11 +119,12 @@ def coarse_start(
     before_mm = min(before_mm, _median_mm(network, fitted))
     # Effects and what a family expects are stated in the sense that a joint has.
     may_turn = parameters.effects is None and parameters.expected is None
-    if may_turn and _is_near(network, parameters, design, before_mm):
-        return CoarseStart(design, design, ())
-    if may_turn and (chosen := _signs(network, design, before_mm)):
-        turned = reversed_joints(design, chosen)
-        return CoarseStart(turned, turned, chosen)
+    if may_turn:
+        is_near = _is_near(network, parameters, design, before_mm)
+        chosen = () if is_near else _signs(network, design, before_mm)
+        if is_near or chosen:
+            turned = reversed_joints(design, chosen)
+            return CoarseStart(turned, turned, chosen)
     n_joints = len(campaign.joint_names)
     of_zeros = slice(4 * n_joints + 6, 5 * n_joints + 6)
     zeros = np.zeros_like(parameters.free)
