@@ -130,13 +130,13 @@ def _read_campaign(path: Path) -> object:
     """Read a campaign with whatever joints its poses have."""
     from traverse.lab.campaign.campaign import read_campaign
     from traverse.lab.campaign.campaign_file import read_campaign_file
-    from traverse.lab.campaign.csv_rows import csv_rows
+    from traverse.tables.reading import open_table
 
     poses = path.parent / read_campaign_file(path).poses
     joints: list[str] = []
     # Its reader below reports what is wrong with it.
-    with contextlib.suppress(FileError), csv_rows(poses, "poses") as (header, _):
-        joints = [c.removesuffix("_rad") for c in header if c.endswith("_rad")]
+    with contextlib.suppress(FileError), open_table(poses) as table:
+        joints = [c.removesuffix("_rad") for c in table.header if c.endswith("_rad")]
     return read_campaign(path.parent, joints, several_tools=True, orientations=True)
 
 

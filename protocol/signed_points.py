@@ -7,7 +7,6 @@ session, of the first one the SHA-256 of the session's name. The signature is Ed
 breaks the chain; not so the last points of a session that are missing.
 """
 
-import csv
 import hashlib
 from base64 import b64decode
 from collections import OrderedDict
@@ -137,7 +136,7 @@ def points_of_lines(lines: Iterable[str]) -> Iterator[Point | str]:
             line = next(rows)
         except StopIteration:
             return
-        except (UnicodeDecodeError, csv.Error) as error:
+        except ValueError as error:
             yield f"cannot be read from line {number} on, or near it: {error}"
             return
         try:

@@ -4,7 +4,6 @@ A device such as /dev/zero never ends and a FIFO waits for ever: both are refuse
 cannot be read leaves as OSError with a reason, as the system's own refusals do.
 """
 
-import csv
 import errno
 import io
 import json
@@ -16,7 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, TextIO
 
 MOST_BYTES = 64 * 2**20  # of a file that is read whole; recordings and tables are not
-MOST_LINE = 2**20  # characters of a line of a table
+MOST_LINE = 2**20  # characters of a line
 
 
 def open_regular(path: Path) -> BinaryIO:
@@ -83,12 +82,12 @@ def json_of(path: Path) -> Any:  # noqa: ANN401 - whatever the file holds
 
 
 @contextmanager
-def table_lines(path: Path) -> Iterator[Iterator[str]]:
-    """Lines of a table in UTF-8, for `csv`, each of at most `MOST_LINE` characters.
+def text_lines(path: Path) -> Iterator[Iterator[str]]:
+    """Lines of a file in UTF-8, each of at most `MOST_LINE` characters.
 
     Raises:
         OSError: It cannot be read, or is not a regular file.
-        csv.Error: While it is read: a line is longer.
+        ValueError: While it is read: a line is longer.
     """
     with io.TextIOWrapper(open_regular(path), encoding="utf-8-sig", newline="") as file:
         yield _bounded(file)
@@ -97,5 +96,5 @@ def table_lines(path: Path) -> Iterator[Iterator[str]]:
 def _bounded(file: TextIO) -> Iterator[str]:
     while line := file.readline(MOST_LINE + 1):
         if len(line) > MOST_LINE:
-            raise csv.Error(f"a line has more than {MOST_LINE} characters")
+            raise ValueError(f"a line has more than {MOST_LINE} characters")
         yield line

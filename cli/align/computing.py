@@ -44,6 +44,7 @@ from traverse.lab.report.provenance import (
     report_provenance,
 )
 from traverse.strict_toml.problems import FileError
+from traverse.tables.dialect import SUFFIXES
 
 
 def compute_alignment(
@@ -184,7 +185,7 @@ def _touches(
     """
     if source.is_dir():
         return _of_campaign(source, options, arm)
-    if source.suffix == ".csv":
+    if source.suffix.lower() in SUFFIXES:  # Excel's Unicode text is .txt
         return read_touch_table(source, options.coordinates), []
     points = standing(list(points_of(source)))
     if not points:

@@ -20,7 +20,7 @@ from traverse.cli.common.refusals import (
 )
 from traverse.cli.control import send_command
 from traverse.plurals import counted
-from traverse.strict_toml.files import table_lines, text_of
+from traverse.strict_toml.files import text_lines, text_of
 
 if TYPE_CHECKING:
     from sqlite3 import Connection
@@ -175,7 +175,7 @@ def verify(
     with refusals(ValueError), ExitStack() as stack:
         stored: Iterator[Point | str]
         if file is not None:
-            stored = points_of_lines(stack.enter_context(table_lines(file)))
+            stored = points_of_lines(stack.enter_context(text_lines(file)))
         else:
             connection = stack.enter_context(opened_outbox(outbox_of(db, config)))
             stored = (

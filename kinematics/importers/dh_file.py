@@ -5,9 +5,7 @@ command line and is refused if there is none. Errors are returned as pairs of th
 key and a message; the caller adds the place in the file.
 """
 
-import csv
 import math
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,9 +22,7 @@ from traverse.kinematics.importers.arm_values import (
 )
 from traverse.kinematics.importers.dh import Convention, DHTable
 from traverse.kinematics.importers.urdf import roll_pitch_yaw
-from traverse.plurals import counted
 from traverse.strict_toml.problems import (
-    FileError,
     Problem,
     number_in,
     shown,
@@ -35,6 +31,8 @@ from traverse.strict_toml.problems import (
     unknown_name_message,
 )
 from traverse.strict_toml.reader import StrictModel, parse_strict
+from traverse.tables.numbers import Unit, part_of_pi
+from traverse.tables.reading import Table, open_table
 
 _LENGTHS = {"mm": 1.0, "m": 1000.0}
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
@@ -46,13 +44,13 @@ _QUANTITIES = {
     "base": _ANGLES,
 }
 _REQUIRED = ("a", "d", "alpha")
+_FILLED = ("a_mm", "d_mm", "alpha_rad")
 _PLAIN = ("name", "counts_per_turn", "sign", "source")
 _KNOWN = [
     *_PLAIN,
     *(f"{q}_{unit}" for q, units in _QUANTITIES.items() for unit in units),
 ]
 _INTEGERS = {"counts_per_turn": "an integer from 1 to 2^32", "sign": "1 or -1"}
-_PI = re.compile(r"([+-]?)(\d+(?:\.\d*)?)? ?\*? ?pi(?: ?/ ?(\d+(?:\.\d*)?))?")
 
 # In mm or rad: nothing of an arm is larger, and sums stay finite.
 _LARGEST = 1e9
@@ -117,14 +115,13 @@ def columns_of(keys: Iterable[str], units: Units) -> tuple[dict[str, Column], Wr
 
 
 def row_of(
-    values: Mapping[str, object], columns: Mapping[str, Column], *, as_text: bool
+    values: Mapping[str, object], columns: Mapping[str, Column]
 ) -> tuple[DHRow | None, Wrong]:
     """Take one row.
 
     Args:
-        values: Value of each key; empty text counts as absent.
+        values: Value of each key; one that is None counts as absent.
         columns: What the keys hold; other keys are passed over.
-        as_text: Numbers are still text, as in CSV.
 
     Returns:
         The row, nothing if anything is wrong; and all that is.
@@ -132,16 +129,14 @@ def row_of(
     fields: dict[str, object] = {}
     wrong: Wrong = []
     for key, column in columns.items():
-        value = values.get(key, "" if as_text else None)
-        if value == "" and as_text:
-            if column.field.partition("_")[0] in _REQUIRED:
-                wrong.append((key, "is empty; give a number"))
+        value = values.get(key)
+        if value is None:
             continue
         try:
-            fields[column.field] = _field_value(column, value, as_text=as_text)
+            fields[column.field] = _field_value(column, value)
         except ValueError as error:
             wrong.append((key, str(error)))
-    if wrong or any(f not in fields for f in ("a_mm", "d_mm", "alpha_rad")):
+    if wrong or any(field not in fields for field in _FILLED):
         return None, wrong
     return DHRow(**fields), wrong  # type: ignore[arg-type]  # checked field by field
 
@@ -167,28 +162,20 @@ def _column(key: str, units: Units) -> Column:
     return Column(f"{quantity}_{next(iter(factors))}", factors[unit])
 
 
-def _field_value(column: Column, value: object, *, as_text: bool) -> float | int | str:
+def _field_value(column: Column, value: object) -> float | int | str:
     if column.field in _INTEGERS:
-        text, number = str(value), value
-        if as_text:
-            is_integer = re.fullmatch(r"[+-]?\d{1,12}", text, re.ASCII)
-            number = int(text) if is_integer else None
         good = (1, -1) if column.field == "sign" else range(1, 2**32 + 1)
-        if (
-            isinstance(number, bool)
-            or not isinstance(number, int)
-            or number not in good
-        ):
+        if isinstance(value, bool) or not isinstance(value, int) or value not in good:
             raise ValueError(f"{shown(value)} is not {_INTEGERS[column.field]}")
-        return number
+        return value
     if column.factor == 0.0:
         if not isinstance(value, str):
             raise ValueError(f"{shown(value)} is not a string; put it in quotes")
         return value
-    quantity = _number(value, as_text=as_text)
+    quantity = number_in(value)
     is_angle = column.field.endswith("_rad")
     if quantity is None and column.factor == 1.0 and is_angle:
-        quantity = _part_of_pi(value)
+        quantity = part_of_pi(value) if isinstance(value, str) else None
     if quantity is not None and abs(quantity * column.factor) <= _LARGEST:
         return quantity * column.factor
     why = f"{shown(value)} is not a finite number"
@@ -198,25 +185,6 @@ def _field_value(column: Column, value: object, *, as_text: bool) -> float | int
         in_rad = column.factor == 1.0
         why += " or a part of pi such as -pi/2" if in_rad else " of degrees"
     raise ValueError(why)
-
-
-def _number(value: object, *, as_text: bool) -> float | None:
-    if not as_text:
-        return number_in(value)
-    try:
-        return number_in(float(str(value)))
-    except ValueError:
-        return None
-
-
-def _part_of_pi(value: object) -> float | None:
-    match = _PI.fullmatch(value) if isinstance(value, str) else None
-    if match is None:
-        return None
-    sign, factor, divisor = match.groups()
-    below = float(divisor or 1.0)
-    part = float(factor or 1.0) * math.pi
-    return None if below == 0.0 else (-part if sign == "-" else part) / below
 
 
 class Placement(StrictModel):
@@ -254,10 +222,10 @@ def read_dh_file(path: Path, units: Units) -> DHFile:
     Raises:
         FileError: With everything that is wrong, by line or key path.
     """
-    text = toml_text(path)
     if path.suffix.lower() == ".toml":
-        return _parse_toml(text, str(path), units)
-    return _parse_csv(text, str(path), units)
+        return _parse_toml(toml_text(path), str(path), units)
+    with open_table(path) as table:
+        return DHFile(_rows_of_table(table, units))
 
 
 def _parse_toml(text: str, source: str, units: Units) -> DHFile:
@@ -268,7 +236,7 @@ def _parse_toml(text: str, source: str, units: Units) -> DHFile:
             yield Problem("rows", "is empty; a table has a row for each joint")
         for index, values in enumerate(tables_in(raw.get("rows"))):
             columns, wrong_keys = columns_of(values, units)
-            row, wrong_values = row_of(values, columns, as_text=False)
+            row, wrong_values = row_of(values, columns)
             for key, message in wrong_keys + wrong_values:
                 yield Problem(f"rows[{index}].{key}", message)
             rows.extend([row] if row else [])
@@ -277,34 +245,50 @@ def _parse_toml(text: str, source: str, units: Units) -> DHFile:
     return DHFile(tuple(rows), said.convention, said.name, said.base, said.tool)
 
 
-def _parse_csv(text: str, source: str, units: Units) -> DHFile:
-    try:
-        lines = [
-            (number, [cell.strip() for cell in next(csv.reader([line]))])
-            for number, line in enumerate(text.removeprefix("\ufeff").split("\n"), 1)
-            if line.strip() and not line.lstrip().startswith("#")
-        ]
-    except csv.Error as error:
-        raise FileError(source, f"is not CSV: {error}") from error
-    if len(lines) < 2:
-        what = "holds no table: a header line and then a line for each joint"
-        raise FileError(source, what)
-    (number, keys), *body = lines
-    columns, wrong = columns_of(keys, units)
-    problems = [Problem(f"line {number}, column {k}", why) for k, why in wrong]
+def _rows_of_table(table: Table, units: Units) -> tuple[DHRow, ...]:
+    """Read the rows of a table in CSV.
+
+    Raises:
+        FileError: With everything that is wrong.
+    """
+    columns, wrong = columns_of(table.header, units)
+    for key, why in wrong:
+        table.refuse_header(why, key)
+    filled = [key for key, column in columns.items() if column.field in _FILLED]
     rows: list[DHRow] = []
-    for number, cells in body:
-        if len(cells) != len(keys):
-            what = f"has {counted(len(cells), 'cell')}; the header has {len(keys)}"
-            problems.append(Problem(f"line {number}", what))
-            continue
-        values = dict(zip(keys, cells, strict=True))
-        row, wrong = row_of(values, columns, as_text=True)
-        problems += [Problem(f"line {number}, column {k}", why) for k, why in wrong]
+    for line, cells in table.rows_by_name(filled):
+        for key in filled:
+            if not cells[key]:
+                table.refuse(line, "is empty; give a number", key)
+        values = {
+            key: _cell_value(table, line, key, column, cells[key])
+            for key, column in columns.items()
+            if cells[key]
+        }
+        row, wrong = row_of(values, columns)
+        for key, why in wrong:
+            table.refuse(line, why, key)
         rows.extend([row] if row else [])
-    if problems:
-        raise FileError(source, problems)
-    return DHFile(tuple(rows))
+    table.check()
+    if not rows:
+        table.refuse(0, "holds no table: a header line and then a line for each joint")
+        table.check()
+    return tuple(rows)
+
+
+def _cell_value(
+    table: Table, line: int, key: str, column: Column, cell: str
+) -> float | int | str | None:
+    """Read a cell; None where it is no number, which is refused."""
+    if column.field in _INTEGERS:
+        number = table.integer(line, cell)
+        return cell if number is None else number
+    if column.factor == 0.0:
+        return cell
+    unit: Unit = "other"
+    if column.field.endswith("_rad"):
+        unit = "rad" if column.factor == 1.0 else "deg"
+    return table.number(line, key, cell, unit)
 
 
 def dh_csv(table: DHTable, names: Sequence[str], base_rad: Sequence[float]) -> str:

@@ -3,7 +3,6 @@
 The touches of one name become a common point: one place with its covariance.
 """
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +18,7 @@ from traverse.kinematics.uncertainty.joint_covariance import (
 )
 from traverse.plurals import counted
 from traverse.protocol.messages import Point
-from traverse.strict_toml.files import table_lines
-from traverse.strict_toml.problems import LARGEST, FileError, Problem, shown
+from traverse.tables.reading import Table, open_table
 
 Coordinates = Literal["centre", "surface"]
 
@@ -116,85 +114,69 @@ def read_touch_table(path: Path, coordinates: Coordinates) -> list[Touch]:
     Raises:
         FileError: With all lines that cannot be used.
     """
-    try:
-        with table_lines(path) as file:
-            reader = csv.DictReader(file)
-            header = [name.strip() for name in reader.fieldnames or ()]
-            reader.fieldnames = header
-            rows = [(reader.line_num, row) for row in reader]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise FileError(path, f"is no table in CSV: {error}") from error
-    problems = [
-        Problem("line 1", f"column '{name}' is missing; add it")
-        for name in _PLACES[coordinates]
-        if name not in header
-    ]
-    if not {"name", "artefact", "feature"} & set(header):
-        problems.append(
-            Problem("line 1", "column 'name' is missing; add it, or artefact, feature")
-        )
-    touches = []
-    if not problems:
-        gone = {row.get("retracts") for _, row in rows} - {"", None}
-        for line, row in rows:
-            if row.get("retracts") or (row.get("id") and row["id"] in gone):
-                continue
-            try:
-                touches.append(_row_touch(row, coordinates))
-            except ValueError as error:
-                problems.append(Problem(f"line {line}", str(error)))
-    if problems:
-        raise FileError(path, problems)
-    return touches
+    with open_table(path) as table:
+        for name in _PLACES[coordinates]:
+            if name not in table.header:
+                table.refuse_header(f"column '{name}' is missing; add it")
+        if not {"name", "artefact", "feature"} & set(table.header):
+            what = "column 'name' is missing; add it, or artefact, feature"
+            table.refuse_header(what)
+        table.check()
+        rows = list(table.rows_by_name(_PLACES[coordinates]))
+        gone = {row.get("retracts", "") for _, row in rows} - {""}
+        touches = [
+            _row_touch(table, line, row, coordinates)
+            for line, row in rows
+            if not row.get("retracts") and row.get("id") not in gone
+        ]
+        table.check()
+    return [touch for touch in touches if touch is not None]
 
 
-def _row_touch(row: dict[str, str], coordinates: Coordinates) -> Touch:
-    if None in row or None in row.values():
-        raise ValueError("has not as many cells as the first line")
-    place_mm = _numbers(row, _PLACES[coordinates])
-    if place_mm is None:
-        raise ValueError(
-            "has no touched place: it was taken without compensation; use "
-            "--coordinates centre"
-            if coordinates == "surface"
-            else "has no coordinates"
+_NO_PLACE = {
+    "surface": "has no touched place: it was taken without compensation; use "
+    "--coordinates centre",
+    "centre": "has no coordinates",
+}
+
+
+def _row_touch(
+    table: Table, line: int, row: Mapping[str, str], coordinates: Coordinates
+) -> Touch | None:
+    """Read a row; None where something is wrong, which is refused."""
+    if not any(row[column] for column in _PLACES[coordinates]):
+        table.refuse(line, _NO_PLACE[coordinates])
+        return None
+    place_mm, tensor, std_mm, radius_mm, shank = (
+        table.vector(line, row, columns)
+        for columns in (
+            _PLACES[coordinates],
+            _TENSOR,
+            ("std_mm",),
+            ("probe_radius_mm",),
+            _SHANK,
         )
-    tensor = _numbers(row, _TENSOR)
-    std_mm = _numbers(row, ("std_mm",))
+    )
     covariance = None if tensor is None else matrix_of(tensor.tolist())
     if std_mm is not None:
         if not std_mm[0] > 0.0:
-            raise ValueError(f"std_mm is {std_mm[0]:g}, expected a length above zero")
+            what = f"is {std_mm[0]:g}, expected a length above zero"
+            table.refuse(line, what, "std_mm")
         covariance = std_mm[0] ** 2 * np.eye(3)
+    if place_mm is None:
+        return None
     names = names_of(row.get("artefact"), row.get("feature"))
-    radius_mm = _numbers(row, ("probe_radius_mm",))
     off_mm = None if radius_mm is None else float(radius_mm[0])
     return Touch(
         (row["name"],) if row.get("name") else names,
         place_mm,
         covariance,
         None,
-        _numbers(row, _SHANK),
+        shank,
         None,
         tuple(row.get("flags", "").split()),
         off_mm if coordinates == "centre" else 0.0,
     )
-
-
-def _numbers(row: dict[str, str], columns: Sequence[str]) -> Floats | None:
-    """Read some cells; None where they are not there, or empty."""
-    cells = [(row.get(column) or "").strip() for column in columns]
-    if not any(cells):
-        return None
-    try:
-        values = np.array([float(cell) for cell in cells])
-    except ValueError:
-        raise ValueError(
-            f"{shown(cells)} are not numbers ({', '.join(columns)})"
-        ) from None
-    if not np.all(np.abs(values) <= LARGEST):
-        raise ValueError(f"{shown(cells)} are not finite ({', '.join(columns)})")
-    return values
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,15 +18,14 @@ from traverse.lab.artefacts import (
     artefact_from_table,
 )
 from traverse.lab.artefacts.points import Points
-from traverse.lab.campaign.csv_rows import csv_rows
 from traverse.strict_toml.problems import (
     FileError,
     Problem,
-    is_number,
     shown,
     tables_in,
 )
 from traverse.strict_toml.reader import StrictModel, read_strict
+from traverse.tables.reading import open_table
 
 _POINT_COLUMNS = ["feature", "x_mm", "y_mm", "z_mm"]
 
@@ -149,33 +148,25 @@ def read_points(path: Path) -> dict[str, tuple[float, float, float]]:
         FileError: With every line that is wrong.
     """
     points: dict[str, tuple[float, float, float]] = {}
-    problems: list[Problem] = []
-    with csv_rows(path, "points_mm") as (header, rows):
-        if header != _POINT_COLUMNS:
-            message = (
-                f"columns are {shown(header)}, expected {','.join(_POINT_COLUMNS)}"
-            )
-            raise FileError(path, [Problem("line 1", message)])
-        lines = list(enumerate(rows(range(1, len(header))), 2))
-    for line, cells in lines:
-        where = f"line {line}"
-        try:
-            name, *numbers = cells
-            x_mm, y_mm, z_mm = (float(number) for number in numbers)
-        except ValueError:
-            problems.append(
-                Problem(where, f"{shown(cells)} is not a name and three numbers")
-            )
-            continue
-        if not all(is_number(value) for value in (x_mm, y_mm, z_mm)):
-            problems.append(Problem(where, f"{shown(cells)} is not finite"))
-        if name in points:
-            problems.append(Problem(where, f"{shown(name)} was given before"))
-        points[name] = (x_mm, y_mm, z_mm)
-    if not points and not problems:
-        problems.append(Problem("", "holds no points; give at least one"))
-    if problems:
-        raise FileError(path, problems)
+    with open_table(path) as table:
+        if list(table.header) != _POINT_COLUMNS:
+            found, expected = shown(list(table.header)), ",".join(_POINT_COLUMNS)
+            table.refuse_header(f"columns are {found}, expected {expected}")
+            table.check()
+        for line, row in table.rows_by_name(_POINT_COLUMNS[1:]):
+            name, *columns = _POINT_COLUMNS
+            for column in columns:
+                if not row[column]:
+                    table.refuse(line, "is empty; give a number", column)
+            place_mm = table.vector(line, row, columns)
+            if row[name] in points:
+                table.refuse(line, f"{shown(row[name])} was given before")
+            if place_mm is not None:
+                x_mm, y_mm, z_mm = place_mm.tolist()
+                points[row[name]] = (x_mm, y_mm, z_mm)
+        table.check()
+    if not points:
+        raise FileError(path, "holds no points; give at least one")
     return points
 
 

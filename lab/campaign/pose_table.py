@@ -3,28 +3,18 @@
 Nothing is half-read: any problem refuses the file.
 """
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import islice
-from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
 
 from traverse.arrays import Floats, Integers
-from traverse.lab.campaign.csv_rows import csv_rows
 from traverse.lab.campaign.poses import Poses
-from traverse.plurals import counted
-from traverse.strict_toml.problems import (
-    LARGEST,
-    FileError,
-    Problem,
-    is_number,
-    shown,
-    unknown_name_message,
-)
+from traverse.strict_toml.problems import FileError, shown, unknown_name_message
+from traverse.tables.reading import Table, open_table
 
 # The cells of some rows, column by column.
 _Columns = Sequence[tuple[str, ...]]
@@ -72,7 +62,7 @@ class PoseColumns:
 
 def columns_from_header(
     header: Sequence[str], joint_names: Sequence[str], tools: Sequence[str] = ()
-) -> PoseColumns | list[Problem]:
+) -> PoseColumns | list[str]:
     """Find the columns, or say all that is wrong with the header."""
     problems = list(_header_problems(header, joint_names))
     if problems:
@@ -110,28 +100,24 @@ def optional_columns(joint_names: Sequence[str]) -> dict[str, tuple[str, ...]]:
 
 def _header_problems(
     header: Sequence[str], joint_names: Sequence[str]
-) -> Iterator[Problem]:
+) -> Iterator[str]:
     required = ("time_s", "artefact", "feature", *(f"{n}_rad" for n in joint_names))
     optional = optional_columns(joint_names).values()
     known = (*required, "tool", *(name for names in optional for name in names))
     for name in required:
         if name not in header:
-            yield Problem("line 1", f"column '{name}' is missing; add it")
-    for index, name in enumerate(header):
-        if name in header[:index]:
-            yield Problem("line 1", f"column '{name}' stands there twice")
-        elif name not in known:
-            yield Problem("line 1", unknown_name_message("column", name, known))
+            yield f"column '{name}' is missing; add it"
+    for name in header:
+        if name not in known:
+            yield unknown_name_message("column", name, known)
     for names in _UNIT_VECTORS.values():
         there = [name for name in names if name in header]
         if there and len(there) < len(names):
             missing = ", ".join(name for name in names if name not in header)
-            yield Problem("line 1", f"{there[0]} needs {missing} beside it")
+            yield f"{there[0]} needs {missing} beside it"
 
 
 _BLOCK_ROWS = 20_000
-# More problems than anybody reads; the rest is counted.
-_MOST_PROBLEMS = 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,7 +147,7 @@ def read_pose_table(
     """Read a table of poses.
 
     Args:
-        path: The CSV file.
+        path: The file.
         joint_names: Of the arm, in order.
         features: The features that each artefact has, by its id; none: any.
         tools: What the column `tool` may name.
@@ -169,30 +155,40 @@ def read_pose_table(
     Raises:
         FileError: With the lines that cannot be used.
     """
-    with csv_rows(path, "poses") as (header, rows):
-        columns = columns_from_header(header, joint_names, tools)
+    with open_table(path) as table:
+        columns = columns_from_header(table.header, joint_names, tools)
         if isinstance(columns, list):
-            raise FileError(path, columns)
-        numeric = (*columns.numeric, *columns.optional.values())
-        reader, lines = _RowReader(columns, features), rows(numeric)
-        while block := list(islice(lines, _BLOCK_ROWS)):
-            reader.read(block)
-    if problems := reader.problems():
-        raise FileError(path, problems)
-    return reader.table()
+            for problem in columns:
+                table.refuse_header(problem)
+            table.check()
+        else:
+            reader = _RowReader(table, columns, features)
+            filled = [table.header[index] for index in columns.numeric]
+            lines = table.rows(filled)
+            while block := list(islice(lines, _BLOCK_ROWS)):
+                reader.read(block)
+            table.check()
+            if reader.n_rows:
+                return reader.table()
+    raise FileError(path, "holds no poses; measure some")
 
 
 class _RowReader:
     """Turns rows into numbers and indices, and collects what is wrong with them.
 
     Args:
+        table: That is read; notes what is wrong.
         columns: Where the columns are.
         features: The features that each artefact has, by its id; none: any.
     """
 
     def __init__(
-        self, columns: PoseColumns, features: Mapping[str, tuple[str, ...]]
+        self,
+        table: Table,
+        columns: PoseColumns,
+        features: Mapping[str, tuple[str, ...]],
     ) -> None:
+        self._table = table
         self._columns = columns
         self._features = features
         self._artefacts = {name: index for index, name in enumerate(features)}
@@ -203,39 +199,22 @@ class _RowReader:
         }
         self._free: dict[str, int] = {}
         self._blocks: list[tuple[Integers, Integers, Integers, Floats]] = []
-        self._problems: list[Problem] = []
-        self._n_problems, self._line = 0, 2
+        self._lines: list[int] = []
 
-    def read(self, rows: Sequence[Sequence[str]]) -> None:
-        """Read the next rows of the file."""
-        expected = len(self._columns.names)
-        wrong: list[tuple[int, str]] = []
-        whole = []
-        for at, cells in enumerate(rows):
-            if len(cells) == expected:
-                whole.append(at)
-            else:
-                wrong.append((at, _wrong_length(len(cells), expected)))
-        if whole:
-            by_column = list(zip(*(rows[at] for at in whole), strict=True))
-            numbers, messages = self._numbers(by_column)
-            messages = [*self._name_problems(by_column), *messages]
-            wrong += [(whole[at], message) for at, message in messages]
-            self._blocks.append((*self._indices(by_column), numbers))
-        self._problems += [
-            Problem(f"line {self._line + at}", message)
-            for at, message in sorted(wrong, key=itemgetter(0))
-        ][: _MOST_PROBLEMS - len(self._problems)]
-        self._n_problems += len(wrong)
-        self._line += len(rows)
+    @property
+    def n_rows(self) -> int:
+        """How many rows were read."""
+        return len(self._lines)
 
-    def problems(self) -> list[Problem]:
-        """List what is wrong with all that was read."""
-        if not self._n_problems and not self._blocks:
-            return [Problem("", "holds no poses; measure some")]
-        more = self._n_problems - len(self._problems)
-        rest = [Problem("", f"and {more} more problems like these")] if more else []
-        return self._problems + rest
+    def read(self, rows: Sequence[tuple[int, Sequence[str]]]) -> None:
+        """Read the next rows of the file, with the numbers of their lines."""
+        lines = [line for line, _ in rows]
+        by_column = list(zip(*(cells for _, cells in rows), strict=True))
+        for at, message in self._name_problems(by_column):
+            self._table.refuse(lines[at], message)
+        numbers = self._numbers(lines, by_column)
+        self._blocks.append((*self._indices(by_column), numbers))
+        self._lines += lines
 
     def table(self) -> PoseTable:
         """Return all that was read, where nothing is wrong."""
@@ -244,7 +223,7 @@ class _RowReader:
             np.concatenate(part) for part in zip(*self._blocks, strict=True)
         )
         poses = Poses(
-            lines=np.arange(2, len(numbers) + 2),
+            lines=np.array(self._lines, dtype=np.int64),
             time_s=numbers[:, columns.time],
             artefacts=artefacts,
             features=features,
@@ -313,43 +292,34 @@ class _RowReader:
             np.array([numbers.get(tool, 0) for tool in tools], dtype=np.int64),
         )
 
-    def _numbers(self, by_column: _Columns) -> tuple[Floats, list[tuple[int, str]]]:
-        """Convert the columns of numbers, (n_rows, n_columns); and what is wrong."""
-        columns, wrong = self._columns, list[tuple[int, str]]()
-        numbers = np.full((len(by_column[0]), len(by_column)), np.nan)
-        optional = set(columns.optional.values())
+    def _numbers(self, lines: Sequence[int], by_column: _Columns) -> Floats:
+        """Convert the columns of numbers, (n_rows, n_columns)."""
+        columns, table = self._columns, self._table
+        numbers = np.full((len(lines), len(by_column)), np.nan)
         for index in (*columns.numeric, *columns.optional.values()):
             name, cells = columns.names[index], by_column[index]
-            numbers[:, index] = values = _converted(cells)
-            may_be = "; or leave it empty" if index in optional else ""
-            wrong += [
-                (at, f"{name} is {shown(cells[at])}, not a finite number{may_be}")
-                for at in np.flatnonzero(np.isnan(values)).tolist()
-                if cells[at] or not may_be
-            ]
+            values, wrong = table.numbers(lines, name, cells)
+            numbers[:, index] = values
+            may_be = "; or leave it empty" if index not in columns.numeric else ""
+            for at, message in wrong.items():
+                table.refuse(lines[at], f"{message}{may_be}", name)
+            if not may_be:
+                for at in (at for at, cell in enumerate(cells) if not cell):
+                    table.refuse(lines[at], "is empty; give a number", name)
             if name in columns.optional and name.endswith("_approach"):
                 off = ~np.isnan(values) & ~np.isin(values, (-1.0, 0.0, 1.0))
-                wrong += [
-                    (at, f"{name} is {shown(cells[at])}; expected -1, 0 or 1")
-                    for at in np.flatnonzero(off).tolist()
-                ]
+                for at in np.flatnonzero(off).tolist():
+                    what = f"is {shown(cells[at])}; expected -1, 0 or 1"
+                    table.refuse(lines[at], what, name)
         for quantity, names in _UNIT_VECTORS.items():
             if quantity in columns.quantities:
-                at = [columns.optional[name] for name in names]
-                texts = [by_column[index] for index in at]
+                places = [columns.optional[name] for name in names]
+                texts = [by_column[index] for index in places]
+                vectors = numbers[:, places]
                 what = quantity.removesuffix("s")
-                wrong += _unit_vector_problems(what, texts, numbers[:, at])
-        return numbers, wrong
-
-
-def _wrong_length(found: int, expected: int) -> str:
-    if not found:
-        return f"is empty; expected {expected}, as in the header"
-    hint = "; decimal commas need ';' or tabs between the columns"
-    return (
-        f"has {counted(found, 'column')}; expected {expected}, as in the header"
-        f"{hint if found > expected else ''}"
-    )
+                for at, message in _unit_vector_problems(what, texts, vectors):
+                    table.refuse(lines[at], message)
+        return numbers
 
 
 def _unit_vector_problems(
@@ -367,23 +337,3 @@ def _unit_vector_problems(
     lengths = np.linalg.norm(vectors, axis=1)
     for at in np.flatnonzero(np.abs(lengths - 1.0) >= 1e-3).tolist():
         yield at, f"{what} has the length {lengths[at]:.6g}; expected 1{hint}"
-
-
-def _converted(cells: Sequence[str]) -> Floats:
-    """Convert cells, (n,): fast where nothing is wrong; NaN for what is no number."""
-    try:
-        if not any("_" in cell for cell in cells):
-            known = [cell or "nan" for cell in cells] if "" in cells else cells
-            values = np.array(known, dtype=np.float64)
-            return np.where(np.abs(values) <= LARGEST, values, np.nan)
-    except ValueError:
-        pass
-    return np.array([_number(cell) for cell in cells])
-
-
-def _number(text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        return math.nan
-    return number if is_number(number) and "_" not in text else math.nan

@@ -26,7 +26,7 @@ from traverse.lab.report.provenance import digest_of_files
 from traverse.protocol.signed_points import checked_points, points_of_lines
 from traverse.recording.reader import read_recording
 from traverse.recording.run_reader import RunReader
-from traverse.strict_toml.files import json_of, table_lines
+from traverse.strict_toml.files import json_of, text_lines
 from traverse.strict_toml.problems import FileError, toml_table, toml_text
 
 State = Literal["whole", "altered", "missing", "not stated"]
@@ -240,7 +240,7 @@ class Tracer:
         return link
 
     def _points(self, path: Path) -> Link:
-        with table_lines(path) as lines:
+        with text_lines(path) as lines:
             points = list(points_of_lines(lines))
         link = Link("points", path)
         wrong = [one for one in points if isinstance(one, str)]

@@ -7,7 +7,6 @@ What points share by the arm's parameters is not stated with them: it follows fr
 angles and the covariance beside the arm file.
 """
 
-import csv
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -54,14 +53,14 @@ from traverse.lab.measured_points.measurement import (
 )
 from traverse.protocol.messages import Point
 from traverse.recording.reader import read_recording
-from traverse.strict_toml.files import table_lines, text_of
+from traverse.strict_toml.files import text_of
 from traverse.strict_toml.problems import (
     FileError,
     Problem,
-    is_number,
     shown,
     unknown_name_message,
 )
+from traverse.tables.reading import open_table
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,12 +176,13 @@ _NO_VECTOR = (
 )
 
 
-def _header(path: Path) -> list[str]:
+def _holds_places(path: Path) -> bool:
+    """Whether a table has coordinates in place of readings."""
     try:
-        with table_lines(path) as file:
-            return [name.strip() for name in next(csv.reader(file), [])]
-    except (OSError, UnicodeDecodeError, csv.Error):
-        return []  # whose reader says what is wrong
+        with open_table(path) as table:
+            return _PLACE[0] in table.header
+    except FileError:
+        return False  # whose reader says what is wrong
 
 
 def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
@@ -191,46 +191,38 @@ def read_points_table(path: Path, file: CampaignFile, arm: Arm) -> Measurement:
     Of further columns temperature_c, probe_radius_mm and time_ns are looked at, no
     others.
     """
-    header = _header(path)
-    problems = [
-        Problem("line 1", f"column '{name}' is missing; add it")
-        for name in _COLUMNS
-        if name not in header
-    ]
-    if problems:
-        raise FileError(path, problems)
     artefacts = {artefact.id: artefact for artefact in file.artefacts}
     names: tuple[list[str], list[str]] = ([], [])
     numbers: list[list[float]] = []
     times_ns: list[int] = []
-    with table_lines(path) as lines:
-        reader = csv.DictReader(lines, fieldnames=header)
-        next(reader)
-        for row in reader:
-            where, name = f"line {reader.line_num}", row["artefact"] or ""
+    with open_table(path) as table:
+        for column in _COLUMNS:
+            if column not in table.header:
+                table.refuse_header(f"column '{column}' is missing; add it")
+        table.check()
+        for line, row in table.rows_by_name(_PLACE):
+            name = row["artefact"]
             if name not in artefacts:
-                message = unknown_name_message("artefact", name, artefacts)
-                problems.append(Problem(where, message))
+                table.refuse(line, unknown_name_message("artefact", name, artefacts))
                 continue
-            try:
-                place = [float(row[column]) for column in _PLACE]
-                warm = float(row.get("temperature_c") or "nan")
-                tip_mm = float(row.get("probe_radius_mm") or arm.probe.radius_mm)
-            except (TypeError, ValueError):
+            if not all(row[column] for column in _PLACE):
                 cells = [row[column] for column in _PLACE]
-                problems.append(Problem(where, f"{shown(cells)} are not three numbers"))
+                table.refuse(line, f"{shown(cells)} are not three numbers")
                 continue
-            if not all(map(is_number, place)):
-                problems.append(Problem(where, f"{shown(place)} is not finite"))
+            place_mm = table.vector(line, row, _PLACE)
+            warm = table.vector(line, row, ("temperature_c",))
+            tip = table.vector(line, row, ("probe_radius_mm",))
             if (time_ns := row.get("time_ns") or "").isdecimal():
                 times_ns.append(int(time_ns))
-            names[0].append(name)
-            names[1].append(row["feature"] or "")
-            numbers.append([*place, warm, tip_mm])
-    if not numbers and not problems:
-        problems.append(Problem("", "holds no points; measure some"))
-    if problems:
-        raise FileError(path, problems)
+            if place_mm is not None:
+                temperature_c = np.nan if warm is None else float(warm[0])
+                tip_mm = arm.probe.radius_mm if tip is None else float(tip[0])
+                names[0].append(name)
+                names[1].append(row["feature"])
+                numbers.append([*place_mm.tolist(), temperature_c, tip_mm])
+        table.check()
+    if not numbers:
+        raise FileError(path, "holds no points; measure some")
     occasion = _occasion(file, times_ns)
     return measurement_of_touches(
         arm, artefacts, names, np.array(numbers), (), occasion=occasion
@@ -265,7 +257,7 @@ def read_by_tool(
     file = read_campaign_file(data / "campaign.toml")
     poses = data / file.poses
     # Coordinates in place of readings?
-    if poses.suffix == ".csv" and _PLACE[0] in _header(poses):
+    if poses.suffix != ".mcap" and _holds_places(poses):
         if problems := example_problems(file):
             raise FileError(data / "campaign.toml", problems)
         return (read_points_table(poses, file, arm),)

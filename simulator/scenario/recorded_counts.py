@@ -3,7 +3,6 @@
 Optional columns `button` and `switch` hold the levels of the inputs, 0 or 1.
 """
 
-import csv
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +11,8 @@ import numpy as np
 
 from traverse.arrays import Floats, Integers
 from traverse.plurals import counted
-from traverse.strict_toml.files import table_lines
-from traverse.strict_toml.problems import FileError, Problem
+from traverse.strict_toml.problems import FileError
+from traverse.tables.reading import open_table
 
 INPUTS = ("button", "switch")
 
@@ -86,46 +85,37 @@ def recorded_counts(
 
 
 def read_recording(path: Path) -> Recording:
-    """Read a CSV file of counts.
+    """Read a table of counts.
 
     Raises:
         FileError: With file, line and reason; nothing is half-read.
     """
-    try:
-        with table_lines(path) as file:
-            rows = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        message = f"cannot be read: {error}; check the path"
-        raise FileError(path, message) from error
-    header = rows[0] if rows else []
-    problems = []
-    if header[:1] != ["time_s"] or len(set(header)) != len(header):
-        message = f"the header is {header}; expected time_s, <device>/<channel>, ..."
-        problems.append(Problem("line 1", message))
     times_s: list[float] = []
     values: list[list[int]] = []
-    for number, row in enumerate(rows[1:], start=2):
-        try:
-            if len(row) != len(header):
-                raise ValueError(
-                    f"{counted(len(row), 'cell')}, the header has {len(header)}"
-                )
-            time_s, *counts = float(row[0]), *(int(cell) for cell in row[1:])
-            if not np.isfinite(time_s) or (times_s and time_s <= times_s[-1]):
-                raise ValueError(f"time_s {row[0]} is not later than the row before")
-            if min(counts, default=0) < 0:
-                raise ValueError("a count is negative")
-        except ValueError as error:
-            problems.append(Problem(f"line {number}", str(error)))
-        else:
-            times_s.append(time_s)
-            values.append(counts)
-    if not problems and len(values) < 2:
-        problems.append(
-            Problem("", f"{counted(len(values), 'row')} of counts; needs 2 or more")
+    with open_table(path) as table:
+        time, *channels = table.header
+        if time != "time_s":
+            expected = "expected time_s, <device>/<channel>, ..."
+            table.refuse_header(f"the first column is {time!r}; {expected}")
+            table.check()
+        for line, (cell, *cells) in table.rows(table.header):
+            time_s = table.number(line, time, cell)
+            counts = [table.integer(line, count) for count in cells]
+            if time_s is not None and times_s and time_s <= times_s[-1]:
+                table.refuse(line, f"{cell} is not later than the row before", time)
+            for name, text, count in zip(channels, cells, counts, strict=True):
+                if count is None or count < 0:
+                    table.refuse(
+                        line, f"{text!r} is no count; expected 0 or more", name
+                    )
+            if time_s is not None and None not in counts:
+                times_s.append(time_s)
+                values.append([count for count in counts if count is not None])
+        table.check()
+    if len(values) < 2:
+        raise FileError(
+            path, f"{counted(len(values), 'row')} of counts; needs 2 or more"
         )
-    if problems:
-        raise FileError(path, problems)
-    table = np.array(values, dtype=np.int64)
-    columns = {name: table[:, i] for i, name in enumerate(header[1:])}
+    counts_read = np.array(values, dtype=np.int64)
+    columns = {name: counts_read[:, at] for at, name in enumerate(channels)}
     return Recording(np.array(times_s) - times_s[0], columns)

@@ -154,7 +154,10 @@ def test_a_recording_is_refused_with_its_lines(tmp_path):
     (tmp_path / "r.csv").write_text(bad)
     with pytest.raises(FileError) as caught:
         read_recording(tmp_path / "r.csv")
-    assert [problem.where for problem in caught.value.problems] == ["line 3", "line 4"]
+    assert [problem.where for problem in caught.value.problems] == [
+        "line 3, column time_s",
+        "line 4",
+    ]
 
 
 def test_a_replay_without_a_channel_is_refused(folder, capsys):

@@ -198,10 +198,11 @@ def test_all_mistakes_of_a_csv_are_said_at_once(tmp_path):
         "  line 1, column a_m: says again what 'a_mm' says\n"
         "  line 1, column tehta_deg: unknown key 'tehta_deg'; did you mean "
         "'theta_deg'?\n"
-        "  line 3: has 4 cells; the header has 7\n"
+        "  line 3: has 4 cells; the header has 7, with ',' between them\n"
         "  line 4, column a_mm: is empty; give a number\n"
-        "  line 4, column alpha_deg: 'pi/2' is not a finite number of degrees\n"
-        "  line 4, column sign: '2' is not 1 or -1\n"
+        "  line 4, column alpha_deg: 'pi/2' is not a finite number of degrees: parts "
+        "of pi are radians; write it like -1234.5, without unit\n"
+        "  line 4, column sign: 2 is not 1 or -1\n"
     )
 
 

@@ -89,7 +89,8 @@ def test_a_table_with_mistakes_is_refused_with_all_of_them(tmp_path):
     path.write_text("name,x_mm,y_mm,z_mm\nA,1,2,x\nB,1,2,inf\nC,1,2\nD,1,2,3\n")
     with pytest.raises(FileError) as refused:
         read_touch_table(path, "centre")
-    assert [p.where for p in refused.value.problems] == ["line 2", "line 3", "line 4"]
+    where = [problem.where for problem in refused.value.problems]
+    assert where == ["line 2, column z_mm", "line 3, column z_mm", "line 4"]
     path.write_text("who,x_mm,y_mm\n")
     with pytest.raises(FileError, match=r"'z_mm' is missing(.|\n)*'name' is missing"):
         read_touch_table(path, "centre")

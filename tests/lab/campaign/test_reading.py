@@ -143,17 +143,16 @@ x,cone-1,,0.1,0.2,21.5,-1,,,
     (folder / "poses.csv").write_text(HEADER + bad)
     found = problems(folder)
     expected = [
-        ("line 2", "time_s is 'x'"),
+        ("line 2", "time_s: 'x' is not"),
         ("line 3", "unknown feature '3'"),
-        ("line 3", "J2_rad is 'inf'"),
-        ("line 4", "has 4 columns; expected 10"),
+        ("line 3", "J2_rad: 'inf' is not"),
+        ("line 4", "has 4 cells; the header has 10"),
         ("line 5", "unknown artefact 'gird'; did you mean 'grid'?"),
-        ("line 6", "is empty"),
         ("line 7", "unknown feature 'D'"),
-        ("line 7", "J2_rad is '1_0'"),
-        ("line 7", "J1_approach is '2'"),
+        ("line 7", "J2_rad: '1_0' is not"),
+        ("line 7", "J1_approach: is '2'"),
         ("line 7", "direction has the length 1.414"),
-        ("line 8", "temperature_c is 'warm'"),
+        ("line 8", "temperature_c: 'warm' is not"),
         ("line 8", "give all three components or none"),
     ]
     assert len(found) == len(expected)
@@ -167,7 +166,7 @@ def test_a_bad_row_far_down_is_found(folder):
     rows = [row] * 45_000
     rows[44_000] = row.replace("0.2", "")
     (folder / "poses.csv").write_text(HEADER + "".join(rows))
-    assert problems(folder) == ["line 44002: J2_rad is '', not a finite number"]
+    assert problems(folder) == ["line 44002, column J2_rad: is empty; give a number"]
 
 
 def test_many_bad_rows_are_counted_not_listed(folder):
@@ -215,8 +214,8 @@ def test_mistakes_of_the_campaign_file_are_named(folder, old, new, where, what):
     [
         ("name,x,y,z\nA,0,0,0\n", "line 1: columns are"),
         (GRID + "A,1,2,3\n", "line 5: 'A' was given before"),
-        (GRID + "D,1,2\n", "line 5: ['D', '1', '2'] is not a name and three numbers"),
-        (GRID + "D,1,2,nan\n", "line 5: ['D', '1', '2', 'nan'] is not finite"),
+        (GRID + "D,1,2\n", "line 5: has 3 cells; the header has 4"),
+        (GRID + "D,1,2,nan\n", "line 5, column z_mm: 'nan' is not a finite number"),
         ("feature,x_mm,y_mm,z_mm\n", "holds no points"),
     ],
 )
@@ -299,7 +298,7 @@ def test_no_poses_are_refused(folder):
 
 def test_bytes_that_are_not_utf_8_are_refused(folder):
     (folder / "poses.csv").write_bytes(HEADER.encode() + b"\xff\xfe\n")
-    assert "is not CSV in UTF-8" in problems(folder)[0]
+    assert "line 2, column 1: byte 0xff (in Windows-1252 U+00FF" in problems(folder)[0]
 
 
 def test_a_part_of_a_campaign_keeps_its_artefacts(folder):
@@ -337,13 +336,13 @@ def test_other_separators_and_decimal_commas_are_read(folder, mark, decimal):
         ),
         (
             HEADER.replace(",", ";"),
-            "1.000,5;cone-1;;0,1;0,2;21,5;-1;;;\n",
+            "1.000,5;cone-1;;0.1;0,2;21,5;-1;;;\n",
             "none between thousands",
         ),
         (
             HEADER.replace(",", ";"),
             "1,000,5;cone-1;;0,1;0,2;21,5;-1;;;\n",
-            "time_s is '1.000.5', not a finite number",
+            "time_s: '1,000,5' is not a finite number",
         ),
         (
             HEADER,
@@ -414,7 +413,7 @@ def test_orientations_are_read_as_unit_quaternions(folder):
         ("0.5,0.5,0.5,0.6", "grid,A", "orientation has the length 1.05357; expected 1"),
         ("0.5,0.5,0.5,0.6", "grid,A", "a unit quaternion w, x, y, z"),
         ("1,0,0,", "grid,A", "give all four components or none"),
-        ("1,0,0,x", "grid,A", "orientation_z is 'x', not a finite number"),
+        ("1,0,0,x", "grid,A", "orientation_z: 'x' is not a finite number"),
         ("1,0,0,0", "cone-1,", "only points have a frame to measure it in"),
     ],
 )

@@ -1,0 +1,1 @@
+"""Tables as people have them: text with a header, in many dialects, one reader."""
